@@ -1,0 +1,19 @@
+"""midlie_jax: the rotation of many rigid bodies at once, by explicit midpoint Lie integrators, on JAX."""
+
+from . import _xla as _xla  # first: it must act before JAX starts its backend
+from . import orbits as orbits
+from . import so3 as so3
+from . import torques as torques
+from .bodies import DirectionState as DirectionState
+from .bodies import MomentumState as MomentumState
+from .bodies import Particles as Particles
+from .bodies import ParticleState as ParticleState
+from .bodies import RigidBody as RigidBody
+from .bodies import RigidState as RigidState
+from .bodies import kinetic_energy as kinetic_energy
+from .bodies import spatial_momentum as spatial_momentum
+from .integrate import Path as Path
+from .integrate import integrate as integrate
+from .methods import method as method
+from .methods import methods as methods
+from .torques import energy as energy

@@ -1,0 +1,37 @@
+"""Trigonometry of small turns by short polynomials.
+
+float64 sin and cos cost a CPU several times the rest of a step and do not vectorise. A step turns by a small
+angle, whose half is smaller still: Taylor polynomials in its square are exact to rounding and fuse. The
+quaternion of the whole turn is then the square of that of the half.
+"""
+
+from math import factorial
+
+from jax import Array
+
+from . import _components as cp
+
+# |w|^2 for which the polynomials below are exact to rounding; |w| <= 1.22.
+LARGEST_SQUARE = 1.5
+_TERMS = {"float64": 9, "float32": 5}
+_JACOBIAN_TERMS = {"float64": 4, "float32": 3}  # a Jacobian need not be exact
+
+
+def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
+    """scale^(2n) (-1)^n / (2n + shift)!"""
+    return tuple((-1) ** n * scale ** (2 * n) / factorial(2 * n + shift) for n in range(terms))
+
+
+def half_turn(w: cp.Vector) -> cp.Quaternion:
+    """exp(w) as a unit quaternion, for |w|^2 <= LARGEST_SQUARE; its square is exp(2 w)."""
+    x = cp.dot(w, w)
+    terms = _TERMS[str(x.dtype)]
+    cosine = cp.polynomial(_taylor(0, 0.5, terms), x)
+    sine = cp.polynomial(tuple(0.5 * c for c in _taylor(1, 0.5, terms)), x)
+    return cp.normalize_once((cosine, sine * w[0], sine * w[1], sine * w[2]))
+
+
+def dexp_weights(x: Array) -> tuple[Array, Array]:
+    """(1 - cos a)/a^2 and (a - sin a)/a^3 at a^2 = x, to a few digits more than a Jacobian needs."""
+    terms = _JACOBIAN_TERMS[str(x.dtype)]
+    return cp.polynomial(_taylor(2, 1.0, terms), x), cp.polynomial(_taylor(3, 1.0, terms), x)

@@ -1,0 +1,353 @@
+"""Bodies and their states: what moves, and the numbers that say where it is.
+
+A body holds the inertia, a state the momentum and as much of the configuration as a scene needs: nothing
+(`MomentumState`), one direction (`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`).
+States show arrays; steps see components (`parts`), and a state class says how its configuration, the *pose*,
+is carried along by a rotation (`turn`) and how fast it changes (`rate`). Nothing else knows the difference.
+"""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from . import _components as cp
+from . import so3
+from .checks import as_floats, require, require_finite
+
+# A flat body has I1 + I2 = I3 exactly; moments from a file miss it by rounding.
+_TRIANGLE_SLACK = 1e-6
+_UNIT_SLACK = 1e-3
+
+
+def _norm(vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vectors.astype(np.float64), axis=-1)
+
+
+def _positive(moments: np.ndarray) -> np.ndarray:
+    return np.isfinite(moments) & (moments > 0)
+
+
+def _triangle(moments: np.ndarray) -> np.ndarray:
+    return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_SLACK)
+
+
+class RigidBody(eqx.Module):
+    """A rigid body turning about a fixed point or its centre of mass.
+
+    Attributes:
+        moments: principal moments of inertia about that point, (..., 3), mass x length^2. The body frame
+            is the principal frame, in the order of the moments.
+
+    Args:
+        moments: as above; any leading axes are a batch, to be mapped over with `jax.vmap`.
+        physical: False admits moments that break the triangle inequality I1 <= I2 + I3, which no mass
+            distribution has but which are fine as mathematics.
+
+    Raises:
+        ValueError: moments not floating, not of shape (..., 3), not positive, or unphysical.
+    """
+
+    moments: Float[Array, "*batch 3"]
+
+    def __init__(self, moments: Any, *, physical: bool = True):
+        self.moments = as_floats("moments", moments, (3,))
+        require("moments", self.moments, _positive, "must be positive and finite", "check units and order.")
+        if physical:
+            require(
+                "moments",
+                self.moments,
+                _triangle,
+                "are unphysical: the largest must not exceed the sum of the other two",
+                "check the tensor, or pass physical=False for a body that exists on paper alone.",
+            )
+
+    @classmethod
+    def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "3 3"]]:
+        """The body of a full inertia tensor, and its principal axes.
+
+        Args:
+            tensor: (3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body.
+            physical: as for the class.
+
+        Returns:
+            The body, moments ascending, and a rotation matrix `axes` whose columns are the principal axes in
+            G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
+            attitude R of G becomes R @ axes.
+
+        Raises:
+            ValueError: not (3, 3), not symmetric, or moments as for the class.
+        """
+        tensor = as_floats("tensor", tensor, (3, 3))
+        require_finite("tensor", tensor)
+
+        def symmetric(matrix: np.ndarray) -> bool:
+            return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=1e-5 * np.abs(matrix).max()))
+
+        require("tensor", tensor, symmetric, "must be symmetric", "pass (J + J.T) / 2 if the rest is rounding.")
+        moments, axes = jnp.linalg.eigh(tensor)
+        axes = axes * jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
+        return cls(moments, physical=physical), axes
+
+
+class Particles(eqx.Module):
+    """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
+
+    Attributes:
+        mass: a scalar, one per coordinate (n,), or the lower Cholesky factor (n, n) of a full matrix.
+
+    Args:
+        mass: positive scalar, positive (n,), or symmetric positive definite (n, n), which is factorised
+            here, once.
+
+    Raises:
+        ValueError: not floating, more than two axes, not positive, or not symmetric positive definite.
+    """
+
+    mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
+
+    def __init__(self, mass: Any):
+        mass = as_floats("mass", mass)
+        if mass.ndim > 2 or (mass.ndim == 2 and mass.shape[0] != mass.shape[1]):
+            raise ValueError(
+                f"mass must be a scalar, (n,) or (n, n), got {mass.shape}; map over a batch with jax.vmap."
+            )
+        if mass.ndim < 2:
+            require(
+                "mass", mass, _positive, "must be positive and finite", "a coordinate without mass cannot be kicked."
+            )
+            self.mass = mass
+            return
+        require_finite("mass", mass)
+        require("mass", mass, lambda m: np.allclose(m, m.T, rtol=1e-6), "must be symmetric", "pass (M + M.T) / 2.")
+        factor = jnp.linalg.cholesky(mass)
+        if not cp.is_traced(factor) and not np.all(np.isfinite(factor)):
+            raise ValueError("mass must be positive definite: its Cholesky factorisation failed.")
+        self.mass = factor
+
+    def velocity(self, momentum: Array) -> Array:
+        """M^-1 p."""
+        if self.mass.ndim == 2:
+            return jax.scipy.linalg.cho_solve((self.mass, True), momentum)
+        return momentum / self.mass
+
+
+class State(eqx.Module):
+    """What the steps need from a state: its components and how its pose is carried."""
+
+    momentum: eqx.AbstractVar[Array]
+    body: ClassVar[type]  # the kind of body that this state belongs to
+
+    @abstractmethod
+    def parts(self) -> tuple[Any, Any]:
+        """(momentum, pose) as the steps hold them."""
+
+    @classmethod
+    @abstractmethod
+    def join(cls, momentum: Any, pose: Any) -> Self:
+        """The inverse of `parts`."""
+
+    @staticmethod
+    @abstractmethod
+    def turn(pose: Any, increment: cp.Quaternion) -> Any:
+        """The pose after the body has turned by `increment`, a rotation in the body frame."""
+
+    @staticmethod
+    @abstractmethod
+    def rate(pose: Any, velocity: Any) -> Any:
+        """d pose / dt at a body-frame angular velocity; linear in it."""
+
+
+class MomentumState(State):
+    """A body whose attitude nobody asks for: three numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    body: ClassVar[type] = RigidBody
+
+    def __init__(self, momentum: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        require_finite("momentum", self.momentum)
+
+    def parts(self) -> tuple[Any, Any]:
+        return cp.unpack(self.momentum), ()
+
+    @classmethod
+    def join(cls, momentum: Any, pose: Any) -> "MomentumState":
+        del pose
+        return cls(cp.pack(momentum))
+
+    @staticmethod
+    def turn(pose: Any, increment: cp.Quaternion) -> Any:
+        del increment
+        return pose
+
+    @staticmethod
+    def rate(pose: Any, velocity: cp.Vector) -> Any:
+        del velocity
+        return pose
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """Always a ValueError: no direction is known."""
+        del vector
+        raise ValueError("a MomentumState knows no direction; start from a DirectionState or a RigidState instead.")
+
+    def vertical(self) -> cp.Vector:
+        """Always a ValueError: no direction is known."""
+        return self.seen_from_body(cp.unpack(self.momentum))
+
+
+class DirectionState(State):
+    """A body in a field that depends on one space direction only: six numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+        direction: the field's unit direction seen from the body, R^T d, (..., 3). For `HeavyTop` d is the
+            upward vertical, for `DipoleInField` the direction of the field.
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    direction: Float[Array, "*batch 3"]
+    body: ClassVar[type] = RigidBody
+
+    def __init__(self, momentum: Any, direction: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        self.direction = as_floats("direction", direction, (3,))
+        require_finite("momentum", self.momentum)
+        require("direction", self.direction, _unit, "must be a unit vector", "divide it by its norm.")
+
+    def parts(self) -> tuple[Any, Any]:
+        return cp.unpack(self.momentum), cp.unpack(self.direction)
+
+    @classmethod
+    def join(cls, momentum: Any, pose: Any) -> "DirectionState":
+        return cls(cp.pack(momentum), cp.pack(pose))
+
+    @staticmethod
+    def turn(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
+        return cp.rotate_back(increment, pose)
+
+    @staticmethod
+    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(pose, velocity)
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """A space vector along the field's direction, in body components."""
+        return cp.scale(jnp.sqrt(cp.dot(vector, vector)), cp.unpack(self.direction))
+
+    def vertical(self) -> cp.Vector:
+        """The space z axis in body components, which the direction then is."""
+        return cp.unpack(self.direction)
+
+
+class RigidState(State):
+    """A body's momentum and attitude: seven numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+        attitude: unit quaternion (w, x, y, z), body components to space components, (..., 4).
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    attitude: Float[Array, "*batch 4"]
+    body: ClassVar[type] = RigidBody
+
+    def __init__(self, momentum: Any, attitude: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        self.attitude = as_floats("attitude", attitude, (4,))
+        require_finite("momentum", self.momentum)
+        require("attitude", self.attitude, _unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
+
+    def parts(self) -> tuple[Any, Any]:
+        return cp.unpack(self.momentum), cp.unpack(self.attitude)
+
+    @classmethod
+    def join(cls, momentum: Any, pose: Any) -> "RigidState":
+        return cls(cp.pack(momentum), cp.pack(pose))
+
+    @staticmethod
+    def turn(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
+        return cp.multiply(pose, increment)
+
+    @staticmethod
+    def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
+        w, x, y, z = pose
+        a, b, c = velocity
+        half = (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+        return (0.5 * half[0], 0.5 * half[1], 0.5 * half[2], 0.5 * half[3])
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """A space vector in body components, R^T vector."""
+        return cp.rotate_back(cp.unpack(self.attitude), vector)
+
+    def vertical(self) -> cp.Vector:
+        """The space z axis in body components: the last row of R."""
+        w, x, y, z = cp.unpack(self.attitude)
+        return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
+
+
+class ParticleState(State):
+    """Positions and momenta of particles.
+
+    Attributes:
+        momentum: p, (n,) or any shape.
+        position: u, the same shape.
+    """
+
+    momentum: Float[Array, "..."]
+    position: Float[Array, "..."]
+    body: ClassVar[type] = Particles
+
+    def __init__(self, momentum: Any, position: Any):
+        self.momentum = as_floats("momentum", momentum)
+        self.position = as_floats("position", position)
+        require_finite("momentum", self.momentum)
+        require_finite("position", self.position)
+        if self.momentum.shape != self.position.shape:
+            raise ValueError(f"momentum {self.momentum.shape} and position {self.position.shape} must have one shape.")
+
+    def parts(self) -> tuple[Any, Any]:
+        return self.momentum, self.position
+
+    @classmethod
+    def join(cls, momentum: Any, pose: Any) -> "ParticleState":
+        return cls(momentum, pose)
+
+    @staticmethod
+    def turn(pose: Any, increment: Any) -> Any:
+        return pose + increment
+
+    @staticmethod
+    def rate(pose: Any, velocity: Any) -> Any:
+        del pose
+        return velocity
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return np.abs(_norm(vectors) - 1) < _UNIT_SLACK
+
+
+def kinetic_energy(body: RigidBody | Particles, state: State) -> Float[Array, "*batch"]:
+    """Pi . I^-1 Pi / 2, or p . M^-1 p / 2. Shapes (..., 3) give (...)."""
+    if isinstance(body, Particles):
+        return jnp.sum(state.momentum * body.velocity(state.momentum)) / 2
+    return jnp.sum(state.momentum**2 / body.moments, axis=-1) / 2
+
+
+def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
+    """The angular momentum in space components, R Pi, (..., 3): constant for a free body.
+
+    Raises:
+        ValueError: for a state without attitude.
+    """
+    if not isinstance(state, RigidState):
+        raise ValueError(f"spatial_momentum needs the attitude; {type(state).__name__} has none: use a RigidState.")
+    return so3.rotate(state.attitude, state.momentum)

@@ -1,0 +1,9 @@
+"""Free flights: what a body does in time h under no torque, exactly or nearly. One flight, one file.
+
+A flight is called with the body's constants, the time and the momentum, and returns the rotation it made, the
+new momentum, and whether its numbers can be trusted. What carries the orientation is not its business.
+"""
+
+from .base import Flight as Flight, Inertia as Inertia
+from .lie_midpoint import LieMidpoint as LieMidpoint
+from .linear import Linear as Linear

@@ -1,0 +1,56 @@
+"""What every flight is: a rule for motion under no torque."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+from jax import Array
+
+from .. import _components as cp
+from ..bodies import Particles, RigidBody
+
+
+class Inertia(NamedTuple):
+    """A rigid body's principal moments as components, made ready once a run rather than once a step.
+
+    Attributes:
+        moments, inverses: I and 1/I.
+        unit: the largest moment.
+        relative: I / unit, in which solvers work so that no unit of mass or length overflows a determinant.
+    """
+
+    moments: cp.Vector
+    inverses: cp.Vector
+    unit: Array
+    relative: cp.Vector
+
+    @classmethod
+    def of(cls, body: RigidBody) -> "Inertia":
+        moments = cp.unpack(body.moments)
+        unit = cp.largest(moments)
+        return cls(moments, (1 / moments[0], 1 / moments[1], 1 / moments[2]), unit, cp.scale(1 / unit, moments))
+
+
+class Flight(eqx.Module):
+    """A free flight; calling one flies.
+
+    Attributes:
+        name: its name in method names.
+        order: its order of accuracy as a map; `None` when exact.
+        symplectic: whether the map preserves the Lie-Poisson and symplectic structure to rounding.
+        body: the kind of body it moves.
+    """
+
+    name: ClassVar[str]
+    order: ClassVar[int | None]
+    symplectic: ClassVar[bool]
+    body: ClassVar[type[RigidBody] | type[Particles]]
+
+    @abstractmethod
+    def __call__(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+        """Flies for time h.
+
+        Returns:
+            The increment (for a rigid body a unit quaternion in the body frame), the new momentum, and a
+            boolean: False where the result is not to be trusted.
+        """

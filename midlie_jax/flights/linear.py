@@ -1,0 +1,20 @@
+"""The flight of particles: straight lines, exactly."""
+
+from typing import Any, ClassVar
+
+from jax import Array
+
+from ..bodies import Particles
+from .base import Flight
+
+
+class Linear(Flight):
+    """u += h M^-1 p, the exact motion of particles under no force. The momentum stays."""
+
+    name: ClassVar[str] = "linear"
+    order: ClassVar[int | None] = None
+    symplectic: ClassVar[bool] = True
+    body: ClassVar[type] = Particles
+
+    def __call__(self, inertia: Particles, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+        return h * inertia.velocity(momentum), momentum, True

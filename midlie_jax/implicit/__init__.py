@@ -1,0 +1,7 @@
+"""The integrators that do not split into flights and kicks: the implicit rivals of the paper's Figure 1."""
+
+from .akw import AKW as AKW
+from .lie_midpoint_implicit import LieMidpointImplicit as LieMidpointImplicit
+from .midpoint import ImplicitMidpoint as ImplicitMidpoint
+from .newmark import NewmarkBody as NewmarkBody
+from .simo_wong import SW as SW

@@ -1,0 +1,28 @@
+"""What the implicit methods share: the state half way, and when a solve counts as converged."""
+
+import jax.numpy as jnp
+from jax import Array
+
+from .. import _components as cp
+from ..stepper import Motion, System
+
+# Newton steps with the exact Jacobian; |Psi| = 1.5 needs five.
+ITERATIONS = 5
+_RESIDUAL_LIMIT = 64  # units of rounding of the largest term
+
+
+def converged(residual: Array, *terms: cp.Vector) -> Array:
+    """Whether the residual is rounding, next to the largest of the terms that it balances."""
+    size = cp.largest(terms[0])
+    for term in terms[1:]:
+        size = jnp.maximum(size, cp.largest(term))
+    return residual <= _RESIDUAL_LIMIT * cp.epsilon(size) * size
+
+
+def middle(system: System, motion: Motion, h: Array, w: cp.Vector, half: cp.Quaternion) -> Motion:
+    """The motion half way through a step that turns by 2 w: momentum 2 I w / h, pose turned by exp(w)."""
+    still = h == 0
+    rate = 2 / jnp.where(still, jnp.ones_like(h), h)
+    momentum = cp.scale(rate, cp.times(system.inertia.moments, w))
+    kept = tuple(jnp.where(still, p, m) for p, m in zip(motion.momentum, momentum, strict=True))
+    return Motion(kept, system.turned(motion.pose, half))

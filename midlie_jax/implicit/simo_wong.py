@@ -1,0 +1,56 @@
+"""SW: Simo and Wong's conserving algorithm, ALGO_C1."""
+
+from typing import Any
+
+import equinox as eqx
+from jax import Array
+
+from .. import _components as cp
+from .. import solve
+from .._half_turn import LARGEST_SQUARE, half_turn
+from ..bodies import RigidBody
+from ..flights.lie_midpoint import free_start
+from ..stepper import Method, Motion, System
+from ._common import ITERATIONS, converged, middle
+
+
+class SW(Method):
+    """I Psi = (h/2)(Pi0 + Pi1), R1 = R0 exp(Psi), Pi1 = exp(-Psi) Pi0 + h exp(-Psi/2) Tm.
+
+    Tm is the torque at t + h/2 and R0 exp(Psi/2). Order 2, symmetric; Simo & Wong, IJNME 31 (1991) 19.
+    """
+
+    name: str = eqx.field(static=True, default="SW")
+    order: int = eqx.field(static=True, default=2)
+    symmetric: bool = eqx.field(static=True, default=True)
+    bodies: type = eqx.field(static=True, default=RigidBody)
+    evaluations: int = eqx.field(static=True, default=4 * ITERATIONS + 2)
+
+    def keeps_force(self, system: System) -> bool:
+        return False
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
+    ) -> tuple[Motion, Any, Array | bool]:
+        del t1, force
+        inertia = system.inertia
+        double = cp.scale(2, inertia.relative)
+        rate = h / inertia.unit
+
+        def end(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
+            """exp(w), and Pi1."""
+            half = half_turn(w)
+            torque = system.force(t0 + h / 2, middle(system, motion, h, w, half))
+            outward = cp.add(cp.rotate_back(half, motion.momentum), cp.scale(h, torque))
+            return half, cp.rotate_back(half, outward)
+
+        def residual(w: cp.Vector) -> cp.Vector:
+            mean = cp.scale(rate / 2, cp.add(motion.momentum, end(w)[1]))
+            return cp.subtract(cp.times(double, w), mean)
+
+        y = cp.scale(rate, motion.momentum)
+        w, left = solve.newton(residual, free_start(double, y), ITERATIONS)
+        half, momentum = end(w)
+        pose = system.turned(motion.pose, cp.multiply(half, half))
+        ok = converged(left, cp.times(double, w), y) & (cp.dot(w, w) <= LARGEST_SQUARE)
+        return Motion(momentum, pose), None, ok

@@ -1,0 +1,98 @@
+"""Where a satellite is: orbits about a point mass, for the gravity-gradient torque."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from . import _components as cp
+from .checks import as_floats, require_finite
+
+_KEPLER_ITERATIONS = 8
+
+
+class Orbit(eqx.Module):
+    """A place that depends on time alone."""
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        raise NotImplementedError(f"{type(self).__name__} must define __call__(t).")
+
+
+class CircularOrbit(Orbit):
+    """A circle about the origin, starting at `position` towards `direction`.
+
+    Attributes:
+        position: at t = 0, (3,), length.
+        across: the place a quarter of a turn later, (3,), length.
+        rate: angular rate, sqrt(mu/r^3), ().
+    """
+
+    position: Float[Array, "*batch 3"]
+    across: Float[Array, "*batch 3"]
+    rate: Float[Array, "*batch"]
+
+    def __init__(self, position: Any, direction: Any, mu: Any):
+        self.position = as_floats("position", position, (3,))
+        direction = as_floats("direction", direction, (3,))
+        require_finite("position", self.position)
+        require_finite("direction", direction)
+        square = jnp.sum(self.position**2, axis=-1, keepdims=True)
+        along = direction - self.position * (jnp.sum(direction * self.position, axis=-1, keepdims=True) / square)
+        self.across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
+        self.rate = jnp.sqrt(as_floats("mu", mu) / square[..., 0] ** 1.5)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        angle = self.rate * t
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        return cp.pack(cp.add(cp.scale(c, cp.unpack(self.position)), cp.scale(s, cp.unpack(self.across))))
+
+
+class KeplerOrbit(Orbit):
+    """An ellipse about the origin from a position and a velocity.
+
+    Lagrange's f and g functions, with the difference of eccentric anomaly from a fixed number of Newton steps
+    on Kepler's equation (Bate, Mueller & White, Fundamentals of Astrodynamics, chapter 4); to rounding for
+    eccentricity up to .8.
+
+    Attributes:
+        position: at t = 0, (3,), length.
+        velocity: at t = 0, (3,), length/time.
+        mu: gravitational parameter, ().
+
+    Raises:
+        ValueError: wrong shape or NaN. A hyperbola gives NaN, hence `path.ok` False.
+    """
+
+    position: Float[Array, "*batch 3"]
+    velocity: Float[Array, "*batch 3"]
+    mu: Float[Array, "*batch"]
+
+    def __init__(self, position: Any, velocity: Any, mu: Any):
+        self.position = as_floats("position", position, (3,))
+        self.velocity = as_floats("velocity", velocity, (3,))
+        self.mu = as_floats("mu", mu)
+        require_finite("position", self.position)
+        require_finite("velocity", self.velocity)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        position, velocity = cp.unpack(self.position), cp.unpack(self.velocity)
+        radius = jnp.sqrt(cp.dot(position, position))
+        inverse_axis = 2 / radius - cp.dot(velocity, velocity) / self.mu
+        axis = 1 / inverse_axis
+        motion = jnp.sqrt(self.mu * inverse_axis**3)
+        sine_part = cp.dot(position, velocity) / jnp.sqrt(self.mu * axis)  # e sin E0
+        cosine_part = 1 - radius * inverse_axis  # e cos E0
+        # Whole turns change nothing: solving for the rest keeps the iteration count fixed.
+        turns = jnp.round(motion * t / (2 * jnp.pi))
+        mean = motion * t - 2 * jnp.pi * turns
+        change = mean
+        for _ in range(_KEPLER_ITERATIONS):
+            s, c = jnp.sin(change), jnp.cos(change)
+            residual = change - cosine_part * s + sine_part * (1 - c) - mean
+            change = change - residual / (1 - cosine_part * c + sine_part * s)
+        versine, s = 2 * jnp.sin(change / 2) ** 2, jnp.sin(change)
+        f = 1 - versine * axis / radius
+        g = (mean - change + s) / motion
+        return cp.pack(cp.add(cp.scale(f, position), cp.scale(g, velocity)))

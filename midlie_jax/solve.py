@@ -1,0 +1,53 @@
+"""Three equations in three unknowns: the implicit part of every rotation step.
+
+The root comes from a fixed number of Newton steps, so that it fuses into the step's one loop. Its derivative is
+that of the implicit function (`lax.custom_root`), forward and reverse and of any order: nothing is ever
+differentiated through the iterations.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from . import _components as cp
+
+Residual = Callable[[cp.Vector], cp.Vector]
+
+
+def root(residual: Residual, guess: cp.Vector, iterate: Callable[[cp.Vector], cp.Vector]) -> cp.Vector:
+    """The root of `residual` found by `iterate(guess)`, with the derivative of the implicit function.
+
+    All may close over anything; only `residual` is differentiated.
+    """
+    guess = jax.lax.stop_gradient(guess)
+    return jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _tangent)
+
+
+def newton(residual: Residual, guess: cp.Vector, iterations: int) -> tuple[cp.Vector, Array]:
+    """A root by Newton's method with the Jacobian by automatic differentiation, and the size of the residual left.
+
+    For the implicit methods, whose residual holds the user's torque; four evaluations of it an iteration.
+    """
+
+    def iterate(x: cp.Vector) -> cp.Vector:
+        for _ in range(iterations):
+            value, slope = jax.linearize(residual, x)
+            x = tuple(a - b for a, b in zip(x, _tangent(slope, value), strict=True))
+        return x
+
+    x = root(residual, guess, iterate)
+    return x, residual_size(residual, x)
+
+
+def residual_size(residual: Residual, x: cp.Vector) -> Array:
+    return cp.largest(jax.lax.stop_gradient(residual(x)))
+
+
+def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
+    """Solves linear(x) = right."""
+    one, zero = jnp.ones_like(right[0]), jnp.zeros_like(right[0])
+    columns = (linear((one, zero, zero)), linear((zero, one, zero)), linear((zero, zero, one)))
+    return cp.invert3(columns, right)

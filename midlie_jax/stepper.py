@@ -1,0 +1,169 @@
+"""What every integrator is: a step from one motion to the next, on components.
+
+A `System` is everything that stays the same during a run, a `Motion` everything that changes. A `Method` steps
+a motion; most are a flight and a scheme (`Splitting`), the rest are in `implicit/`.
+"""
+
+from abc import abstractmethod
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+
+from . import _components as cp
+from . import schemes
+from .bodies import Particles, RigidBody, State
+from .flights import Flight, Inertia
+from .torques import TorqueLike, velocity_dependent
+
+
+class Motion(NamedTuple):
+    """Momentum and pose, as `State.parts` gives them."""
+
+    momentum: Any
+    pose: Any
+
+
+class System(NamedTuple):
+    """A body made ready, the torque on it, and the kind of state that is followed."""
+
+    inertia: Inertia | Particles
+    torque: TorqueLike | None
+    kind: type[State]
+
+    @classmethod
+    def of(cls, body: RigidBody | Particles, torque: TorqueLike | None, kind: type[State]) -> "System":
+        return cls(Inertia.of(body) if isinstance(body, RigidBody) else body, torque, kind)
+
+    def force(self, t: Array, motion: Motion) -> Any:
+        """The torque's components, or the force on particles; zero where there is none."""
+        if self.torque is None:
+            return _like(motion.momentum, 0.0)
+        value = self.torque(t, self.kind.join(*motion))
+        expected = jnp.shape(_pack(motion.momentum))
+        dtype = jnp.result_type(_pack(motion.momentum))
+        if jnp.shape(value) != expected or jnp.result_type(value) != dtype:
+            raise ValueError(
+                f"the torque must return {dtype}{list(expected)} like the momentum, got "
+                f"{jnp.result_type(value)}{list(jnp.shape(value))}; use jnp.stack([...]) and cast its parameters."
+            )
+        return cp.unpack(value) if isinstance(motion.momentum, tuple) else value
+
+    @property
+    def reads_momentum(self) -> bool:
+        return velocity_dependent(self.torque)
+
+    def turned(self, pose: Any, increment: Any) -> Any:
+        return self.kind.turn(pose, increment)
+
+
+class Method(eqx.Module):
+    """An integrator with a fixed step. Get one from `midlie_jax.method`.
+
+    Attributes:
+        name: as in `midlie_jax.methods()`.
+        order: order of accuracy in the step.
+        symmetric: whether a step of -h undoes a step of h.
+        bodies: the class of body it moves.
+        evaluations: torque evaluations a step.
+    """
+
+    name: eqx.AbstractVar[str]
+    order: eqx.AbstractVar[int]
+    symmetric: eqx.AbstractVar[bool]
+    bodies: eqx.AbstractVar[type]
+    evaluations: eqx.AbstractVar[int]
+
+    @abstractmethod
+    def keeps_force(self, system: System) -> bool:
+        """Whether the force at the end of a step is kept for the next one."""
+
+    @abstractmethod
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
+    ) -> tuple[Motion, Any, Array | bool]:
+        """One step from t0 to t1 = t0 + h.
+
+        Args:
+            system, motion: see there.
+            h: the signed step. Zero must leave the motion as it is, bit for bit, and return the force there.
+            force: the force at t0 if `keeps_force`, else None.
+
+        Returns:
+            The motion at t1, the force there if kept, else None, and whether all solves succeeded.
+        """
+
+
+class Splitting(Method):
+    """Flights with kicks between them, in the order and with the coefficients of a scheme.
+
+    Attributes:
+        flight, scheme: the two parts.
+    """
+
+    flight: Flight
+    scheme: schemes.Scheme = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    order: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True)
+    bodies: type = eqx.field(static=True)
+    evaluations: int = eqx.field(static=True)
+
+    def __init__(self, flight: Flight, scheme: schemes.Scheme, name: str):
+        self.flight = flight
+        self.scheme = scheme
+        self.name = name
+        self.order = scheme.order if flight.order is None else min(scheme.order, flight.order)
+        self.symmetric = scheme.symmetric
+        self.bodies = flight.body
+        self.evaluations = scheme.evaluations
+
+    def keeps_force(self, system: System) -> bool:
+        return system.torque is not None and self.scheme.reuses_force and not system.reads_momentum
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
+    ) -> tuple[Motion, Any, Array | bool]:
+        oks = []
+
+        def time(c: float) -> Array:
+            return t0 if c == 0 else t1 if c == 1 else t0 + c * h
+
+        def fly(a: float, motion: Motion) -> Motion:
+            increment, momentum, ok = self.flight(system.inertia, a * h, motion.momentum)
+            oks.append(ok)
+            return Motion(momentum, system.turned(motion.pose, increment))
+
+        def evaluate(c: float, motion: Motion) -> Any:
+            return None if system.torque is None else system.force(time(c), motion)
+
+        def kick(b: float, c: float, motion: Motion, force: Any) -> Motion:
+            if force is None:
+                return motion
+            if system.reads_momentum:
+                half_way = Motion(_add(motion.momentum, b * h / 2, force), motion.pose)
+                force = system.force(time(c), half_way)
+            return Motion(_add(motion.momentum, b * h, force), motion.pose)
+
+        motion, last = schemes.run(self.scheme, fly, kick, evaluate, motion, force)
+        ok = oks[0]
+        for other in oks[1:]:
+            ok = ok & other
+        return motion, last if self.keeps_force(system) else None, ok
+
+
+def _add(momentum: Any, h: Any, force: Any) -> Any:
+    if isinstance(momentum, tuple):
+        return tuple(p + h * f for p, f in zip(momentum, force, strict=True))
+    return momentum + h * force
+
+
+def _like(momentum: Any, value: float) -> Any:
+    if isinstance(momentum, tuple):
+        return tuple(jnp.full_like(p, value) for p in momentum)
+    return jnp.full_like(momentum, value)
+
+
+def _pack(momentum: Any) -> Array:
+    return cp.pack(momentum) if isinstance(momentum, tuple) else momentum
