@@ -152,6 +152,11 @@ class State(eqx.Module):
     def join(cls, momentum: Any, pose: Any) -> Self:
         """The inverse of `parts`."""
 
+    @classmethod
+    @abstractmethod
+    def of(cls, momentum: Any, pose: Any) -> Self:
+        """The state of the momentum and pose given as arrays (the pose () where there is none)."""
+
     @staticmethod
     @abstractmethod
     def turn(pose: Any, increment: cp.Quaternion) -> Any:
@@ -184,6 +189,11 @@ class MomentumState(State):
     def join(cls, momentum: Any, pose: Any) -> "MomentumState":
         del pose
         return cls(cp.pack(momentum))
+
+    @classmethod
+    def of(cls, momentum: Any, pose: Any) -> "MomentumState":
+        del pose
+        return cls(momentum)
 
     @staticmethod
     def turn(pose: Any, increment: cp.Quaternion) -> Any:
@@ -231,6 +241,10 @@ class DirectionState(State):
     def join(cls, momentum: Any, pose: Any) -> "DirectionState":
         return cls(cp.pack(momentum), cp.pack(pose))
 
+    @classmethod
+    def of(cls, momentum: Any, pose: Any) -> "DirectionState":
+        return cls(momentum, pose)
+
     @staticmethod
     def turn(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
         return cp.rotate_back(increment, pose)
@@ -272,6 +286,10 @@ class RigidState(State):
     @classmethod
     def join(cls, momentum: Any, pose: Any) -> "RigidState":
         return cls(cp.pack(momentum), cp.pack(pose))
+
+    @classmethod
+    def of(cls, momentum: Any, pose: Any) -> "RigidState":
+        return cls(momentum, pose)
 
     @staticmethod
     def turn(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
@@ -319,6 +337,10 @@ class ParticleState(State):
 
     @classmethod
     def join(cls, momentum: Any, pose: Any) -> "ParticleState":
+        return cls(momentum, pose)
+
+    @classmethod
+    def of(cls, momentum: Any, pose: Any) -> "ParticleState":
         return cls(momentum, pose)
 
     @staticmethod

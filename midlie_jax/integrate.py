@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
+from ._fuse import together
 from .bodies import Particles, RigidBody, State
 from .checks import require_finite, same_dtype
 from .methods import method as find_method
@@ -96,7 +97,7 @@ def _run(
     def advance(h: Array, carry: Any, n: Array) -> tuple[Any, None]:
         motion, force, ok = carry
         motion, force, fine = method.step(system, time(n), time(n + 1), h, motion, force)
-        return (motion, force, ok & fine), None
+        return together((motion, force, ok & fine)), None
 
     motion = Motion(*start.parts())
     force = _first_force(method, system, motion, advance, first)

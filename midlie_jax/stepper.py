@@ -8,11 +8,12 @@ from abc import abstractmethod
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import Array
 
-from . import _components as cp
 from . import schemes
+from ._scalars import Packed, by_components
 from .bodies import Particles, RigidBody, State
 from .flights import Flight, Inertia
 from .torques import TorqueLike, velocity_dependent
@@ -40,15 +41,15 @@ class System(NamedTuple):
         """The torque's components, or the force on particles; zero where there is none."""
         if self.torque is None:
             return _like(motion.momentum, 0.0)
-        value = self.torque(t, self.kind.join(*motion))
-        expected = jnp.shape(_pack(motion.momentum))
-        dtype = jnp.result_type(_pack(motion.momentum))
-        if jnp.shape(value) != expected or jnp.result_type(value) != dtype:
-            raise ValueError(
-                f"the torque must return {dtype}{list(expected)} like the momentum, got "
-                f"{jnp.result_type(value)}{list(jnp.shape(value))}; use jnp.stack([...]) and cast its parameters."
-            )
-        return cp.unpack(value) if isinstance(motion.momentum, tuple) else value
+        torque, kind = self.torque, self.kind
+        if not isinstance(motion.momentum, tuple):
+            value = torque(t, kind.join(*motion))
+            _check(value, motion.momentum)
+            return value
+        boxed = tuple(Packed(tuple(part)) if part else () for part in motion)
+        entries, out = by_components(lambda t, momentum, pose: torque(t, kind.of(momentum, pose)), t, *boxed)
+        _check(out, jax.ShapeDtypeStruct((len(motion.momentum),), motion.momentum[0].dtype))
+        return tuple(entries)
 
     @property
     def reads_momentum(self) -> bool:
@@ -165,5 +166,9 @@ def _like(momentum: Any, value: float) -> Any:
     return jnp.full_like(momentum, value)
 
 
-def _pack(momentum: Any) -> Array:
-    return cp.pack(momentum) if isinstance(momentum, tuple) else momentum
+def _check(value: Any, like: Any) -> None:
+    if jnp.shape(value) != jnp.shape(like) or jnp.result_type(value) != like.dtype:
+        raise ValueError(
+            f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got "
+            f"{jnp.result_type(value)}{list(jnp.shape(value))}; use jnp.stack([...]) and cast its parameters."
+        )

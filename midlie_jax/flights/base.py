@@ -15,20 +15,20 @@ class Inertia(NamedTuple):
 
     Attributes:
         moments, inverses: I and 1/I.
-        unit: the largest moment.
-        relative: I / unit, in which solvers work so that no unit of mass or length overflows a determinant.
+        per_unit: 1 / the largest moment.
+        relative: I * per_unit, in which solvers work so that no unit of mass or length overflows a determinant.
     """
 
     moments: cp.Vector
     inverses: cp.Vector
-    unit: Array
+    per_unit: Array
     relative: cp.Vector
 
     @classmethod
     def of(cls, body: RigidBody) -> "Inertia":
         moments = cp.unpack(body.moments)
-        unit = cp.largest(moments)
-        return cls(moments, (1 / moments[0], 1 / moments[1], 1 / moments[2]), unit, cp.scale(1 / unit, moments))
+        per_unit = 1 / cp.largest(moments)
+        return cls(moments, (1 / moments[0], 1 / moments[1], 1 / moments[2]), per_unit, cp.scale(per_unit, moments))
 
 
 class Flight(eqx.Module):

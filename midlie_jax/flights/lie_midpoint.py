@@ -36,7 +36,7 @@ class LieMidpoint(Flight):
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         # w = Psi/2 and y = h Pi0 solve 2 I w = exp(-w) y.
         double = cp.scale(2, inertia.relative)
-        y = cp.scale(h / inertia.unit, momentum)
+        y = cp.scale(h * inertia.per_unit, momentum)
 
         def residual(w: cp.Vector) -> cp.Vector:
             return cp.subtract(cp.times(double, w), cp.rotate_back(half_turn(w), y))
@@ -44,7 +44,7 @@ class LieMidpoint(Flight):
         w = solve.root(residual, free_start(double, y), lambda guess: _newton(double, y, guess))
         half = half_turn(w)
         middle = cp.rotate_back(half, momentum)
-        error = cp.subtract(cp.times(double, w), cp.scale(h / inertia.unit, middle))
+        error = cp.subtract(cp.times(double, w), cp.scale(h * inertia.per_unit, middle))
         limit = _RESIDUAL_LIMIT * cp.epsilon(w[0])
         ok = (cp.dot(error, error) <= limit * limit * cp.dot(y, y)) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return cp.multiply(half, half), cp.rotate_back(half, middle), ok
@@ -57,17 +57,17 @@ def free_start(double: cp.Vector, y: cp.Vector) -> cp.Vector:
     step, and cheaper.
     """
     identity = _identity(y[0])
-    w = cp.invert3(_columns(double, y, identity), y)
+    w = _solve(_columns(double, y, identity), y)
     middle = cp.rotate_back(half_turn(cp.scale(0.5, w)), y)
     error = cp.subtract(cp.times(double, w), cp.rotate_back(half_turn(w), y))
-    return cp.subtract(w, cp.invert3(_columns(double, middle, identity), error))
+    return cp.subtract(w, _solve(_columns(double, middle, identity), error))
 
 
 def _newton(double: cp.Vector, y: cp.Vector, w: cp.Vector) -> cp.Vector:
     """Newton's method; the derivative of exp(-w) y along d is z x dexp(-w, d) with z = exp(-w) y."""
     for _ in range(_ITERATIONS[str(y[0].dtype)]):
         z = cp.rotate_back(half_turn(w), y)
-        w = cp.subtract(w, cp.invert3(_columns(double, z, _dexp_columns(w)), cp.subtract(cp.times(double, w), z)))
+        w = cp.subtract(w, _solve(_columns(double, z, _dexp_columns(w)), cp.subtract(cp.times(double, w), z)))
     return w
 
 
@@ -96,3 +96,7 @@ def _dexp_columns(w: cp.Vector) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
 def _identity(like: Array) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
     zero, one = jnp.zeros_like(like), jnp.ones_like(like)
     return (one, zero, zero), (zero, one, zero), (zero, zero, one)
+
+
+def _solve(columns: tuple[cp.Vector, cp.Vector, cp.Vector], right: cp.Vector) -> cp.Vector:
+    return cp.solve3(columns, right, cp.rough_reciprocal)

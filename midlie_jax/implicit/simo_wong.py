@@ -35,7 +35,7 @@ class SW(Method):
         del t1, force
         inertia = system.inertia
         double = cp.scale(2, inertia.relative)
-        rate = h / inertia.unit
+        rate = h * inertia.per_unit
 
         def end(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
             """exp(w), and Pi1."""

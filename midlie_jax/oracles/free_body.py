@@ -42,7 +42,7 @@ def free_body(
     (1995) 13 for R_F and R_J; E. T. Whittaker, Analytical Dynamics, section 69.
     """
     inertia, start, quaternion, instants = read(moments, momentum, attitude, times)
-    ctx = fresh_context(60)
+    ctx = fresh_context(36)  # float64 has 16: the rest is slack, and below more is added for each known loss
     length = ctx.sqrt(real(ctx, sum((c * c for c in quaternion), Fraction(0))))
     first = [real(ctx, c) / length for c in quaternion]
 
@@ -135,7 +135,7 @@ def _tumble(
         row[:] = float(a1 * p.cn), float(a2 * p.sn), float(a3 * p.dn)
         phi = steady * ctx.mpf(t) + swing * (functions.third_kind(n, 1 - n, p) - before)
         angle[:] = [float(v) for v in ctx.cos_sin(phi / 2)]
-    began = _to_momentum_frame(np.array([[float(p) for p in start]]))
+    began = _to_momentum_frame(np.array([[float(p1), float(p2), float(p3)]]))
     about = np.zeros((4, len(times)))
     about[0], about[3] = angles.T
     turns = quaternion_product(began * np.array([[1.0], [-1.0], [-1.0], [-1.0]]), about)

@@ -129,7 +129,7 @@ class _Steady(_Frame):
     """The height of the axis stays: regular precession, or the sleeping top."""
 
     def __init__(self, top: _Top, times: NDArray[np.float64]):
-        super().__init__(top, 40, times)
+        super().__init__(top, 36, times)
         ctx, twice = self.ctx, 2 * top.inertia[0]
         self.low = real(ctx, self.lower / (twice * (1 + top.height))) if top.height != -1 else ctx.zero
         self.high = real(ctx, self.upper / (twice * (1 - top.height))) if top.height != 1 else ctx.zero
@@ -145,7 +145,7 @@ class _Nutation(_Frame):
     """The height of the axis swings between the two lower roots: z = z1 + (z2 - z1) sn^2 u."""
 
     def __init__(self, top: _Top, times: NDArray[np.float64]):
-        super().__init__(top, 45, times)
+        super().__init__(top, 36, times)
         ctx = self.ctx
         wide = fresh_context(_ROOT_DIGITS)
         z1, z2, z3 = _roots(wide, top.cubic, self.lower == 0, self.upper == 0)
@@ -162,17 +162,15 @@ class _Nutation(_Frame):
         cn = wide.sqrt(max(0, min(1, (z2 - z0) / swing)))
         dn = wide.sqrt(m1 + swing / reach * cn * cn)
         self.u0 = self.functions.argument(narrow(sn), narrow(cn), narrow(dn))
+        # n, 1 - n and weight of the integral at each pole that the motion feels.
         scale = 1 / (real(ctx, 2 * top.inertia[0]) * self.rate)
-        self.low = (
-            (narrow(-swing / (1 + z1)), narrow((1 + z2) / (1 + z1)), real(ctx, self.lower) * scale / self.below[0])
-            if self.lower
-            else None
-        )
-        self.high = (
-            (narrow(swing / (1 - z1)), narrow((1 - z2) / (1 - z1)), real(ctx, self.upper) * scale / self.above[0])
-            if self.upper
-            else None
-        )
+        self.low = self.high = None
+        if self.lower != 0:
+            weight = real(ctx, self.lower) * scale / self.below[0]
+            self.low = narrow(-swing / (1 + z1)), narrow((1 + z2) / (1 + z1)), weight
+        if self.upper != 0:
+            weight = real(ctx, self.upper) * scale / self.above[0]
+            self.high = narrow(swing / (1 - z1)), narrow((1 - z2) / (1 - z1)), weight
         first = self.functions.at(self.u0)
         c, s = self.halves(first)
         self.low0, self.high0 = self.phase(self.low, first), self.phase(self.high, first)
@@ -202,13 +200,10 @@ class _Nutation(_Frame):
         alpha = self.alpha * ctx.expj(self.phase(self.low, p) - self.low0 + self.drift * time)
         beta = self.beta * ctx.expj(self.phase(self.high, p) - self.high0 - self.drift * time)
         # theta' = -z' / sin(theta); sn / c and cn / s stay finite on a pole.
-        sn_over_c = 1 / ctx.sqrt(self.above_or_below(self.below[1])) if self.below[0] == 0 else p.sn / c
-        cn_over_s = 1 / ctx.sqrt(self.above_or_below(self.above[0])) if self.above[1] == 0 else p.cn / s
+        sn_over_c = 1 / ctx.sqrt(self.below[1] / 2) if self.below[0] == 0 else p.sn / c
+        cn_over_s = 1 / ctx.sqrt(self.above[0] / 2) if self.above[1] == 0 else p.cn / s
         dip = -real(ctx, self.top.inertia[0]) * self.swing * self.rate * sn_over_c * cn_over_s * p.dn
         return self.assemble(c, s, alpha, beta, dip)
-
-    def above_or_below(self, width: Any) -> Any:
-        return width / 2
 
 
 def _roots(ctx: Any, cubic: tuple[Fraction, ...], lower_pole: bool, upper_pole: bool) -> tuple[Any, Any, Any]:
