@@ -150,16 +150,16 @@ def _each(pool: list[Any], equation: Any, places: list[np.ndarray], shape: tuple
     name, bind, parameters = equation.primitive.name, equation.primitive.bind, equation.params
     if name in ("add", "add_any", "mul"):
         neutral = 1 if name == "mul" else 0
-        return _store(pool, [_binary(bind, neutral, *(pool[i] for i in column)) for column in columns], shape)
+        return _store(pool, [_binary(bind, parameters, neutral, *(pool[i] for i in c)) for c in columns], shape)
     return _store(pool, [bind(*(pool[i] for i in column), **parameters) for column in columns], shape)
 
 
-def _binary(bind: Callable[..., Any], neutral: int, left: Any, right: Any) -> Any:
+def _binary(bind: Callable[..., Any], parameters: Any, neutral: int, left: Any, right: Any) -> Any:
     """A sum without the zeros, a product without the ones, that differentiation leaves behind; XLA keeps them."""
     for constant, other in ((left, right), (right, left)):
         if not isinstance(constant, jax.core.Tracer) and constant == neutral and isinstance(other, jax.core.Tracer):
             return other
-    return bind(left, right)
+    return bind(left, right, **parameters)
 
 
 def _constants(pool: list[Any], places: np.ndarray) -> np.ndarray | None:

@@ -7,7 +7,7 @@ is carried along by a rotation (`turn`) and how fast it changes (`rate`). Nothin
 """
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -149,12 +149,12 @@ class State(eqx.Module):
 
     @classmethod
     @abstractmethod
-    def join(cls, momentum: Any, pose: Any) -> Self:
+    def join(cls, momentum: Any, pose: Any) -> "State":
         """The inverse of `parts`."""
 
     @classmethod
     @abstractmethod
-    def of(cls, momentum: Any, pose: Any) -> Self:
+    def of(cls, momentum: Any, pose: Any) -> "State":
         """The state of the momentum and pose given as arrays (the pose () where there is none)."""
 
     @staticmethod

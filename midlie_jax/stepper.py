@@ -132,7 +132,7 @@ class Splitting(Method):
             return t0 if c == 0 else t1 if c == 1 else t0 + c * h
 
         def fly(a: float, motion: Motion) -> Motion:
-            increment, momentum, ok = self.flight(system.inertia, a * h, motion.momentum)
+            increment, momentum, ok = _fly(self.flight, system.inertia, a * h, motion.momentum)
             oks.append(ok)
             return Motion(momentum, system.turned(motion.pose, increment))
 
@@ -152,6 +152,12 @@ class Splitting(Method):
         for other in oks[1:]:
             ok = ok & other
         return motion, last if self.keeps_force(system) else None, ok
+
+
+@eqx.filter_jit
+def _fly(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+    """Traced once for all the flights of a step, and of every later method with this flight."""
+    return flight(inertia, h, momentum)
 
 
 def _add(momentum: Any, h: Any, force: Any) -> Any:

@@ -6,10 +6,10 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ._elliptic import Elliptic
-from ._exact import decimal_size, fresh_context, quaternion_product, read, real
+from ._exact import ArrayLike, decimal_size, fresh_context, quaternion_product, read, real
 
 
 def free_body(
@@ -31,7 +31,7 @@ def free_body(
 
     **Accuracy:** a few units in the last place of float64, at any distance from the separatrix, on it, and for
     bodies with two or three moments equal, exactly or to rounding. The inputs are read as exact fractions, so large
-    times lose nothing either; near an unstable spin the motion is that of the very doubles given. About 2 ms a time.
+    times lose nothing either; near an unstable spin the motion is that of the very doubles given. A few ms a time.
 
     **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive, a zero quaternion;
     `ImportError` without mpmath.
@@ -102,15 +102,16 @@ def _tumble(
     square = sum((p * p for p in start), Fraction(0))
     # Pi = (A1 cn u, A2 sn u, A3 dn u), u = u0 + rate t.
     above, below = twice_energy * i3 - square, square - twice_energy * i1
-    m1 = real(ctx, (square - twice_energy * i2) * (i3 - i1) / (below * (i3 - i2)))
-    # Digits lost to nearness of the separatrix (m1 small) and to nearness of equal moments (a slow rate, long phase).
-    ctx.dps += decimal_size(ctx, 1 / m1 if m1 else ctx.one)
+    nearness = (square - twice_energy * i2) * (i3 - i1) / (below * (i3 - i2))
+    speed = below * (i3 - i2) / (i1 * i2 * i3)
+    # Digits lost near the separatrix (1 - m small), near equal moments (much phase in one swing), and at large times.
+    lever = ctx.sqrt(real(ctx, square)) * real(ctx, 1 / i1 + 1 / i3)
+    rate = ctx.sqrt(real(ctx, speed))
     latest = max(map(abs, times.tolist()), default=0.0)
-    rate = ctx.sqrt(real(ctx, below * (i3 - i2) / (i1 * i2 * i3)))
-    ctx.dps += decimal_size(ctx, rate * latest, 1 / rate, real(ctx, square) / real(ctx, i1) * latest)
-    m1 = real(ctx, (square - twice_energy * i2) * (i3 - i1) / (below * (i3 - i2)))
+    ctx.dps += decimal_size(ctx, 1 / real(ctx, nearness) if nearness else ctx.one)
+    ctx.dps += decimal_size(ctx, lever / rate) + decimal_size(ctx, lever * latest, rate * latest)
     m = real(ctx, above * (i2 - i1) / (below * (i3 - i2)))
-    rate = ctx.sqrt(real(ctx, below * (i3 - i2) / (i1 * i2 * i3)))
+    rate = ctx.sqrt(real(ctx, speed))
     a1 = ctx.sqrt(real(ctx, i1 * above / (i3 - i1)))
     a2 = ctx.sqrt(real(ctx, i2 * above / (i3 - i2)))
     a3 = ctx.sqrt(real(ctx, i3 * below / (i3 - i1)))
@@ -118,16 +119,15 @@ def _tumble(
     # Euler's equations ask for sign(A1 A2 A3) = sign(I3 - I1); of the two ways left, the one with cn u0 >= 0.
     sign = -1 if start[0] < 0 else 1
     a1, a2 = sign * a1, (sign if i3 > i1 else -sign) * a2
-    functions = Elliptic(ctx, m, m1)
-    u0 = functions.argument(
-        *(real(ctx, p) / a for p, a in zip((start[1], start[0], start[2]), (a2, a1, a3), strict=True))
-    )
+    functions = Elliptic(ctx, m, real(ctx, nearness))
+    p1, p2, p3 = (real(ctx, p) for p in start)
+    u0 = functions.argument(p2 / a2, p1 / a1, p3 / a3)
 
     # The first axis goes round the spatial momentum with phi' = |Pi| (2H - Pi1^2/I1) / (Pi2^2 + Pi3^2), where
     # Pi2^2 + Pi3^2 = A3^2 (1 - n sn^2) with n <= 0: no pole, no cancellation, no branch to follow.
     n = -((a1 / a3) ** 2)
     steady = total / real(ctx, i1)
-    swing = -total * real(ctx, below / i1) / (a3 * a3 * rate)
+    swing = total * real(ctx, 1 / i3 - 1 / i1) / rate
     before = functions.third_kind(n, 1 - n, functions.at(u0))
     momenta, angles = np.empty((len(times), 3)), np.empty((len(times), 2))
     for row, angle, t in zip(momenta, angles, times.tolist(), strict=True):
