@@ -1,6 +1,5 @@
 """midlie_jax: the rotation of many rigid bodies at once, by explicit midpoint Lie integrators, on JAX."""
 
-from . import _xla as _xla  # first: it must act before JAX starts its backend
 from . import orbits as orbits
 from . import so3 as so3
 from . import torques as torques

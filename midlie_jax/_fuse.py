@@ -8,7 +8,7 @@ two and reduced again by "take the last": an identity, whose two turns LLVM sees
 The whole step becomes one vectorised loop, and compiles several times faster; `tests/test_compiled.py` counts.
 
 It is a primitive of its own, so that it stays the identity for autodiff while tangents and cotangents, which have
-the same trouble, are kept together too.
+the same trouble and more of it, are kept together too.
 """
 
 from collections import defaultdict
@@ -23,15 +23,28 @@ from jax.interpreters import ad, batching, mlir
 
 def together(tree: Any) -> Any:
     """The tree unchanged; on compiling, its leaves of equal shape come out of one loop."""
+    return _bind(tree, always=True)
+
+
+def seam(tree: Any) -> Any:
+    """The tree unchanged, and nothing on compiling unless it is differentiated: then as `together`.
+
+    For the joints between the parts of a step. The step alone is one loop; its derivative, several times larger, is
+    cut here into loops of a size that the compiler can digest.
+    """
+    return _bind(tree, always=False)
+
+
+def _bind(tree: Any, always: bool) -> Any:
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, _together.bind(*leaves))
+    return jax.tree.unflatten(structure, _together.bind(*leaves, always=always))
 
 
-def _reduce(*leaves: Array) -> list[Array]:
-    by_shape: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    for i, leaf in enumerate(leaves):
-        by_shape[leaf.shape].append(i)
+def _reduce(*leaves: Array, always: bool) -> list[Array]:
     result = list(leaves)
+    by_shape: dict[tuple[int, ...], list[int]] = defaultdict(list)
+    for i, leaf in enumerate(leaves if always else ()):
+        by_shape[leaf.shape].append(i)
     for indices in by_shape.values():
         pairs = tuple(jnp.broadcast_to(leaves[i], (2, *leaves[i].shape)) for i in indices)
         zeros = tuple(jnp.zeros((), leaves[i].dtype) for i in indices)
@@ -42,30 +55,32 @@ def _reduce(*leaves: Array) -> list[Array]:
 
 def _on_nonzero(values: Any) -> list[Any]:
     """Applies it to those that are not symbolic zeros."""
-    present = [i for i, value in enumerate(values) if not isinstance(value, ad.Zero)]
     result = list(values)
-    for i, value in zip(present, _together.bind(*(values[i] for i in present)) if present else (), strict=True):
-        result[i] = value
+    present = [i for i, value in enumerate(values) if not isinstance(value, ad.Zero)]
+    if present:
+        for i, value in zip(present, _together.bind(*(values[i] for i in present), always=True), strict=True):
+            result[i] = value
     return result
 
 
-def _jvp(primals: Any, tangents: Any) -> tuple[list[Any], list[Any]]:
-    return _together.bind(*primals), _on_nonzero(tangents)
+def _jvp(primals: Any, tangents: Any, *, always: bool) -> tuple[list[Any], list[Any]]:
+    del always
+    return _together.bind(*primals, always=True), _on_nonzero(tangents)
 
 
-def _transpose(cotangents: Any, *primals: Any) -> list[Any]:
-    del primals
+def _transpose(cotangents: Any, *primals: Any, always: bool) -> list[Any]:
+    del primals, always
     return _on_nonzero(cotangents)
 
 
-def _batch(values: Any, axes: Any) -> tuple[list[Array], Any]:
-    return _together.bind(*values), axes
+def _batch(values: Any, axes: Any, *, always: bool) -> tuple[list[Array], Any]:
+    return _together.bind(*values, always=always), axes
 
 
 _together = Primitive("together")
 _together.multiple_results = True
 _together.def_impl(_reduce)
-_together.def_abstract_eval(lambda *avals: list(avals))
+_together.def_abstract_eval(lambda *avals, always: list(avals))
 ad.primitive_jvps[_together] = _jvp
 ad.primitive_transposes[_together] = _transpose
 batching.primitive_batchers[_together] = _batch

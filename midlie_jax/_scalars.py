@@ -25,12 +25,40 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 # Arrays of more entries than this stay arrays.
 _LARGEST = 64
 
+_CALLS = ("jit", "pjit", "closed_call")
+
 _ELEMENTWISE = frozenset(
     """abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type copy copy_p cos cosh
     div eq erf erf_inv erfc exp exp2 expm1 floor ge gt integer_pow is_finite le lgamma log log1p logistic lt max min
     mul ne neg nextafter not or pow reduce_precision rem round rsqrt select_n sign sin sinh sqrt square stop_gradient
     sub tan tanh xor""".split()
 )
+
+
+# What XLA's CPU compiler will repeat rather than store, of the above; integer_pow where its exponent is positive.
+_CHEAP = frozenset(
+    """abs add add_any and broadcast_in_dim ceil clamp concatenate convert_element_type copy copy_p cos dot_general
+    dynamic_slice dynamic_update_slice eq floor ge gt integer_pow iota is_finite le lt max min mul ne neg not or pad
+    reduce_max reduce_min reduce_prod reduce_sum reshape rev select_n sign sin slice split square squeeze stack
+    stop_gradient sub transpose unstack xor""".split()
+)
+
+
+def is_dear(function: Callable[..., Any], *arguments: Any) -> bool:
+    """Whether the function holds anything that XLA counts as expensive, or that is replayed as it is."""
+    return _has_dear(jax.make_jaxpr(function)(*arguments))
+
+
+def _has_dear(closed: ClosedJaxpr) -> bool:
+    for equation in closed.jaxpr.eqns:
+        name, inner = equation.primitive.name, equation.params.get("jaxpr")
+        if name in _CALLS and isinstance(inner, ClosedJaxpr):
+            dear = _has_dear(inner)
+        else:
+            dear = name not in _CHEAP or equation.params.get("y", 1) < 0
+        if dear:
+            return True
+    return False
 
 
 class Packed(NamedTuple):
@@ -113,7 +141,7 @@ def _replay(pool: list[Any], closed: ClosedJaxpr, inputs: Sequence[Any]) -> list
 def _apply(pool: list[Any], equation: Any, values: list[Any]) -> list[Any]:
     name, parameters = equation.primitive.name, equation.params
     inner = parameters.get("jaxpr")
-    if name in ("jit", "pjit", "closed_call") and isinstance(inner, ClosedJaxpr):
+    if name in _CALLS and isinstance(inner, ClosedJaxpr):
         return _replay(pool, inner, values)
     shapes = [atom.aval.shape for atom in equation.outvars]
     if all(isinstance(v, _Entries) for v in values) and all(np.prod(s, dtype=int) <= _LARGEST for s in shapes):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
-from ._fuse import together
+from ._fuse import seam, together
 from .bodies import Particles, RigidBody, State
 from .checks import require_finite, same_dtype
 from .methods import method as find_method
@@ -71,8 +71,8 @@ def integrate(
     method = find_method(method) if isinstance(method, str) else method
     _check(method, body, torque, start, steps, save_every, first_step)
     dtype = start.momentum.dtype
-    dt = _time("dt", dt, dtype)
-    t0 = _time("t0", t0, dtype)
+    dt = _scalar("dt", dt, dtype)
+    t0 = _scalar("t0", t0, dtype)
     return _run(method, body, torque, start, dt, t0, jnp.asarray(first_step, jnp.int32), steps, save_every)
 
 
@@ -89,18 +89,19 @@ def _run(
     save_every: int,
 ) -> Path:
     kind = type(start)
-    system = System.of(body, torque, kind)
+    system = System.of(body, torque, start, t0)
 
-    def time(n: Array) -> Array:
-        return t0 + n.astype(dt.dtype) * dt
+    constants, functions = eqx.partition((system, t0, dt), eqx.is_array)
 
     def advance(h: Array, carry: Any, n: Array) -> tuple[Any, None]:
-        motion, force, ok = carry
-        motion, force, fine = method.step(system, time(n), time(n + 1), h, motion, force)
+        (motion, force, ok), h, given = seam((carry, h, constants))
+        system, t0, dt = eqx.combine(given, functions)
+        here, there = _time(t0, dt, n), _time(t0, dt, n + 1)
+        motion, force, fine = method.step(system, here, there, h, motion, force)
         return together((motion, force, ok & fine)), None
 
     motion = Motion(*start.parts())
-    force = _first_force(method, system, motion, advance, first)
+    force = _first_force(method, system, motion, advance, _time(t0, dt, first), first)
     step = jax.checkpoint(partial(advance, dt), prevent_cse=False)
 
     def leap(carry: Any, n: Array) -> tuple[Any, State]:
@@ -111,27 +112,35 @@ def _run(
     (motion, _, ok), states = jax.lax.scan(leap, (motion, force, jnp.array(True)), kept)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(motion)]
-    times = time(jnp.concatenate([first[None], kept + save_every]))
+    times = _time(t0, dt, jnp.concatenate([first[None], kept + save_every]))
     return Path(times, states, ok & jnp.all(jnp.stack(finite)))
 
 
-def _first_force(method: Method, system: System, motion: Motion, advance: Any, first: Array) -> Any:
+def _first_force(method: Method, system: System, motion: Motion, advance: Any, t: Array, first: Array) -> Any:
     """The force at the start, from two steps of no length.
 
     Evaluating the torque here directly would be shorter, but compiled in another place it may round otherwise
     than inside the loop, and a run continued from its middle would then differ in the last bit. A step of zero
-    length leaves the motion alone and runs the loop's own code; a loop of one turn would be unrolled.
+    length leaves the motion alone and runs the loop's own code; a loop of one turn would be unrolled. The
+    derivative is the torque's own: the loop's would only take longer to compile.
     """
     if not method.keeps_force(system):
         return None
     zeros = jax.tree.map(jnp.zeros_like, motion.momentum)
     here = jnp.stack([first - 1, first - 1])
     still = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
-    (_, force, _), _ = jax.lax.scan(partial(advance, still), (motion, zeros, jnp.array(True)), here)
-    return force
+    loop = jax.lax.stop_gradient((motion, zeros, jnp.array(True)))
+    (_, force, _), _ = jax.lax.scan(partial(advance, still), loop, here)
+    direct = system.force(t, motion)
+    return jax.tree.map(lambda f, d: jax.lax.stop_gradient(f) + (d - jax.lax.stop_gradient(d)), force, direct)
 
 
-def _time(name: str, value: Any, dtype: Any) -> Array:
+def _time(t0: Array, dt: Array, n: Array) -> Array:
+    """From the integer: adding dt up would lose a step of float32 time."""
+    return t0 + n.astype(dt.dtype) * dt
+
+
+def _scalar(name: str, value: Any, dtype: Any) -> Array:
     array = jnp.asarray(value)
     if array.ndim:
         raise ValueError(f"{name} must be a scalar, got shape {array.shape}; map over a batch with jax.vmap.")

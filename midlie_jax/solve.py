@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from . import _components as cp
+from ._fuse import together
 
 Residual = Callable[[cp.Vector], cp.Vector]
 
@@ -35,7 +36,8 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int) -> tuple[cp.Ve
     def iterate(x: cp.Vector) -> cp.Vector:
         for _ in range(iterations):
             value, slope = jax.linearize(residual, x)
-            x = tuple(a - b for a, b in zip(x, _tangent(slope, value), strict=True))
+            # One loop an iteration: all in one would take the compiler minutes.
+            x = together(cp.subtract(x, _tangent(slope, value)))
         return x
 
     x = root(residual, guess, iterate)
@@ -50,4 +52,4 @@ def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
     """Solves linear(x) = right."""
     one, zero = jnp.ones_like(right[0]), jnp.zeros_like(right[0])
     columns = (linear((one, zero, zero)), linear((zero, one, zero)), linear((zero, zero, one)))
-    return cp.solve3(columns, right, cp.exact_reciprocal)
+    return cp.solve3(columns, right)

@@ -5,6 +5,7 @@ a motion; most are a flight and a scheme (`Splitting`), the rest are in `implici
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,7 +14,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from . import schemes
-from ._scalars import Packed, by_components
+from ._fuse import seam, together
+from ._scalars import Packed, by_components, is_dear
 from .bodies import Particles, RigidBody, State
 from .flights import Flight, Inertia
 from .torques import TorqueLike, velocity_dependent
@@ -32,16 +34,30 @@ class System(NamedTuple):
     inertia: Inertia | Particles
     torque: TorqueLike | None
     kind: type[State]
+    joint: Callable[[Any], Any]  # what a motion goes through between two parts of a step
 
     @classmethod
-    def of(cls, body: RigidBody | Particles, torque: TorqueLike | None, kind: type[State]) -> "System":
-        return cls(Inertia.of(body) if isinstance(body, RigidBody) else body, torque, kind)
+    def of(cls, body: RigidBody | Particles, torque: TorqueLike | None, start: State, t: Array) -> "System":
+        """Ready to step from the state `start`.
+
+        A torque with a division, root or exponential in it is kept in loops of its own: XLA counts these as too dear
+        to repeat, and would cut the loop around them at every value used twice.
+        """
+        inertia = Inertia.of(body) if isinstance(body, RigidBody) else body
+        dear = torque is not None and is_dear(torque, t, start)
+        return cls(inertia, torque, type(start), together if dear else seam)
 
     def force(self, t: Array, motion: Motion) -> Any:
         """The torque's components, or the force on particles; zero where there is none."""
         if self.torque is None:
             return _like(motion.momentum, 0.0)
         torque, kind = self.torque, self.kind
+        motion = motion if self.joint is seam else together(motion)
+        force = self._evaluate(torque, kind, t, motion)
+        return force if self.joint is seam else together(force)
+
+    @staticmethod
+    def _evaluate(torque: TorqueLike, kind: type[State], t: Array, motion: Motion) -> Any:
         if not isinstance(motion.momentum, tuple):
             value = torque(t, kind.join(*motion))
             _check(value, motion.momentum)
@@ -134,7 +150,7 @@ class Splitting(Method):
         def fly(a: float, motion: Motion) -> Motion:
             increment, momentum, ok = _fly(self.flight, system.inertia, a * h, motion.momentum)
             oks.append(ok)
-            return Motion(momentum, system.turned(motion.pose, increment))
+            return system.joint(Motion(momentum, system.turned(motion.pose, increment)))
 
         def evaluate(c: float, motion: Motion) -> Any:
             return None if system.torque is None else system.force(time(c), motion)
@@ -157,6 +173,7 @@ class Splitting(Method):
 @eqx.filter_jit
 def _fly(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
     """Traced once for all the flights of a step, and of every later method with this flight."""
+    inertia, h, momentum = seam((inertia, h, momentum))
     return flight(inertia, h, momentum)
 
 

@@ -57,17 +57,17 @@ def free_start(double: cp.Vector, y: cp.Vector) -> cp.Vector:
     step, and cheaper.
     """
     identity = _identity(y[0])
-    w = _solve(_columns(double, y, identity), y)
+    w = cp.solve3(_columns(double, y, identity), y)
     middle = cp.rotate_back(half_turn(cp.scale(0.5, w)), y)
     error = cp.subtract(cp.times(double, w), cp.rotate_back(half_turn(w), y))
-    return cp.subtract(w, _solve(_columns(double, middle, identity), error))
+    return cp.subtract(w, cp.solve3(_columns(double, middle, identity), error))
 
 
 def _newton(double: cp.Vector, y: cp.Vector, w: cp.Vector) -> cp.Vector:
     """Newton's method; the derivative of exp(-w) y along d is z x dexp(-w, d) with z = exp(-w) y."""
     for _ in range(_ITERATIONS[str(y[0].dtype)]):
         z = cp.rotate_back(half_turn(w), y)
-        w = cp.subtract(w, _solve(_columns(double, z, _dexp_columns(w)), cp.subtract(cp.times(double, w), z)))
+        w = cp.subtract(w, cp.solve3(_columns(double, z, _dexp_columns(w)), cp.subtract(cp.times(double, w), z)))
     return w
 
 
@@ -96,7 +96,3 @@ def _dexp_columns(w: cp.Vector) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
 def _identity(like: Array) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
     zero, one = jnp.zeros_like(like), jnp.ones_like(like)
     return (one, zero, zero), (zero, one, zero), (zero, zero, one)
-
-
-def _solve(columns: tuple[cp.Vector, cp.Vector, cp.Vector], right: cp.Vector) -> cp.Vector:
-    return cp.solve3(columns, right, cp.rough_reciprocal)

@@ -3,7 +3,6 @@
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 from jax import Array
 
 from .. import _components as cp
@@ -53,5 +52,5 @@ class AKW(Method):
 def _cayley(angle: cp.Vector) -> cp.Quaternion:
     """(1 - w^/2)^-1 (1 + w^/2) as a unit quaternion."""
     x, y, z = cp.scale(0.5, angle)
-    factor = 1 / jnp.sqrt(1 + x * x + y * y + z * z)
+    factor = cp.inverse_root(1 + x * x + y * y + z * z)
     return factor, factor * x, factor * y, factor * z

@@ -1,0 +1,255 @@
+"""Every method over a ladder of step sizes: errors at the end of a scene, and what they cost. The charts' numbers.
+
+A run is a chain of equal chunks of steps, each started from the last one's end. The step size and the index of the
+first step are arguments of the compiled chunk, so one compile a method serves the whole ladder, and by the
+contract of `integrate` the chain is, bit for bit, the run in one piece.
+"""
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import so3, torques
+from .bodies import RigidBody, RigidState
+from .integrate import integrate
+from .methods import method as find_method
+from .methods import methods as all_methods
+
+COPIES = 1  #TMP
+LEVELS = 5
+_TIMINGS = 5  # at least so many chunks are timed
+_COARSEST = {"P1": 500}  # steps on the first rung where the paper's figure has them; elsewhere twice the scene's step
+_ROMBERG = 4  # runs extrapolated where no closed form is known
+_REFERENCE = "LIEMID[EA]"
+
+
+class Reference(NamedTuple):
+    """Where a scene truly ends.
+
+    Attributes:
+        momentum: body-frame angular momentum, (3,).
+        attitude: rotation matrix, body to space, (3, 3).
+        source: how it was found.
+        uncertainty: largest entry it may be wrong by, as far as is known.
+    """
+
+    momentum: np.ndarray
+    attitude: np.ndarray
+    source: str
+    uncertainty: float
+
+
+class Row(NamedTuple):
+    """One method at one step size.
+
+    Attributes:
+        method: its name.
+        dt: step, in the scene's unit of time.
+        steps: number of steps.
+        momentum_error: |Pi - Pi_reference| at the end, body frame.
+        attitude_error: |R - R_reference| at the end, Frobenius norm.
+        momentum_slope, attitude_slope: order seen between this rung and the one before; NaN on the first.
+        evaluations: torque evaluations of the run; 0 without torque.
+        seconds: wall time of the run for one body, moved in a batch of `COPIES`.
+        ok: whether every solve converged and every number stayed finite.
+        failure: what stopped the method; "" if nothing did.
+    """
+
+    method: str
+    dt: float
+    steps: int
+    momentum_error: float = math.nan
+    attitude_error: float = math.nan
+    momentum_slope: float = math.nan
+    attitude_slope: float = math.nan
+    evaluations: int = 0
+    seconds: float = math.nan
+    ok: bool = False
+    failure: str = ""
+
+
+def body_methods() -> list[str]:
+    """The methods that move a rigid body, the seven of the paper's Figure 1 first."""
+    return [name for name in all_methods() if find_method(name).bodies is RigidBody]
+
+
+def ladder(scene: Any, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:
+    """Numbers of steps, each twice the one before.
+
+    Args:
+        scene: from `midlie_jax.scenes.scene`.
+        coarsest: steps on the first rung; without it, the paper's figure's or twice the scene's own step.
+        levels: number of rungs.
+
+    Raises:
+        ValueError: a number is not positive.
+    """
+    if coarsest is None:
+        coarsest = _COARSEST.get(scene.name, max(1, round(scene.duration / (2 * scene.dt))))
+    if coarsest < 1 or levels < 1:
+        raise ValueError(f"steps and levels must be positive, got {coarsest} and {levels}.")
+    return [coarsest * 2**level for level in range(levels)]
+
+
+def measure(scene: Any, methods: Sequence[str], rungs: Sequence[int], reference: Reference) -> Iterator[Row]:
+    """A row for each method and rung, in that order, each as soon as it is known.
+
+    A method that raises gives rows that say so, and the next one is tried.
+
+    Args:
+        scene: from `midlie_jax.scenes.scene`, its start a `RigidState`.
+        methods: names.
+        rungs: from `ladder`.
+        reference: from `find_reference`.
+    """
+    for name in methods:
+        before, chain = None, None
+        for steps in rungs:
+            dt = scene.duration / steps
+            try:
+                chain = chain or _Chain(name, scene, rungs[0], COPIES)
+                before = _row(chain, dt, steps, reference, before)
+            except Exception as error:  # one broken method must not cost the user the others
+                reason = str(error).strip().split("\n")[0]
+                before = Row(name, dt, steps, failure=f"{type(error).__name__}: {reason}")
+            yield before
+
+
+def find_reference(scene: Any, finest: int) -> Reference:
+    """The end of a scene: in closed form where one is known, else by extrapolation.
+
+    Args:
+        scene: from `midlie_jax.scenes.scene`, its start a `RigidState`.
+        finest: steps of the finest run to be judged; the extrapolation starts from twice as many.
+
+    Raises:
+        ValueError: the start has no attitude.
+        ImportError: a closed form needs mpmath.
+    """
+    if not isinstance(scene.start, RigidState):
+        raise ValueError(f"scene {scene.name!r} follows no attitude, so there is no attitude error to chart.")
+    closed = _closed_form(scene)
+    return closed if closed is not None else _extrapolated(scene, finest)
+
+
+class _Chain:
+    """One method on one scene, compiled once, for any step size and any multiple of `steps`."""
+
+    def __init__(self, name: str, scene: Any, steps: int, copies: int):
+        self.method = find_method(name)
+        self.steps = steps
+        self.start = jax.tree.map(lambda leaf: jnp.tile(leaf, (copies, 1)), scene.start)
+        self.torque = scene.torque
+
+        def chunk(start: Any, dt: Any, first: Any) -> Any:
+            path = integrate(
+                self.method, scene.body, scene.torque, start, dt=dt, steps=self.steps, save_every=self.steps,
+                first_step=first,
+            )  # fmt: skip
+            return jax.tree.map(lambda leaf: leaf[-1], path.states), path.ok
+
+        dtype = scene.start.momentum.dtype
+        self.arguments: Callable[[float, int], tuple[Any, Any]] = lambda dt, first: (
+            jnp.asarray(dt, dtype),
+            jnp.asarray(first, jnp.int32),
+        )
+        self.chunk = jax.jit(jax.vmap(chunk, in_axes=(0, None, None)))
+        self.chunk = self.chunk.lower(self.start, *self.arguments(scene.duration, 0)).compile()
+        jax.block_until_ready(self.chunk(self.start, *self.arguments(0.0, 0)))  # the first call is never typical
+
+    def run(self, dt: float, steps: int) -> tuple[Any, bool, float]:
+        """The first copy's end, whether all went well, and the seconds that it took for one copy."""
+        state, fine, clock = self.start, True, []
+
+        def timed(start: Any, first: int) -> Any:
+            arguments = self.arguments(dt, first)
+            began = time.perf_counter()
+            result = jax.block_until_ready(self.chunk(start, *arguments))
+            clock.append(time.perf_counter() - began)
+            return result
+
+        for first in range(0, steps, self.steps):
+            state, ok = timed(state, first)
+            fine = fine and bool(jnp.all(ok))
+        while len(clock) < _TIMINGS:
+            timed(self.start, 0)
+        # The median keeps out the chunks during which the machine did something else.
+        seconds = statistics.median(clock) * (steps // self.steps) / state.momentum.shape[0]
+        return jax.tree.map(lambda leaf: np.asarray(leaf[0]), state), fine, seconds
+
+
+def _row(chain: _Chain, dt: float, steps: int, reference: Reference, before: Row | None) -> Row:
+    state, ok, seconds = chain.run(dt, steps)
+    momentum = float(np.linalg.norm(state.momentum - reference.momentum))
+    attitude = float(np.linalg.norm(np.asarray(so3.to_matrix(state.attitude)) - reference.attitude))
+    return Row(
+        method=chain.method.name,
+        dt=dt,
+        steps=steps,
+        momentum_error=momentum,
+        attitude_error=attitude,
+        momentum_slope=_slope(before.momentum_error if before else math.nan, momentum),
+        attitude_slope=_slope(before.attitude_error if before else math.nan, attitude),
+        evaluations=0 if chain.torque is None else chain.method.evaluations * steps,
+        seconds=seconds,
+        ok=ok,
+    )
+
+
+def _slope(coarse: float, fine: float) -> float:
+    return math.log2(coarse / fine) if coarse > 0 and fine > 0 else math.nan
+
+
+def _closed_form(scene: Any) -> Reference | None:
+    """From `midlie_jax.oracles`: a body without torque, or a symmetric top about its axis."""
+    from . import oracles
+
+    moments, momentum = np.asarray(scene.body.moments), np.asarray(scene.start.momentum)
+    attitude, times = np.asarray(scene.start.attitude), [scene.duration]
+    if scene.torque is None:
+        momenta, attitudes = oracles.free_body(moments, momentum, attitude, times)
+        return _exact(momenta[0], attitudes[0], "closed form of the free body")
+    if not isinstance(scene.torque, torques.HeavyTop) or sorted(map(abs, scene.torque.axis)) != [0, 0, 1]:
+        return None
+    k = max(range(3), key=lambda i: abs(scene.torque.axis[i]))
+    # The closed form wants the top's axis third: number the axes anew, in the same cyclic order.
+    order = [(k + 1) % 3, (k + 2) % 3, k]
+    if moments[order[0]] != moments[order[1]]:
+        return None
+    renumbered = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5), (1.0, 0.0, 0.0, 0.0))[k]
+    turn = jnp.asarray(renumbered, jnp.float64)
+    weight = float(scene.torque.weight) * scene.torque.axis[k]
+    attitude = np.asarray(so3.multiply(scene.start.attitude, turn))
+    momenta, attitudes = oracles.lagrange_top(moments[order], weight, momentum[order], attitude, times)
+    back = np.asarray(so3.multiply(jnp.asarray(attitudes[0]), so3.conjugate(turn)))
+    return _exact(momenta[0][np.argsort(order)], back, "closed form of Lagrange's top")
+
+
+def _exact(momentum: np.ndarray, attitude: np.ndarray, source: str) -> Reference:
+    size = max(1.0, float(np.abs(momentum).max()))
+    return Reference(momentum, np.asarray(so3.to_matrix(jnp.asarray(attitude))), source, 1e-14 * size)
+
+
+def _extrapolated(scene: Any, finest: int) -> Reference:
+    """Romberg's extrapolation of a symmetric method, whose error holds even powers of the step only."""
+    chain = _Chain(_REFERENCE, scene, finest, copies=1)
+    column: list[np.ndarray] = []
+    for level in range(1, _ROMBERG + 1):
+        steps = finest * 2**level
+        state, ok, _ = chain.run(scene.duration / steps, steps)
+        if not ok:
+            raise ValueError(f"no reference for scene {scene.name!r}: {_REFERENCE} failed with {steps} steps.")
+        row = [np.concatenate([state.momentum, state.attitude])]
+        for power, coarse in enumerate(column, start=1):
+            row.append(row[-1] + (row[-1] - coarse) / (4**power - 1))
+        column, previous = row, column
+    doubt = float(np.abs(column[-1] - previous[-1]).max())
+    momentum, attitude = column[-1][:3], column[-1][3:]
+    matrix = np.asarray(so3.to_matrix(jnp.asarray(attitude / np.linalg.norm(attitude))))
+    return Reference(momentum, matrix, f"{_REFERENCE} with up to {steps} steps, extrapolated", doubt)
