@@ -33,7 +33,7 @@ def subtract(a: Vector, b: Vector) -> Vector:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-def scale(c: Array | float, a: Vector) -> Vector:
+def scale(c: Array | float | int, a: Vector) -> Vector:
     return (c * a[0], c * a[1], c * a[2])
 
 

@@ -227,7 +227,7 @@ def _split(places: list[np.ndarray], parameters: Any, shapes: Any) -> list[np.nd
 
 def _unstack(places: list[np.ndarray], parameters: Any, shapes: Any) -> list[np.ndarray]:
     del shapes
-    return list(np.moveaxis(places[0], parameters["axis"], 0))
+    return [np.asarray(part) for part in np.moveaxis(places[0], parameters["axis"], 0)]
 
 
 _MOVES: dict[str, Callable[..., Any]] = {

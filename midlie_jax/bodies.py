@@ -25,15 +25,15 @@ _TRIANGLE_SLACK = 1e-6
 _UNIT_SLACK = 1e-3
 
 
-def _norm(vectors: np.ndarray) -> np.ndarray:
+def _norm(vectors: np.ndarray) -> Any:
     return np.linalg.norm(vectors.astype(np.float64), axis=-1)
 
 
-def _positive(moments: np.ndarray) -> np.ndarray:
+def _positive(moments: np.ndarray) -> Any:
     return np.isfinite(moments) & (moments > 0)
 
 
-def _triangle(moments: np.ndarray) -> np.ndarray:
+def _triangle(moments: np.ndarray) -> Any:
     return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_SLACK)
 
 
@@ -353,7 +353,7 @@ class ParticleState(State):
         return velocity
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _unit(vectors: np.ndarray) -> Any:
     return np.abs(_norm(vectors) - 1) < _UNIT_SLACK
 
 

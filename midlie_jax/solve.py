@@ -27,17 +27,19 @@ def root(residual: Residual, guess: cp.Vector, iterate: Callable[[cp.Vector], cp
     return jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _tangent)
 
 
-def newton(residual: Residual, guess: cp.Vector, iterations: int) -> tuple[cp.Vector, Array]:
+def newton(residual: Residual, guess: cp.Vector, iterations: int, *, cut: bool = True) -> tuple[cp.Vector, Array]:
     """A root by Newton's method with the Jacobian by automatic differentiation, and the size of the residual left.
 
-    For the implicit methods, whose residual holds the user's torque; four evaluations of it an iteration.
+    For the implicit methods, whose residual holds the user's torque; four evaluations of it an iteration. Each
+    iteration is a loop of its own unless `cut` is False: with a torque in it, all in one would take the compiler
+    minutes.
     """
 
     def iterate(x: cp.Vector) -> cp.Vector:
         for _ in range(iterations):
             value, slope = jax.linearize(residual, x)
-            # One loop an iteration: all in one would take the compiler minutes.
-            x = together(cp.subtract(x, _tangent(slope, value)))
+            x = cp.subtract(x, _tangent(slope, value))
+            x = together(x) if cut else x
         return x
 
     x = root(residual, guess, iterate)
