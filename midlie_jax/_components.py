@@ -7,16 +7,19 @@ taken apart once (`unpack`), the step is done here, and the arrays are put toget
 `Vector` is (x, y, z), `Quaternion` is (w, x, y, z). Every entry is a scalar, or under `vmap` one (batch,) array.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.core import Tracer
 
 Vector = tuple[Array, Array, Array]
 Quaternion = tuple[Array, Array, Array, Array]
 
 
-def unpack(array: Array) -> tuple[Array, ...]:
-    """The entries of the last axis, as a tuple."""
+def unpack(array: Array) -> Any:
+    """The entries of the last axis, as a tuple: a `Vector` or a `Quaternion`, which no type checker can tell."""
     return tuple(array[..., i] for i in range(array.shape[-1]))
 
 
@@ -161,4 +164,4 @@ def epsilon(x: Array) -> float:
 
 
 def is_traced(*values: object) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))

@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 # Arrays of more entries than this stay arrays.
@@ -27,20 +28,24 @@ _LARGEST = 64
 
 _CALLS = ("jit", "pjit", "closed_call")
 
-_ELEMENTWISE = frozenset(
-    """abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type copy copy_p cos cosh
-    div eq erf erf_inv erfc exp exp2 expm1 floor ge gt integer_pow is_finite le lgamma log log1p logistic lt max min
-    mul ne neg nextafter not or pow reduce_precision rem round rsqrt select_n sign sin sinh sqrt square stop_gradient
-    sub tan tanh xor""".split()
+
+def _names(*lines: str) -> frozenset[str]:
+    return frozenset(name for line in lines for name in line.split())
+
+
+_ELEMENTWISE = _names(
+    "abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp convert_element_type copy copy_p cos",
+    "cosh div eq erf erf_inv erfc exp exp2 expm1 floor ge gt integer_pow is_finite le lgamma log log1p logistic lt",
+    "max min mul ne neg nextafter not or pow reduce_precision rem round rsqrt select_n sign sin sinh sqrt square",
+    "stop_gradient sub tan tanh xor",
 )
 
-
-# What XLA's CPU compiler will repeat rather than store, of the above; integer_pow where its exponent is positive.
-_CHEAP = frozenset(
-    """abs add add_any and broadcast_in_dim ceil clamp concatenate convert_element_type copy copy_p cos dot_general
-    dynamic_slice dynamic_update_slice eq floor ge gt integer_pow iota is_finite le lt max min mul ne neg not or pad
-    reduce_max reduce_min reduce_prod reduce_sum reshape rev select_n sign sin slice split square squeeze stack
-    stop_gradient sub transpose unstack xor""".split()
+# What XLA's CPU compiler will repeat rather than store; integer_pow where its exponent is positive.
+_CHEAP = _names(
+    "abs add add_any and broadcast_in_dim ceil clamp concatenate convert_element_type copy copy_p cos dot_general",
+    "dynamic_slice dynamic_update_slice eq floor ge gt integer_pow iota is_finite le lt max min mul ne neg not or pad",
+    "reduce_max reduce_min reduce_prod reduce_sum reshape rev select_n sign sin slice split square squeeze stack",
+    "stop_gradient sub transpose unstack xor",
 )
 
 
@@ -185,7 +190,7 @@ def _each(pool: list[Any], equation: Any, places: list[np.ndarray], shape: tuple
 def _binary(bind: Callable[..., Any], parameters: Any, neutral: int, left: Any, right: Any) -> Any:
     """A sum without the zeros, a product without the ones, that differentiation leaves behind; XLA keeps them."""
     for constant, other in ((left, right), (right, left)):
-        if not isinstance(constant, jax.core.Tracer) and constant == neutral and isinstance(other, jax.core.Tracer):
+        if not isinstance(constant, Tracer) and constant == neutral and isinstance(other, Tracer):
             return other
     return bind(left, right, **parameters)
 
@@ -193,7 +198,7 @@ def _binary(bind: Callable[..., Any], parameters: Any, neutral: int, left: Any, 
 def _constants(pool: list[Any], places: np.ndarray) -> np.ndarray | None:
     """The integers themselves, where they are known while tracing."""
     numbers = [pool[i] for i in places.flat]
-    if any(isinstance(n, jax.core.Tracer) for n in numbers):
+    if any(isinstance(n, Tracer) for n in numbers):
         return None
     return np.array([int(n) for n in numbers], dtype=np.int32).reshape(places.shape)
 

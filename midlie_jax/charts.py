@@ -12,9 +12,12 @@ import numpy as np
 
 from .convergence import COPIES, Row
 
-_LABEL_GAP = 10.5  # points from one label's middle to the next
+_LABEL_GAP = 11.0  # points from one label's middle to the next
+_LABEL_WIDTH = 70.0  # points; labels nearer than this sideways are kept apart upwards
+_LABEL_OFFSET = 20.0  # points from a line's end to its label
 _LABEL_SIZE = 8.5
 _INK, _FAINT = "#222222", "#8a8a8a"
+_RING = "ring"  # a marker to see round another: LIEMID[EA*] nearly coincides with LIEMID[EA]
 
 
 class _Style(NamedTuple):
@@ -23,12 +26,12 @@ class _Style(NamedTuple):
     paper: bool  # the LIEMID family: bold, filled; its rivals: thin, dashed, hollow
 
 
-# Okabe and Ito's colours, which all kinds of colour vision tell apart: cool ones for the LIEMID family, warm for rivals.
+# Okabe and Ito's colours, which every kind of colour vision tells apart: cool for the LIEMID family, warm for rivals.
 _STYLES = {
     "LIEMID[E1]": _Style("#56B4E9", "v", True),
     "LIEMID[E2]": _Style("#009E73", "^", True),
     "LIEMID[EA]": _Style("#0072B2", "o", True),
-    "LIEMID[EA*]": _Style("#1B3A6B", "P", True),
+    "LIEMID[EA*]": _Style("#1B3A6B", _RING, True),
     "LIEMID[I]": _Style("#000000", "X", True),
     "AKW": _Style("#E69F00", "s", False),
     "SW": _Style("#D55E00", "D", False),
@@ -66,7 +69,10 @@ def convergence_chart(rows: Sequence[Row], path: str, *, title: str, reference: 
     figure.subplots_adjust(left=0.065, right=0.985, bottom=0.062, top=0.895, wspace=0.16, hspace=0.27)
     panels = figure.subplots(2, 2)
     figure.text(0.065, 0.975, title, fontsize=15, weight="bold", color=_INK, va="top")
-    figure.text(0.065, 0.942, f"Errors at the end against the {reference}.", fontsize=10, color=_INK, va="top")
+    legend = "Bold lines, filled marks: the LIEMID family. Dashed lines, hollow marks: its rivals."
+    figure.text(
+        0.065, 0.944, f"Errors at the end against the {reference}.  {legend}", fontsize=10, color=_INK, va="top"
+    )
 
     torque_free = all(row.evaluations == 0 for row in good)
     momentum, attitude = (lambda row: row.momentum_error), (lambda row: row.attitude_error)
@@ -130,14 +136,14 @@ class _Panel:
                 color=style.colour,
                 linewidth=2.4 if style.paper else 1.3,
                 linestyle="-" if style.paper else (0, (4, 2)),
-                marker=style.marker,
-                markersize=7 if style.paper else 6,
-                markerfacecolor=style.colour if style.paper else "white",
-                markeredgecolor="white" if style.paper else style.colour,
-                markeredgewidth=0.7 if style.paper else 1.3,
-                zorder=4 if style.paper else 3,
+                zorder=(4 if style.paper else 3) - 0.01 * index,
+                **_marks(style),
             )
             ends.append((name, style, x[-1], y[-1]))
+        if finest == "left":
+            steps = sorted({across(row) for rows in self.lines.values() for row in rows})
+            axes.set_xticks(steps[:: -(-len(steps) // 8)], labels=[f"{h:g}" for h in steps[:: -(-len(steps) // 8)]])
+            axes.minorticks_off()
         _room(axes, finest)
         _guides(axes, finest)
         _labels(axes, ends, finest)
@@ -148,6 +154,14 @@ def _style(name: str, index: int) -> _Style:
         return _STYLES[name]
     paper = name.startswith("LIEMID")
     return _Style((_COOL if paper else _WARM)[index % 5], _MARKERS[index % len(_MARKERS)], paper)
+
+
+def _marks(style: _Style) -> dict[str, Any]:
+    if style.marker == _RING:
+        return {"marker": "o", "markersize": 12, "markerfacecolor": "none", "markeredgecolor": style.colour}
+    if style.paper:
+        return {"marker": style.marker, "markersize": 7.5, "markeredgecolor": "white", "markeredgewidth": 0.7}
+    return {"marker": style.marker, "markersize": 6, "markerfacecolor": "white", "markeredgewidth": 1.3}
 
 
 def _room(axes: Any, finest: str) -> None:
@@ -168,49 +182,57 @@ def _room(axes: Any, finest: str) -> None:
 def _guides(axes: Any, finest: str) -> None:
     """The slopes of orders 1 and 2, in the corner that falling errors leave free."""
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
-    length = min(0.17 * (x1 - x0), 0.16 * (y1 - y0))
-    towards = 1 if finest == "left" else -1
-    foot = (x1 - 0.08 * (x1 - x0) - length) if finest == "left" else (x0 + 0.08 * (x1 - x0) + length)
-    base = y0 + 0.045 * (y1 - y0)
-    tip = foot + towards * length
+    length = min(0.15 * (x1 - x0), 0.14 * (y1 - y0))
+    inset, sign, align = 0.12 * (x1 - x0), (1 if finest == "left" else -1), ("left" if finest == "left" else "right")
+    tip = x1 - inset if finest == "left" else x0 + inset
+    foot, base = tip - sign * length, y0 + 0.045 * (y1 - y0)
     for order in (1, 2):
-        axes.plot([10**foot, 10**tip], [10**base, 10 ** (base + order * length)], color=_FAINT, linewidth=1.2, zorder=2)
-        axes.annotate(
-            f"order {order}",
-            (10**tip, 10 ** (base + order * length)),
-            xytext=(3 * towards, 0),
-            textcoords="offset points",
-            ha="left" if towards > 0 else "right",
-            va="center",
-            fontsize=_LABEL_SIZE,
-            color="#5f5f5f",
-        )
-    del tip
+        top = base + order * length
+        axes.plot([10**foot, 10**tip], [10**base, 10**top], color=_FAINT, linewidth=1.2, zorder=2)
+        text = {"xytext": (4 * sign, 0), "textcoords": "offset points", "ha": align, "va": "center"}
+        axes.annotate(f"order {order}", (10**tip, 10**top), fontsize=_LABEL_SIZE, color="#5f5f5f", **text)
 
 
 def _labels(axes: Any, ends: list[tuple[str, _Style, float, float]], finest: str) -> None:
     """Names beside the fine ends of the lines, pushed apart where they would overlap."""
-    scale = 72 / axes.figure.dpi
-    to_points, to_data = axes.transData, axes.transData.inverted()
-    heights = [to_points.transform((x, y))[1] * scale for _, _, x, y in ends]
-    low, high = (axes.bbox.y0 * scale + 6, axes.bbox.y1 * scale - 6)
-    side, outwards = (min, -1) if finest == "left" else (max, 1)
-    edge = to_points.transform((side(x for _, _, x, _ in ends), 1))[0] * scale + 22 * outwards
-    for (name, style, x, y), height in zip(ends, _apart(heights, _LABEL_GAP, low, high), strict=True):
-        place = to_data.transform((edge / scale, height / scale))
-        axes.annotate(
-            name,
-            (x, y),
-            xytext=place,
-            textcoords="data",
-            ha="right" if finest == "left" else "left",
-            va="center",
-            fontsize=_LABEL_SIZE,
-            color=style.colour,
-            weight="bold" if style.paper else "normal",
-            arrowprops={"arrowstyle": "-", "color": style.colour, "linewidth": 0.6, "alpha": 0.7, "shrinkB": 4},
-            zorder=5,
-        )
+    from matplotlib.patheffects import withStroke
+
+    points = 72 / axes.figure.dpi
+    sign, align = (-1, "right") if finest == "left" else (1, "left")
+    low, high = axes.bbox.y0 * points + 6, axes.bbox.y1 * points - 6
+    places = [axes.transData.transform((x, y)) * points for _, _, x, y in ends]
+    for cluster in _clusters([place[0] for place in places], _LABEL_WIDTH):
+        edge = max((places[i][0] for i in cluster), key=lambda at: sign * at) + sign * _LABEL_OFFSET
+        heights = _apart([places[i][1] for i in cluster], _LABEL_GAP, low, high)
+        for i, height in zip(cluster, heights, strict=True):
+            name, style, x, y = ends[i]
+            line = {"arrowstyle": "-", "color": style.colour, "linewidth": 0.7, "shrinkA": 1, "shrinkB": 5}
+            axes.annotate(
+                name,
+                (x, y),
+                xytext=axes.transData.inverted().transform((edge / points, height / points)),
+                textcoords="data",
+                ha=align,
+                va="center",
+                fontsize=_LABEL_SIZE,
+                color=style.colour,
+                weight="bold" if style.paper else "normal",
+                arrowprops=line,
+                path_effects=[withStroke(linewidth=2.5, foreground="white")],
+                zorder=6,
+            )
+
+
+def _clusters(values: Sequence[float], near: float) -> list[list[int]]:
+    """Indices in groups; a value belongs to the group of any other that is near."""
+    order = sorted(range(len(values)), key=lambda i: values[i])
+    groups: list[list[int]] = []
+    for i in order:
+        if groups and values[i] - values[groups[-1][-1]] < near:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
 
 
 def _apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
@@ -224,7 +246,10 @@ def _apart(heights: Sequence[float], gap: float, low: float, high: float) -> lis
         pools.append([heights[i] - rank * gap, 1])
         while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
             mean, members = pools.pop()
-            pools[-1] = [(pools[-1][0] * pools[-1][1] + mean * members) / (pools[-1][1] + members), pools[-1][1] + members]
+            pools[-1] = [
+                (pools[-1][0] * pools[-1][1] + mean * members) / (pools[-1][1] + members),
+                pools[-1][1] + members,
+            ]
     room = max(low, high - (len(heights) - 1) * gap)
     placed = [min(max(mean, low), room) for mean, members in pools for _ in range(int(members))]
     result = [0.0] * len(heights)

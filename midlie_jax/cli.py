@@ -15,11 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import charts, convergence, torques
-from .bodies import MomentumState, spatial_momentum
+from . import charts, convergence, scenes, torques
+from .bodies import RigidBody, RigidState, spatial_momentum
 from .integrate import integrate
 from .methods import method as find_method
 from .methods import methods as all_methods
+from .torques import TorqueLike
 
 _KEPT_STATES = 200  # states kept of each body by `run`, at most
 _KEPT_NUMBERS = 2**25  # and of all bodies together: 256 MiB in float64
@@ -71,7 +72,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--method", default="LIEMID[EA]", metavar="NAME", help="default: LIEMID[EA]")
     run.add_argument("--dt", type=float, metavar="H", help="step (default: the scene's)")
     run.add_argument("--steps", type=_positive, metavar="N", help="number of steps (default: the scene's duration)")
-    run.add_argument("--bodies", type=_positive, default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)")
+    run.add_argument(
+        "--bodies", type=_positive, default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)"
+    )
     run.add_argument("--size", type=float, default=1e-3, help="relative size of the perturbations (default: 1e-3)")
     run.add_argument("--seed", type=int, default=0, help="of the perturbations (default: 0)")
     run.add_argument("--float32", action="store_true", help="integrate in single precision")
@@ -90,16 +93,10 @@ def _positive(text: str) -> int:
 
 
 def _require(*packages: str) -> None:
-    """Tells of what is missing before, not after, a minute of measuring."""
+    """Tells what is missing before, not after, a minute of measuring."""
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
         raise ImportError(f"this command needs {' and '.join(missing)}: pip install 'midlie_jax[cli]'.")
-
-
-def _find_scene(name: str) -> Any:
-    from . import scenes  # only now: it may make arrays, whose precision `main` has just decided
-
-    return scenes.scene(name)
 
 
 def _methods(options: argparse.Namespace) -> None:
@@ -114,13 +111,11 @@ def _methods(options: argparse.Namespace) -> None:
 
 
 def _scenes(options: argparse.Namespace) -> None:
-    from . import scenes
-
     del options
     found = [scenes.scene(name) for name in scenes.scenes()]
     _table(
-        ["scene", "title", "step", "duration", "source"],
-        [[s.name, s.title, f"{s.dt:g}", f"{s.duration:g}", s.source] for s in found],
+        ["scene", "step", "duration", "title"],
+        [[s.name, f"{s.dt:g}", f"{s.duration:g}", s.title] for s in found],
     )
 
 
@@ -128,7 +123,7 @@ def _chart(options: argparse.Namespace) -> None:
     _require("matplotlib", "tqdm", "mpmath")
     from tqdm import tqdm
 
-    scene = _find_scene(options.scene)
+    scene = scenes.scene(options.scene)
     methods = options.methods or convergence.body_methods()
     for name in methods:
         if name not in convergence.body_methods():
@@ -138,7 +133,7 @@ def _chart(options: argparse.Namespace) -> None:
     path = options.out or f"chart-{scene.name}.png"
     reference = convergence.find_reference(scene, rungs[-1])
     title = f"{scene.name}: {scene.title}, T = {scene.duration:g}"
-    known = f"{reference.source}, good to {reference.uncertainty:.0e}"
+    known = f"{reference.source}, good to {reference.uncertainty:.0e} of its size"
     print(f"{title}\nErrors at the end against the {known}. Times on the {jax.default_backend().upper()}, "
           f"per body in a batch of {convergence.COPIES}.\n", flush=True)  # fmt: skip
     rows = []
@@ -150,7 +145,11 @@ def _chart(options: argparse.Namespace) -> None:
             bar.set_description(methods[min(len(rows) // len(rungs), len(methods) - 1)])
     _table(
         ["method", "step", "error Pi", "slope", "error R", "slope", "torque ev.", "time [s]", "ns/step", "ok"],
-        [cells for row in rows for cells in ([[]] if row.steps == rungs[0] and row is not rows[0] else []) + [_cells(row)]],
+        [
+            cells
+            for row in rows
+            for cells in ([[]] if row.steps == rungs[0] and row is not rows[0] else []) + [_cells(row)]
+        ],
     )
     charts.convergence_chart(rows, path, title=title, reference=known)
     print(f"\nwrote {path}")
@@ -201,41 +200,38 @@ def _is_number(text: str) -> bool:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from . import scenes
-
-    scene = _find_scene(options.scene)
+    dtype = jnp.dtype(jnp.float32 if options.float32 else jnp.float64)
+    scene = scenes.scene(options.scene, dtype)
     method = find_method(options.method)
     dt = scene.dt if options.dt is None else options.dt
     if not (math.isfinite(dt) and dt != 0):
         raise ValueError(f"dt must be finite and not zero, got {dt}.")
     steps = options.steps or max(1, round(scene.duration / abs(dt)))
-    if options.bodies > 1:
-        start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
-    else:
-        start = jax.tree.map(lambda leaf: leaf[None], scene.start)
-    kind = jnp.float32 if options.float32 else jnp.float64
-    body, torque, start = _cast((scene.body, scene.torque, start), kind)
+    start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     save_every = _save_every(steps, options.bodies)
 
     def one(start: Any, dt: Any) -> Any:
-        return integrate(method, body, torque, start, dt=dt, steps=steps, save_every=save_every)
+        return integrate(method, scene.body, scene.torque, start, dt=dt, steps=steps, save_every=save_every)
 
-    step = jnp.asarray(dt, kind)
+    step = jnp.asarray(dt, dtype)
     began = time.perf_counter()
     compiled = jax.jit(jax.vmap(one, in_axes=(0, None))).lower(start, step).compile()
     compile_seconds = time.perf_counter() - began
     path, seconds = _timed(lambda: compiled(start, step))
 
     bodies = f"{options.bodies} perturbed bodies" if options.bodies > 1 else "one body"
-    print(f"{scene.name}: {scene.title}; {bodies}, {method.name}, {steps} steps of {dt:g}, {jnp.dtype(kind).name}, "
+    print(f"{scene.name}: {scene.title}; {bodies}, {method.name}, {steps} steps of {dt:g}, {dtype.name}, "
           f"on the {jax.default_backend().upper()}")  # fmt: skip
-    states, body, torque = _cast((path.states, body, torque), jnp.float64)  # so that the sums below round less
-    energy = _energy_error(body, torque, states, np.asarray(path.times[0]))
+    # In float64, so that what is seen is the rounding of the run and not that of these sums.
+    body, torque, states = _cast((scene.body, scene.torque, path.states), jnp.float64)
+    energy = _energy_error(body, torque, states, np.asarray(path.times[0], np.float64))
     momentum = _momentum_error(torque, states)
     failed = int(np.sum(~np.asarray(path.ok)))
     print(f"  energy error, largest relative    {energy}")
     print(f"  momentum error, largest relative  {momentum}")
-    print(f"  ok                                {'yes' if not failed else f'NO: failed for {failed} of {options.bodies}'}")
+    print(
+        f"  ok                                {'yes' if not failed else f'NO: failed for {failed} of {options.bodies}'}"
+    )
     print(f"  compile time                      {compile_seconds:.2f} s")
     print(f"  run time                          {seconds:.3g} s")
     print(f"  throughput                        {options.bodies * steps / seconds:.3g} body-steps/s")
@@ -266,7 +262,7 @@ def _timed(run: Any) -> tuple[Any, float]:
             return result, min(clock)
 
 
-def _energy_error(body: Any, torque: Any, states: Any, times: np.ndarray) -> str:
+def _energy_error(body: RigidBody, torque: TorqueLike | None, states: RigidState, times: np.ndarray) -> str:
     """Largest |E(t) - E(0)| / |E(0)| of all bodies and times; says so where energy is not conserved."""
     try:
         still = [
@@ -274,7 +270,7 @@ def _energy_error(body: Any, torque: Any, states: Any, times: np.ndarray) -> str
             for t in np.unique(times[:: max(1, len(times) // 8)])
         ]
     except ValueError as error:
-        return f"not defined: {error}"
+        return f"not defined: {str(error).split(';')[0]}"
     if min(still) != max(still):
         return "not conserved: the potential depends on time"
     each = jax.vmap(lambda state: torques.energy(body, torque, state))
@@ -282,17 +278,10 @@ def _energy_error(body: Any, torque: Any, states: Any, times: np.ndarray) -> str
     return _largest(np.abs(energies - energies[:, :1]), np.abs(energies[:, :1]))
 
 
-def _momentum_error(torque: Any, states: Any) -> str:
+def _momentum_error(torque: TorqueLike | None, states: RigidState) -> str:
     """Largest change of the conserved part of the spatial momentum, relative to the momentum at the start."""
     size = np.linalg.norm(np.asarray(states.momentum), axis=-1)
-    if isinstance(states, MomentumState):
-        if torque is None:
-            return _largest(np.abs(size - size[:, :1]), size[:, :1]) + "  (its length)"
-        return "not defined: the scene follows no attitude"
-    try:
-        momenta = np.asarray(spatial_momentum(states))
-    except ValueError as error:
-        return f"not defined: {error}"
+    momenta = np.asarray(spatial_momentum(states))
     change = momenta - momenta[:, :1]
     if torque is None:
         return _largest(np.linalg.norm(change, axis=-1), size[:, :1]) + "  (all of it)"

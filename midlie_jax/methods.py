@@ -1,7 +1,7 @@
 """Every method by name. A new one is a line here, and every law test, chart and benchmark picks it up."""
 
 from . import schemes
-from .flights import Flight, LieMidpoint, Linear
+from .flights import LieMidpoint, Linear
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .schemes import Scheme
 from .stepper import Method, Splitting

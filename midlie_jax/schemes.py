@@ -7,8 +7,6 @@ the same tables drive rigid bodies and particles.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from jax import Array
-
 KICK, FLIGHT = "kick", "flight"
 
 

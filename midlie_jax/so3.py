@@ -68,7 +68,8 @@ def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     """The rotation vector of a unit quaternion, of length at most pi; q and -q give the same."""
-    w, *u = cp.unpack(quaternion)
+    w, *rest = cp.unpack(quaternion)
+    u = (rest[0], rest[1], rest[2])
     sign = jnp.where(w < 0, -jnp.ones_like(w), jnp.ones_like(w))
     w = sign * w
     square = cp.dot(u, u)

@@ -31,7 +31,7 @@ class Motion(NamedTuple):
 class System(NamedTuple):
     """A body made ready, the torque on it, and the kind of state that is followed."""
 
-    inertia: Inertia | Particles
+    inertia: Any  # `Inertia` for a rigid body, `Particles` themselves
     torque: TorqueLike | None
     kind: type[State]
     joint: Callable[[Any], Any]  # what a motion goes through between two parts of a step
