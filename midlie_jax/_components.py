@@ -7,7 +7,7 @@ taken apart once (`unpack`), the step is done here, and the arrays are put toget
 `Vector` is (x, y, z), `Quaternion` is (w, x, y, z). Every entry is a scalar, or under `vmap` one (batch,) array.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -98,12 +98,21 @@ def largest(a: Vector) -> Array:
     return jnp.maximum(jnp.maximum(jnp.abs(a[0]), jnp.abs(a[1])), jnp.abs(a[2]))
 
 
-def solve3(columns: tuple[Vector, Vector, Vector], right: Vector) -> Vector:
-    """Solves a 3x3 system, given by its columns, by Cramer's rule."""
-    a, b, c = columns
-    bc = cross(b, c)
-    inverse = reciprocal(dot(a, bc))
-    return inverse * dot(right, bc), inverse * dot(right, cross(c, a)), inverse * dot(right, cross(a, b))
+class Inverse3(NamedTuple):
+    """The inverse of a 3x3 matrix: the rows of its adjugate, and one over its determinant."""
+
+    rows: tuple[Vector, Vector, Vector]
+    factor: Array
+
+    @classmethod
+    def of(cls, columns: tuple[Vector, Vector, Vector]) -> "Inverse3":
+        a, b, c = columns
+        rows = cross(b, c), cross(c, a), cross(a, b)
+        return cls(rows, reciprocal(dot(a, rows[0])))
+
+    def times(self, right: Vector) -> Vector:
+        a, b, c = self.rows
+        return self.factor * dot(a, right), self.factor * dot(b, right), self.factor * dot(c, right)
 
 
 # The bits of 1/x are nearly these less the bits of x; each Newton step below squares the relative error of 12 %.

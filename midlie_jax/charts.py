@@ -56,6 +56,12 @@ def convergence_chart(rows: Sequence[Row], path: str, *, title: str, reference: 
         ValueError: there is nothing to draw.
         OSError: the file cannot be written.
     """
+    figure = convergence_figure(rows, title=title, reference=reference)
+    figure.savefig(path, format="png", metadata={"Software": "midlie_jax"})
+
+
+def convergence_figure(rows: Sequence[Row], *, title: str, reference: str) -> Any:
+    """The same as a matplotlib figure, for those who want to change it; it needs no display."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -87,7 +93,7 @@ def convergence_chart(rows: Sequence[Row], path: str, *, title: str, reference: 
     panel.draw(panels[0, 1], _seconds, attitude, clock, r, "Attitude against wall time", finest="right")
     work = "Attitude against steps" if torque_free else "Attitude against torque evaluations"
     panel.draw(panels[1, 1], effort, attitude, effort_label, r, work, finest="right")
-    figure.savefig(path, format="png", metadata={"Software": "midlie_jax"})
+    return figure
 
 
 def _step(row: Row) -> float:
@@ -139,7 +145,7 @@ class _Panel:
                 zorder=(4 if style.paper else 3) - 0.01 * index,
                 **_marks(style),
             )
-            ends.append((name, style, x[-1], y[-1]))
+            ends.append((name, style, float(x[-1]), float(y[-1])))
         if finest == "left":
             steps = sorted({across(row) for rows in self.lines.values() for row in rows})
             axes.set_xticks(steps[:: -(-len(steps) // 8)], labels=[f"{h:g}" for h in steps[:: -(-len(steps) // 8)]])

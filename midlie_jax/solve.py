@@ -54,4 +54,4 @@ def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
     """Solves linear(x) = right."""
     one, zero = jnp.ones_like(right[0]), jnp.zeros_like(right[0])
     columns = (linear((one, zero, zero)), linear((zero, one, zero)), linear((zero, zero, one)))
-    return cp.solve3(columns, right)
+    return cp.Inverse3.of(columns).times(right)
