@@ -37,9 +37,8 @@ def median_seconds(call, repeats=5):
     return statistics.median(once() for _ in range(repeats))
 
 
-def starts(scene, batch, dtype):
-    many = scenes.perturbed(scene, batch, 1e-3, 0)
-    return jax.tree.map(lambda x: x.astype(dtype), many)
+def starts(scene, batch):
+    return scenes.perturbed(scene, batch, 1e-3)
 
 
 def compiled(function, argument):
@@ -50,13 +49,13 @@ def compiled(function, argument):
 
 
 def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
-    body = ml.RigidBody(scene.body.moments.astype(dtype))
+    scene = scenes.scene(scene.name, dtype)
     torque = scene.torque if torque is None else torque
 
     def run(start):
-        return ml.integrate(ml.method(name), body, torque, start, dt=0.005, steps=steps, save_every=steps)
+        return ml.integrate(ml.method(name), scene.body, torque, start, dt=0.005, steps=steps, save_every=steps)
 
-    many = starts(scene, batch, dtype)
+    many = starts(scene, batch)
     if batch == 1:
         done, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
         return median_seconds(lambda: done(jax.tree.map(lambda x: x[0], many))) / steps, compiling
@@ -87,7 +86,7 @@ def tsit5(scene, batch, steps):
             adjoint=diffrax.ForwardMode(),
         ).ys
 
-    many = starts(scene, batch, jnp.float64)
+    many = starts(scene, batch)
     y = jnp.concatenate([many.momentum, many.attitude], axis=-1)
     done, compiling = compiled(jax.vmap(run), y)
     return median_seconds(lambda: done(y)) / (steps * batch), compiling
@@ -103,7 +102,7 @@ def gradient_cost(scene, batch, steps):
         return jnp.sum(path.states.momentum[-1] ** 2)
 
     parameters = (scene.body.moments, scene.torque.weight)
-    many = starts(scene, batch, jnp.float64)
+    many = starts(scene, batch)
     value, _ = compiled(jax.vmap(lambda s: end(parameters, s)), many)
     slope, compiling = compiled(jax.vmap(lambda s: jax.value_and_grad(end)(parameters, s)), many)
     return median_seconds(lambda: slope(many)) / median_seconds(lambda: value(many)), compiling

@@ -70,7 +70,7 @@ def convergence_figure(rows: Sequence[Row], *, title: str, reference: str) -> An
     good = [row for row in rows if not row.failure and math.isfinite(row.momentum_error + row.attitude_error)]
     if not good:
         raise ValueError("no method gave a finite result, so there is nothing to draw; see the table for the reasons.")
-    figure = Figure(figsize=(14, 11), dpi=110, layout="none")
+    figure = Figure(figsize=(14, 11), dpi=110)
     FigureCanvasAgg(figure)
     figure.subplots_adjust(left=0.065, right=0.985, bottom=0.062, top=0.895, wspace=0.16, hspace=0.27)
     panels = figure.subplots(2, 2)

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Sequence
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
@@ -131,6 +132,8 @@ def _chart(options: argparse.Namespace) -> None:
             raise ValueError(f"method {name!r} does not move a rigid body; see `midlie methods`.")
     rungs = convergence.ladder(scene, options.steps, options.levels)
     path = options.out or f"chart-{scene.name}.png"
+    if not Path(path).absolute().parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no such folder.")
     reference = convergence.find_reference(scene, rungs[-1])
     title = f"{scene.name}: {scene.title}, T = {scene.duration:g}"
     known = f"{reference.source}, good to {reference.uncertainty:.0e} of its size"

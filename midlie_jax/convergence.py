@@ -185,7 +185,7 @@ class _Chain:
 def _row(chain: _Chain, dt: float, steps: int, reference: Reference, before: Row | None) -> Row:
     state, ok, seconds = chain.run(dt, steps)
     momentum = float(np.linalg.norm(state.momentum - reference.momentum))
-    attitude = float(np.linalg.norm(np.asarray(so3.to_matrix(state.attitude)) - reference.attitude))
+    attitude = float(np.linalg.norm(_matrix(state.attitude) - reference.attitude))
     return Row(
         method=chain.method.name,
         dt=dt,
@@ -198,6 +198,10 @@ def _row(chain: _Chain, dt: float, steps: int, reference: Reference, before: Row
         seconds=seconds,
         ok=ok,
     )
+
+
+def _matrix(quaternion: np.ndarray) -> np.ndarray:
+    return np.asarray(so3.to_matrix(jnp.asarray(quaternion)))
 
 
 def _slope(coarse: float, fine: float) -> float:
@@ -231,7 +235,7 @@ def _closed_form(scene: Scene) -> Reference | None:
 
 
 def _exact(momentum: np.ndarray, attitude: np.ndarray, source: str) -> Reference:
-    return Reference(momentum, np.asarray(so3.to_matrix(jnp.asarray(attitude))), source, 1e-14)
+    return Reference(momentum, _matrix(attitude), source, 1e-14)
 
 
 def _extrapolated(scene: Scene, finest: int) -> Reference:
@@ -251,5 +255,5 @@ def _extrapolated(scene: Scene, finest: int) -> Reference:
             change = np.abs(row[-1] - above[-1])
             doubt = float(max(change[:3].max() / np.linalg.norm(row[-1][:3]), change[3:].max()))
     momentum, attitude = row[-1][:3], row[-1][3:]
-    matrix = np.asarray(so3.to_matrix(jnp.asarray(attitude / np.linalg.norm(attitude))))
+    matrix = _matrix(attitude / np.linalg.norm(attitude))
     return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {steps} steps", doubt)

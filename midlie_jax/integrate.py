@@ -41,7 +41,7 @@ def integrate(
     steps: int,
     save_every: int = 1,
     t0: float | Array = 0.0,
-    first_step: int = 0,
+    first_step: int | Array = 0,
 ) -> Path:
     """Integrates one body with a constant step; map over bodies, torques, states and steps with `jax.vmap`.
 

@@ -83,7 +83,7 @@ def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     return cp.pack((factor * u[0], factor * u[1], factor * u[2]))
 
 
-def multiply(left: Float[Array, "*batch 4"], right: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+def multiply(left: Float[Array, "*#batch 4"], right: Float[Array, "*#batch 4"]) -> Float[Array, "*#batch 4"]:
     """The rotation `right` followed by `left` (as matrices, left @ right)."""
     return cp.pack(cp.multiply(cp.unpack(left), cp.unpack(right)))
 
@@ -93,7 +93,7 @@ def conjugate(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     return cp.pack(cp.conjugate(cp.unpack(quaternion)))
 
 
-def rotate(quaternion: Float[Array, "*batch 4"], vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+def rotate(quaternion: Float[Array, "*#batch 4"], vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
     """The vector turned: body components in, space components out, for an attitude."""
     return cp.pack(cp.rotate(cp.unpack(quaternion), cp.unpack(vector)))
 
@@ -129,7 +129,7 @@ def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     return cp.pack((factor * best[0], factor * best[1], factor * best[2], factor * best[3]))
 
 
-def dexp(vector: Float[Array, "*batch 3"], rate: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
     """The angular velocity, in space, of exp(vector) when vector changes at `rate`.
 
     d/dt exp(v) = skew(dexp(v, v')) exp(v); in the body it is dexp(-v, v'). Hairer, Lubich & Wanner, III.4.
@@ -141,7 +141,7 @@ def dexp(vector: Float[Array, "*batch 3"], rate: Float[Array, "*batch 3"]) -> Fl
     return cp.pack(cp.add(r, cp.add(cp.scale(_versine(x), first), cp.scale(_remainder(x), second))))
 
 
-def dexp_inverse(vector: Float[Array, "*batch 3"], velocity: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+def dexp_inverse(vector: Float[Array, "*#batch 3"], velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
     """The inverse of `dexp` in its second argument; singular at |vector| = 2 pi."""
     v, r = cp.unpack(vector), cp.unpack(velocity)
     first = cp.cross(v, r)

@@ -1,0 +1,36 @@
+# Each target makes what it needs in .venv first; a second call finds it there.
+#   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
+#   make test               the tests
+#   make lint               formatting, lint, types
+#   make bench              the benchmarks
+
+PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
+SCENE ?= P1
+PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
+
+.DEFAULT_GOAL := chart
+.PHONY: chart test lint bench
+.NOTPARALLEL: # pip must not run twice at once in one environment
+
+chart: .venv/.cli
+	.venv/bin/midlie chart $(SCENE)
+
+test: .venv/.test
+	.venv/bin/pytest -n 2
+
+lint: .venv/.lint
+	.venv/bin/ruff format --check
+	.venv/bin/ruff check
+	.venv/bin/pyright
+
+bench: .venv/.bench
+	.venv/bin/python benchmarks/run.py
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+# One stamp for each extra: installed since pyproject.toml last changed.
+.venv/.%: pyproject.toml | .venv/bin/python
+	@echo "installing midlie_jax[$*] into .venv (about a minute the first time)"
+	$(PIP) -e '.[$*]'
+	@touch $@
