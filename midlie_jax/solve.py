@@ -27,19 +27,22 @@ def root(residual: Residual, guess: cp.Vector, iterate: Callable[[cp.Vector], cp
     return jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _tangent)
 
 
-def newton(residual: Residual, guess: cp.Vector, iterations: int, *, cut: bool = True) -> tuple[cp.Vector, Array]:
+def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: bool = False) -> tuple[cp.Vector, Array]:
     """A root by Newton's method with the Jacobian by automatic differentiation, and the size of the residual left.
 
-    For the implicit methods, whose residual holds the user's torque; four evaluations of it an iteration. Each
-    iteration is a loop of its own unless `cut` is False: with a torque in it, all in one would take the compiler
-    minutes.
+    For the implicit methods, whose residual holds the user's torque; four evaluations of it an iteration. They run
+    in a loop of their own unless `unrolled`: with a torque in it, five copies would take the compiler minutes.
     """
 
+    def improve(x: cp.Vector) -> cp.Vector:
+        value, slope = jax.linearize(residual, x)
+        return cp.subtract(x, _tangent(slope, value))
+
     def iterate(x: cp.Vector) -> cp.Vector:
+        if not unrolled:
+            return jax.lax.fori_loop(0, iterations, lambda _, x: together(improve(x)), x)
         for _ in range(iterations):
-            value, slope = jax.linearize(residual, x)
-            x = cp.subtract(x, _tangent(slope, value))
-            x = together(x) if cut else x
+            x = improve(x)
         return x
 
     x = root(residual, guess, iterate)

@@ -53,7 +53,7 @@ class NewmarkBody(Method):
             spin = cp.cross(momentum, cp.times(inertia.inverses, momentum))
             return cp.subtract(new_rate, cp.add(spin, torque_at(momentum)))
 
-        new_rate, left = solve.newton(residual, rate, ITERATIONS, cut=torque is None)
+        new_rate, left = solve.newton(residual, rate, ITERATIONS, unrolled=torque is not None)
         momentum = kicked(new_rate)
         spin_scale = cp.scale(cp.largest(cp.times(inertia.inverses, momentum)), momentum)
         ok = converged(left, new_rate, spin_scale) & (cp.dot(w, w) <= LARGEST_SQUARE)
