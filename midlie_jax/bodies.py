@@ -361,7 +361,8 @@ def kinetic_energy(body: RigidBody | Particles, state: State) -> Float[Array, "*
     """Pi . I^-1 Pi / 2, or p . M^-1 p / 2. Shapes (..., 3) give (...)."""
     if isinstance(body, Particles):
         return jnp.sum(state.momentum * body.velocity(state.momentum)) / 2
-    return jnp.sum(state.momentum**2 / body.moments, axis=-1) / 2
+    momentum, moments = cp.unpack(state.momentum), cp.unpack(body.moments)
+    return (momentum[0] ** 2 / moments[0] + momentum[1] ** 2 / moments[1] + momentum[2] ** 2 / moments[2]) / 2
 
 
 def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:

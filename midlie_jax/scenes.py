@@ -157,7 +157,7 @@ def _body(moments: Any, dtype: Any) -> RigidBody:
 
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _ANY_UNITS = "any consistent units; z up"
-_SIMO_WONG = "Simo & Wong, IJNME 31 (1991) 19; Krysl, IJNME 63 (2005) 2171"
+_SIMO_WONG = "parameters of Simo & Wong, IJNME 31 (1991) 19, and of those who follow Krysl, IJNME 63 (2005) 2171"
 
 
 def _p1(title: str, tilt: float, spin: float, duration: float, source: str, dtype: Any) -> Scene:
@@ -184,7 +184,7 @@ def _tilted_top(dtype: Any) -> Scene:
 
 
 def _slow_top(dtype: Any) -> Scene:
-    # Upright sleep needs Pi3^2 > 4 I1 mgl = 400 (Whittaker, Analytical Dynamics, section 72).
+    # Upright sleep needs Pi3^2 > 4 I1 mgl = 400.
     source = "P1's body; spin 10, half of the 20 below which it cannot sleep upright: chosen here, not published"
     return _p1("slow heavy top: too slow to sleep, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
 
@@ -199,7 +199,7 @@ def _krysl_block(dtype: Any) -> Scene:
         start=_start([0.0, 0.0, moments[2] * 313 * np.pi], _rotation((0.05, 0.0, 0.0)), dtype),
         dt=1e-4,
         duration=0.8,
-        source="Krysl & Endres, IJNME 62 (2005) 2154; Krysl, IJNME 63 (2005) 2171",
+        source="Krysl's block; see Krysl & Endres, IJNME 62 (2005) 2154, and Krysl, IJNME 63 (2005) 2171",
         units="kg, m, s; density 2700 kg/m^3; z up",
     )
 
@@ -291,7 +291,7 @@ def _gravity_gradient(dtype: Any) -> Scene:
         ),
         dt=10.0,
         duration=28800.0,
-        source="NASA JEOD, gravity torque verification RUN_10A",
+        source="NASA JEOD, verification case RUN_10A",
         units="kg, m, s; space is Earth-centred inertial",
     )
 
@@ -303,14 +303,14 @@ def _pulsed_body(dtype: Any) -> Scene:
     to_principal = np.asarray(axes, np.float64).T
     return Scene(
         name="",
-        title="large satellite with a full inertia tensor, pushed for 1000 s",
+        title="large body with a full inertia tensor, pushed for 1000 s",
         body=body,
         torque=Prescribed(Pulse(jnp.asarray(to_principal @ np.array([10.0, 0.0, 0.0]), dtype), 1000.0, 2000.0)),
         start=_start(to_principal @ np.array(tensor) @ np.array(velocity), so3.from_matrix(axes), dtype),
         # Both switches fall on the end of a step.
         dt=10.0,
         duration=28800.0,
-        source="NASA JEOD, rotational integration verification RUN_9B",
+        source="NASA JEOD, verification case RUN_9B",
         units="kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
         axes=axes,
     )

@@ -32,7 +32,7 @@ def canonical(momentum):
 
 
 def defect(h):
-    """|M^T W1 M - W0| with M the derivative of one step of the free body, both ends seen from the left."""
+    """The largest entry of |M^T W1 M - W0|, M the derivative of one free step, both ends seen from the left."""
     moments, start = jnp.array([1.0, 2.0, 3.0]), jnp.array([1.0, 0.8, -1.3])
 
     def step(change):
@@ -44,7 +44,7 @@ def defect(h):
     (increment, new), (turning, moving) = step(origin), jax.jacfwd(step)(origin)
     left = jax.vmap(lambda column: 2 * so3.multiply(so3.conjugate(increment), column)[1:], 1, 1)(turning)
     m = np.concatenate([left, moving])
-    return np.linalg.norm(m.T @ canonical(np.asarray(new)) @ m - canonical(np.asarray(start)))
+    return np.abs(m.T @ canonical(np.asarray(new)) @ m - canonical(np.asarray(start))).max()
 
 
 def test_canonical_form_is_that_of_the_motion():
@@ -83,7 +83,13 @@ def problems(count, largest, spread, dtype):
     return moments.astype(dtype), momentum.astype(dtype), psi
 
 
-solve_all = jax.jit(jax.vmap(lambda moments, momentum: fly(moments, jnp.ones((), momentum.dtype), momentum)))
+@jax.jit
+@jax.vmap
+def solve_all(moments, momentum):
+    """One step without torque from attitude one, which ends at the increment."""
+    start = ml.RigidState(momentum, jnp.array([1.0, 0.0, 0.0, 0.0], momentum.dtype))
+    path = ml.integrate("LIEMID[E2]", ml.RigidBody(moments), None, start, dt=1.0, steps=1)
+    return path.states.attitude[-1], path.states.momentum[-1], path.ok
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import ROTATION, run, rows, setup
+from cases import ROTATION, rows, run, setup
 
 import midlie_jax as ml
 

@@ -8,7 +8,8 @@ from ..stepper import Motion, System
 
 # Newton steps with the exact Jacobian; |Psi| = 1.5 needs five.
 ITERATIONS = 5
-_RESIDUAL_LIMIT = 64  # units of rounding of the largest term
+# Units of rounding of the largest term; a torque that cancels within itself is rounded more coarsely than its size.
+_RESIDUAL_LIMIT = 1024
 
 
 def converged(residual: Array, *terms: cp.Vector) -> Array:
