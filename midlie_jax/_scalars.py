@@ -78,7 +78,7 @@ class _Entries(NamedTuple):
     places: np.ndarray
 
 
-def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list[Array], jax.ShapeDtypeStruct]:
+def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list[Any], jax.ShapeDtypeStruct]:
     """Evaluates `function` on arguments whose vectors are given by their entries.
 
     Args:

@@ -81,7 +81,7 @@ def test_attitude_stays_a_unit_quaternion(name, dtype):
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", LIEMID + ["LIEMID[I]"])
+@pytest.mark.parametrize("name", [*LIEMID, "LIEMID[I]"])
 def test_energy_of_a_symmetric_free_body(name, dtype):
     """I Psi = h exp(-Psi/2) Pi keeps the part of Pi along the axis of symmetry, and |Pi| by construction."""
     momentum, _ = free(name, dtype, BLOCKS)

@@ -171,20 +171,20 @@ def test_log_at_pi_and_of_opposite_quaternions(dtype):
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_operations_agree_with_scipy(dtype):
     rng = np.random.default_rng(1)
-    random = Rotation.random(200, rng=rng)
-    a = random.as_quat(scalar_first=True).astype(dtype)
+    a = Rotation.random(200, rng=rng).as_quat(scalar_first=True).astype(dtype)
     b = Rotation.random(200, rng=rng).as_quat(scalar_first=True).astype(dtype)
     ra, rb = (Rotation.from_quat(q, scalar_first=True) for q in (a, b))
     v = rng.normal(size=(200, 3)).astype(dtype)
+    p, q, x = map(jnp.asarray, (a, b, v))
     slack = 8 * epsilon(dtype)
-    np.testing.assert_allclose(so3.rotate(a, v), ra.apply(v), atol=4 * slack)
-    np.testing.assert_allclose(so3.to_matrix(a), ra.as_matrix(), atol=slack)
-    np.testing.assert_allclose(so3.to_matrix(so3.multiply(a, b)), (ra * rb).as_matrix(), atol=slack)
-    np.testing.assert_allclose(so3.to_matrix(so3.conjugate(a)), ra.inv().as_matrix(), atol=slack)
-    back = np.asarray(so3.from_matrix(so3.to_matrix(a)))
+    np.testing.assert_allclose(so3.rotate(p, x), ra.apply(v), atol=4 * slack)
+    np.testing.assert_allclose(so3.to_matrix(p), ra.as_matrix(), atol=slack)
+    np.testing.assert_allclose(so3.to_matrix(so3.multiply(p, q)), (ra * rb).as_matrix(), atol=slack)
+    np.testing.assert_allclose(so3.to_matrix(so3.conjugate(p)), ra.inv().as_matrix(), atol=slack)
+    back = np.asarray(so3.from_matrix(so3.to_matrix(p)))
     assert back.min(axis=0)[0] >= 0
     np.testing.assert_allclose(back, np.where(a[:, :1] < 0, -a, a), atol=slack)
-    assert so3.rotate(a[None, :, :], v[None, :, :]).shape == (1, 200, 3)
+    assert so3.rotate(p[None], x[None]).shape == (1, 200, 3)
 
 
 # ---- round trips, with derivatives: each is the identity, so its Jacobian is 1 and its Hessian 0 ----
