@@ -130,7 +130,7 @@ def reciprocal(x: Array) -> Array:
     bits = jax.lax.bitcast_convert_type(jnp.abs(x), integer)
     guess = jnp.copysign(jax.lax.bitcast_convert_type(jnp.asarray(magic, integer) - bits, x.dtype), x)
     for _ in range(steps):
-        guess = guess * (2 - x * guess)
+        guess = guess + guess * (1 - x * guess)
     return guess
 
 
@@ -150,7 +150,7 @@ def inverse_root(x: Array) -> Array:
     bits = jax.lax.bitcast_convert_type(x, integer)
     guess = jax.lax.bitcast_convert_type(jnp.asarray(magic, integer) - (bits >> 1), x.dtype)
     for _ in range(steps):
-        guess = guess * (1.5 - 0.5 * x * guess * guess)
+        guess = guess + guess * (0.5 - 0.5 * x * guess * guess)  # as a correction, so that 1 has the root 1
     return guess
 
 

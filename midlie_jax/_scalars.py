@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.core import Tracer
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Literal
 
 # Arrays of more entries than this stay arrays.
 _LARGEST = 64
@@ -172,10 +172,10 @@ def _apply(pool: list[Any], equation: Any, values: list[Any]) -> list[Any]:
 
 def _as_it_is(pool: list[Any], equation: Any, values: list[Any]) -> list[Any]:
     arrays = [_array(pool, v, atom.aval.dtype) for v, atom in zip(values, equation.invars, strict=True)]
-    given = {a: x for a, x in zip(equation.invars, arrays, strict=True) if not isinstance(a, Literal)}
-    alone = ClosedJaxpr(Jaxpr((), list(given), equation.outvars, [equation], equation.effects), ())
-    results = jaxpr_as_fun(alone)(*given.values())
-    return [_small(pool, r) for r in results]
+    primitive = equation.primitive
+    with equation.ctx.manager:
+        results = primitive.bind(*arrays, **primitive.get_bind_params(equation.params))
+    return [_small(pool, r) for r in (results if primitive.multiple_results else [results])]
 
 
 def _each(pool: list[Any], equation: Any, places: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
@@ -283,8 +283,8 @@ def _gather(places: list[np.ndarray], numbers: Any, parameters: Any, shapes: Any
 
 def _scatter(places: list[np.ndarray], numbers: Any, parameters: Any, shapes: Any) -> np.ndarray:
     del shapes
-    source, update = (jnp.asarray(places[i].astype(np.int32)) for i in (0, 2))
     with jax.ensure_compile_time_eval():
+        source, update = (jnp.asarray(places[i].astype(np.int32)) for i in (0, 2))
         return np.asarray(jax.lax.scatter_p.bind(source, jnp.asarray(numbers[0]), update, **parameters))
 
 

@@ -148,7 +148,7 @@ def _scalar(name: str, value: Any, dtype: Any) -> Array:
     return array.astype(dtype)
 
 
-def _check(method: Method, body: Any, torque: Any, start: Any, steps: int, save_every: int, first_step: Any) -> None:
+def _check(method: Any, body: Any, torque: Any, start: Any, steps: Any, save_every: Any, first_step: Any) -> None:
     if not isinstance(method, Method):
         raise ValueError(f"method must come from midlie_jax.method(name), got {type(method).__name__}.")
     if not isinstance(start, State):

@@ -1,0 +1,159 @@
+"""What the law tests share: one forced motion with everything in it, and compiled runs of it.
+
+Compiling a step costs seconds and running it microseconds, so each method is compiled once for a batch of `ROWS`
+runs that differ in body, torque, start and step, and every law reads its own rows from it.
+"""
+
+from functools import cache, partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import midlie_jax as ml
+
+ROTATION = [name for name in ml.methods() if ml.method(name).bodies is ml.RigidBody]
+PARTICLE = [name for name in ml.methods() if ml.method(name).bodies is ml.Particles]
+LIEMID = [name for name in ROTATION if name.startswith("LIEMID[E")]
+DTYPES = ["float32", "float64"]
+ROWS = 32
+STEPS = 128
+AXIS = (0.48, 0.6, 0.64)
+
+
+class Setup(NamedTuple):
+    """One run, or with leading axes a batch. The torque is that of a heavy top plus `swing`."""
+
+    moments: np.ndarray
+    weight: np.ndarray
+    strength: np.ndarray
+    momentum: np.ndarray
+    attitude: np.ndarray
+    dt: np.ndarray
+    t0: np.ndarray
+    first_step: np.ndarray
+
+
+def turn(*vector: float) -> np.ndarray:
+    """The quaternion of a rotation vector, by SciPy."""
+    return Rotation.from_rotvec(np.array(vector)).as_quat(scalar_first=True)
+
+
+def setup(**changes) -> Setup:
+    """An asymmetric body in a generic state."""
+    values = {
+        "moments": [1.0, 2.0, 2.5],
+        "weight": 2.0,
+        "strength": 1.0,
+        "momentum": [1.0, 0.8, -1.3],
+        "attitude": turn(0.5, -0.3, 0.8),
+        "dt": 1 / 64,
+        "t0": 0.3,
+    }
+    values = {name: np.asarray(value, np.float64) for name, value in (values | changes).items() if name != "first_step"}
+    return Setup(**values, first_step=np.asarray(changes.get("first_step", 0), np.int32))
+
+
+OTHER = {"moments": [2.2, 0.9, 1.6], "momentum": [-0.7, 1.1, 0.4], "attitude": turn(-1.4, 0.9, 0.2), "weight": -1.5}
+
+
+def rows(*setups: Setup) -> Setup:
+    return Setup(*(np.stack(column) for column in zip(*setups, strict=True)))
+
+
+def swing(strength, t, state):
+    """A torque that turns with time, written on arrays as a user would."""
+    pull = jnp.stack([jnp.cos(2 * t), jnp.sin(3 * t), jnp.ones_like(t)])
+    lever = jnp.array([0.3, -0.5, 0.4], t.dtype)
+    return strength * jnp.cross(lever, ml.so3.to_matrix(state.attitude).T @ pull)
+
+
+def integrate(name, s: Setup, *, steps=STEPS, save_every=1, forced=True, state=ml.RigidState) -> ml.Path:
+    """The run of a setup; for a `DirectionState` the top alone, without `swing`."""
+    torque = ml.torques.HeavyTop(s.weight, AXIS) if forced else None
+    if state is ml.RigidState:
+        start = ml.RigidState(s.momentum, s.attitude)
+        torque = torque + jax.tree_util.Partial(swing, s.strength) if forced else None
+    elif state is ml.DirectionState:
+        start = ml.DirectionState(s.momentum, ml.so3.to_matrix(s.attitude)[2])
+    else:
+        start = ml.MomentumState(s.momentum)
+    return ml.integrate(
+        name,
+        ml.RigidBody(s.moments),
+        torque,
+        start,
+        dt=s.dt,
+        steps=steps,
+        save_every=save_every,
+        t0=s.t0,
+        first_step=s.first_step,
+    )
+
+
+@cache
+def compiled(name: str, solo: bool = False, **options):
+    function = partial(integrate, name, **options)
+    return jax.jit(function if solo else jax.vmap(function))
+
+
+def cast(s: Setup, dtype: str) -> Setup:
+    return jax.tree.map(lambda x: jnp.asarray(x, x.dtype if x.dtype == np.int32 else dtype), s)
+
+
+def numbers(path: ml.Path) -> ml.Path:
+    return jax.tree.map(np.asarray, path)
+
+
+def run(name: str, dtype: str, s: Setup, **options) -> ml.Path:
+    """All rows at once."""
+    count = len(s.dt)
+    padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[:1], ROWS - count, axis=0)]), s)
+    return jax.tree.map(lambda x: np.asarray(x)[:count], compiled(name, **options)(cast(padded, dtype)))
+
+
+def run_solo(name: str, dtype: str, s: Setup, **options) -> ml.Path:
+    """One setup, without vmap."""
+    return numbers(compiled(name, solo=True, **options)(cast(s, dtype)))
+
+
+def at(states, *index):
+    """The states at an index, as (momentum, attitude)."""
+    return states.momentum[index], states.attitude[index]
+
+
+def continued(s: Setup, path: ml.Path, **changes) -> Setup:
+    """The rows, starting where the path ended."""
+    momentum, attitude = at(path.states, slice(None), -1)
+    return s._replace(momentum=momentum.astype(np.float64), attitude=attitude.astype(np.float64), **changes)
+
+
+def gap(a, b) -> float:
+    """The largest difference between two states' arrays, each relative to its size."""
+    return max(float(np.max(np.abs(x - y)) / np.max(np.abs(y))) for x, y in zip(a, b, strict=True))
+
+
+def true_motion(s: Setup, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Momentum (n, 3) and attitude (n, 4) at times since the start, by DOP853 at 1e-13; s is one setup."""
+
+    def rate(t, y):
+        momentum, q = y[:3], y[3:]
+        r = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        velocity = momentum / s.moments
+        pull = np.array([np.cos(2 * t), np.sin(3 * t), 1.0])
+        torque = s.weight * np.cross(r[2], AXIS) + s.strength * np.cross([0.3, -0.5, 0.4], r.T @ pull)
+        w, u = q[0], q[1:]
+        turning = np.concatenate([[-u @ velocity], w * velocity + np.cross(u, velocity)]) / 2
+        return np.concatenate([np.cross(momentum, velocity) + torque, turning])
+
+    start = np.concatenate([s.momentum, s.attitude])
+    span = (s.t0, s.t0 + times[-1])
+    y = solve_ivp(rate, span, start, "DOP853", t_eval=s.t0 + times, rtol=1e-13, atol=1e-14).y.T
+    return y[:, :3], y[:, 3:]
+
+
+def epsilon(dtype: str) -> float:
+    return float(np.finfo(dtype).eps)

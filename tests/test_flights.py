@@ -1,0 +1,136 @@
+"""The paper's flight: how far from symplectic it is, and that its solve converges or says that it did not."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, epsilon
+
+import midlie_jax as ml
+from midlie_jax import _components as cp
+from midlie_jax import flights, so3
+
+FLIGHT = flights.LieMidpoint()
+
+
+def fly(moments, h, momentum):
+    """Increment, new momentum and flag, on arrays."""
+    inertia = flights.Inertia.of(ml.RigidBody(moments, physical=False))
+    increment, new, ok = FLIGHT(inertia, h, cp.unpack(momentum))
+    return cp.pack(increment), cp.pack(new), ok
+
+
+def canonical(momentum):
+    """The canonical form of T*SO(3) in body components, on pairs (turn, change of Pi) at Pi.
+
+    Minus the differential of Pi . turn: w((a, x), (b, y)) = a . y - b . x + Pi . (a x b).
+    """
+    zero, one = np.zeros((3, 3)), np.eye(3)
+    x, y, z = momentum
+    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.block([[-hat, one], [-one, zero]])
+
+
+def defect(h):
+    """The largest entry of |M^T W1 M - W0|, M the derivative of one free step, both ends seen from the left."""
+    moments, start = jnp.array([1.0, 2.0, 3.0]), jnp.array([1.0, 0.8, -1.3])
+
+    def step(change):
+        turn, momentum = change[:3], start + change[3:]
+        increment, new, _ = fly(moments, jnp.asarray(h), momentum)
+        return so3.multiply(so3.exp(turn), increment), new
+
+    origin = jnp.zeros(6)
+    (increment, new), (turning, moving) = step(origin), jax.jacfwd(step)(origin)
+    left = jax.vmap(lambda column: 2 * so3.multiply(so3.conjugate(increment), column)[1:], 1, 1)(turning)
+    m = np.concatenate([left, moving])
+    return np.abs(m.T @ canonical(np.asarray(new)) @ m - canonical(np.asarray(start))).max()
+
+
+def test_canonical_form_is_that_of_the_motion():
+    """The exact flow of a ball, R exp(h Pi), preserves it: the form has the right signs."""
+    h, momentum = 0.7, jnp.array([1.0, 0.8, -1.3])
+
+    def step(change):
+        pi = momentum + change[3:]
+        return so3.multiply(so3.exp(change[:3]), so3.exp(h * pi)), so3.rotate(so3.exp(-h * pi), pi)
+
+    origin = jnp.zeros(6)
+    (increment, new), (turning, moving) = step(origin), jax.jacfwd(step)(origin)
+    left = jax.vmap(lambda column: 2 * so3.multiply(so3.conjugate(increment), column)[1:], 1, 1)(turning)
+    m = np.concatenate([left, moving])
+    np.testing.assert_allclose(m.T @ canonical(np.asarray(new)) @ m, canonical(np.asarray(momentum)), atol=1e-15)
+
+
+def test_is_not_symplectic_at_third_order():
+    found = [defect(h) for h in (0.4, 0.2, 0.1)]
+    np.testing.assert_allclose(found, [3.0e-3, 3.8e-4, 4.8e-5], rtol=0.02)
+    assert abs(np.log2(found[1] / found[2]) - 3) < 0.05
+    assert not FLIGHT.symplectic
+
+
+# ---- the solve ----
+
+
+def problems(count, largest, spread, dtype):
+    """Moments (b+c, a+c, a+b) with a, b, c over `spread` decades, and h = 1 momenta whose turn Psi is known."""
+    rng = np.random.default_rng(5)
+    masses = 10.0 ** rng.uniform(-spread, 0, size=(count, 3))
+    moments = masses.sum(axis=1, keepdims=True) - masses
+    psi = rng.normal(size=(count, 3))
+    psi *= (largest * rng.uniform(0, 1, size=(count, 1)) ** (1 / 3)) / np.linalg.norm(psi, axis=1, keepdims=True)
+    momentum = np.asarray(so3.rotate(so3.exp(jnp.asarray(psi / 2)), jnp.asarray(moments * psi)))
+    return moments.astype(dtype), momentum.astype(dtype), psi
+
+
+@jax.jit
+@jax.vmap
+def solve_all(moments, momentum):
+    """One step without torque from attitude one, which ends at the increment."""
+    start = ml.RigidState(momentum, jnp.array([1.0, 0.0, 0.0, 0.0], momentum.dtype))
+    path = ml.integrate("LIEMID[E2]", ml.RigidBody(moments), None, start, dt=1.0, steps=1)
+    return path.states.attitude[-1], path.states.momentum[-1], path.ok
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+def test_solves_every_step_of_up_to_a_radian_and_a_half(dtype, scale):
+    """Residual below 8 eps |Pi|, measured in float64 from the increment itself; and the root is the right one."""
+    moments, momentum, psi = problems(10_000, 1.5, 6, dtype)
+    increment, new, ok = solve_all(moments * np.asarray(scale, dtype), momentum * np.asarray(scale, dtype))
+    assert np.all(ok)
+    turn = np.asarray(so3.log(jnp.asarray(increment, np.float64)))
+    inward = so3.rotate(so3.exp(jnp.asarray(-turn / 2)), jnp.asarray(momentum, np.float64))
+    residual = np.linalg.norm(moments * turn - np.asarray(inward), axis=1) / np.linalg.norm(momentum, axis=1)
+    # The increment is rounded to eps, hence Psi to a few eps, which the body multiplies by its moments.
+    assert residual.max() <= (8 + 4 * 1.5) * epsilon(dtype)
+    # A slender body: the smallest moment decides how well a turn is determined.
+    near = moments.max(axis=1) < 100 * moments.min(axis=1)
+    np.testing.assert_allclose(turn[near], psi[near], atol=1000 * epsilon(dtype))
+    outward = so3.rotate(jnp.asarray(increment, np.float64), jnp.asarray(new, np.float64) / scale)
+    error = np.linalg.norm(np.asarray(outward) - momentum, axis=1) / np.linalg.norm(momentum, axis=1)
+    assert error.max() <= 8 * epsilon(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_never_a_silent_wrong_answer(dtype):
+    """Whatever the size of the turn, True means that the residual is small: checked in float64."""
+    for largest, spread in ((2.4, 1), (3.0, 1), (10.0, 2), (1e3, 2)):
+        moments, momentum, _ = problems(10_000, largest, spread, dtype)
+        increment, _, ok = solve_all(moments, momentum)
+        turn = np.asarray(so3.log(jnp.asarray(increment, np.float64)))[ok]
+        inward = so3.rotate(so3.exp(jnp.asarray(-turn / 2)), jnp.asarray(momentum[ok], np.float64))
+        residual = np.linalg.norm(moments[ok] * turn - np.asarray(inward), axis=1)
+        assert np.all(residual <= 16 * epsilon(dtype) * np.linalg.norm(momentum[ok], axis=1))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_says_false_beyond_its_range(dtype):
+    moments = np.array([1.0, 2.0, 2.5])
+    for axis in np.eye(3):
+        momentum = np.asarray(moments * 3.0 * axis)  # Psi = 3 about a principal axis
+        assert not fly(jnp.asarray(moments, dtype), jnp.ones((), dtype), jnp.asarray(momentum, dtype))[2]
+    for bad in (np.nan, np.inf):
+        assert not fly(jnp.asarray(moments, dtype), jnp.ones((), dtype), jnp.full(3, bad, dtype))[2]
+    assert not fly(jnp.asarray(moments, dtype), jnp.asarray(np.nan, dtype), jnp.ones(3, dtype))[2]
+    assert fly(jnp.asarray(moments, dtype), jnp.ones((), dtype), jnp.zeros(3, dtype))[2]

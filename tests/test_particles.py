@@ -1,0 +1,189 @@
+"""Particles: the schemes in their textbook forms, every kind of mass, order, reversal, splits, batches."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, PARTICLE, epsilon
+from scipy.integrate import solve_ivp
+
+import midlie_jax as ml
+
+MASS = np.array([[2.0, 0.3, 0.0, 0.1], [0.3, 1.5, -0.2, 0.0], [0.0, -0.2, 1.0, 0.2], [0.1, 0.0, 0.2, 1.2]])
+PLACE, PUSH = np.array([0.3, -0.4, 0.1, 0.6]), np.array([0.5, 0.2, -0.8, 0.1])
+STEPS, T0 = 128, 0.4
+
+
+def force(t, state):
+    """A chain with quartic springs, held at both ends, shaken at one."""
+    return pull(jnp, t, state.position)
+
+
+def pull(np, t, u):
+    stretch = np.diff(np.concatenate([np.zeros(1, u.dtype), u, np.zeros(1, u.dtype)]))
+    shake = np.stack([np.sin(2 * t), 0 * t, 0 * t, 0 * t])
+    return np.diff(stretch + stretch**3) + shake
+
+
+@cache
+def compiled(name, steps=STEPS, save_every=1, solo=False):
+    def motion(body, momentum, position, dt, t0, first):
+        start = ml.ParticleState(momentum, position)
+        return ml.integrate(
+            name, body, force, start, dt=dt, t0=t0, steps=steps, save_every=save_every, first_step=first
+        )
+
+    return jax.jit(motion if solo else jax.vmap(motion, in_axes=(None, 0, 0, 0, 0, None)))
+
+
+def chain(name, dt, dtype="float64", mass=MASS, momentum=PUSH, position=PLACE, t0=T0):
+    """One run for each of dt, as arrays with a leading axis."""
+    dt = np.atleast_1d(dt)
+    body = ml.Particles(jnp.asarray(mass, dtype))
+    tile = [
+        jnp.asarray(np.broadcast_to(x, (len(dt), *np.shape(x)[-k:])), dtype) for x, k in ((momentum, 1), (position, 1))
+    ]
+    times = [jnp.asarray(np.broadcast_to(x, len(dt)), dtype) for x in (dt, t0)]
+    return jax.tree.map(np.asarray, compiled(name)(body, *tile, *times, jnp.int32(0)))
+
+
+DT = 1 / (16 << np.arange(4))
+
+
+@pytest.mark.parametrize("name", PARTICLE)
+def test_order(name):
+    def rate(t, y):
+        return np.concatenate([pull(np, np.float64(t), y[4:]), np.linalg.solve(MASS, y[:4])])
+
+    exact = solve_ivp(rate, (T0, T0 + 1), np.concatenate([PUSH, PLACE]), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    found, order = chain(name, DT).states, ml.method(name).order
+    for part, truth in ((found.momentum, exact[:4]), (found.position, exact[4:])):
+        errors = [np.linalg.norm(part[level, 16 << level] - truth) for level in range(4)]
+        assert abs(np.log2(errors[-2] / errors[-1]) - order) < 0.1, errors
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", PARTICLE)
+def test_symmetric_methods_come_back(name, dtype):
+    assert comes_back(name, name, dtype) == ml.method(name).symmetric
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_first_order_methods_are_adjoint(dtype):
+    assert comes_back("symplectic Euler", "adjoint symplectic Euler", dtype)
+    assert comes_back("adjoint symplectic Euler", "symplectic Euler", dtype)
+
+
+def comes_back(there, back, dtype):
+    """To a unit of rounding a step; misses, where it does, by 1e-3 or more."""
+    dt = DT[2:]
+    out = chain(there, dt, dtype).states
+    end = {"momentum": out.momentum[:, -1], "position": out.position[:, -1]}
+    found = chain(back, -dt, dtype, t0=T0 + STEPS * dt, **end).states
+    gap = max(np.abs(found.momentum[:, -1] - PUSH).max(), np.abs(found.position[:, -1] - PLACE).max())
+    small = gap <= STEPS * epsilon(dtype)
+    assert small or gap > 1e-3, gap
+    return small
+
+
+def textbook(name, dt, mass):
+    """The usual way to write each method, in NumPy."""
+    p, u, velocity = PUSH.copy(), PLACE.copy(), lambda p: np.linalg.solve(mass, p)
+    momenta, places = [p], [u]
+    v, a = velocity(p), velocity(pull(np, np.float64(T0), u))
+    for n in range(STEPS):
+        t, t1 = np.float64(T0 + n * dt), np.float64(T0 + (n + 1) * dt)
+        if name == "Verlet":  # velocity Verlet; Newmark with beta = 0, gamma = 1/2
+            u = u + dt * v + dt**2 / 2 * a
+            new = velocity(pull(np, t1, u))
+            v, a = v + dt / 2 * (a + new), new
+            p = mass @ v
+        elif name == "position Verlet":
+            half = u + dt / 2 * velocity(p)
+            p = p + dt * pull(np, t + dt / 2, half)
+            u = half + dt / 2 * velocity(p)
+        elif name == "symplectic Euler":
+            p = p + dt * pull(np, t, u)
+            u = u + dt * velocity(p)
+        else:
+            u = u + dt * velocity(p)
+            p = p + dt * pull(np, t1, u)
+        momenta.append(p)
+        places.append(u)
+    return np.array(momenta), np.array(places)
+
+
+@pytest.mark.parametrize("name", ["Verlet", "position Verlet", "symplectic Euler", "adjoint symplectic Euler"])
+def test_is_the_textbook_form(name):
+    """To two units of rounding a step: the operations are the same but in another order."""
+    for row, dt in enumerate(DT):
+        found = chain(name, DT).states
+        for part, truth in zip((found.momentum, found.position), textbook(name, dt, MASS), strict=True):
+            assert np.all(np.abs(part[row] - truth) <= 2 * epsilon("float64") * (1 + np.arange(STEPS + 1))[:, None])
+
+
+def test_implicit_midpoint_satisfies_its_equation():
+    dt = DT[1]
+    found = chain("implicit midpoint", DT).states
+    p, u, t = found.momentum[1], found.position[1], T0 + dt * np.arange(STEPS)
+    slack = 8 * epsilon("float64")
+    middle = [pull(np, t[n] + dt / 2, (u[n] + u[n + 1]) / 2) for n in range(STEPS)]
+    np.testing.assert_allclose(p[1:] - p[:-1], dt * np.array(middle), atol=slack)
+    np.testing.assert_allclose(u[1:] - u[:-1], dt * np.linalg.solve(MASS, (p[1:] + p[:-1]).T / 2).T, atol=slack)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", PARTICLE)
+def test_scalar_diagonal_and_full_mass_agree(name, dtype):
+    """To four units of rounding a step: a full mass is solved by its factor, the others by division."""
+    for mass in (np.full(4, 1.7), np.array([2.0, 0.5, 1.1, 3.0])):
+        forms = [mass, np.diag(mass)] + [mass[0]] * bool(np.all(mass == mass[0]))
+        first, *others = [chain(name, DT, dtype, form).states for form in forms]
+        for other in others:
+            for x, y in ((first.momentum, other.momentum), (first.position, other.position)):
+                assert np.abs(x - y).max() <= 4 * STEPS * epsilon(dtype)
+
+
+@pytest.mark.parametrize("name", PARTICLE)
+def test_split_batched_and_zero_steps(name):
+    """A split run is the whole to the bit, a batch its runs to rounding, and a step of no length nothing at all."""
+    body = ml.Particles(jnp.asarray(MASS))
+    whole_program, half_program = compiled(name, solo=True), compiled(name, STEPS // 2, 4, True)
+    settings = (jnp.asarray(DT[1]), jnp.asarray(T0))
+    whole = whole_program(body, jnp.asarray(PUSH), jnp.asarray(PLACE), *settings, jnp.int32(0)).states
+    momentum, position = jnp.asarray(PUSH), jnp.asarray(PLACE)
+    for first in (0, STEPS // 2):
+        path = half_program(body, momentum, position, *settings, jnp.int32(first))
+        kept = slice(first, first + STEPS // 2 + 1, 4)
+        np.testing.assert_array_equal(path.states.momentum, whole.momentum[kept])
+        np.testing.assert_array_equal(path.states.position, whole.position[kept])
+        momentum, position = path.states.momentum[-1], path.states.position[-1]
+    batch = chain(name, DT).states
+    slack = 4 * STEPS * epsilon("float64")
+    np.testing.assert_allclose(batch.momentum[1], whole.momentum, atol=slack)
+    np.testing.assert_allclose(batch.position[1], whole.position, atol=slack)
+    still = chain(name, [0.0, 0.0, 0.0, 0.0]).states
+    np.testing.assert_array_equal(still.momentum, np.broadcast_to(PUSH, still.momentum.shape))
+    np.testing.assert_array_equal(still.position, np.broadcast_to(PLACE, still.position.shape))
+
+
+def test_energy_of_a_chain_is_kept_by_symplectic_methods():
+    """Kinetic plus FromPotential's energy: constant but for an oscillation of second order."""
+
+    def potential(t, state):
+        stretch = jnp.diff(jnp.concatenate([jnp.zeros(1), state.position, jnp.zeros(1)]))
+        return jnp.sum(stretch**2 / 2 + stretch**4 / 4)
+
+    body, torque = ml.Particles(jnp.asarray(MASS)), ml.torques.FromPotential(potential)
+    start = ml.ParticleState(jnp.asarray(PUSH), jnp.asarray(PLACE))
+    np.testing.assert_allclose(torque(0.0, start), pull(np, np.float64(0.0), PLACE), atol=4 * epsilon("float64"))
+    assert ml.kinetic_energy(body, start) == pytest.approx(PUSH @ np.linalg.solve(MASS, PUSH) / 2, rel=1e-15)
+    spans = []
+    for save_every in (5, 10):
+        dt = 0.25 / save_every
+        path = ml.integrate("Verlet", body, torque, start, dt=dt, steps=40 * save_every, save_every=save_every)
+        energies = jax.vmap(lambda state: ml.energy(body, torque, state))(path.states)
+        spans.append(float(jnp.max(jnp.abs(energies - energies[0]))))
+    assert spans[0] / spans[1] == pytest.approx(4, rel=0.1)

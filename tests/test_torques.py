@@ -1,0 +1,175 @@
+"""Torque fields and orbits: each field against its potential, sums, damping, Kepler's ellipse against SciPy."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, ROTATION, epsilon, turn
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import midlie_jax as ml
+from midlie_jax import orbits, so3, torques
+
+MOMENTUM, ATTITUDE = jnp.array([1.0, 0.8, -1.3]), jnp.asarray(turn(0.5, -0.3, 0.8))
+STATE = ml.RigidState(MOMENTUM, ATTITUDE)
+BODY = ml.RigidBody(jnp.array([1.0, 2.0, 2.5]))
+PLACE, ALONG, MU = jnp.array([1.2, -0.3, 0.7]), jnp.array([0.1, 0.9, 0.4]), 1.7
+
+FIELDS = {
+    "top": torques.HeavyTop(2.0),
+    "generic top": torques.HeavyTop(-1.5, (0.48, -0.6, 0.64)),
+    "dipole": torques.DipoleInField(jnp.array([0.3, -0.5, 0.4]), jnp.array([0.0, 0.0, 1.6])),
+    "gradient": torques.GravityGradient(BODY.moments, orbits.CircularOrbit(PLACE, ALONG, MU), MU),
+    "gradient on an ellipse": torques.GravityGradient(BODY.moments, orbits.KeplerOrbit(PLACE, ALONG, MU), MU),
+}
+FIELDS["sum"] = FIELDS["generic top"] + FIELDS["dipole"]
+FIELDS["sum of three"] = FIELDS["sum"] + FIELDS["gradient"]
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_torque_is_minus_the_slope_of_the_potential(name):
+    """Turning the body by exp(s e_k) from the right changes V by -torque_k s."""
+    field, t = FIELDS[name], 0.9
+
+    def turned(angles):
+        return field.potential(t, ml.RigidState(MOMENTUM, so3.multiply(ATTITUDE, so3.exp(angles))))
+
+    torque = field(t, STATE)
+    slack = 16 * epsilon("float64") * float(jnp.max(jnp.abs(torque)))
+    np.testing.assert_allclose(torque, -jax.grad(turned)(jnp.zeros(3)), atol=slack)
+    np.testing.assert_allclose(torque, torques.FromPotential(field.potential)(t, STATE), atol=slack)
+    total = ml.kinetic_energy(BODY, STATE) + turned(jnp.zeros(3))
+    assert ml.energy(BODY, field, STATE, t) == pytest.approx(float(total), rel=1e-15)
+
+
+@pytest.mark.parametrize("name", ["top", "generic top", "dipole", "sum"])
+def test_a_direction_is_enough(name):
+    """The fields along the vertical give a `DirectionState` what they give the full state; autodiff too."""
+    field, direction = FIELDS[name], ml.DirectionState(MOMENTUM, so3.to_matrix(ATTITUDE)[2])
+    slack = 8 * epsilon("float64")
+    np.testing.assert_allclose(field(0.0, direction), field(0.0, STATE), atol=slack)
+    np.testing.assert_allclose(torques.FromPotential(field.potential)(0.0, direction), field(0.0, STATE), atol=slack)
+    np.testing.assert_allclose(field.potential(0.0, direction), field.potential(0.0, STATE), atol=slack)
+
+
+def test_fields_by_their_formulas():
+    r = Rotation.from_quat(np.asarray(ATTITUDE), scalar_first=True).as_matrix()
+    slack = 16 * epsilon("float64")
+    np.testing.assert_allclose(FIELDS["top"](0.0, STATE), 2.0 * np.cross(r[2], [0, 0, 1]), atol=slack)
+    dipole = np.cross([0.3, -0.5, 0.4], r.T @ [0, 0, 1.6])
+    np.testing.assert_allclose(FIELDS["dipole"](0.0, STATE), dipole, atol=slack)
+    place = np.asarray(PLACE)
+    u, distance = r.T @ place / np.linalg.norm(place), np.linalg.norm(place)
+    gradient = 3 * MU / distance**3 * np.cross(u, np.asarray(BODY.moments) * u)
+    np.testing.assert_allclose(FIELDS["gradient"](0.0, STATE), gradient, atol=slack)
+    np.testing.assert_allclose(FIELDS["sum"](0.0, STATE), FIELDS["generic top"](0.0, STATE) + dipole, atol=slack)
+    prescribed = torques.Prescribed(lambda t: jnp.array([1.0, 2.0, 3.0]) * t)
+    np.testing.assert_array_equal(prescribed(0.5, STATE), [0.5, 1.0, 1.5])
+    both = FIELDS["top"] + (lambda t, state: jnp.ones(3))
+    np.testing.assert_allclose(both(0.0, STATE), FIELDS["top"](0.0, STATE) + 1, atol=slack)
+    assert not both.velocity_dependent
+    assert (both + torques.VelocityDependent(lambda t, state: -state.momentum)).velocity_dependent
+
+
+# ---- damping ----
+
+DRAG = 0.3
+LEVELS = 4
+
+
+def drag(t, state):
+    return -DRAG * state.momentum * (1 + jnp.sin(t))
+
+
+@cache
+def damped_truth():
+    def rate(t, y):
+        r = Rotation.from_quat(y[3:], scalar_first=True).as_matrix()
+        velocity = y[:3] / np.asarray(BODY.moments)
+        torque = 2.0 * np.cross(r[2], (0.48, 0.6, 0.64)) - DRAG * y[:3] * (1 + np.sin(t))
+        w, u = y[3], y[4:]
+        turning = np.concatenate([[-u @ velocity], w * velocity + np.cross(u, velocity)]) / 2
+        return np.concatenate([np.cross(y[:3], velocity) + torque, turning])
+
+    return solve_ivp(rate, (0, 1), np.concatenate([MOMENTUM, ATTITUDE]), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+
+
+@pytest.mark.parametrize("name", ROTATION)
+def test_damped_top_keeps_the_order(name):
+    torque = torques.HeavyTop(2.0, (0.48, 0.6, 0.64)) + torques.VelocityDependent(drag)
+
+    @jax.jit
+    @jax.vmap
+    def motion(dt):
+        return ml.integrate(name, BODY, torque, STATE, dt=dt, steps=16 << LEVELS - 1)
+
+    states, errors = motion(jnp.asarray(1 / (16 << np.arange(LEVELS)))).states, []
+    for level in range(LEVELS):
+        end = np.concatenate([states.momentum[level, 16 << level], states.attitude[level, 16 << level]])
+        gaps = np.abs(end - damped_truth())
+        errors.append([gaps[:3].max(), gaps[3:].max()])
+    slopes = np.log2(np.divide(errors[-2], errors[-1]))
+    assert np.all(np.abs(slopes - ml.method(name).order) < 0.1), (slopes, errors)
+
+
+# ---- orbits ----
+
+
+def test_circular_orbit():
+    orbit = orbits.CircularOrbit(PLACE, ALONG, MU)
+    radius = float(jnp.linalg.norm(PLACE))
+    period = 2 * np.pi * np.sqrt(radius**3 / MU)
+    places = jax.vmap(orbit)(jnp.linspace(0.0, period, 101))
+    np.testing.assert_allclose(np.linalg.norm(places, axis=1), radius, rtol=4 * epsilon("float64"))
+    np.testing.assert_allclose(places[-1], PLACE, atol=16 * epsilon("float64") * radius)
+    velocity = jax.jvp(orbit, (0.0,), (1.0,))[1]
+    assert abs(velocity @ PLACE) < 1e-15
+    assert velocity @ ALONG > 0
+    assert np.linalg.det(np.stack([PLACE, ALONG, velocity])) == pytest.approx(0, abs=1e-15)
+    acceleration = jax.jvp(lambda t: jax.jvp(orbit, (t,), (1.0,))[1], (0.4,), (1.0,))[1]
+    np.testing.assert_allclose(acceleration, -MU * orbit(0.4) / radius**3, atol=1e-15)
+
+
+@pytest.mark.parametrize("eccentricity", [0.0, 0.1, 0.5, 0.8])
+@pytest.mark.parametrize("phase", [0.0, 2.0, np.pi])
+def test_kepler_orbit_obeys_gravity(eccentricity, phase):
+    """From any place on the ellipse, before and after, over some turns; and the period is Kepler's."""
+    frame = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()
+    size = (1 - eccentricity**2) / (1 + eccentricity * np.cos(phase))  # of semi-axis 1
+    speed = np.sqrt(MU / (1 - eccentricity**2))
+    place = frame @ [size * np.cos(phase), size * np.sin(phase), 0]
+    velocity = frame @ [-speed * np.sin(phase), speed * (eccentricity + np.cos(phase)), 0]
+    orbit = orbits.KeplerOrbit(jnp.asarray(place), jnp.asarray(velocity), MU)
+    period = 2 * np.pi / np.sqrt(MU)
+
+    def rate(t, y):
+        return np.concatenate([y[3:], -MU * y[:3] / np.linalg.norm(y[:3]) ** 3])
+
+    for direction in (1, -1):
+        times = direction * np.linspace(0, 2.3 * period, 47)
+        start = np.concatenate([place, velocity])
+        y = solve_ivp(rate, (0, times[-1]), start, "DOP853", t_eval=times, rtol=1e-13, atol=1e-14).y
+        # The comparison's own error: 1e-13 a step, grown along the orbit.
+        np.testing.assert_allclose(jax.vmap(orbit)(jnp.asarray(times)), y[:3].T, atol=2e-10)
+    np.testing.assert_allclose(orbit(7 * period), place, atol=1e-12)
+    np.testing.assert_allclose(jax.jvp(orbit, (0.0,), (1.0,))[1], velocity, atol=1e-13)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_orbits_agree_and_keep_the_dtype(dtype):
+    place, along = jnp.asarray(PLACE, dtype), jnp.asarray(ALONG, dtype)
+    circle = orbits.CircularOrbit(place, along, jnp.asarray(MU, dtype))
+    velocity = circle.across * circle.rate
+    ellipse = orbits.KeplerOrbit(place, velocity, jnp.asarray(MU, dtype))
+    for t in jnp.asarray([0.0, 0.7, -3.0], dtype):
+        assert circle(t).dtype == ellipse(t).dtype == dtype
+        np.testing.assert_allclose(circle(t), ellipse(t), atol=32 * epsilon(dtype))
+
+
+def test_a_hyperbola_is_a_flag():
+    orbit = orbits.KeplerOrbit(PLACE, 10 * ALONG, MU)
+    torque = torques.GravityGradient(BODY.moments, orbit, MU)
+    assert not ml.integrate("LIEMID[E2]", BODY, torque, STATE, dt=0.1, steps=2).ok
