@@ -14,7 +14,7 @@ from . import _components as cp
 # |w|^2 for which the polynomials below are exact to rounding; |w| <= 1.22.
 LARGEST_SQUARE = 1.5
 _TERMS = {"float64": 9, "float32": 5}
-_JACOBIAN_TERMS = {"float64": 4, "float32": 3}  # a Jacobian need not be exact
+_FEW_TERMS = {"float64": 4, "float32": 3}
 
 
 def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
@@ -31,7 +31,7 @@ def half_turn(w: cp.Vector) -> cp.Quaternion:
     return cp.normalize_once((cosine, sine * w[0], sine * w[1], sine * w[2]))
 
 
-def dexp_weights(x: Array) -> tuple[Array, Array]:
-    """(1 - cos a)/a^2 and (a - sin a)/a^3 at a^2 = x, to a few digits more than a Jacobian needs."""
-    terms = _JACOBIAN_TERMS[str(x.dtype)]
+def dexp_weights(x: Array, exact: bool) -> tuple[Array, Array]:
+    """(1 - cos a)/a^2 and (a - sin a)/a^3 at a^2 = x <= LARGEST_SQUARE; unless exact, to six digits (float32: four)."""
+    terms = (_TERMS if exact else _FEW_TERMS)[str(x.dtype)]
     return cp.polynomial(_taylor(2, 1.0, terms), x), cp.polynomial(_taylor(3, 1.0, terms), x)

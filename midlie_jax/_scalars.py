@@ -190,7 +190,7 @@ def _each(pool: list[Any], equation: Any, places: list[np.ndarray], shape: tuple
 def _binary(bind: Callable[..., Any], parameters: Any, neutral: int, left: Any, right: Any) -> Any:
     """A sum without the zeros, a product without the ones, that differentiation leaves behind; XLA keeps them."""
     for constant, other in ((left, right), (right, left)):
-        if not isinstance(constant, Tracer) and constant == neutral and isinstance(other, Tracer):
+        if not isinstance(constant, Tracer) and np.asarray(constant) == neutral and isinstance(other, Tracer):
             return other
     return bind(left, right, **parameters)
 

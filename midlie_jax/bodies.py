@@ -164,6 +164,11 @@ class State(eqx.Module):
 
     @staticmethod
     @abstractmethod
+    def unit(pose: Any, still: Array) -> Any:
+        """The pose at the length from which rounding drives it, a few units a step; where `still`, not a bit changed."""
+
+    @staticmethod
+    @abstractmethod
     def rate(pose: Any, velocity: Any) -> Any:
         """d pose / dt at a body-frame angular velocity; linear in it."""
 
@@ -198,6 +203,11 @@ class MomentumState(State):
     @staticmethod
     def turn(pose: Any, increment: cp.Quaternion) -> Any:
         del increment
+        return pose
+
+    @staticmethod
+    def unit(pose: Any, still: Array) -> Any:
+        del still
         return pose
 
     @staticmethod
@@ -250,6 +260,10 @@ class DirectionState(State):
         return cp.rotate_back(increment, pose)
 
     @staticmethod
+    def unit(pose: cp.Vector, still: Array) -> cp.Vector:
+        return cp.scale(_to_unit(cp.dot(pose, pose), still), pose)
+
+    @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
         return cp.cross(pose, velocity)
 
@@ -294,6 +308,12 @@ class RigidState(State):
     @staticmethod
     def turn(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
         return cp.multiply(pose, increment)
+
+    @staticmethod
+    def unit(pose: cp.Quaternion, still: Array) -> cp.Quaternion:
+        w, x, y, z = pose
+        factor = _to_unit(w * w + x * x + y * y + z * z, still)
+        return factor * w, factor * x, factor * y, factor * z
 
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
@@ -348,9 +368,19 @@ class ParticleState(State):
         return pose + increment
 
     @staticmethod
+    def unit(pose: Any, still: Array) -> Any:
+        del still
+        return pose
+
+    @staticmethod
     def rate(pose: Any, velocity: Any) -> Any:
         del pose
         return velocity
+
+
+def _to_unit(square: Array, still: Array) -> Array:
+    """1/sqrt(square) for a square that is 1 but for rounding: Newton's step from 1."""
+    return jnp.where(still, jnp.ones_like(square), 1.5 - 0.5 * square)
 
 
 def _unit(vectors: np.ndarray) -> Any:

@@ -102,7 +102,8 @@ def _run(
 
     motion = Motion(*start.parts())
     force = _first_force(method, system, motion, advance, _time(t0, dt, first), first)
-    step = jax.checkpoint(partial(advance, dt), prevent_cse=False)
+    # Twice, because each order of reverse mode takes one off: a gradient of a gradient keeps one state a step, too.
+    step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
     def leap(carry: Any, n: Array) -> tuple[Any, State]:
         carry, _ = jax.lax.scan(step, carry, n + jnp.arange(save_every, dtype=jnp.int32))

@@ -33,6 +33,11 @@ class Scheme(NamedTuple):
         return self.stages[0][0] == KICK and self.stages[-1][0] == KICK
 
     @property
+    def flights(self) -> int:
+        """Flights a step."""
+        return sum(kind == FLIGHT for kind, _ in self.stages)
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations a step, once under way."""
         return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force
@@ -58,7 +63,7 @@ def run(
     Returns:
         The new motion, and the force of the last kick (None where there was no kick).
     """
-    elapsed, flights_left = 0.0, sum(kind == FLIGHT for kind, _ in scheme.stages)
+    elapsed, flights_left = 0.0, scheme.flights
     for kind, coefficient in scheme.stages:
         if kind == FLIGHT:
             motion = fly(coefficient, motion)

@@ -74,6 +74,10 @@ class System(NamedTuple):
     def turned(self, pose: Any, increment: Any) -> Any:
         return self.kind.turn(pose, increment)
 
+    def landed(self, pose: Any, increment: Any, h: Array) -> Any:
+        """The pose after the last turn of a step: freed of the rounding that would change its length in the long run."""
+        return self.kind.unit(self.kind.turn(pose, increment), h == 0)
+
 
 class Method(eqx.Module):
     """An integrator with a fixed step. Get one from `midlie_jax.method`.
@@ -150,7 +154,9 @@ class Splitting(Method):
         def fly(a: float, motion: Motion) -> Motion:
             increment, momentum, ok = _fly(self.flight, system.inertia, a * h, motion.momentum)
             oks.append(ok)
-            return system.joint(Motion(momentum, system.turned(motion.pose, increment)))
+            last = len(oks) == self.scheme.flights
+            pose = system.landed(motion.pose, increment, h) if last else system.turned(motion.pose, increment)
+            return system.joint(Motion(momentum, pose))
 
         def evaluate(c: float, motion: Motion) -> Any:
             return None if system.torque is None else system.force(time(c), motion)

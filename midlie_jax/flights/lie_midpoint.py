@@ -8,11 +8,12 @@ defect of its step is of third order in h.
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
 from .. import _components as cp
-from .. import solve
+from .._fuse import together
 from .._half_turn import LARGEST_SQUARE, dexp_weights, half_turn
 from ..bodies import RigidBody
 from .base import Flight, Inertia
@@ -38,16 +39,31 @@ class LieMidpoint(Flight):
         double = cp.scale(2, inertia.relative)
         y = cp.scale(h * inertia.per_unit, momentum)
 
-        def residual(w: cp.Vector) -> cp.Vector:
-            return cp.subtract(cp.times(double, w), cp.rotate_back(half_turn(w), y))
-
-        w = solve.root(residual, free_start(double, y), lambda guess: _iterate(double, y, guess))
+        w = _half_angle(double, y)
         half = half_turn(w)
         middle = cp.rotate_back(half, momentum)
         error = cp.subtract(cp.times(double, w), cp.scale(h * inertia.per_unit, middle))
         limit = _RESIDUAL_LIMIT * cp.epsilon(w[0])
         ok = (cp.dot(error, error) <= limit * limit * cp.dot(y, y)) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return cp.multiply(half, half), cp.rotate_back(half, middle), ok
+
+
+@jax.custom_jvp
+def _half_angle(double: cp.Vector, y: cp.Vector) -> cp.Vector:
+    """The root w of 2 I w = exp(-w) y, with the derivative of the implicit function, of any order."""
+    return _iterate(double, y, free_start(double, y))
+
+
+@_half_angle.defjvp
+def _half_angle_jvp(
+    primals: tuple[cp.Vector, cp.Vector], tangents: tuple[cp.Vector, cp.Vector]
+) -> tuple[cp.Vector, cp.Vector]:
+    """J dw = exp(-w) dy - 2 dI w, where exp(-w) y is 2 I w by now."""
+    double, y = primals
+    w = together(_half_angle(double, y))
+    inverse = cp.Inverse3.of(_columns(double, cp.times(double, w), _dexp_columns(w, exact=True)))
+    change = cp.subtract(cp.rotate_back(half_turn(w), tangents[1]), cp.times(tangents[0], w))
+    return w, inverse.times(change)
 
 
 def free_start(double: cp.Vector, y: cp.Vector) -> cp.Vector:
@@ -64,7 +80,7 @@ def _iterate(double: cp.Vector, y: cp.Vector, w: cp.Vector) -> cp.Vector:
     """
     for _ in range(_PAIRS):
         z = cp.rotate_back(half_turn(w), y)
-        inverse = cp.Inverse3.of(_columns(double, z, _dexp_columns(w)))
+        inverse = cp.Inverse3.of(_columns(double, z, _dexp_columns(w, exact=False)))
         w = cp.subtract(w, inverse.times(cp.subtract(cp.times(double, w), z)))
         z = cp.rotate_back(half_turn(w), y)
         w = cp.subtract(w, inverse.times(cp.subtract(cp.times(double, w), z)))
@@ -79,10 +95,10 @@ def _columns(
     return (double[0] - a[0], -a[1], -a[2]), (-b[0], double[1] - b[1], -b[2]), (-c[0], -c[1], double[2] - c[2])
 
 
-def _dexp_columns(w: cp.Vector) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
+def _dexp_columns(w: cp.Vector, exact: bool) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
     """Columns of dexp(-w, .) = 1 - b skew(w) + c skew(w)^2."""
     x = cp.dot(w, w)
-    b, c = dexp_weights(x)
+    b, c = dexp_weights(x, exact)
     bw, cw = cp.scale(b, w), cp.scale(c, w)
     diagonal = 1 - c * x
     xy, xz, yz = cw[0] * w[1], cw[0] * w[2], cw[1] * w[2]

@@ -36,7 +36,7 @@ class AKW(Method):
             """The motion at the end, the torque there, and the mean angular velocity."""
             velocity = cp.times(inertia.inverses, mean)
             momentum = cp.subtract(cp.scale(2, mean), motion.momentum)
-            there = Motion(momentum, system.turned(motion.pose, _cayley(cp.scale(h, velocity))))
+            there = Motion(momentum, system.landed(motion.pose, _cayley(cp.scale(h, velocity)), h))
             return there, system.force(t1, there), velocity
 
         def residual(mean: cp.Vector) -> cp.Vector:

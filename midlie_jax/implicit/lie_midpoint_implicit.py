@@ -52,6 +52,6 @@ class LieMidpointImplicit(Method):
         w, left = solve.newton(residual, guess, ITERATIONS)
         half, kick = impulse(w)
         outward = cp.add(cp.rotate_back(half, motion.momentum), cp.scale(2, kick))
-        pose = system.turned(motion.pose, cp.multiply(half, half))
+        pose = system.landed(motion.pose, cp.multiply(half, half), h)
         ok = converged(left, cp.times(double, w)) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(cp.rotate_back(half, outward), pose), None, ok

@@ -16,13 +16,13 @@ from ._common import ITERATIONS, converged
 class NewmarkBody(Method):
     """R1 = R0 exp(h Om0 + h^2 A0/2), I A1 + Om1 x I Om1 = T1, Om1 = Om0 + (h/2)(A0 + A1), gamma = 1/2.
 
-    A0 is the angular acceleration at the start. Order 2; neither symmetric nor does it keep the spatial
-    momentum of a free body. Simo & Wong, IJNME 31 (1991) 19; Krysl & Endres, IJNME 62 (2005) 2154.
+    A0 is the angular acceleration at the start. Order 2, symmetric (the two accelerations change places under
+    reversal); it does not keep the spatial momentum of a free body. Simo & Wong, IJNME 31 (1991) 19; Krysl & Endres, IJNME 62 (2005) 2154.
     """
 
     name: str = eqx.field(static=True, default="NMB")
     order: int = eqx.field(static=True, default=2)
-    symmetric: bool = eqx.field(static=True, default=False)
+    symmetric: bool = eqx.field(static=True, default=True)
     bodies: type = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=1)
 
@@ -37,7 +37,7 @@ class NewmarkBody(Method):
         rate = cp.add(cp.cross(motion.momentum, velocity), force)  # I A0
         w = cp.scale(h / 2, cp.add(velocity, cp.scale(h / 2, cp.times(inertia.inverses, rate))))
         half = half_turn(w)
-        pose = system.turned(motion.pose, cp.multiply(half, half))
+        pose = system.landed(motion.pose, cp.multiply(half, half), h)
 
         def kicked(new_rate: cp.Vector) -> cp.Vector:
             return cp.add(motion.momentum, cp.scale(h / 2, cp.add(rate, new_rate)))

@@ -51,6 +51,6 @@ class SW(Method):
         y = cp.scale(rate, motion.momentum)
         w, left = solve.newton(residual, free_start(double, y), ITERATIONS)
         half, momentum = end(w)
-        pose = system.turned(motion.pose, cp.multiply(half, half))
+        pose = system.landed(motion.pose, cp.multiply(half, half), h)
         ok = converged(left, cp.times(double, w), y) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(momentum, pose), None, ok

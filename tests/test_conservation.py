@@ -1,0 +1,126 @@
+"""Laws of the free body: what is conserved over 1e5 steps, and that LIEMID methods without torque are its flight."""
+
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, LIEMID, OTHER, ROTATION, at, compiled, continued, epsilon, gap, rows, run, setup
+
+import midlie_jax as ml
+from midlie_jax import flights, schemes
+from midlie_jax.stepper import Splitting
+
+LONG, SAVE, BLOCKS = 1000, 10, 100
+ASYMMETRIC, SYMMETRIC = [0, 1, 2], [3, 4]
+RUNS = rows(
+    setup(dt=0.05),
+    setup(**OTHER, dt=0.2),
+    setup(moments=[1.0, 2.0, 3.0], dt=-0.1),
+    setup(moments=[5.0, 5.0, 1.0], momentum=[1.0, -2.0, 20.0], dt=0.02),
+    setup(moments=[1.0, 1.0, 1.8], momentum=[1.0, 0.5, 1.0], dt=0.1),
+)
+
+
+@cache
+def free(name, dtype, blocks=1):
+    """Momentum (rows, n, 3) and attitude (rows, n, 4) every `SAVE` steps, over blocks of `LONG` steps."""
+    setups, parts = RUNS, []
+    for _ in range(blocks):
+        path = run(name, dtype, setups, steps=LONG, save_every=SAVE, forced=False)
+        assert np.all(path.ok)
+        parts.append(at(path.states))
+        setups = continued(setups, path)
+    return [np.concatenate(part, axis=1).astype(np.float64) for part in zip(*parts, strict=True)]
+
+
+def spatial(states):
+    """R Pi, in float64 so that reading it adds nothing."""
+    momentum, attitude = states
+    return np.asarray(ml.so3.rotate(jnp.asarray(attitude), jnp.asarray(momentum)))
+
+
+def drift(series):
+    """The largest change of each row, relative to its size."""
+    start = series[:, :1]
+    axes = tuple(range(2, series.ndim))
+    change, size = np.square(series - start), np.square(start)
+    if axes:
+        change, size = change.sum(axes), size.sum(axes)
+    return np.sqrt(change / size).max(axis=1)
+
+
+# A step rounds each entry of R and Pi some ten times. If the errors fall either way, they add up as a random walk: a
+# few eps a step, and sqrt(N) of that over N steps. Anything that leans one way adds up as eps N and breaks this.
+WALK = 8 * np.sqrt(LONG * BLOCKS)
+# But the direction of R Pi may lean: a body of constant spin makes the same turn every step, with the same rounding in
+# it, by which the turn of the attitude and that of the momentum differ. Measured, .026 eps a step for the fast spin.
+LEAN = LONG * BLOCKS / 32
+
+
+def length(part):
+    return np.linalg.norm(part, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", ROTATION)
+def test_spatial_momentum_of_a_free_body(name, dtype):
+    """R Pi with R the rotation that the attitude stands for; that the attitude stays unit is the next law."""
+    momentum, attitude = free(name, dtype, BLOCKS)
+    changes = drift(spatial((momentum, attitude / length(attitude))))
+    if name == "NMB":
+        assert changes[ASYMMETRIC].max() > 1e-3, changes
+    else:
+        assert changes.max() <= LEAN * epsilon(dtype), changes / epsilon(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", ROTATION)
+def test_attitude_stays_a_unit_quaternion(name, dtype):
+    """To the rounding of one step, however many came before."""
+    _, attitude = free(name, dtype, BLOCKS)
+    changes = np.abs(length(attitude)[..., 0] - 1).max(axis=1)
+    assert changes.max() <= 2 * epsilon(dtype), changes / epsilon(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", [*LIEMID, "LIEMID[I]"])
+def test_energy_of_a_symmetric_free_body(name, dtype):
+    """I Psi = h exp(-Psi/2) Pi keeps the part of Pi along the axis of symmetry, and |Pi| by construction."""
+    momentum, _ = free(name, dtype, BLOCKS)
+    energy = np.sum(momentum**2 / RUNS.moments[:, None], axis=-1)
+    changes = drift(energy)
+    assert changes[SYMMETRIC].max() <= WALK * epsilon(dtype), changes / epsilon(dtype)
+    assert changes[ASYMMETRIC].min() > 1e-6  # no more than second order in the step otherwise
+
+
+def flight_only(parts):
+    """The method whose step is `parts` flights and nothing else."""
+    stages = ((schemes.FLIGHT, 1 / parts),) * parts
+    return Splitting(flights.LieMidpoint(), schemes.Scheme("flight", 2, True, stages, "this test"), "flight")
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_liemid_without_torque_is_the_flight(dtype):
+    """E1 and E2 fly once a step, EA and EA* twice half as far: to the bit. I solves otherwise: to rounding."""
+    for parts, names in ((1, ("LIEMID[E1]", "LIEMID[E2]")), (2, ("LIEMID[EA]", "LIEMID[EA*]"))):
+        flown = free(flight_only(parts), dtype)
+        for name in names:
+            for x, y in zip(free(name, dtype), flown, strict=True):
+                np.testing.assert_array_equal(x, y)
+        if parts == 1:
+            steps = 40
+            implicit, explicit = ([x[:, : 1 + steps // SAVE] for x in y] for y in (free("LIEMID[I]", dtype), flown))
+            assert gap(implicit, explicit) <= 4 * steps * epsilon(dtype), gap(implicit, explicit) / epsilon(dtype)
+
+
+@pytest.mark.parametrize("name", ROTATION)
+def test_momentum_alone_follows_the_whole(name):
+    """Without attitude the momentum is that of the full state, to 4 units of rounding a step."""
+    alone = compiled(name, steps=LONG, save_every=SAVE, forced=False, state=ml.MomentumState)(RUNS)
+    momentum, _ = free(name, "float64")
+    assert np.all(alone.ok)
+    steps = SAVE * np.arange(1, LONG // SAVE + 1)[:, None]
+    differences = np.abs(np.asarray(alone.states.momentum) - momentum)[:, 1:]
+    size = np.linalg.norm(RUNS.momentum, axis=-1)[:, None, None]
+    assert np.all(differences <= 4 * steps * epsilon("float64") * size)

@@ -1,0 +1,94 @@
+"""Laws of every rotation method: order, reversal, adjoints, rest. A new method is tested by being registered."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from cases import DTYPES, OTHER, ROTATION, STEPS, at, continued, epsilon, gap, rows, run, setup, true_motion
+
+import midlie_jax as ml
+
+# Two bodies at halving steps; row r reaches time 1 at step 16 << r % 4. Then a row for each law that needs one.
+LEVELS = 4
+RUNS = rows(*(setup(**body, dt=1 / (16 << level)) for body in ({}, OTHER) for level in range(LEVELS)), setup(dt=0.0))
+STILL = 2 * LEVELS
+# The runs used where rounding is measured: times 2 and 1, before small differences have grown much.
+SHORT = [2, 3, 6, 7]
+
+
+@cache
+def paths(name, dtype):
+    return run(name, dtype, RUNS)
+
+
+@cache
+def truth(body):
+    return true_motion(setup(**(OTHER if body else {})), np.array([1.0]))
+
+
+@pytest.mark.parametrize("name", ROTATION)
+def test_order(name):
+    """Measured on an asymmetric body under a torque that depends on attitude and time, at the smallest steps."""
+    found, order = paths(name, "float64"), ml.method(name).order
+    for body in (0, 1):
+        exact = [part[0] for part in truth(body)]
+        errors = []
+        for level in range(LEVELS):
+            state = at(found.states, body * LEVELS + level, 16 << level)
+            errors.append([np.linalg.norm(x - y) for x, y in zip(state, exact, strict=True)])
+        slopes = np.log2(np.divide(errors[-2], errors[-1]))
+        assert np.all(np.abs(slopes - order) < 0.1), (slopes, errors)
+
+
+@pytest.mark.parametrize("name", ROTATION)
+def test_float32_follows_float64(name):
+    """Each step rounds a few times, and the motion magnifies it little in this time: half a unit a step at most."""
+    single, double = paths(name, "float32"), paths(name, "float64")
+    assert single.states.momentum.dtype == single.times.dtype == np.float32
+    assert np.all(single.ok)
+    assert np.all(double.ok)
+    for row in SHORT:
+        difference = gap(at(single.states, row), at(double.states, row))
+        assert difference <= STEPS / 2 * epsilon("float32"), difference / epsilon("float32")
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", ROTATION)
+def test_symmetric_methods_come_back(name, dtype):
+    """N steps of dt, then N of -dt. The others miss by their own error, of 1e-3 or more here."""
+    gaps = missed(name, name, dtype)
+    if ml.method(name).symmetric:
+        assert max(gaps) <= STEPS * epsilon(dtype), np.array(gaps) / epsilon(dtype)
+    else:
+        assert min(gaps) > 1e-3, gaps
+
+
+def missed(there, back, dtype):
+    """How far from the start the method `back` ends after the steps of `there`."""
+    out = paths(there, dtype)
+    returned = run(back, dtype, continued(RUNS, out, dt=-RUNS.dt, t0=RUNS.t0 + STEPS * RUNS.dt))
+    return [gap(at(returned.states, row, -1), at(out.states, row, 0)) for row in SHORT]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_first_order_methods_are_adjoint(dtype):
+    """A step of -dt by one undoes a step of dt by the other."""
+    for there, back in (("LIEMID[E1]", "LIEMID[E2]"), ("LIEMID[E2]", "LIEMID[E1]")):
+        gaps = missed(there, back, dtype)
+        assert max(gaps) <= STEPS * epsilon(dtype), np.array(gaps) / epsilon(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", ROTATION)
+def test_a_step_of_no_length_changes_no_bit(name, dtype):
+    states = paths(name, dtype).states
+    for part, start in zip(at(states, STILL), at(states, STILL, 0), strict=True):
+        np.testing.assert_array_equal(part, np.broadcast_to(start, part.shape))
+
+
+def test_times_come_from_the_integer():
+    """In float32, to a rounding of the product and one of the sum, however many the steps."""
+    first = 10_000_019
+    found = run("LIEMID[E1]", "float32", rows(setup(dt=0.1, t0=7.0, first_step=first)))
+    exact = 7.0 + (first + np.arange(STEPS + 1)) * float(np.float32(0.1))
+    np.testing.assert_allclose(found.times[0].astype(np.float64), exact, rtol=epsilon("float32"))
