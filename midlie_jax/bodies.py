@@ -165,7 +165,7 @@ class State(eqx.Module):
     @staticmethod
     @abstractmethod
     def unit(pose: Any, still: Array) -> Any:
-        """The pose at the length from which rounding drives it, a few units a step; where `still`, not a bit changed."""
+        """The pose back at the length from which rounding drives it; where `still`, not a bit changed."""
 
     @staticmethod
     @abstractmethod

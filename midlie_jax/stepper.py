@@ -75,7 +75,7 @@ class System(NamedTuple):
         return self.kind.turn(pose, increment)
 
     def landed(self, pose: Any, increment: Any, h: Array) -> Any:
-        """The pose after the last turn of a step: freed of the rounding that would change its length in the long run."""
+        """The pose after the last turn of a step, freed of the rounding that would change its length in time."""
         return self.kind.unit(self.kind.turn(pose, increment), h == 0)
 
 

@@ -17,7 +17,8 @@ class NewmarkBody(Method):
     """R1 = R0 exp(h Om0 + h^2 A0/2), I A1 + Om1 x I Om1 = T1, Om1 = Om0 + (h/2)(A0 + A1), gamma = 1/2.
 
     A0 is the angular acceleration at the start. Order 2, symmetric (the two accelerations change places under
-    reversal); it does not keep the spatial momentum of a free body. Simo & Wong, IJNME 31 (1991) 19; Krysl & Endres, IJNME 62 (2005) 2154.
+    reversal); it does not keep the spatial momentum of a free body. Simo & Wong, IJNME 31 (1991) 19; Krysl &
+    Endres, IJNME 62 (2005) 2154.
     """
 
     name: str = eqx.field(static=True, default="NMB")
