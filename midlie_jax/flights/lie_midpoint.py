@@ -3,7 +3,7 @@
     I Psi = h exp(-Psi/2) Pi0,    R1 = R0 exp(Psi),    Pi1 = exp(-Psi) Pi0
 
 Order 2, reversible, keeps the spatial momentum exactly. It is not symplectic, against what is often said: the
-defect of its step is of third order in h.
+defect of its step is of third order in h (see `tests/test_flights.py`).
 """
 
 from typing import ClassVar
