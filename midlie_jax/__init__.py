@@ -1,6 +1,8 @@
 """midlie_jax: the rotation of many rigid bodies at once, by explicit midpoint Lie integrators, on JAX."""
 
+from . import flights as flights
 from . import orbits as orbits
+from . import schemes as schemes
 from . import so3 as so3
 from . import torques as torques
 from .bodies import DirectionState as DirectionState

@@ -14,6 +14,7 @@ from . import _components as cp
 # |w|^2 for which the polynomials below are exact to rounding; |w| <= 1.22.
 LARGEST_SQUARE = 1.5
 _TERMS = {"float64": 9, "float32": 5}
+_STUMPFF_TERMS = {"float64": 11, "float32": 6}
 _FEW_TERMS = {"float64": 4, "float32": 3}
 
 
@@ -35,3 +36,14 @@ def dexp_weights(x: Array, exact: bool) -> tuple[Array, Array]:
     """(1 - cos a)/a^2 and (a - sin a)/a^3 at a^2 = x <= LARGEST_SQUARE; unless exact, to six digits (float32: four)."""
     terms = (_TERMS if exact else _FEW_TERMS)[str(x.dtype)]
     return cp.polynomial(_taylor(2, 1.0, terms), x), cp.polynomial(_taylor(3, 1.0, terms), x)
+
+
+def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:
+    """Stumpff's c2, c3, c4, c5 at x = a^2 <= 4 LARGEST_SQUARE: c2 = (1 - cos a)/a^2, c3 = (a - sin a)/a^3.
+
+    c_k = sum of (-x)^n / (2n + k)!, so that c_k = 1/k! - x c_{k+2} and 2 dc_k/dx = k c_{k+2} - c_{k+1}.
+    """
+    terms = _STUMPFF_TERMS[str(x.dtype)]
+    four = cp.polynomial(_taylor(4, 1.0, terms), x)
+    five = cp.polynomial(_taylor(5, 1.0, terms), x)
+    return 0.5 - x * four, 1 / 6 - x * five, four, five

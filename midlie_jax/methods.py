@@ -1,9 +1,9 @@
 """Every method by name. A new one is a line here, and every law test, chart and benchmark picks it up."""
 
 from . import schemes
-from .flights import LieMidpoint, Linear
+from .flights import Flight, LieMidpoint, Linear, Symmetric, SymplecticMidpoint, SymplecticMidpoint4, ThreeAxis
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
-from .schemes import Scheme
+from .schemes import SCHEMES, Scheme
 from .stepper import Method, Splitting
 
 
@@ -34,17 +34,41 @@ _METHODS: dict[str, Method] = {
 }
 
 
-def method(name: str) -> Method:
-    """The integrator of that name.
+_FLIGHTS: dict[str, Flight] = {
+    f.name: f for f in (LieMidpoint(), SymplecticMidpoint(), SymplecticMidpoint4(), Symmetric(), ThreeAxis(), Linear())
+}
+
+
+def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
+    """An integrator: by its name, as "FLIGHT[SCHEME]", or from the two parts.
+
+    `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and
+    `ml.method(ml.flights.SymplecticMidpoint4(), ml.schemes.SRKN6B)` are the same. Its order is the lower of the
+    flight's and the scheme's; compositions of a whole step (TJ4, S4, Y6, KL6, SU8, KL8) raise that of the flight, too.
 
     Raises:
         ValueError: unknown name; the message lists all.
     """
-    if name not in _METHODS:
-        raise ValueError(f"unknown method {name!r}; choose from {', '.join(_METHODS)}.")
-    return _METHODS[name]
+    if scheme is None:
+        if name in _METHODS:
+            return _METHODS[name]
+        flight, _, rest = str(name).partition("[")
+        scheme = rest.removesuffix("]")
+        if flight not in _FLIGHTS or scheme not in SCHEMES:
+            raise ValueError(
+                f"unknown method {name!r}; choose from {', '.join(_METHODS)}, or any FLIGHT[SCHEME] of the flights "
+                f"{', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
+            )
+        name = flight
+    for label, part, known in (("flight", name, _FLIGHTS), ("scheme", scheme, SCHEMES)):
+        if isinstance(part, str) and part not in known:
+            raise ValueError(f"unknown {label} {part!r}; choose from {', '.join(known)}.")
+    flight = _FLIGHTS[name] if isinstance(name, str) else name
+    table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
+    whole = f"{flight.name}[{table.name}]"
+    return _METHODS.get(whole) or Splitting(flight, table, whole)
 
 
 def methods() -> list[str]:
-    """The names of all methods, the seven of the paper's Figure 1 first."""
+    """The names of the methods that have one of their own, the seven of the paper's Figure 1 first."""
     return list(_METHODS)

@@ -5,6 +5,7 @@ the same tables drive rigid bodies and particles.
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 KICK, FLIGHT = "kick", "flight"
@@ -15,10 +16,11 @@ class Scheme(NamedTuple):
 
     Attributes:
         name: its name in method names.
-        order: order of accuracy when the flight's own order is no less.
+        order: order of accuracy when the flight's own order is no less, or the scheme is `composed`.
         symmetric: whether the table reads the same backwards, so that a step of -h undoes a step of h.
         stages: (KICK | FLIGHT, coefficient) in the order in which they act; coefficients of each sum to 1.
         source: where the table is from.
+        composed: whether it is a composition of whole symmetric steps, which raises the flight's own order as well.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Scheme(NamedTuple):
     symmetric: bool
     stages: tuple[tuple[str, float], ...]
     source: str
+    composed: bool = False
 
     @property
     def reuses_force(self) -> bool:
@@ -86,3 +89,146 @@ E1 = _splitting("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL)
 E2 = _splitting("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL)
 EA = _splitting("EA", 2, ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)), _KRYSL)
 EA_STAR = _splitting("EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL)
+
+
+def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
+    return (*half, centre, *reversed(half))
+
+
+def _composed(name: str, order: int, factors: tuple[float, ...], source: str) -> Scheme:
+    """Steps of Verlet (half kick, flight, half kick) of these lengths, whose sum is 1, neighbouring kicks merged."""
+    ends = (0.0, *factors, 0.0)
+    kicks = tuple((left + right) / 2 for left, right in pairwise(ends))
+    return _alternating(name, order, KICK, kicks, factors, source)._replace(composed=True)
+
+
+def _alternating(
+    name: str, order: int, first: str, outer: tuple[float, ...], inner: tuple[float, ...], source: str
+) -> Scheme:
+    """outer[0], inner[0], outer[1], ..., outer[-1], beginning with `first`."""
+    second = FLIGHT if first == KICK else KICK
+    stages = [(first, outer[0])]
+    for a, b in zip(inner, outer[1:], strict=True):
+        stages += [(second, a), (first, b)]
+    return _splitting(name, order, tuple(stages), source)
+
+
+def _closed(half: tuple[float, ...]) -> tuple[float, ...]:
+    """With the centre that makes the sum one."""
+    return _mirrored(half, 1 - 2 * sum(half))
+
+
+def _even(half: tuple[float, ...]) -> tuple[float, ...]:
+    """With the two central entries that make the sum one."""
+    whole = (*half, 0.5 - sum(half))
+    return (*whole, *reversed(whole))
+
+
+_CUBE = 2 ** (1 / 3)
+TRIPLE = _composed("TJ4", 4, _closed((1 / (2 - _CUBE),)), "Yoshida, Phys. Lett. A 150 (1990) 262")
+SUZUKI = _composed("S4", 4, _closed((1 / (4 - 4 ** (1 / 3)),) * 2), "Suzuki, Phys. Lett. A 146 (1990) 319")
+YOSHIDA6 = _composed(
+    "Y6",
+    6,
+    _closed((0.78451361047755726382, 0.23557321335935813368, -1.17767998417887100695)),
+    "Yoshida, Phys. Lett. A 150 (1990) 262, solution A",
+)
+KAHAN_LI6 = _composed(
+    "KL6",
+    6,
+    _closed((0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)),
+    "Kahan & Li, Math. Comp. 66 (1997) 1089",
+)
+SUZUKI_UMENO8 = _composed(
+    "SU8",
+    8,
+    _closed(
+        (
+            0.74167036435061295345,
+            -0.40910082580003159400,
+            0.19075471029623837995,
+            -0.57386247111608226666,
+            0.29906418130365592384,
+            0.33462491824529818378,
+            0.31529309239676659663,
+        )
+    ),
+    "Suzuki & Umeno 1993; Hairer, Lubich & Wanner, Geometric Numerical Integration, V.3.2",
+)
+KAHAN_LI8 = _composed(
+    "KL8",
+    8,
+    _closed(
+        (
+            0.13020248308889008088,
+            0.56116298177510838456,
+            -0.38947496264484728641,
+            0.15884190655515560090,
+            -0.39590389413323757734,
+            0.18453964097831570709,
+            0.25837438768632204729,
+            0.29501172360931029887,
+        )
+    ),
+    "Kahan & Li, Math. Comp. 66 (1997) 1089",
+)
+_BLANES_MOAN = "Blanes & Moan, J. Comput. Appl. Math. 142 (2002) 313"
+BM4 = _alternating(
+    "BM4",
+    4,
+    FLIGHT,
+    _closed((0.0792036964311957, 0.353172906049774, -0.0420650803577195)),
+    _even((0.209515106613362, -0.143851773179818)),
+    _BLANES_MOAN + ", S6",
+)
+SRKN6B = _alternating(
+    "SRKN6b",
+    4,
+    KICK,
+    _closed((0.0829844064174052, 0.396309801498368, -0.0390563049223486)),
+    _even((0.245298957184271, 0.604872665711080)),
+    _BLANES_MOAN,
+)
+SRKN11B = _alternating(
+    "SRKN11b",
+    6,
+    KICK,
+    _even((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879)),
+    _closed((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928)),
+    _BLANES_MOAN,
+)
+SRKN14A = _alternating(
+    "SRKN14a",
+    6,
+    FLIGHT,
+    _mirrored(
+        (
+            0.0378593198406116,
+            0.102635633102435,
+            -0.0258678882665587,
+            0.314241403071477,
+            -0.130144459517415,
+            0.106417700369543,
+            -0.00879424312851058,
+        ),
+        0.207305069056835,
+    ),
+    _even(
+        (
+            0.091719152624462,
+            0.183983170005006,
+            -0.056534365832888,
+            0.004914688774713,
+            0.143761127168358,
+            0.328567693746804,
+        )
+    ),
+    _BLANES_MOAN,
+)
+SCHEMES = {
+    s.name: s
+    for s in (
+        *(E1, E2, EA, EA_STAR, TRIPLE, SUZUKI, BM4, SRKN6B),
+        *(YOSHIDA6, KAHAN_LI6, SRKN11B, SRKN14A, SUZUKI_UMENO8, KAHAN_LI8),
+    )
+}

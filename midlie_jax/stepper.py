@@ -135,7 +135,8 @@ class Splitting(Method):
         self.flight = flight
         self.scheme = scheme
         self.name = name
-        self.order = scheme.order if flight.order is None else min(scheme.order, flight.order)
+        exact = flight.order is None or scheme.composed
+        self.order = scheme.order if exact else min(scheme.order, flight.order)
         self.symmetric = scheme.symmetric
         self.bodies = flight.body
         self.evaluations = scheme.evaluations
@@ -156,7 +157,8 @@ class Splitting(Method):
             oks.append(ok)
             last = len(oks) == self.scheme.flights
             pose = system.landed(motion.pose, increment, h) if last else system.turned(motion.pose, increment)
-            return system.joint(Motion(momentum, pose))
+            cut = together if self.scheme.flights > self.flight.per_loop else system.joint
+            return cut(Motion(momentum, pose))
 
         def evaluate(c: float, motion: Motion) -> Any:
             return None if system.torque is None else system.force(time(c), motion)

@@ -1,4 +1,4 @@
-"""The paper's flight: how far from symplectic it is, and that its solve converges or says that it did not."""
+"""The flights: which are symplectic and which not, and that a solve converges or says that it did not."""
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +13,10 @@ from midlie_jax import flights, so3
 FLIGHT = flights.LieMidpoint()
 
 
-def fly(moments, h, momentum):
+def fly(moments, h, momentum, flight=FLIGHT):
     """Increment, new momentum and flag, on arrays."""
     inertia = flights.Inertia.of(ml.RigidBody(moments, physical=False))
-    increment, new, ok = FLIGHT(inertia, h, cp.unpack(momentum))
+    increment, new, ok = flight(inertia, h, cp.unpack(momentum))
     return cp.pack(increment), cp.pack(new), ok
 
 
@@ -31,13 +31,14 @@ def canonical(momentum):
     return np.block([[-hat, one], [-one, zero]])
 
 
-def defect(h):
+def defect(h, flight=FLIGHT):
     """The largest entry of |M^T W1 M - W0|, M the derivative of one free step, both ends seen from the left."""
-    moments, start = jnp.array([1.0, 2.0, 3.0]), jnp.array([1.0, 0.8, -1.3])
+    moments = jnp.array([2.0, 2.0, 3.0] if flight.name == "SYMMETRIC" else [1.0, 2.0, 3.0])
+    start = jnp.array([1.0, 0.8, -1.3])
 
     def step(change):
         turn, momentum = change[:3], start + change[3:]
-        increment, new, _ = fly(moments, jnp.asarray(h), momentum)
+        increment, new, _ = fly(moments, jnp.asarray(h), momentum, flight)
         return so3.multiply(so3.exp(turn), increment), new
 
     origin = jnp.zeros(6)
@@ -154,3 +155,26 @@ def test_derivative_is_that_of_the_implicit_function(turn):
     for derivative, function, step, slack in ((slope, along, 1e-3, 1e-9), (second, slope, 1e-3, 1e-6)):
         difference = sum(f * function(step * p) for f, p in zip(factors, places, strict=True)) / step
         np.testing.assert_allclose(derivative(0.0), difference, atol=slack)
+
+
+SYMPLECTIC = [flights.SymplecticMidpoint(), flights.SymplecticMidpoint4(), flights.Symmetric(), flights.ThreeAxis()]
+
+
+@pytest.mark.parametrize("flight", SYMPLECTIC, ids=lambda f: f.name)
+def test_symplectic_to_rounding(flight):
+    assert flight.symplectic
+    for h in (0.4, 0.2, 0.1):
+        assert defect(h, flight) < 1e-14
+
+
+@pytest.mark.parametrize("flight", SYMPLECTIC, ids=lambda f: f.name)
+def test_says_false_where_it_turned_too_far(flight):
+    """No flight is silently wrong: a step of five radians is refused."""
+    moments = jnp.array([2.0, 2.0, 3.0])
+    good, far = (fly(moments, jnp.asarray(h), jnp.array([1.0, 0.8, -1.3]), flight)[2] for h in (0.5, 20.0))
+    assert good
+    assert not far
+
+
+def test_symmetric_flight_says_false_for_an_asymmetric_body():
+    assert not fly(jnp.array([1.0, 2.0, 3.0]), jnp.asarray(0.1), jnp.array([1.0, 0.8, -1.3]), flights.Symmetric())[2]

@@ -8,3 +8,7 @@ from .base import Flight as Flight
 from .base import Inertia as Inertia
 from .lie_midpoint import LieMidpoint as LieMidpoint
 from .linear import Linear as Linear
+from .symmetric import Symmetric as Symmetric
+from .symplectic_midpoint import SymplecticMidpoint as SymplecticMidpoint
+from .symplectic_midpoint import SymplecticMidpoint4 as SymplecticMidpoint4
+from .three_axis import ThreeAxis as ThreeAxis

@@ -16,6 +16,7 @@ class Inertia(NamedTuple):
     Attributes:
         moments, inverses: I and 1/I.
         per_unit: 1 / the largest moment.
+        bends: (I_k - I_j)^2 / (12 I_i) * per_unit, the second term of the free body's generating function.
         relative: I * per_unit, in which solvers work so that no unit of mass or length overflows a determinant.
     """
 
@@ -23,12 +24,17 @@ class Inertia(NamedTuple):
     inverses: cp.Vector
     per_unit: Array
     relative: cp.Vector
+    bends: cp.Vector
 
     @classmethod
     def of(cls, body: RigidBody) -> "Inertia":
         moments = cp.unpack(body.moments)
         per_unit = 1 / cp.largest(moments)
-        return cls(moments, (1 / moments[0], 1 / moments[1], 1 / moments[2]), per_unit, cp.scale(per_unit, moments))
+        inverses = (1 / moments[0], 1 / moments[1], 1 / moments[2])
+        a, b, c = moments
+        squares = ((c - b) ** 2, (a - c) ** 2, (b - a) ** 2)
+        bends = cp.scale(per_unit / 12, cp.times(squares, inverses))
+        return cls(moments, inverses, per_unit, cp.scale(per_unit, moments), bends)
 
 
 class Flight(eqx.Module):
@@ -39,12 +45,15 @@ class Flight(eqx.Module):
         order: its order of accuracy as a map; `None` when exact.
         symplectic: whether the map preserves the Lie-Poisson and symplectic structure to rounding.
         body: the kind of body it moves.
+        per_loop: how many of it the compiler takes in one loop; a step of more is cut after each. Beyond some 2,700 operations XLA's CPU emitter cuts a
+            loop into functions that call each other, and repeats the work a hundredfold.
     """
 
     name: ClassVar[str]
     order: ClassVar[int | None]
     symplectic: ClassVar[bool]
     body: ClassVar[type[RigidBody] | type[Particles]]
+    per_loop: ClassVar[int]
 
     @abstractmethod
     def __call__(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:

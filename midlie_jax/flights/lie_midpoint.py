@@ -33,6 +33,7 @@ class LieMidpoint(Flight):
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = False
     body: ClassVar[type] = RigidBody
+    per_loop: ClassVar[int] = 2
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         # w = Psi/2 and y = h Pi0 solve 2 I w = exp(-w) y.

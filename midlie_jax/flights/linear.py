@@ -15,6 +15,7 @@ class Linear(Flight):
     order: ClassVar[int | None] = None
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = Particles
+    per_loop: ClassVar[int] = 64
 
     def __call__(self, inertia: Particles, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
         return h * inertia.velocity(momentum), momentum, True
