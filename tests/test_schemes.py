@@ -73,7 +73,7 @@ ROTATIONS = {
     "DLM[EA]": (2, 32),
     "SYMMETRIC[EA]": (2, 32),
     "LIEMID[SRKN6b]": (2, 32),
-    "LIEMID[S4]": (4, 16),
+    "SLIEMID[S4]": (4, 16),
     "SLIEMID4[SRKN6b]": (4, 16),
     "SYMMETRIC[SRKN6b]": (4, 32),
     "SYMMETRIC[SRKN11b]": (6, 8),

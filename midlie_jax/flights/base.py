@@ -45,8 +45,8 @@ class Flight(eqx.Module):
         order: its order of accuracy as a map; `None` when exact.
         symplectic: whether the map preserves the Lie-Poisson and symplectic structure to rounding.
         body: the kind of body it moves.
-        per_loop: how many of it the compiler takes in one loop; a step of more is cut after each. Beyond some 2,700 operations XLA's CPU emitter cuts a
-            loop into functions that call each other, and repeats the work a hundredfold.
+        per_loop: how many of it the compiler takes in one loop; a step of more is cut after each. A larger loop XLA's
+            CPU emitter cuts into functions that call each other, and so repeats the work many times over.
     """
 
     name: ClassVar[str]
