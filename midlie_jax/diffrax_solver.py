@@ -165,8 +165,8 @@ class RotationNorm(eqx.Module):
 
     The larger of the momentum's error, by its length, in units of `momentum`, and of the attitude's, the angle of the
     rotation between the two, in units of `angle`. PIDController divides errors entry by entry by atol + rtol |y|
-    before it asks for the norm, and entries of a quaternion pass through zero: with rtol=0 the angle is exact, and
-    `atol` is the error allowed a step, in radians times `angle`; with an rtol of up to atol it is right within a factor 2.
+    before it asks for the norm, and entries of a quaternion pass through zero. So with rtol=0 the angle is exact, and
+    `atol` is the error allowed a step, in those units; with an rtol of up to atol it is right within a factor of 2.
 
     Attributes:
         momentum: the size of momentum that counts as one.
