@@ -8,7 +8,7 @@ the derivatives of the state's arrays; `LieSolver` sees angular velocity and tor
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import diffrax
 import equinox as eqx
@@ -257,7 +257,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
             fine = fine & jnp.all(jnp.isfinite(leaf))
         error = jax.lax.stop_gradient(_error(y0, y1, h, velocities, torques))
         error = jax.tree.map(lambda e: jnp.where(fine, e, jnp.full_like(e, jnp.inf)), error)
-        result = diffrax.RESULTS.where(fine, diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence)
+        good, bad = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
+        result = diffrax.RESULTS.where(fine, good, bad)
         return y1, error, dense, last, result
 
     def func(self, terms: Any, t0: Any, y0: Any, args: Any) -> Any:
