@@ -106,7 +106,7 @@ def through_diffrax(scene, batch, steps):
             start,
             stepsize_controller=diffrax.StepTo(ts=times),
             adjoint=diffrax.ForwardMode(),
-            throw=False,
+            max_steps=None,
         ).ys
 
     many = starts(scene, batch)
