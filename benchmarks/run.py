@@ -92,6 +92,31 @@ def tsit5(scene, batch, steps):
     return median_seconds(lambda: done(y)) / (steps * batch), compiling
 
 
+def through_diffrax(scene, batch, steps):
+    """LIEMID[EA] as a solver of diffrax, the steps and the end of `ours`; no derivative asked for."""
+    times = 0.005 * jnp.arange(steps + 1.0)
+
+    def run(start):
+        return diffrax.diffeqsolve(
+            ml.RigidBodyTerm(scene.body, scene.torque),
+            ml.LieSolver("LIEMID[EA]"),
+            times[0],
+            times[-1],
+            None,
+            start,
+            stepsize_controller=diffrax.StepTo(ts=times),
+            adjoint=diffrax.ForwardMode(),
+            max_steps=None,
+        ).ys
+
+    many = starts(scene, batch)
+    if batch == 1:
+        done, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
+        return median_seconds(lambda: done(jax.tree.map(lambda x: x[0], many))) / steps, compiling
+    done, compiling = compiled(jax.vmap(run), many)
+    return median_seconds(lambda: done(many)) / (steps * batch), compiling
+
+
 def gradient_cost(scene, batch, steps):
     """Time of value and gradient (moments, weight) over time of the value; and its compile time."""
 
@@ -140,6 +165,12 @@ def rows(scene, quick):
     for many in (1, 100, 10_000, 100_000):
         cost, compiling = ours("LIEMID[EA]", scene, many, 100_000 // many if many < 1000 else 40)
         yield f"LIEMID[EA], {many} bodies", f"{1e6 * cost:.3f} us a body-step", f"{reference / cost:.2f}", ""
+    for many in (1, 1000, 100_000):
+        steps = 100_000 // many if many < 1000 else 40
+        alone, _ = ours("LIEMID[EA]", scene, many, steps)
+        cost, compiling = through_diffrax(scene, many, steps)
+        label = f"LIEMID[EA] through diffrax, {many} bodies"
+        yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     cost, compiling = gradient_cost(scene, 1024, 100)
     yield "value and gradient over value", f"{cost:.1f} times", "", f"{compiling:.1f} s"
 

@@ -13,6 +13,10 @@ from .bodies import RigidBody as RigidBody
 from .bodies import RigidState as RigidState
 from .bodies import kinetic_energy as kinetic_energy
 from .bodies import spatial_momentum as spatial_momentum
+from .diffrax_solver import LieInterpolation as LieInterpolation
+from .diffrax_solver import LieSolver as LieSolver
+from .diffrax_solver import RigidBodyTerm as RigidBodyTerm
+from .diffrax_solver import RotationNorm as RotationNorm
 from .integrate import Path as Path
 from .integrate import integrate as integrate
 from .methods import method as method
