@@ -156,10 +156,10 @@ def rows(scene, quick):
     yield "LIEMID[EA], float32", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     if not quick:
         yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / with_xla_option():.2f}", ""
-    for name in ml.methods():
-        if ml.method(name).bodies is ml.RigidBody and name != "LIEMID[EA]":
-            cost, compiling = ours(name, scene, batch, steps)
-            yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
+    others = [n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody and n != "LIEMID[EA]"]
+    for name in (*others, "SLIEMID[EA]", "SLIEMID4[EA]", "SLIEMID4[SRKN6b]", "DLM[EA]", "SYMMETRIC[EA]"):
+        cost, compiling = ours(name, scene, batch, steps)
+        yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     cost, compiling = tsit5(scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     for many in (1, 100, 10_000, 100_000):

@@ -50,9 +50,10 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         ValueError: unknown name; the message lists all.
     """
     if scheme is None:
+        name = str(name)
         if name in _METHODS:
             return _METHODS[name]
-        flight, _, rest = str(name).partition("[")
+        flight, _, rest = name.partition("[")
         scheme = rest.removesuffix("]")
         if flight not in _FLIGHTS or scheme not in SCHEMES:
             raise ValueError(
@@ -65,8 +66,9 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
             raise ValueError(f"unknown {label} {part!r}; choose from {', '.join(known)}.")
     flight = _FLIGHTS[name] if isinstance(name, str) else name
     table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
-    whole = f"{flight.name}[{table.name}]"
-    return _METHODS.get(whole) or Splitting(flight, table, whole)
+    made = Splitting(flight, table, f"{flight.name}[{table.name}]")
+    known = _METHODS.get(made.name)
+    return known if known == made else made
 
 
 def methods() -> list[str]:

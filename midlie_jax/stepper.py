@@ -135,8 +135,9 @@ class Splitting(Method):
         self.flight = flight
         self.scheme = scheme
         self.name = name
-        exact = flight.order is None or scheme.composed
-        self.order = scheme.order if exact else min(scheme.order, flight.order)
+        self.order = scheme.order
+        if flight.order is not None and not scheme.composed:
+            self.order = min(scheme.order, flight.order)
         self.symmetric = scheme.symmetric
         self.bodies = flight.body
         self.evaluations = scheme.evaluations
