@@ -48,6 +48,16 @@ def compiled(function, argument):
     return done, time.perf_counter() - begin
 
 
+def body_step(run, scene, batch, steps):
+    """Seconds a body-step of `run(start)` over a batch of starts (solo for 1), and seconds of compiling."""
+    many = starts(scene, batch)
+    if batch == 1:
+        done, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
+        return median_seconds(lambda: done(jax.tree.map(lambda x: x[0], many))) / steps, compiling
+    done, compiling = compiled(jax.vmap(run), many)
+    return median_seconds(lambda: done(many)) / (steps * batch), compiling
+
+
 def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
     scene = scenes.scene(scene.name, dtype)
     torque = scene.torque if torque is None else torque
@@ -55,12 +65,7 @@ def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
     def run(start):
         return ml.integrate(ml.method(name), scene.body, torque, start, dt=0.005, steps=steps, save_every=steps)
 
-    many = starts(scene, batch)
-    if batch == 1:
-        done, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
-        return median_seconds(lambda: done(jax.tree.map(lambda x: x[0], many))) / steps, compiling
-    done, compiling = compiled(jax.vmap(run), many)
-    return median_seconds(lambda: done(many)) / (steps * batch), compiling
+    return body_step(run, scene, batch, steps)
 
 
 def tsit5(scene, batch, steps):
@@ -109,12 +114,7 @@ def through_diffrax(scene, batch, steps):
             max_steps=None,
         ).ys
 
-    many = starts(scene, batch)
-    if batch == 1:
-        done, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
-        return median_seconds(lambda: done(jax.tree.map(lambda x: x[0], many))) / steps, compiling
-    done, compiling = compiled(jax.vmap(run), many)
-    return median_seconds(lambda: done(many)) / (steps * batch), compiling
+    return body_step(run, scene, batch, steps)
 
 
 def gradient_cost(scene, batch, steps):

@@ -83,13 +83,17 @@ def rotate_back(q: Quaternion, v: Vector) -> Vector:
     return rotate(conjugate(q), v)
 
 
+def unit_factor(square: Array) -> Array:
+    """1/sqrt(square) for a square that is 1 but for rounding: Newton's step from 1."""
+    return 1.5 - 0.5 * square
+
+
 def normalize_once(q: Quaternion) -> Quaternion:
     """One Newton step towards |q| = 1: exact on (1, 0, 0, 0), and the norm's error is squared.
 
     Applied to the rotation of one step, it leaves rounding alone to accumulate over many.
     """
-    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    factor = 1.5 - 0.5 * square
+    factor = unit_factor(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (factor * q[0], factor * q[1], factor * q[2], factor * q[3])
 
 

@@ -379,8 +379,7 @@ class ParticleState(State):
 
 
 def _to_unit(square: Array, still: Array) -> Array:
-    """1/sqrt(square) for a square that is 1 but for rounding: Newton's step from 1."""
-    return jnp.where(still, jnp.ones_like(square), 1.5 - 0.5 * square)
+    return jnp.where(still, jnp.ones_like(square), cp.unit_factor(square))
 
 
 def _unit(vectors: np.ndarray) -> Any:

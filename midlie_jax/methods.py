@@ -68,7 +68,7 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
     made = Splitting(flight, table, f"{flight.name}[{table.name}]")
     known = _METHODS.get(made.name)
-    return known if known == made else made
+    return known if known is not None and known == made else made
 
 
 def methods() -> list[str]:

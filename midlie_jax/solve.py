@@ -1,4 +1,4 @@
-"""Three equations in three unknowns: the implicit part of every rotation step.
+"""Three equations in three unknowns: the implicit part of a step whose residual holds the user's torque.
 
 The root comes from a fixed number of Newton steps, so that it fuses into the step's one loop. Its derivative is
 that of the implicit function (`lax.custom_root`), forward and reverse and of any order: nothing is ever
@@ -16,15 +16,6 @@ from . import _components as cp
 from ._fuse import together
 
 Residual = Callable[[cp.Vector], cp.Vector]
-
-
-def root(residual: Residual, guess: cp.Vector, iterate: Callable[[cp.Vector], cp.Vector]) -> cp.Vector:
-    """The root of `residual` found by `iterate(guess)`, with the derivative of the implicit function.
-
-    All may close over anything; only `residual` is differentiated.
-    """
-    guess = jax.lax.stop_gradient(guess)
-    return jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _tangent)
 
 
 def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: bool = False) -> tuple[cp.Vector, Array]:
@@ -45,12 +36,9 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
             x = improve(x)
         return x
 
-    x = root(residual, guess, iterate)
-    return x, residual_size(residual, x)
-
-
-def residual_size(residual: Residual, x: cp.Vector) -> Array:
-    return cp.largest(jax.lax.stop_gradient(residual(x)))
+    guess = jax.lax.stop_gradient(guess)
+    x = jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _tangent)
+    return x, cp.largest(jax.lax.stop_gradient(residual(x)))
 
 
 def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:

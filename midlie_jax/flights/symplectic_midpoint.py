@@ -21,7 +21,8 @@ from ..bodies import RigidBody
 from .base import Flight, Inertia
 from .lie_midpoint import free_start
 
-# Pairs of steps from the start below; enough for |Psi| <= 1.5 and the moments of any real body, ratios of 1e6 included.
+# Pairs of steps from the start below; enough for |Psi| <= .3 and the moments of any real body with ratios up to 1e3.
+# Beyond that, the thinner the body the sooner a solve fails, and is refused.
 _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 
@@ -71,7 +72,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int) -> tuple[c
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _turn(order: int, inertia: Inertia, y: cp.Vector) -> cp.Vector:
     """The root Psi, y = h Pi0 per unit, with the derivative of the implicit function, of any order."""
-    # To second order in |Psi|: half the equation of the paper's flight, which agrees so far.
+    # Right to second order in |Psi|, as far as the equation agrees with that of the paper's flight.
     turn = cp.scale(2, free_start(cp.scale(2, inertia.relative), y))
     for _ in range(_PAIRS):
         inverse = cp.Inverse3.of(_slope(order, inertia, y, turn))
