@@ -35,6 +35,16 @@ class Scheme(NamedTuple):
         """Whether a step begins and ends with a kick, so that the last force is the next step's first."""
         return self.stages[0][0] == KICK and self.stages[-1][0] == KICK
 
+    def merged(self) -> "Scheme":
+        """The scheme with neighbouring stages of one kind made one: the same method where the flight is exact."""
+        stages = [self.stages[0]]
+        for kind, coefficient in self.stages[1:]:
+            if kind == stages[-1][0]:
+                stages[-1] = (kind, stages[-1][1] + coefficient)
+            else:
+                stages.append((kind, coefficient))
+        return self._replace(stages=tuple(stages))
+
     @property
     def flights(self) -> int:
         """Flights a step."""

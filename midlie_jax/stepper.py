@@ -133,7 +133,7 @@ class Splitting(Method):
 
     def __init__(self, flight: Flight, scheme: schemes.Scheme, name: str):
         self.flight = flight
-        self.scheme = scheme
+        self.scheme = scheme.merged() if flight.order is None else scheme
         self.name = name
         self.order = scheme.order
         if flight.order is not None and not scheme.composed:

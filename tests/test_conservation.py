@@ -53,9 +53,11 @@ def drift(series):
 # A step rounds each entry of R and Pi some ten times. If the errors fall either way, they add up as a random walk: a
 # few eps a step, and sqrt(N) of that over N steps. Anything that leans one way adds up as eps N and breaks this.
 WALK = 8 * np.sqrt(LONG * BLOCKS)
-# But the direction of R Pi may lean: a body of constant spin makes the same turn every step, with the same rounding in
-# it, by which the turn of the attitude and that of the momentum differ. Measured, .026 eps a step for the fast spin.
-LEAN = LONG * BLOCKS / 32
+# But the direction of R Pi may lean: a body of constant spin makes the same turn e every step, with the same rounding
+# in it. Its length |e|^2 = 1 + d, d <= 2 eps, turns momentum by d sin(angle)/2 more than attitude: of the fast spin's
+# momentum, the share that is across the axis.
+ANGLE, ACROSS = 20 * 0.02, np.hypot(1, 2) / 20
+LEAN = LONG * BLOCKS * 2 * np.sin(ANGLE) / 2 * ACROSS
 
 
 def length(part):

@@ -8,7 +8,7 @@ from typing import ClassVar
 from jax import Array
 
 from .. import _components as cp
-from .._half_turn import LARGEST_SQUARE, half_turn
+from .._half_turn import LARGEST_SQUARE, half_turn, spin
 from ..bodies import RigidBody
 from .base import Flight, Inertia
 
@@ -28,12 +28,18 @@ class Symmetric(Flight):
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         a, b, c = inertia.inverses
         turn = cp.scale(h / 2 * a, momentum)
-        spin = h / 2 * (c - a) * momentum[2]
-        zero = spin * 0
-        whole = half_turn(turn)
-        half = half_turn((zero, zero, spin))
-        increment = cp.multiply(cp.multiply(whole, whole), cp.multiply(half, half))
-        largest = LARGEST_SQUARE * (1 + zero)
-        small = (cp.dot(turn, turn) <= largest) & (spin * spin <= largest)
+        half = half_turn(turn)
+        w, x, y, z = cp.multiply(half, half)
+        angle = h / 2 * (c - a) * momentum[2]
+        cosine, sine = spin(angle)
+        increment = (
+            w * cosine - z * sine,
+            x * cosine + y * sine,
+            y * cosine - x * sine,
+            w * sine + z * cosine,
+        )
+        twice, sine = cosine * cosine - sine * sine, 2 * cosine * sine
+        turned = (twice * momentum[0] + sine * momentum[1], twice * momentum[1] - sine * momentum[0], momentum[2])
+        small = (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
         equal = abs(a - b) <= 8 * cp.epsilon(a) * a
-        return increment, cp.rotate_back(half, cp.rotate_back(half, momentum)), small & equal
+        return increment, turned, small & equal

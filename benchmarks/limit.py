@@ -1,0 +1,81 @@
+"""The limit in C: builds `limit.c` with the machine's own compiler and times it.
+
+    python benchmarks/limit.py      prints body-steps a second for both methods, dtypes, and one and all cores
+
+The polynomials are those of midlie_jax, written to a header; how many vectors are worth having in flight is measured.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import jax.numpy as jnp
+
+from midlie_jax import _half_turn
+
+SOURCE = Path(__file__).with_name("limit.c")
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-std=gnu11", "-Wno-psabi")
+
+
+def header(dtype: str, vectors: int) -> str:
+    few = _half_turn._FEW_ARCTANGENT[dtype]
+    terms = _half_turn._TERMS[dtype]
+    tables = {
+        "ARCTANGENT": _half_turn._ARCTANGENT[dtype],
+        "ROUGH_ARCTANGENT": few,
+        "ROUGH_SLOPE": tuple(n * c for n, c in enumerate(few) if n),
+        "COSINE": _half_turn._taylor(0, 0.5, terms),
+        "SPIN_COSINE": _half_turn._taylor(0, 1.0, _half_turn._SPIN_TERMS[dtype]),
+        "SPIN_SINE": _half_turn._taylor(1, 1.0, _half_turn._SPIN_TERMS[dtype]),
+        "SINE": tuple(0.5 * c for c in _half_turn._taylor(1, 0.5, terms)),
+    }
+    kind, integer = {"float64": ("double", "long long"), "float32": ("float", "int")}[dtype]
+    lines = [f"#define REAL {kind}", f"#define INTEGER {integer}", f"#define VECTORS {vectors}"]
+    lines.append(f"#define EPSILON {float(jnp.finfo(dtype).eps)!r}")
+    for name, table in tables.items():
+        lines.append(f"static const REAL {name}[] = {{{', '.join(map(repr, table))}}};")
+    return "\n".join(lines) + "\n"
+
+
+@cache
+def built(dtype: str, vectors: int) -> Path:
+    """The program, or an error that says what the compiler said."""
+    folder = Path(tempfile.mkdtemp(prefix="midlie-limit-"))
+    (folder / "limit.h").write_text(header(dtype, vectors))
+    shutil.copy(SOURCE, folder)
+    compiler = os.environ.get("CC", "cc")
+    done = subprocess.run(
+        [compiler, *FLAGS, "-o", "limit", "limit.c", "-lm"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise RuntimeError(f"{compiler} did not build {SOURCE.name}: {done.stderr.strip()}")
+    return folder / "limit"
+
+
+def measured(method: str, dtype: str, vectors: int, cores: int, bodies: int, steps: int) -> tuple[float, list[float]]:
+    """Seconds a body-step, and the momentum of the first top at the end."""
+    environment = {**os.environ, "OMP_NUM_THREADS": str(cores)}
+    command = [str(built(dtype, vectors)), method, str(bodies), str(steps)]
+    words = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+    return float(words[0]), [float(word) for word in words[1:]]
+
+
+def limit(method: str, dtype: str, cores: int = 1, bodies: int = 4096, steps: int = 400) -> float:
+    """The best seconds a body-step over the widths tried."""
+    return min(measured(method, dtype, vectors, cores, bodies, steps)[0] for vectors in (1, 2))
+
+
+def main() -> None:
+    for method in ("LIEMID", "SYMMETRIC"):
+        for dtype in ("float64", "float32"):
+            for cores in (1,):
+                for vectors in (1, 2):
+                    cost, momentum = measured(method, dtype, vectors, cores, 4096, 400)
+                    print(f"{method}[EA] {dtype} {cores} cores, {vectors} vectors: {1e-6 / cost:.1f} M/s", momentum)
+
+
+if __name__ == "__main__":
+    main()
