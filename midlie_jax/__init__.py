@@ -17,6 +17,7 @@ from .diffrax_solver import LieInterpolation as LieInterpolation
 from .diffrax_solver import LieSolver as LieSolver
 from .diffrax_solver import RigidBodyTerm as RigidBodyTerm
 from .diffrax_solver import RotationNorm as RotationNorm
+from .ensemble import ensemble as ensemble
 from .integrate import Path as Path
 from .integrate import integrate as integrate
 from .methods import method as method

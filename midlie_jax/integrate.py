@@ -106,7 +106,7 @@ def _run(
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
     def leap(carry: Any, n: Array) -> tuple[Any, State]:
-        carry, _ = jax.lax.scan(step, carry, n + jnp.arange(save_every, dtype=jnp.int32))
+        carry, _ = jax.lax.scan(step, carry, n + jnp.arange(save_every, dtype=jnp.int32), unroll=method.unroll)
         return carry, kind.join(*carry[0])
 
     kept = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)

@@ -96,6 +96,11 @@ class Method(eqx.Module):
     bodies: eqx.AbstractVar[type]
     evaluations: eqx.AbstractVar[int]
 
+    @property
+    def unroll(self) -> int:
+        """Steps a turn of the loop over steps: two spare it the copy of every array, and compile for twice as long."""
+        return 1
+
     @abstractmethod
     def keeps_force(self, system: System) -> bool:
         """Whether the force at the end of a step is kept for the next one."""
@@ -141,6 +146,10 @@ class Splitting(Method):
         self.symmetric = scheme.symmetric
         self.bodies = flight.body
         self.evaluations = scheme.evaluations
+
+    @property
+    def unroll(self) -> int:
+        return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
 
     def keeps_force(self, system: System) -> bool:
         return system.torque is not None and self.scheme.reuses_force and not system.reads_momentum
