@@ -3,7 +3,8 @@
    LIEMID[EA] (the paper's flight) and SYMMETRIC[EA] (Verlet with the exact flight of a body with two equal moments)
    for heavy tops, V = WEIGHT (R e3).z, with the equations and polynomials of midlie_jax. GCC's vector extensions:
    a `vec` is as many registers wide as are worth having in flight. A top's seven numbers never leave them, so not
-   one pass over memory is made, and a solve stops when its own lanes have settled: less than a batch can hope for.
+   one pass over memory is made. LIEMID takes the same Newton steps as the package, whatever the turn; LIEMID-EARLY stops
+   when its own lanes have settled, which no program can that runs one loop over a batch without a branch.
 
        python benchmarks/limit.py     writes limit.h (polynomials), builds this and runs it
        ./limit METHOD BODIES STEPS    prints the median seconds a body-step of five runs, and the first momentum */
@@ -14,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "limit.h" /* REAL, INTEGER, VECTORS, EPSILON; ARCTANGENT, ROUGH_ARCTANGENT, COSINE, SINE: lowest first */
+#include "limit.h" /* REAL, INTEGER, VECTORS, EPSILON, FIRST, MORE; ARCTANGENT, ROUGH_ARCTANGENT, COSINE, SINE: lowest first */
 
 typedef REAL vec __attribute__((vector_size(32 * VECTORS)));
 typedef INTEGER mask __attribute__((vector_size(32 * VECTORS)));
@@ -25,9 +26,9 @@ typedef struct { vec x, y, z; } vec3;
 typedef struct { vec w, x, y, z; } quat;
 typedef struct { vec3 p; quat q; } top;
 
+#define COUNT(table) ((int)(sizeof(table) / sizeof(*table)))
 static const REAL MOMENTS[3] = {5, 5, 1}, WEIGHT = 20, DT = .005;
 
-#define COUNT(table) ((int)(sizeof(table) / sizeof(*table)))
 INLINE vec polynomial(const REAL *c, int n, vec x) { /* Estrin: pairs, then pairs of pairs */
     vec term[16];
     for (int i = 0; i < n / 2; i++) term[i] = c[2 * i] + c[2 * i + 1] * x;
@@ -100,19 +101,26 @@ INLINE vec improve(inverse m, const REAL *k, vec3 y, vec3 *u, int exact) { /* re
     *u = (vec3){u->x - change.x, u->y - change.y, u->z - change.z};
     return dot(r, r);
 }
-INLINE void fly_liemid(top *s, REAL h) {
+INLINE void fly_liemid(top *s, REAL h, int early) {
     const REAL k[3] = {4 * MOMENTS[0], 4 * MOMENTS[1], 4 * MOMENTS[2]}, limit = 8 * EPSILON;
-    vec3 y = {h * s->p.x, h * s->p.y, h * s->p.z}, c[3], u = {0 * y.x, 0 * y.x, 0 * y.x};
-    vec3 y2 = {2 * y.x, 2 * y.y, 2 * y.z};
-    plain(k[0] + u.x, k[1] + u.x, k[2] + u.x, y2, u, c);
+    vec3 y = {h * s->p.x, h * s->p.y, h * s->p.z}, twice = {2 * y.x, 2 * y.y, 2 * y.z}, c[3];
+    vec3 u = {0 * y.x, 0 * y.x, 0 * y.x};
+    plain(k[0] + u.x, k[1] + u.x, k[2] + u.x, twice, u, c);
     u = apply(invert(c[0], c[1], c[2]), y);
     plain(k[0] + 0 * y.x, k[1] + 0 * y.x, k[2] + 0 * y.x, y, u, c);
-    improve(invert(c[0], c[1], c[2]), k, y, &u, 0);
-    for (int pair = 0; pair < 6; pair++) {
-        inverse m = jacobian(k, y, u);
-        vec before = improve(m, k, y, &u, 1), between = improve(m, k, y, &u, 1);
-        if (!any(between * between > limit * limit * before * dot(y, y))) break;
-    }
+    inverse m = invert(c[0], c[1], c[2]);
+    for (int i = 0; i < (early ? 1 : FIRST); i++) improve(m, k, y, &u, 0);
+    if (early)
+        for (int pair = 0; pair < 6; pair++) {
+            m = jacobian(k, y, u);
+            vec before = improve(m, k, y, &u, 1), between = improve(m, k, y, &u, 1);
+            if (!any(between * between > limit * limit * before * dot(y, y))) break;
+        }
+    else
+        for (int round = 0; round < COUNT(MORE); round++) {
+            m = jacobian(k, y, u);
+            for (int i = 0; i < MORE[round]; i++) improve(m, k, y, &u, round == COUNT(MORE) - 1);
+        }
     vec x = dot(u, u), share = 1 / (1 + x);
     quat turn = {(1 - x) * share, 2 * share * u.x, 2 * share * u.y, 2 * share * u.z};
     s->p = rotate_back(turn, s->p);
@@ -120,7 +128,8 @@ INLINE void fly_liemid(top *s, REAL h) {
 }
 
 /* SYMMETRIC: exp(h Pi/I1) exp(b e3), b = h (1/I3 - 1/I1) Pi3; as in midlie_jax/flights/symmetric.py */
-INLINE void fly_symmetric(top *s, REAL h) {
+INLINE void fly_symmetric(top *s, REAL h, int early) {
+    (void)early;
     REAL per = 1 / MOMENTS[0];
     vec3 w = {h / 2 * per * s->p.x, h / 2 * per * s->p.y, h / 2 * per * s->p.z};
     vec b = h / 2 * (1 / MOMENTS[2] - per) * s->p.z, x = dot(w, w);
@@ -134,11 +143,11 @@ INLINE void fly_symmetric(top *s, REAL h) {
     s->p = (vec3){x * s->p.x + d * s->p.y, x * s->p.y - d * s->p.x, s->p.z};
 }
 
-INLINE void run(top *s, int steps, int flights, void (*fly)(top *, REAL)) {
+INLINE void run(top *s, int steps, int flights, void (*fly)(top *, REAL, int), int early) {
     vec tx = 2 * WEIGHT * (s->q.y * s->q.z + s->q.w * s->q.x), ty = -2 * WEIGHT * (s->q.x * s->q.z - s->q.w * s->q.y);
     for (int n = 0; n < steps; n++) {
         s->p.x += DT / 2 * tx, s->p.y += DT / 2 * ty;
-        for (int i = 0; i < flights; i++) fly(s, DT / flights);
+        for (int i = 0; i < flights; i++) fly(s, DT / flights, early);
         s->q = unit(s->q);
         tx = 2 * WEIGHT * (s->q.y * s->q.z + s->q.w * s->q.x), ty = -2 * WEIGHT * (s->q.x * s->q.z - s->q.w * s->q.y);
         s->p.x += DT / 2 * tx, s->p.y += DT / 2 * ty;
@@ -151,8 +160,8 @@ static int ascending(const void *a, const void *b) {
 }
 
 int main(int count, char **words) {
-    if (count != 4) return fprintf(stderr, "usage: limit LIEMID|SYMMETRIC BODIES STEPS\n"), 2;
-    int liemid = !strcmp(words[1], "LIEMID"), groups = atoi(words[2]) / LANES, steps = atoi(words[3]);
+    if (count != 4) return fprintf(stderr, "usage: limit LIEMID|LIEMID-EARLY|SYMMETRIC BODIES STEPS\n"), 2;
+    int liemid = !strncmp(words[1], "LIEMID", 6), early = !strcmp(words[1], "LIEMID-EARLY"), groups = atoi(words[2]) / LANES, steps = atoi(words[3]);
     if (!liemid && strcmp(words[1], "SYMMETRIC")) return fprintf(stderr, "no limit for %s\n", words[1]), 2;
     double seconds[5];
     top *tops = aligned_alloc(64, groups * sizeof(top));
@@ -165,8 +174,9 @@ int main(int count, char **words) {
         double begin = omp_get_wtime();
 #pragma omp parallel for schedule(static)
         for (int i = 0; i < groups; i++)
-            if (liemid) run(&tops[i], steps, 2, fly_liemid);
-            else run(&tops[i], steps, 1, fly_symmetric);
+            if (early) run(&tops[i], steps, 2, fly_liemid, 1);
+            else if (liemid) run(&tops[i], steps, 2, fly_liemid, 0);
+            else run(&tops[i], steps, 1, fly_symmetric, 0);
         seconds[repeat] = omp_get_wtime() - begin;
     }
     qsort(seconds, 5, sizeof(double), ascending);

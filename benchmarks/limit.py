@@ -15,6 +15,7 @@ from pathlib import Path
 import jax.numpy as jnp
 
 from midlie_jax import _half_turn
+from midlie_jax.flights import lie_midpoint
 
 SOURCE = Path(__file__).with_name("limit.c")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-std=gnu11", "-Wno-psabi")
@@ -35,6 +36,8 @@ def header(dtype: str, vectors: int) -> str:
     kind, integer = {"float64": ("double", "long long"), "float32": ("float", "int")}[dtype]
     lines = [f"#define REAL {kind}", f"#define INTEGER {integer}", f"#define VECTORS {vectors}"]
     lines.append(f"#define EPSILON {float(jnp.finfo(dtype).eps)!r}")
+    first, more = lie_midpoint._STEPS[dtype]
+    lines += [f"#define FIRST {first}", f"static const int MORE[] = {{{', '.join(map(str, more))}}};"]
     for name, table in tables.items():
         lines.append(f"static const REAL {name}[] = {{{', '.join(map(repr, table))}}};")
     return "\n".join(lines) + "\n"
@@ -69,7 +72,7 @@ def limit(method: str, dtype: str, cores: int = 1, bodies: int = 4096, steps: in
 
 
 def main() -> None:
-    for method in ("LIEMID", "SYMMETRIC"):
+    for method in ("LIEMID", "LIEMID-EARLY", "SYMMETRIC"):
         for dtype in ("float64", "float32"):
             for cores in (1,):
                 for vectors in (1, 2):

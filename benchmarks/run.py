@@ -2,8 +2,9 @@
 
     python benchmarks/run.py [--quick] [--write]
 
-Every figure is a median of five warm runs of the fast top P1; compile times are the first call, tracing included.
-`--write` puts the table between the markers in README.md. Pin to one core (`taskset -c 0`) for figures to compare.
+Every figure is a median of five warm runs of the fast top P1 on one core, to which it pins itself; compile times are
+the first call, tracing included. The C limit is `limit.c`, built here. `--write` puts the table between the markers in
+README.md.
 """
 
 import argparse
@@ -15,15 +16,23 @@ import sys
 import time
 from pathlib import Path
 
+ONE_CORE = "--all-cores" not in sys.argv
+if hasattr(os, "sched_setaffinity"):  # before XLA counts the cores
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))} if ONE_CORE else range(os.cpu_count() or 1))
+
 import diffrax
 import jax
 import jax.numpy as jnp
+import limit
+import numpy as np
+from scipy.integrate import solve_ivp
 
 jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import scenes  # noqa: E402
 
+MORE = ("SLIEMID[EA]", "SLIEMID4[EA]", "SLIEMID4[SRKN6b]", "DLM[EA]", "SYMMETRIC[EA]")
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 
@@ -68,33 +77,70 @@ def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
     return body_step(run, scene, batch, steps)
 
 
-def tsit5(scene, batch, steps):
-    """diffrax on the quaternion state, constant step, vmapped."""
+def ambient(scene, t, y):
+    """d/dt of momentum and quaternion as one array (7,): what a general solver is given."""
+    state = ml.RigidState.of(y[:3], y[3:])
+    velocity = y[:3] / scene.body.moments
+    rate = ml.RigidState.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
+    return jnp.concatenate([jnp.cross(y[:3], velocity) + scene.torque(t, state), jnp.stack(rate)])
 
-    def field(t, y, args):
-        del args
-        state = ml.RigidState.of(y[:3], y[3:])
-        velocity = y[:3] / scene.body.moments
-        rate = ml.RigidState.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
-        return jnp.concatenate([jnp.cross(y[:3], velocity) + scene.torque(t, state), jnp.stack(rate)])
 
-    def run(y):
-        term, solver = diffrax.ODETerm(field), diffrax.Tsit5()
+def tsit5_run(scene, dt, steps):
+    """diffrax on the quaternion state, constant step."""
+
+    def run(start):
         return diffrax.diffeqsolve(
-            term,
-            solver,
+            diffrax.ODETerm(lambda t, y, args: ambient(scene, t, y)),
+            diffrax.Tsit5(),
             0.0,
-            0.005 * steps,
+            dt * steps,
             None,
-            y,
-            stepsize_controller=diffrax.StepTo(ts=0.005 * jnp.arange(steps + 1.0)),
+            jnp.concatenate([start.momentum, start.attitude], axis=-1),
+            stepsize_controller=diffrax.StepTo(ts=dt * jnp.arange(steps + 1.0)),
             adjoint=diffrax.ForwardMode(),
-        ).ys
+            max_steps=None,
+        ).ys[-1]
 
-    many = starts(scene, batch)
-    y = jnp.concatenate([many.momentum, many.attitude], axis=-1)
-    done, compiling = compiled(jax.vmap(run), y)
-    return median_seconds(lambda: done(y)) / (steps * batch), compiling
+    return run
+
+
+def scipy_step(scene, steps):
+    """Seconds a step of SciPy's RK45 at a constant step, on NumPy, with the torque of P1 written out."""
+    moments, weight = np.asarray(scene.body.moments), float(scene.torque.weight)
+
+    def field(t, y):
+        del t
+        p, (w, x, y_, z) = y[:3], y[3:]
+        o = p / moments
+        torque = weight * np.array([2 * (y_ * z + w * x), -2 * (x * z - w * y_), 0.0])
+        rate = 0.5 * np.array(
+            [
+                -x * o[0] - y_ * o[1] - z * o[2],
+                w * o[0] + y_ * o[2] - z * o[1],
+                w * o[1] + z * o[0] - x * o[2],
+                w * o[2] + x * o[1] - y_ * o[0],
+            ]
+        )
+        return np.concatenate([np.cross(p, o) + torque, rate])
+
+    start = np.concatenate([np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)])
+    options = {"method": "RK45", "first_step": 0.005, "max_step": 0.005, "rtol": 1e-2, "atol": 1e3}
+    begin = time.perf_counter()
+    taken = len(solve_ivp(field, (0, 0.005 * steps), start, **options).t) - 1
+    return (time.perf_counter() - begin) / taken
+
+
+def equal_time_errors(scene, ratio, time=1.0, steps=400):
+    """Errors of the momentum at `time` by LIEMID[EA] with so many steps, and by Tsit5 with `ratio` times as many."""
+    other = max(1, round(steps * ratio))
+
+    def momentum(count):
+        return ml.integrate("LIEMID[EA]", scene.body, scene.torque, scene.start, dt=time / count, steps=count).states
+
+    mine = momentum(steps).momentum[-1]
+    its = tsit5_run(scene, time / other, other)(scene.start)[:3]
+    exact = tsit5_run(scene, time / 8000, 8000)(scene.start)[:3]
+    return float(jnp.linalg.norm(mine - exact)), float(jnp.linalg.norm(its - exact))
 
 
 def through_diffrax(scene, batch, steps):
@@ -133,19 +179,57 @@ def gradient_cost(scene, batch, steps):
     return median_seconds(lambda: slope(many)) / median_seconds(lambda: value(many)), compiling
 
 
-def with_xla_option():
-    """The same LIEMID[EA] figure in a process that has XLA's own multi-output fusion on."""
-    option = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-    environment = {**os.environ, "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {option}".strip()}
-    command = [sys.executable, __file__, "--quick", "--only-first"]
+def elsewhere(*options, **environment):
+    """The figure of LIEMID[EA], batch 4096, in a process of its own."""
+    command = [sys.executable, __file__, "--quick", "--only-first", *options]
+    environment = {**os.environ, **environment}
     out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
     return float(re.findall(r"RESULT ([\d.eE+-]+)", out)[0])
+
+
+def limits(scene, batch, steps):
+    """Beside the hand-written C of the same methods, alternately, so that both see the same machine."""
+    kinds = {"LIEMID": ("the same arithmetic in C",), "SYMMETRIC": ("the same arithmetic in C",)}
+    kinds["LIEMID"] += ("C that stops a solve early",)
+    for flight, rivals in kinds.items():
+        for dtype in (jnp.float64, jnp.float32):
+            for rival in rivals:
+                program = f"{flight}-EARLY" if "early" in rival else flight
+                pairs = []
+                for _ in range(3):
+                    cost, _ = ours(f"{flight}[EA]", scene, batch, steps, dtype)
+                    pairs.append((limit.limit(program, dtype.__name__), cost))
+                share = statistics.median(c / cost for c, cost in pairs)
+                speed = 1e-6 / statistics.median(c for c, _ in pairs)
+                yield f"{flight}[EA], {dtype.__name__}, of {rival}", f"limit {speed:.1f} M/s", f"{share:.2f} of it", ""
+
+
+def sizes(scene, name, reference):
+    for many in (1, 100, 10_000, 1_000_000):
+        steps = {1: 20_000, 100: 2000, 10_000: 100}.get(many, 20)
+        starting = starts(scene, many)
+
+        def run(start, steps=steps):
+            return ml.ensemble(name, scene.body, scene.torque, start, dt=0.005, steps=steps)
+
+        done, _ = compiled(run, starting)
+        cost = median_seconds(lambda done=done, starting=starting: done(starting)) / (steps * many)
+        memory = done.memory_analysis()
+        held = (memory.output_size_in_bytes + memory.temp_size_in_bytes) / many
+        note = f"{1e9 * cost:.1f} ns a body-step"
+        if many == 1_000_000:
+            note += f"; memory beside the start: {held / 56:.1f} times it"
+        yield f"{name}, ensemble of {many}", note, f"{reference / cost:.2f}", ""
 
 
 def rows(scene, quick):
     batch, steps = 4096, 100 if quick else 400
     reference, compiling = ours("LIEMID[EA]", scene, batch, steps)
     yield "LIEMID[EA]", f"{1e-6 / reference:.1f} M body-steps/s", "1", f"{compiling:.1f} s"
+    yield from limits(scene, batch, steps)
+    if (os.cpu_count() or 1) > 1:
+        both = statistics.median(elsewhere() / elsewhere("--all-cores") for _ in range(3))
+        yield f"LIEMID[EA], {os.cpu_count()} cores", "of one core", f"{both:.2f}", ""
     for label, torque in (
         ("a torque written on arrays", lambda t, s: 20 * jnp.cross(ml.so3.to_matrix(s.attitude)[2], jnp.eye(3)[2])),
         ("a torque from a potential", ml.torques.FromPotential(lambda t, s: 20 * ml.so3.to_matrix(s.attitude)[2, 2])),
@@ -155,16 +239,24 @@ def rows(scene, quick):
     cost, compiling = ours("LIEMID[EA]", scene, batch, steps, jnp.float32)
     yield "LIEMID[EA], float32", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     if not quick:
-        yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / with_xla_option():.2f}", ""
+        option = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
+        cost = elsewhere(XLA_FLAGS=f"{os.environ.get('XLA_FLAGS', '')} {option}".strip())
+        yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / cost:.2f}", ""
     others = [n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody and n != "LIEMID[EA]"]
-    for name in (*others, "SLIEMID[EA]", "SLIEMID4[EA]", "SLIEMID4[SRKN6b]", "DLM[EA]", "SYMMETRIC[EA]"):
+    for name in (*others, *MORE):
         cost, compiling = ours(name, scene, batch, steps)
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    cost, compiling = tsit5(scene, batch, steps)
+    cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    for many in (1, 100, 10_000, 100_000):
-        cost, compiling = ours("LIEMID[EA]", scene, many, 100_000 // many if many < 1000 else 40)
-        yield f"LIEMID[EA], {many} bodies", f"{1e6 * cost:.3f} us a body-step", f"{reference / cost:.2f}", ""
+    mine, its = equal_time_errors(scene, reference / cost)
+    yield "error of Pi at equal time, T = 1", f"LIEMID[EA] {mine:.1e}, Tsit5 {its:.1e}", "", ""
+    yield from sizes(scene, "LIEMID[EA]", reference)
+    yield from sizes(scene, "SYMMETRIC[EA]", reference)
+    solo, _ = ours("LIEMID[EA]", scene, 1, 20_000)
+    cost, _ = body_step(tsit5_run(scene, 0.005, 20_000), scene, 1, 20_000)
+    yield "diffrax Tsit5, 1 body", f"{1e6 * cost:.2f} us a step", f"{solo / cost:.4f} of LIEMID[EA]'s", ""
+    cost = scipy_step(scene, 2000)
+    yield "SciPy RK45, 1 body", f"{1e6 * cost:.0f} us a step", f"{solo / cost:.4f} of LIEMID[EA]'s", ""
     for many in (1, 1000, 100_000):
         steps = 100_000 // many if many < 1000 else 40
         alone, _ = ours("LIEMID[EA]", scene, many, steps)
@@ -185,6 +277,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only-first", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--all-cores", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     scene = scenes.scene("P1")
