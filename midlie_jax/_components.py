@@ -84,6 +84,25 @@ def rotate_back(q: Quaternion, v: Vector) -> Vector:
     return rotate(conjugate(q), v)
 
 
+def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quaternion:
+    """q (cosine + sine e_axis): half of the products of `multiply`."""
+    j, k = (axis + 1) % 3 + 1, (axis + 2) % 3 + 1
+    result = [cosine * part for part in q]
+    result[0] = result[0] - sine * q[axis + 1]
+    result[axis + 1] = result[axis + 1] + sine * q[0]
+    result[j] = result[j] + sine * q[k]
+    result[k] = result[k] - sine * q[j]
+    return (result[0], result[1], result[2], result[3])
+
+
+def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
+    """v seen from a frame turned about one axis by the angle of this cosine and sine."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    result = list(v)
+    result[j], result[k] = cosine * v[j] + sine * v[k], cosine * v[k] - sine * v[j]
+    return (result[0], result[1], result[2])
+
+
 def unit_factor(square: Array) -> Array:
     """1/sqrt(square) for a square that is 1 but for rounding: Newton's step from 1."""
     return 1.5 - 0.5 * square

@@ -5,7 +5,7 @@ the same tables drive rigid bodies and particles.
 """
 
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 KICK, FLIGHT = "kick", "flight"
@@ -49,6 +49,18 @@ class Scheme(NamedTuple):
     def flights(self) -> int:
         """Flights a step."""
         return sum(kind == FLIGHT for kind, _ in self.stages)
+
+    @property
+    def alternates(self) -> bool:
+        """Whether kicks and flights take turns, and it begins and ends with the same."""
+        return all(a[0] != b[0] for a, b in pairwise(self.stages)) and self.stages[0][0] == self.stages[-1][0]
+
+    def columns(self) -> tuple[list[float], list[float], list[float]]:
+        """Kicks, flights, and the times between flights from 0 to 1, of a scheme that alternates."""
+        kicks = [c for kind, c in self.stages if kind == KICK]
+        flights = [c for kind, c in self.stages if kind == FLIGHT]
+        # Coefficients are rounded; the last flight ends at the end of the step all the same.
+        return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
 
     @property
     def evaluations(self) -> int:

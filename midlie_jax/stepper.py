@@ -157,35 +157,92 @@ class Splitting(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
     ) -> tuple[Motion, Any, Array | bool]:
-        oks = []
+        advance = self._in_a_loop if self._looped else self._written_out
+        motion, force, ok = advance(_Stages(self.flight, system, t0, t1, h), motion, force)
+        return motion, force if self.keeps_force(system) else None, ok
 
-        def time(c: float) -> Array:
-            return t0 if c == 0 else t1 if c == 1 else t0 + c * h
+    @property
+    def _looped(self) -> bool:
+        """Whether the step is a loop over its stages: as many flights written out would take the compiler too long."""
+        return self.scheme.flights > max(2, self.flight.per_loop) and self.scheme.alternates
+
+    def _written_out(self, stages: "_Stages", motion: Motion, force: Any) -> tuple[Motion, Any, Array | bool]:
+        ok: Array | bool = True
+        left = self.scheme.flights
 
         def fly(a: float, motion: Motion) -> Motion:
-            increment, momentum, ok = _fly(self.flight, system.inertia, a * h, motion.momentum)
-            oks.append(ok)
-            last = len(oks) == self.scheme.flights
-            pose = system.landed(motion.pose, increment, h) if last else system.turned(motion.pose, increment)
-            cut = together if self.scheme.flights > self.flight.per_loop else system.joint
-            return cut(Motion(momentum, pose))
+            nonlocal ok, left
+            left -= 1
+            motion, fine = stages.fly(a, motion, last=not left)
+            ok = fine if ok is True else ok & fine
+            return together(motion) if self.scheme.flights > self.flight.per_loop else stages.system.joint(motion)
 
-        def evaluate(c: float, motion: Motion) -> Any:
-            return None if system.torque is None else system.force(time(c), motion)
+        motion, force = schemes.run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)
+        return motion, force, ok
 
-        def kick(b: float, c: float, motion: Motion, force: Any) -> Motion:
-            if force is None:
-                return motion
-            if system.reads_momentum:
-                half_way = Motion(_add(motion.momentum, b * h / 2, force), motion.pose)
-                force = system.force(time(c), half_way)
-            return Motion(_add(motion.momentum, b * h, force), motion.pose)
+    def _in_a_loop(self, stages: "_Stages", motion: Motion, force: Any) -> tuple[Motion, Any, Array | bool]:
+        """A flight and a kick a turn, beginning with whichever the scheme begins with."""
+        kicks, flights, times = self.scheme.columns()
+        kicks_first = self.scheme.stages[0][0] == schemes.KICK
+        if kicks_first and force is None:
+            force = stages.evaluate(0.0, motion)
 
-        motion, last = schemes.run(self.scheme, fly, kick, evaluate, motion, force)
-        ok = oks[0]
-        for other in oks[1:]:
-            ok = ok & other
-        return motion, last if self.keeps_force(system) else None, ok
+        light = self.flight.per_loop > 2
+        cut = stages.system.joint if light else together
+
+        def turn(carry: Any, row: Any) -> tuple[Any, None]:
+            motion, force, ok = carry
+            kick, flight, here, there = row
+            if kicks_first:
+                motion = stages.kick(kick, here, motion, force)
+            motion, fine = stages.fly(flight, motion, last=True)
+            motion = cut(motion)
+            force = stages.evaluate(there, motion)
+            if not kicks_first:
+                motion, force = stages.kick(kick, there, motion, force), None
+            return together((motion, force, ok & fine)), None
+
+        rows = [kicks, flights, times[:-1], times[1:]]
+        count = min(len(kicks), len(flights))
+        rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
+        (motion, force, ok), _ = jax.lax.scan(turn, (motion, force, jnp.array(True)), rows, unroll=2 if light else 1)
+        if kicks_first:
+            return stages.kick(kicks[-1], 1.0, motion, force), force, ok
+        motion, fine = stages.fly(flights[-1], motion, last=True)
+        return motion, None, ok & fine
+
+
+class _Stages(NamedTuple):
+    """The parts of one step; their coefficients are numbers, or scalars in a loop over stages."""
+
+    flight: Flight
+    system: System
+    t0: Array
+    t1: Array
+    h: Array
+
+    def _time(self, c: Any) -> Array:
+        """c steps after the start of the step, and at its two ends exactly there."""
+        if isinstance(c, float):
+            return self.t0 if c == 0 else self.t1 if c == 1 else self.t0 + c * self.h
+        return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
+
+    def fly(self, a: Any, motion: Motion, last: bool) -> tuple[Motion, Array | bool]:
+        increment, momentum, ok = _fly(self.flight, self.system.inertia, a * self.h, motion.momentum)
+        if last:
+            return Motion(momentum, self.system.landed(motion.pose, increment, self.h)), ok
+        return Motion(momentum, self.system.turned(motion.pose, increment)), ok
+
+    def evaluate(self, c: Any, motion: Motion) -> Any:
+        return None if self.system.torque is None else self.system.force(self._time(c), motion)
+
+    def kick(self, b: Any, c: Any, motion: Motion, force: Any) -> Motion:
+        if force is None:
+            return motion
+        if self.system.reads_momentum:
+            half_way = Motion(_add(motion.momentum, b * self.h / 2, force), motion.pose)
+            force = self.system.force(self._time(c), half_way)
+        return Motion(_add(motion.momentum, b * self.h, force), motion.pose)
 
 
 @eqx.filter_jit

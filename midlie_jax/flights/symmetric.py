@@ -29,17 +29,10 @@ class Symmetric(Flight):
         a, b, c = inertia.inverses
         turn = cp.scale(h / 2 * a, momentum)
         half = half_turn(turn)
-        w, x, y, z = cp.multiply(half, half)
         angle = h / 2 * (c - a) * momentum[2]
         cosine, sine = spin(angle)
-        increment = (
-            w * cosine - z * sine,
-            x * cosine + y * sine,
-            y * cosine - x * sine,
-            w * sine + z * cosine,
-        )
-        twice, sine = cosine * cosine - sine * sine, 2 * cosine * sine
-        turned = (twice * momentum[0] + sine * momentum[1], twice * momentum[1] - sine * momentum[0], momentum[2])
+        increment = cp.multiply_about(cp.multiply(half, half), 2, cosine, sine)
+        turned = cp.rotate_back_about(2, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
         small = (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
         equal = abs(a - b) <= 8 * cp.epsilon(a) * a
         return increment, turned, small & equal

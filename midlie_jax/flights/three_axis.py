@@ -9,7 +9,7 @@ from typing import ClassVar
 from jax import Array
 
 from .. import _components as cp
-from .._half_turn import LARGEST_SQUARE, half_turn
+from .._half_turn import LARGEST_SQUARE, spin
 from ..bodies import RigidBody
 from .base import Flight, Inertia
 
@@ -27,18 +27,16 @@ class ThreeAxis(Flight):
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody
-    per_loop: ClassVar[int] = 1
+    per_loop: ClassVar[int] = 4
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        increment: cp.Quaternion | None = None
-        largest = h * 0
+        zero = h * 0
+        increment: cp.Quaternion = (zero + 1, zero, zero, zero)
+        largest = zero
         for axis, part in _SWEEP:
-            angle = part * h / 2 * inertia.inverses[axis] * momentum[axis]
-            largest = largest + angle * angle
-            zero = angle * 0
-            half = half_turn(tuple(angle if i == axis else zero for i in range(3)))  # pyright: ignore[reportArgumentType]
-            momentum = cp.rotate_back(half, cp.rotate_back(half, momentum))
-            turn = cp.multiply(half, half)
-            increment = turn if increment is None else cp.multiply(increment, turn)
-        assert increment is not None
+            half = part * h / 2 * inertia.inverses[axis] * momentum[axis]
+            largest = largest + half * half
+            cosine, sine = spin(half)
+            increment = cp.multiply_about(increment, axis, cosine, sine)
+            momentum = cp.rotate_back_about(axis, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
         return increment, momentum, largest <= LARGEST_SQUARE
