@@ -146,12 +146,13 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array]]:
         """The system, and the clock that turns diffrax's time, which always grows, into the term's."""
         # diffrax hands over its own wrapper, which turns time round; what it wraps is inside.
-        found = jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, RigidBodyTerm))
-        found = [x for x in found if isinstance(x, RigidBodyTerm)]
-        if len(found) != 1:
+        kinds = (RigidBodyTerm, diffrax.MultiTerm)
+        found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
+        if len(found) != 1 or not isinstance(found[0], RigidBodyTerm):
             raise ValueError(
-                f"LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got {type(terms).__name__} "
-                f"with {len(found)} of them; diffrax's own solvers take the same term."
+                "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
+                f"{' and '.join(type(x).__name__ for x in found) or 'none'}; add torques with midlie_jax.torques.Sum. "
+                "diffrax's own solvers take the same term."
             )
         (term,) = found
         torque = term.torque_at(args)

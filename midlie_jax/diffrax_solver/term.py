@@ -21,8 +21,9 @@ from ..torques import TorqueLike
 class Rates(NamedTuple):
     """What changes a state.
 
-    `LieSolver` takes velocity and torque from here rather than from the ambient derivative, where the torque stands
-    beside Pi x Om and is rounded as coarsely: `benchmarks/diffrax_pipeline.py float32` measures what that would cost.
+    Velocity and torque are there beside the ambient derivative because motion on the group is made of them. Recovering
+    them from the derivative would cost a division by the attitude, though no accuracy that can be seen, not even in
+    float32: `benchmarks/diffrax_pipeline.py float32`.
 
     Attributes:
         ambient: the derivative of the state's arrays, a state of the same class.
