@@ -131,9 +131,9 @@ def kept_and_slope(name, weight, controller, adjoint):
     return kept, slope
 
 
-def quick(function, name=""):
-    """Compiled; LIEMID[EA] as a user would, the rest in a hurry."""
-    return jax.jit(function, compiler_options=None if name == "LIEMID[EA]" else QUICK)
+def quick(function):
+    """Compiled in a hurry."""
+    return jax.jit(function, compiler_options=QUICK)
 
 
 @cache
@@ -145,7 +145,7 @@ def paths(name):
         torque = term.torque_at((weight, ARGS[1]))
         return ml.integrate(name, term.body, torque, y0, dt=DT, steps=STEPS, save_every=EVERY, t0=T0).states
 
-    return jax.tree.map(np.asarray, quick(jax.vmap(run), name)(WEIGHTS))
+    return jax.tree.map(np.asarray, quick(jax.vmap(run))(WEIGHTS))
 
 
 def compare(kept, path):
@@ -178,7 +178,7 @@ def test_outputs_equal_integrate(name):
     def program(weight):
         return jax.vmap(lambda w: outputs(name, w, turn[0]))(WEIGHTS), outputs(name, weight, turn[1], TS)
 
-    batch, solo = quick(program, name)(ARGS[0])
+    batch, solo = quick(program)(ARGS[0])
     compare(solo, row(paths(name), 2))
     for i in range(len(SIZES)):
         compare(row(batch, i), row(paths(name), i))
@@ -227,8 +227,7 @@ def test_full_product(name, controller, batched):
                 assert abs(slope - differences(name)) <= bound * abs(differences(name)), adjoint
 
 
-@eqx.filter_jit(compiler_options=QUICK)
-def end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
+def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
     """The solution at t1; compiled once a solver, for all times, steps and torques."""
     return diffrax.diffeqsolve(
         term,
@@ -242,6 +241,9 @@ def end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
         adjoint=adjoint or diffrax.RecursiveCheckpointAdjoint(),
         throw=False,
     )
+
+
+end = eqx.filter_jit(solve_to_the_end, compiler_options=QUICK)
 
 
 def numbers(state):
@@ -306,10 +308,10 @@ def test_norm_is_the_angle_between_attitudes():
 
 # A method of each family; the orders of its estimate in momentum and attitude, and the span of estimate over error.
 FAMILIES = {
-    "LIEMID[E2]": (2, 2, 0.9, 1.1),
-    "LIEMID[EA]": (3, 3, 0.8, 1.25),
-    "LIEMID[EA*]": (3, 3, 0.8, 1.25),
-    "NMB": (3, 3, 0.8, 1.25),
+    "LIEMID[E2]": (2, 2, 0.95, 1.05),
+    "LIEMID[EA]": (3, 3, 0.95, 1.05),
+    "LIEMID[EA*]": (3, 3, 0.95, 1.05),
+    "NMB": (3, 3, 0.95, 1.05),
     "SYMMETRIC[SRKN6b]": (4, 5, 1.0, np.inf),
 }
 
@@ -342,8 +344,8 @@ def test_estimate_is_the_local_error_or_above(name):
     sizes = [[np.linalg.norm(x, axis=-1) for x in jax.tree.leaves(e)] for e in (error, true, first[3])]
     ratio, slopes = np.divide(sizes[0], sizes[1]), np.log2(np.divide(*np.transpose(sizes)))
     momentum, attitude, least, most = FAMILIES[name]
-    print(f"{name:18} estimate over error {ratio[:, 1]}, orders {slopes[:, 0]}")
-    assert np.all((ratio > least) & (ratio < most)), ratio
+    print(f"{name:18} estimate over error {ratio[:, 1]} at h = 1/64, orders {slopes[:, 0]}")
+    assert np.all((ratio[:, 1] > least) & (ratio[:, 1] < most)), ratio
     assert np.all(np.abs(slopes[:, 0] - [momentum, attitude]) < 0.25)
     assert abs(slopes[0, 2] - 2) < 0.25
     assert solver.error_order(term) == min(momentum, attitude)
@@ -411,11 +413,11 @@ def test_torque_evaluations(name, controller, dense, evaluations):
 def test_backsolve_approaches_the_derivative_of_the_motion():
     """By the recipe, a solver of diffrax for the way back: off by the method's error, a quarter at half the step."""
 
-    def value(weight, dt, adjoint):
-        y = end(ml.LieSolver("LIEMID[EA]"), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
+    def value(weight, dt, adjoint, run=end):
+        y = run(ml.LieSolver("LIEMID[EA]"), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
         return jnp.sum(jnp.sin(y.momentum)) + jnp.sum(jnp.cos(y.attitude))
 
-    slope = quick(jax.grad(partial(value, adjoint=ADJOINTS["BacksolveAdjoint"])))
+    slope = quick(jax.grad(partial(value, adjoint=ADJOINTS["BacksolveAdjoint"], run=solve_to_the_end)))
     gaps = []
     for dt in (jnp.array(1 / 16), jnp.array(1 / 32)):
         plain = [value(weight, dt, ADJOINTS["ForwardMode"]) for weight in WEIGHTS]
@@ -464,6 +466,30 @@ def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
     assert abs(coarse - exact(weight)) > 1e-10  # it is the step that makes it right
 
 
+def test_pitfalls_of_the_readme():
+    """A constant step that does not divide the time, and a torque that is a new function on every call."""
+    steps = diffrax.SaveAt(steps=True)
+    times = solve("Verlet", DOTS, term=SPRINGS, t0=0.0, t1=1.0, dt0=0.3, saveat=steps, max_steps=8).ts
+    np.testing.assert_allclose(times[np.isfinite(times)], [0.3, 0.5, 0.75, 1.0], atol=1e-6)
+
+    traces = []
+
+    @eqx.filter_jit(compiler_options=QUICK)
+    def run(term):
+        traces.append(1)
+        return solve("Verlet", DOTS, term=term).ys
+
+    def spring_of(stiffness):
+        return ml.RigidBodyTerm(SPRINGS.body, lambda t, state: -stiffness * state.position)
+
+    again = [ml.RigidBodyTerm(SPRINGS.body, jax.tree_util.Partial(pull, jnp.array(k))) for k in (1.0, 2.0)]
+    for terms, expected in (([spring_of(1.0), spring_of(2.0)], 2), (again, 1)):
+        traces.clear()
+        for term in terms:
+            run(term)
+        assert len(traces) == expected
+
+
 def test_float32():
     cast = partial(jax.tree.map, lambda x: x.astype(jnp.float32) if eqx.is_array(x) else x)
     times = [jnp.float32(t) for t in (T0, T0 + 1, DT)]
@@ -496,15 +522,15 @@ def test_dense_output_is_on_the_group_and_of_third_order_inside_a_step():
         times = FROM + h * INSIDE
         return jax.vmap(solution.evaluate)(times), jax.vmap(solution.derivative)(times)
 
-    def exact(t):
-        y = jax.tree.map(lambda x: x[0], truth(t))
-        return y, TERM.vf(t, y, ARGS).ambient
+    def exact(times):
+        y = jax.tree.map(lambda *x: jnp.concatenate(x), *[truth(t) for t in times])
+        return y, quick(jax.vmap(lambda t, y: TERM.vf(t, y, ARGS).ambient))(times, y)
 
     errors = []
     for h in (1 / 8, 1 / 16, 1 / 32):
         got = step(jnp.array(h))
         assert np.max(np.abs(np.linalg.norm(got[0].attitude, axis=-1) - 1)) < 4 * epsilon("float64")
-        gaps = jax.tree.map(lambda a, b: np.max(np.abs(a - b)), got, eqx.filter_jit(jax.vmap(exact))(FROM + h * INSIDE))
+        gaps = jax.tree.map(lambda a, b: np.max(np.abs(a - b)), got, exact(FROM + h * INSIDE))
         errors.append(jax.tree.leaves(gaps))
     slopes = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     print("order of momentum, attitude and their derivatives inside a step:", slopes)
@@ -564,6 +590,7 @@ def test_bad_input_names_the_cure():
         (lambda: ml.RigidBodyTerm(BODY, 1.0), "callable of"),
         (lambda: ml.RigidBodyTerm(BODY, torque, torque_of_args=forces), "not both"),
         (lambda: solve("NMB", start(), term=diffrax.ODETerm(lambda t, y, args: y)), "RigidBodyTerm"),
+        (lambda: solve("NMB", start(), term=diffrax.MultiTerm(TERM, TERM)), "got MultiTerm; add torques with"),
         (lambda: solve("NMB", start().momentum), "must be one such as midlie_jax.RigidState"),
         (lambda: solve("NMB", batch), "jax.vmap"),
         (lambda: solve("NMB", dots), "belongs to Particles"),
