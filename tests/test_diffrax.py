@@ -209,17 +209,18 @@ def test_derivatives_equal_differences(name, controller, adjoint):
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("name", [*METHODS, *MORE])
 def test_full_product(name, controller, batched):
-    """Every method x kind of output x controller x adjoint x batch."""
+    """Every method x kind of output x controller x adjoint x batch; but diffrax has no way back over a StepTo."""
+    adjoints = [a for a in ADJOINTS if (a, controller) != ("BacksolveAdjoint", "StepTo")]
 
     def program(weight):
-        return outputs(name, weight, controller), [kept_and_slope(name, weight, controller, a) for a in ADJOINTS]
+        return outputs(name, weight, controller), [kept_and_slope(name, weight, controller, a) for a in adjoints]
 
     weights = WEIGHTS[1:4] if batched else WEIGHTS[2]
     found = quick(jax.vmap(program) if batched else program)(weights)
     for i in (1, 2, 3) if batched else (2,):
         kept, derivatives = row(found, i - 1) if batched else found
         compare(kept, row(paths(name), i))
-        for adjoint, (states, slope) in zip(ADJOINTS, derivatives, strict=True):
+        for adjoint, (states, slope) in zip(adjoints, derivatives, strict=True):
             compare(states, row(paths(name), i))
             # Backsolve differentiates the motion and not the steps.
             bound = 0.05 if adjoint == "BacksolveAdjoint" else 1e-6
