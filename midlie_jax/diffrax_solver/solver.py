@@ -148,13 +148,13 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         # diffrax hands over its own wrapper, which turns time round; what it wraps is inside.
         kinds = (RigidBodyTerm, diffrax.MultiTerm)
         found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
-        if len(found) != 1 or not isinstance(found[0], RigidBodyTerm):
+        term = found[0] if len(found) == 1 else None
+        if not isinstance(term, RigidBodyTerm):
             raise ValueError(
                 "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
                 f"{' and '.join(type(x).__name__ for x in found) or 'none'}; add torques with midlie_jax.torques.Sum. "
                 "diffrax's own solvers take the same term."
             )
-        (term,) = found
         torque = term.torque_at(args)
         check(term.body, torque, y)
         if not isinstance(term.body, self.method.bodies):
