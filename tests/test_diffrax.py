@@ -1,10 +1,11 @@
 """The methods inside diffrax.
 
-Not the full product of methods x SaveAt kinds x controllers x adjoints x batches, but a round robin: every method is
-run, and the other choices rotate along, so that each of them meets several methods. Compiling is what costs.
+Compiling is what costs, so one compiled program a method holds several solves, and every solve keeps all kinds of
+output at once. By default each method meets every kind of `SaveAt`, two of the three controllers, one body and a batch;
+each adjoint meets one method. `pytest -m full tests/test_diffrax.py` runs the whole product.
 """
 
-from functools import partial
+from functools import cache, partial
 
 import diffrax
 import equinox as eqx
@@ -14,15 +15,21 @@ import numpy as np
 import optimistix
 import pytest
 from cases import AXIS, PARTICLE, ROTATION, epsilon, setup
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax import oracles
 
 # Times exact in binary, so that differences of times are the very step of `integrate`.
-T0, DT, STEPS = 0.25, 1 / 64, 64
+T0, DT, STEPS, EVERY = 0.25, 1 / 64, 32, 8
 CASE = setup(t0=T0)
 TIMES = T0 + DT * np.arange(STEPS + 1)
 BODY = ml.RigidBody(jnp.asarray(CASE.moments))
+# Code that compiles in half the time; what it computes is the same, at worst rounded otherwise.
+QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+METHODS = [*ROTATION, "SLIEMID4[SRKN6b]", "DLM[EA]"]
+MORE = ["SYMMETRIC[SRKN6b]", "SLIEMID[EA]", "LIEMID[S4]", *PARTICLE]
 
 
 def wind(strength, t):
@@ -35,12 +42,30 @@ def forces(args):
     return ml.torques.HeavyTop(weight, AXIS) + ml.torques.Prescribed(jax.tree_util.Partial(wind, strength))
 
 
+def pull(stiffness, t, state):
+    return -stiffness * jnp.sin(state.position) * (1 + t)
+
+
+def spring(args):
+    return jax.tree_util.Partial(pull, args[0])
+
+
 ARGS = (jnp.asarray(CASE.weight), jnp.asarray(CASE.strength))
 TERM = ml.RigidBodyTerm(BODY, torque_of_args=forces)
+SYMMETRIC = ml.RigidBodyTerm(ml.RigidBody(jnp.array([1.5, 1.5, 2.5])), torque_of_args=forces)
+SPRINGS = ml.RigidBodyTerm(ml.Particles(jnp.array([1.0, 2.0])), torque_of_args=spring)
+DOTS = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
 
 
 def start(scale=1.0):
     return ml.RigidState(scale * jnp.asarray(CASE.momentum), jnp.asarray(CASE.attitude))
+
+
+def problem(name):
+    """The term and the start for a method."""
+    if name in PARTICLE:
+        return SPRINGS, DOTS
+    return (SYMMETRIC if name.startswith("SYMMETRIC") else TERM), start()
 
 
 def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT, throw=False, **options):
@@ -48,79 +73,165 @@ def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT
     return diffrax.diffeqsolve(term, solver, t0, t1, dt0, y0, args, throw=throw, **options)
 
 
-STEP_TO = {"dt0": None, "stepsize_controller": diffrax.StepTo(ts=jnp.asarray(TIMES))}
-MIXED = [diffrax.SubSaveAt(t0=True, steps=16), diffrax.SubSaveAt(t1=True, fn=lambda t, y, args: y.momentum * args[0])]
-KINDS = {
-    "ts": diffrax.SaveAt(ts=jnp.asarray(TIMES[::16])),
-    "steps": diffrax.SaveAt(t0=True, steps=16),
-    "dense": diffrax.SaveAt(dense=True),
-    "t1": diffrax.SaveAt(t1=True),
-    "fn": diffrax.SaveAt(t0=True, t1=True, fn=lambda t, y, args: (y.momentum, y.attitude * args[0])),
-    "subs": diffrax.SaveAt(subs=MIXED),
+CONTROLLERS = {
+    "ConstantStepSize": {},
+    "StepTo": {"dt0": None, "stepsize_controller": diffrax.StepTo(ts=jnp.asarray(TIMES))},
+    # Never in doubt, so that its steps are those of the others.
+    "PIDController": {"stepsize_controller": diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)},
 }
-ROUND = [
-    (name, list(KINDS)[i % len(KINDS)], "StepTo" if i % 3 else "ConstantStepSize", i % 4 == 0)
-    for i, name in enumerate(ROTATION)
-]
+ADJOINTS = {
+    "RecursiveCheckpointAdjoint": diffrax.RecursiveCheckpointAdjoint(),
+    "DirectAdjoint": diffrax.DirectAdjoint(),
+    "ForwardMode": diffrax.ForwardMode(),
+    "BacksolveAdjoint": diffrax.BacksolveAdjoint(solver=diffrax.Tsit5()),
+}
+KINDS = diffrax.SaveAt(
+    subs={
+        "t1": diffrax.SubSaveAt(t1=True),
+        "ts": diffrax.SubSaveAt(ts=jnp.asarray(TIMES[::EVERY])),
+        "steps": diffrax.SubSaveAt(t0=True, steps=EVERY),
+        "fn": diffrax.SubSaveAt(t0=True, t1=True, fn=lambda t, y, args: jax.tree.map(lambda x: x * args[0], y)),
+    },
+    dense=True,
+)
+TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
+FORWARD, REVERSE = "ForwardMode", ("RecursiveCheckpointAdjoint", "DirectAdjoint")
+INDICES = {"t1": [-1], "ts": slice(None), "steps": slice(None), "fn": [0, -1], "dense": [1, -1]}
+# Fourth-order differences.
+SIZES, FACTORS = np.array([2.0, 1.0, 0.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12e-3
+WEIGHTS = ARGS[0] + jnp.asarray(SIZES)
 
 
-def kept(kind, solution, weight):
-    """(index of the step, momentum, attitude or None) for everything that the solution kept."""
-    if kind == "dense":
-        states = [solution.evaluate(TIMES[i]) for i in (16, 64)]
-        return [(i, s.momentum, s.attitude) for i, s in zip((16, 64), states, strict=True)]
-    if kind == "fn":
-        momenta, attitudes = solution.ys
-        return [(i, m, a / weight) for i, m, a in zip((0, 64), momenta, attitudes, strict=True)]
-    if kind == "subs":
-        states, momentum = solution.ys
-        first = [(16 * i, states.momentum[i], states.attitude[i]) for i in range(5)]
-        return [*first, (64, momentum[0] / weight, None)]
-    indices = (64,) if kind == "t1" else range(0, 65, 16)
-    return [(i, solution.ys.momentum[n], solution.ys.attitude[n]) for n, i in enumerate(indices)]
+def outputs(name, weight, controller, saveat=KINDS, adjoint="RecursiveCheckpointAdjoint"):
+    """Everything that is kept, by its kind, and the result."""
+    term, y0 = problem(name)
+    options = CONTROLLERS[controller] | {"saveat": saveat, "adjoint": ADJOINTS[adjoint], "max_steps": STEPS}
+    solution = solve(name, y0, (weight, ARGS[1]), term=term, **options)
+    if saveat is not KINDS:
+        return {"ts": solution.ys}, solution.result
+    dense = jax.vmap(solution.evaluate)(jnp.asarray(TIMES)[jnp.array([EVERY, STEPS])])
+    fn = jax.tree.map(lambda x: x / weight, solution.ys["fn"])
+    return solution.ys | {"dense": dense, "fn": fn}, solution.result
 
 
-@pytest.mark.parametrize(("name", "kind", "controller", "batched"), ROUND, ids=lambda x: str(x))
-def test_equals_integrate_to_two_ulp_a_step(name, kind, controller, batched):
-    options = {"saveat": KINDS[kind], "max_steps": STEPS, **(STEP_TO if controller == "StepTo" else {})}
+def loss(states):
+    """A number into which every state at the times of ts enters."""
+    return sum(jnp.sum(jnp.sin(leaf)) for leaf in jax.tree.leaves(states))
 
-    def theirs(y0):
-        return solve(name, y0, **options)
 
-    def ours(y0):
-        return ml.integrate(name, BODY, forces(ARGS), y0, dt=DT, steps=STEPS, save_every=16, t0=T0)
+def kept_and_slope(name, weight, controller, adjoint):
+    """What is kept at ts, and the derivative of its loss in the weight."""
 
-    if batched:
-        # Row 0 is compared; the other sees to it that there is a batch.
-        y0 = jax.tree.map(lambda *x: jnp.stack(x), start(), start(0.5))
-        solution, path = eqx.filter_vmap(theirs)(y0), jax.vmap(ours)(y0)
-        solution, path = jax.tree.map(lambda x: x[0] if eqx.is_array(x) else x, (solution, path))
-    else:
-        solution, path = theirs(start()), ours(start())
-    assert bool(solution.result == diffrax.RESULTS.successful)
-    for i, momentum, attitude in kept(kind, solution, CASE.weight):
-        # Dense output passes through exp and log on its way to the end of the step.
-        bound = 2 * epsilon("float64") * max(i, 4)
-        assert np.max(np.abs(momentum - path.states.momentum[i // 16])) <= bound * np.max(np.abs(CASE.momentum))
-        if attitude is not None:
-            assert np.max(np.abs(attitude - path.states.attitude[i // 16])) <= bound
+    def value(weight):
+        kept, result = outputs(name, weight, controller, TS, adjoint)
+        return loss(kept["ts"]), (kept, result)
+
+    derivative = jax.jacfwd if adjoint == "ForwardMode" else jax.grad
+    slope, kept = derivative(value, has_aux=True)(weight)
+    return kept, slope
+
+
+def quick(function):
+    """Compiled in a hurry."""
+    return jax.jit(function, compiler_options=QUICK)
+
+
+@cache
+def paths(name):
+    """The states of `integrate` for the weights of the differences, every EVERY steps."""
+    term, y0 = problem(name)
+
+    def run(weight):
+        torque = term.torque_at((weight, ARGS[1]))
+        return ml.integrate(name, term.body, torque, y0, dt=DT, steps=STEPS, save_every=EVERY, t0=T0).states
+
+    return jax.tree.map(np.asarray, quick(jax.vmap(run))(WEIGHTS))
+
+
+def compare(kept, path):
+    """A solution with the states of `integrate`: 2 ulp a step."""
+    states_of, result = kept
+    assert bool(result == diffrax.RESULTS.successful)
+    for kind, states in states_of.items():
+        index = INDICES[kind]
+        for leaf, expected in zip(jax.tree.leaves(states), jax.tree.leaves(path), strict=True):
+            # Dense output passes through exp and log on its way to the end of the step.
+            steps = np.maximum(EVERY * np.arange(len(expected))[index], 4)
+            bound = 2 * epsilon("float64") * steps * np.max(np.abs(expected))
+            assert np.all(np.max(np.abs(leaf - expected[index]), axis=-1) <= bound), kind
+
+
+def row(tree, i):
+    return jax.tree.map(lambda x: x[i] if eqx.is_array(x) else x, tree, is_leaf=lambda x: isinstance(x, np.ndarray))
+
+
+def differences(name):
+    """The derivative of the loss in the weight, by the runs of `integrate`."""
+    return float(np.dot(FACTORS, [loss(row(paths(name), i)) for i in range(len(SIZES))]))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_outputs_equal_integrate(name):
+    """One compile: a batch with every kind of output, and one body; the controllers take turns."""
+    turn = list(CONTROLLERS)[METHODS.index(name) % 3 :] + list(CONTROLLERS)
+
+    def program(weight):
+        return jax.vmap(lambda w: outputs(name, w, turn[0]))(WEIGHTS), outputs(name, weight, turn[1], TS)
+
+    batch, solo = quick(program)(ARGS[0])
+    compare(solo, row(paths(name), 2))
+    for i in range(len(SIZES)):
+        compare(row(batch, i), row(paths(name), i))
 
 
 @pytest.mark.parametrize("name", PARTICLE)
 def test_particles_equal_integrate(name):
-    body, spring = ml.Particles(jnp.array([1.0, 2.0])), lambda t, s: -jnp.sin(s.position) * (1 + t)
-    y0 = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
-    solution = solve(name, y0, term=ml.RigidBodyTerm(body, spring), saveat=diffrax.SaveAt(ts=jnp.asarray(TIMES[::16])))
-    path = ml.integrate(name, body, spring, y0, dt=DT, steps=STEPS, save_every=16, t0=T0)
-    for a, b in zip(jax.tree.leaves(solution.ys), jax.tree.leaves(path.states), strict=True):
-        assert np.max(np.abs(a - b)) <= 2 * epsilon("float64") * STEPS
+    compare(quick(lambda w: outputs(name, w, "PIDController", TS))(ARGS[0]), row(paths(name), 2))
 
 
-@eqx.filter_jit
-def end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None):
+PAIRS = [
+    ("LIEMID[EA]", "PIDController", "RecursiveCheckpointAdjoint"),
+    ("NMB", "ConstantStepSize", "DirectAdjoint"),
+    ("LIEMID[E2]", "StepTo", "ForwardMode"),
+]
+
+
+@pytest.mark.parametrize(("name", "controller", "adjoint"), PAIRS)
+def test_derivatives_equal_differences(name, controller, adjoint):
+    """Of a method that keeps its torque, of one that solves for it, and of one that is handed it."""
+    kept, slope = quick(lambda w: kept_and_slope(name, w, controller, adjoint))(ARGS[0])
+    compare(kept, row(paths(name), 2))
+    assert abs(slope - differences(name)) <= 1e-6 * abs(differences(name))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("batched", [False, True], ids=["solo", "vmap"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("name", [*METHODS, *MORE])
+def test_full_product(name, controller, batched):
+    """Every method x kind of output x controller x adjoint x batch; but diffrax has no way back over a StepTo."""
+    adjoints = [a for a in ADJOINTS if (a, controller) != ("BacksolveAdjoint", "StepTo")]
+
+    def program(weight):
+        return outputs(name, weight, controller), [kept_and_slope(name, weight, controller, a) for a in adjoints]
+
+    weights = WEIGHTS[1:4] if batched else WEIGHTS[2]
+    found = quick(jax.vmap(program) if batched else program)(weights)
+    for i in (1, 2, 3) if batched else (2,):
+        kept, derivatives = row(found, i - 1) if batched else found
+        compare(kept, row(paths(name), i))
+        for adjoint, (states, slope) in zip(adjoints, derivatives, strict=True):
+            compare(states, row(paths(name), i))
+            # Backsolve differentiates the motion and not the steps.
+            bound = 0.05 if adjoint == "BacksolveAdjoint" else 1e-6
+            if i == 2:
+                assert abs(slope - differences(name)) <= bound * abs(differences(name)), adjoint
+
+
+def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
     """The solution at t1; compiled once a solver, for all times, steps and torques."""
     return diffrax.diffeqsolve(
-        TERM,
+        term,
         solver,
         t0,
         t1,
@@ -133,6 +244,9 @@ def end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None):
     )
 
 
+end = eqx.filter_jit(solve_to_the_end, compiler_options=QUICK)
+
+
 def numbers(state):
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state)])
 
@@ -141,8 +255,8 @@ FROM, TO = jnp.array(T0), jnp.array(T0 + 1)
 FREE = (jnp.array(0.0), jnp.array(0.0))
 
 
-def truth(t1=TO, args=ARGS):
-    return end(diffrax.Dopri8(), start(), args, FROM, t1, (t1 - FROM) / 32).ys
+def truth(t1=TO, args=ARGS, term=TERM):
+    return end(diffrax.Dopri8(), start(), args, FROM, t1, (t1 - FROM) / 32, term=term).ys
 
 
 def test_one_term_under_six_solvers_agrees_at_their_orders():
@@ -182,26 +296,6 @@ def test_there_and_back():
         assert np.max(np.abs(numbers(back) - numbers(start()))) < 1e-13
 
 
-def test_controller_holds_its_tolerance_and_rejects_failed_steps():
-    solver, exact = ml.LieSolver("LIEMID[EA]"), numbers(truth())
-    norm = ml.RotationNorm(momentum=2.0)
-    errors = []
-    for tolerance in (1e-3, 1e-5):
-        controller = diffrax.PIDController(rtol=0.0, atol=jnp.array(tolerance), norm=norm)
-        solution = end(solver, start(), ARGS, FROM, TO, jnp.array(DT), controller)
-        assert bool(solution.result == diffrax.RESULTS.successful)
-        errors.append(np.max(np.abs(numbers(solution.ys) - exact)))
-    assert errors[0] < 1e-2
-    assert errors[1] < errors[0] / 30  # the error goes with the tolerance
-    # A first step too long for the flight's equation to be solved.
-    fast = start(8.0)
-    solution = end(solver, fast, ARGS, FROM, TO, jnp.array(1.0), controller)
-    assert bool(solution.result == diffrax.RESULTS.successful)
-    assert int(solution.stats["num_rejected_steps"]) > 0
-    solution = end(solver, fast, ARGS, FROM, TO, jnp.array(1.0))
-    assert bool(solution.result == diffrax.RESULTS.nonlinear_divergence)
-
-
 def test_norm_is_the_angle_between_attitudes():
     q = CASE.attitude
     turned = (Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec([3e-6, -4e-6, 0])).as_quat(
@@ -213,36 +307,188 @@ def test_norm_is_the_angle_between_attitudes():
     assert abs(ml.RotationNorm(momentum=0.1)(error) - 2e-5) < 1e-18
 
 
-ADJOINTS = [
-    ("LIEMID[EA]", diffrax.RecursiveCheckpointAdjoint(), jax.grad),
-    ("NMB", diffrax.DirectAdjoint(), jax.grad),
-    ("LIEMID[E2]", diffrax.ForwardMode(), jax.jacfwd),
-    ("LIEMID[EA]", diffrax.BacksolveAdjoint(solver=diffrax.Tsit5()), jax.grad),
-]
+# A method of each family; the orders of its estimate in momentum and attitude, and the span of estimate over error.
+FAMILIES = {
+    "LIEMID[E2]": (2, 2, 0.95, 1.05),
+    "LIEMID[EA]": (3, 3, 0.95, 1.05),
+    "LIEMID[EA*]": (3, 3, 0.95, 1.05),
+    "NMB": (3, 3, 0.95, 1.05),
+    "SYMMETRIC[SRKN6b]": (4, 5, 1.0, np.inf),
+}
 
 
-@pytest.mark.parametrize(("name", "adjoint", "derivative"), ADJOINTS, ids=[type(a).__name__ for _, a, _ in ADJOINTS])
-def test_gradients_equal_differences(name, adjoint, derivative):
-    """In a torque parameter that comes through `args`."""
+@pytest.mark.parametrize("name", FAMILIES)
+def test_estimate_is_the_local_error_or_above(name):
+    """On a second step; the first has no history, and an estimate of second order in the momentum."""
+    solver, (term, y0) = ml.LieSolver(name), problem(name)
 
-    def value(weight, dt, adjoint=adjoint):
-        y = end(ml.LieSolver(name), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
+    @quick
+    @jax.vmap
+    def first_two(h):
+        state, rows = solver.init(term, FROM, FROM + h, y0, ARGS), []
+        y, t = y0, FROM
+        for _ in range(2):
+            y1, error, _, state, _ = solver.step(term, t, t + h, y, ARGS, state, False)
+            rows.append((t, y, y1, error))
+            y, t = y1, t + h
+        return rows
+
+    def exact(t, y, h):
+        ends = [
+            end(diffrax.Dopri8(), row(y, i), ARGS, t[i], t[i] + h[i], h[i] / 4, term=term).ys for i in range(len(h))
+        ]
+        return jax.tree.map(lambda *x: jnp.concatenate(x), *ends)
+
+    hs = jnp.array([1 / 32, 1 / 64])
+    first, (t, y, y1, error) = first_two(hs)
+    true = jax.tree.map(jnp.subtract, y1, exact(t, y, hs))
+    sizes = [[np.linalg.norm(x, axis=-1) for x in jax.tree.leaves(e)] for e in (error, true, first[3])]
+    ratio, slopes = np.divide(sizes[0], sizes[1]), np.log2(np.divide(*np.transpose(sizes)))
+    momentum, attitude, least, most = FAMILIES[name]
+    print(f"{name:18} estimate over error {ratio[:, 1]} at h = 1/64, orders {slopes[:, 0]}")
+    assert np.all((ratio[:, 1] > least) & (ratio[:, 1] < most)), ratio
+    assert np.all(np.abs(slopes[:, 0] - [momentum, attitude]) < 0.25)
+    assert abs(slopes[0, 2] - 2) < 0.25
+    assert solver.error_order(term) == min(momentum, attitude)
+
+
+@pytest.mark.parametrize("name", ["LIEMID[E2]", "LIEMID[EA]", "SYMMETRIC[SRKN6b]"])
+def test_controller_holds_its_tolerance(name):
+    """Momentum and attitude in turn command the step; both go with the tolerance as the orders say."""
+    solver, (term, y0) = ml.LieSolver(name), problem(name)
+    exact = row(truth(term=term), 0)
+    tolerances = (1e-3, 1e-4, 1e-5) if solver.method.order == 1 else (1e-5, 1e-6, 1e-7)
+    for which, units in enumerate(((1.0, 1e6), (1e6, 1.0))):
+        steps, errors = [], []
+        for tolerance in tolerances:
+            norm = ml.RotationNorm(*map(jnp.array, units))
+            controller = diffrax.PIDController(rtol=0.0, atol=jnp.array(tolerance), norm=norm)
+            solution = end(solver, y0, ARGS, FROM, TO, jnp.array(1 / 512), controller, term=term)
+            assert bool(solution.result == diffrax.RESULTS.successful)
+            steps.append(int(solution.stats["num_accepted_steps"]))
+            errors.append(np.max(np.abs(numbers(row(solution.ys, 0)) - numbers(exact))))
+        exponent = FAMILIES[name][which]
+        growth, gain = np.divide(steps[1:], steps[:-1]), np.divide(errors[:-1], errors[1:])
+        print(f"{name:18} {('momentum', 'attitude')[which]}: steps {steps}, errors {np.array(errors)}")
+        assert abs(np.log10(growth[-1]) - 1 / exponent) < 0.08, steps
+        assert abs(np.log10(gain[-1]) - solver.method.order / exponent) < 0.2, errors
+        assert errors[-1] < 1e3 * tolerances[-1]
+
+
+def test_failed_steps_are_rejected():
+    """A first step too long for the flight's equation to be solved, with a controller and without."""
+    solver, fast = ml.LieSolver("LIEMID[EA]"), start(8.0)
+    norm = ml.RotationNorm(jnp.array(2.0), jnp.array(1.0))
+    controller = diffrax.PIDController(rtol=0.0, atol=jnp.array(1e-5), norm=norm)
+    solution = end(solver, fast, ARGS, FROM, TO, jnp.array(1.0), controller)
+    assert bool(solution.result == diffrax.RESULTS.successful)
+    assert int(solution.stats["num_rejected_steps"]) > 0
+    solution = end(solver, fast, ARGS, FROM, TO, jnp.array(1.0))
+    assert bool(solution.result == diffrax.RESULTS.nonlinear_divergence)
+
+
+@pytest.mark.parametrize(
+    ("name", "controller", "dense", "evaluations"),
+    [("LIEMID[EA]", "PIDController", True, 1), ("LIEMID[EA*]", "PIDController", False, 2)],
+)
+def test_torque_evaluations(name, controller, dense, evaluations):
+    """As `LieSolver` says, counted in the compiled program."""
+    count = []
+
+    def counted(x):
+        count.append(1)
+        return x
+
+    def torque(t, state):
+        like = jax.ShapeDtypeStruct((), t.dtype)
+        return ml.torques.HeavyTop(jax.pure_callback(counted, like, 1 + 0 * state.vertical()[0]), AXIS)(t, state)
+
+    saveat = TS if dense else diffrax.SaveAt(t1=True)
+    options = CONTROLLERS[controller] | {"saveat": saveat}
+    done = quick(lambda y: solve(name, y, term=ml.RigidBodyTerm(BODY, torque), **options).ys).lower(start()).compile()
+    count.clear()
+    jax.block_until_ready(done(start()))
+    assert evaluations * STEPS <= len(count) <= evaluations * STEPS + 2
+
+
+def test_backsolve_approaches_the_derivative_of_the_motion():
+    """By the recipe, a solver of diffrax for the way back: off by the method's error, a quarter at half the step."""
+
+    def value(weight, dt, adjoint, run=end):
+        y = run(ml.LieSolver("LIEMID[EA]"), start(), (weight, ARGS[1]), FROM, TO, dt, adjoint=adjoint).ys
         return jnp.sum(jnp.sin(y.momentum)) + jnp.sum(jnp.cos(y.attitude))
 
-    def differences(dt):
-        sizes, factors = (2.0, 1.0, -1.0, -2.0), (-1.0, 8.0, -8.0, 1.0)
-        plain = diffrax.ForwardMode()
-        values = [f * value(ARGS[0] + 1e-3 * s, dt, plain) for s, f in zip(sizes, factors, strict=True)]
-        return sum(values) / 12e-3
+    slope = quick(jax.grad(partial(value, adjoint=ADJOINTS["BacksolveAdjoint"], run=solve_to_the_end)))
+    gaps = []
+    for dt in (jnp.array(1 / 16), jnp.array(1 / 32)):
+        plain = [value(weight, dt, ADJOINTS["ForwardMode"]) for weight in WEIGHTS]
+        gaps.append(abs(slope(ARGS[0], dt) - np.dot(FACTORS, plain)))
+    assert gaps[0] < 0.02
+    assert 3 < gaps[0] / gaps[1] < 5
 
-    slope = jax.jit(derivative(value))
-    gaps = [abs(slope(ARGS[0], jnp.array(dt)) - differences(jnp.array(dt))) for dt in (1 / 16, 1 / 32)]
-    if isinstance(adjoint, diffrax.BacksolveAdjoint):
-        # The derivative of the motion and not of the steps: nearer by four at half the step.
-        assert gaps[0] < 0.02
-        assert 3 < gaps[0] / gaps[1] < 5
-    else:
-        assert max(gaps) < 1e-6 * abs(slope(ARGS[0], jnp.array(1 / 32)))
+
+def north(t, y, args, **kwargs):
+    """Where the axis of the top stands over the plane x = 0."""
+    del t, args, kwargs
+    return ml.so3.to_matrix(y.attitude)[0, 2]
+
+
+@pytest.mark.parametrize("mode", [FORWARD, pytest.param(REVERSE[0], marks=pytest.mark.full)])
+def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
+    """Against Lagrange's top in closed form; the derivative against differences of the closed form's crossing."""
+    moments, axis = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0)
+    term = ml.RigidBodyTerm(ml.RigidBody(jnp.array(moments)), torque_of_args=lambda w: ml.torques.HeavyTop(w, axis))
+    event = diffrax.Event(north, optimistix.Newton(1e-13, 1e-13), direction=False)
+
+    def crossing(weight, dt):
+        times = {"t0": jnp.array(0.0), "t1": jnp.array(8.0), "dt0": dt}
+        solution = solve("SYMMETRIC[SRKN6b]", start(), weight, term=term, event=event, adjoint=ADJOINTS[mode], **times)
+        return solution.ts[0], (solution.ts[0], row(solution.ys, 0))
+
+    found = quick((jax.jacfwd if mode == FORWARD else jax.grad)(crossing, has_aux=True))
+    slope, (time, y) = found(ARGS[0], jnp.array(1 / 512))
+
+    def x(t, weight):
+        _, (q,) = oracles.lagrange_top(moments, weight, CASE.momentum, CASE.attitude, [t])
+        return Rotation.from_quat(q, scalar_first=True).as_matrix()[0, 2]
+
+    def exact(weight):
+        return brentq(x, float(time) - 0.01, float(time) + 0.01, (weight,), xtol=1e-14, rtol=1e-14)
+
+    weight = float(ARGS[0])
+    expected = sum(f * exact(weight + s) for f, s in zip(FACTORS, SIZES, strict=True) if f)
+    coarse = found(ARGS[0], jnp.array(1 / 32))[1][0]
+    print(f"event at {time}: error {time - exact(weight):.1e} (with steps of 1/32 {coarse - exact(weight):.1e})")
+    print(f"its derivative {slope}: error {slope - expected:.1e}")
+    assert 0.5 < time < 7.9
+    assert abs(time - exact(weight)) < 1e-10
+    assert abs(north(time, y, None)) < 1e-12
+    assert abs(slope - expected) < 1e-8 * abs(expected)
+    assert abs(coarse - exact(weight)) > 1e-10  # it is the step that makes it right
+
+
+def test_pitfalls_of_the_readme():
+    """A constant step that does not divide the time, and a torque that is a new function on every call."""
+    steps = diffrax.SaveAt(steps=True)
+    times = solve("Verlet", DOTS, term=SPRINGS, t0=0.0, t1=1.0, dt0=0.3, saveat=steps, max_steps=8).ts
+    np.testing.assert_allclose(times[np.isfinite(times)], [0.3, 0.5, 0.75, 1.0], atol=1e-6)
+
+    traces = []
+
+    @eqx.filter_jit(compiler_options=QUICK)
+    def run(term):
+        traces.append(1)
+        return solve("Verlet", DOTS, term=term).ys
+
+    def spring_of(stiffness):
+        return ml.RigidBodyTerm(SPRINGS.body, lambda t, state: -stiffness * state.position)
+
+    again = [ml.RigidBodyTerm(SPRINGS.body, jax.tree_util.Partial(pull, jnp.array(k))) for k in (1.0, 2.0)]
+    for terms, expected in (([spring_of(1.0), spring_of(2.0)], 2), (again, 1)):
+        traces.clear()
+        for term in terms:
+            run(term)
+        assert len(traces) == expected
 
 
 def test_float32():
@@ -269,21 +515,23 @@ INSIDE = np.linspace(0.05, 0.95, 7)
 
 
 def test_dense_output_is_on_the_group_and_of_third_order_inside_a_step():
-    @eqx.filter_jit
+    @eqx.filter_jit(compiler_options=QUICK)
     def step(h):
-        solution = solve("LIEMID[EA]", start(), t0=FROM, t1=FROM + h, dt0=h, saveat=KINDS["dense"], max_steps=1)
+        solution = solve(
+            "LIEMID[EA]", start(), t0=FROM, t1=FROM + h, dt0=h, saveat=diffrax.SaveAt(dense=True), max_steps=1
+        )
         times = FROM + h * INSIDE
         return jax.vmap(solution.evaluate)(times), jax.vmap(solution.derivative)(times)
 
-    def exact(t):
-        y = jax.tree.map(lambda x: x[0], truth(t))
-        return y, TERM.vf(t, y, ARGS).ambient
+    def exact(times):
+        y = jax.tree.map(lambda *x: jnp.concatenate(x), *[truth(t) for t in times])
+        return y, quick(jax.vmap(lambda t, y: TERM.vf(t, y, ARGS).ambient))(times, y)
 
     errors = []
     for h in (1 / 8, 1 / 16, 1 / 32):
         got = step(jnp.array(h))
         assert np.max(np.abs(np.linalg.norm(got[0].attitude, axis=-1) - 1)) < 4 * epsilon("float64")
-        gaps = jax.tree.map(lambda a, b: np.max(np.abs(a - b)), got, eqx.filter_jit(jax.vmap(exact))(FROM + h * INSIDE))
+        gaps = jax.tree.map(lambda a, b: np.max(np.abs(a - b)), got, exact(FROM + h * INSIDE))
         errors.append(jax.tree.leaves(gaps))
     slopes = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     print("order of momentum, attitude and their derivatives inside a step:", slopes)
@@ -302,37 +550,16 @@ def test_states_without_attitude(state):
     top = ml.RigidBodyTerm(BODY, torque_of_args=only_the_top)
     up = ml.so3.to_matrix(start().attitude)[2]
     few, term = (state(start().momentum, up), top) if weight else (state(start().momentum), ml.RigidBodyTerm(BODY))
-    saveat = diffrax.SaveAt(ts=jnp.linspace(T0, T0 + 1, 23))
-    less = solve("LIEMID[EA]", few, weight, term=term, saveat=saveat).ys
-    full = solve("LIEMID[EA]", start(), weight, term=top, saveat=saveat).ys
+    saveat = diffrax.SaveAt(ts=jnp.linspace(T0, T0 + DT * STEPS, 23))
+    less, full = quick(
+        lambda weight: (
+            solve("LIEMID[EA]", few, weight, term=term, saveat=saveat).ys,
+            solve("LIEMID[EA]", start(), weight, term=top, saveat=saveat).ys,
+        )
+    )(weight)
     assert np.max(np.abs(less.momentum - full.momentum)) < 1e-7  # two cubics that differ in the fourth order
     if state is ml.DirectionState:
         assert np.max(np.abs(less.direction - jax.vmap(ml.so3.to_matrix)(full.attitude)[:, 2])) < 1e-7
-
-
-def height(t, y, args, **kwargs):
-    """Of the top's axis over a plane through its foot."""
-    del t, args, kwargs
-    return ml.so3.to_matrix(y.attitude)[0, 2]
-
-
-def test_event_time_and_its_gradient():
-    event = diffrax.Event(height, optimistix.Newton(1e-13, 1e-13))
-
-    @jax.jit
-    @partial(jax.value_and_grad, has_aux=True)
-    def crossing(weight):
-        solution = solve("LIEMID[EA]", start(), (weight, ARGS[1]), t1=T0 + 4, event=event)
-        return solution.ts[0], jax.tree.map(lambda x: x[0], solution.ys)
-
-    (found, y), slope = crossing(ARGS[0])
-    assert T0 < found < T0 + 4 - DT
-    _, speed = jax.jvp(lambda y: height(found, y, ARGS), (y,), (TERM.vf(found, y, ARGS).ambient,))
-    assert abs(height(found, y, ARGS)) < 1e-10 * min(1, abs(speed))
-    assert abs(height(found, jax.tree.map(lambda x: x[0], truth(found)), ARGS)) < 1e-3  # the method's own error
-    sizes, factors = np.array([2.0, 1.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, -8.0, 1.0]) / 12e-3
-    differences = sum(f * crossing(ARGS[0] + d)[0][0] for d, f in zip(sizes, factors, strict=True))
-    assert abs(slope - differences) < 1e-6 * abs(differences)
 
 
 def test_kept_torque_is_renewed_after_a_jump(capfd):
@@ -343,7 +570,7 @@ def test_kept_torque_is_renewed_after_a_jump(capfd):
     same = diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)
     clip = diffrax.ClipStepSizeController(same, jump_ts=jnp.array([0.75]))
     meter = diffrax.TextProgressMeter(minimum_increase=0.5)
-    once = solve("LIEMID[EA]", start(), term=term, stepsize_controller=clip, progress_meter=meter).ys
+    once = solve("LIEMID[EA]", start(), term=term, t1=T0 + 1, stepsize_controller=clip, progress_meter=meter).ys
     assert "100.00%" in capfd.readouterr().out
     free = ml.integrate("LIEMID[EA]", BODY, None, start(), dt=DT, steps=32, save_every=32)
     pushed = ml.torques.Prescribed(lambda t: 3 * jnp.ones(3, t.dtype))
@@ -364,6 +591,7 @@ def test_bad_input_names_the_cure():
         (lambda: ml.RigidBodyTerm(BODY, 1.0), "callable of"),
         (lambda: ml.RigidBodyTerm(BODY, torque, torque_of_args=forces), "not both"),
         (lambda: solve("NMB", start(), term=diffrax.ODETerm(lambda t, y, args: y)), "RigidBodyTerm"),
+        (lambda: solve("NMB", start(), term=diffrax.MultiTerm(TERM, TERM)), "got MultiTerm; add torques with"),
         (lambda: solve("NMB", start().momentum), "must be one such as midlie_jax.RigidState"),
         (lambda: solve("NMB", batch), "jax.vmap"),
         (lambda: solve("NMB", dots), "belongs to Particles"),

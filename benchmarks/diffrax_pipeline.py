@@ -1,0 +1,157 @@
+"""What is said of the way through diffrax, measured: one table a name.
+
+    python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32]
+
+solvers  one term under five solvers of diffrax and ours: error, order, and the drift of a free body's spatial momentum
+energy   an asymmetric top over a long time: its energy error at a constant step, and under a PIDController
+float32  1e5 steps in float32: the torque as it is, against the torque recovered from the derivative of the arrays
+"""
+
+import sys
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+
+jax.config.update("jax_enable_x64", True)
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax import scenes  # noqa: E402
+
+MOMENTS, WEIGHT, AXIS = (1.0, 2.0, 2.5), 2.0, (0.48, 0.6, 0.64)
+
+
+def start(dtype=jnp.float64):
+    turn = ml.so3.exp(jnp.array([0.5, -0.3, 0.8], dtype))
+    return ml.RigidState(jnp.array([1.0, 0.8, -1.3], dtype), turn)
+
+
+def top(weight):
+    return ml.torques.HeavyTop(weight, AXIS)
+
+
+TERM = ml.RigidBodyTerm(ml.RigidBody(jnp.array(MOMENTS)), torque_of_args=top)
+
+
+def numbers(state):
+    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state)])
+
+
+def solvers():
+    @eqx.filter_jit
+    def end(solver, weight, dt):
+        return diffrax.diffeqsolve(TERM, solver, 0.0, 1.0, dt, start(), weight).ys
+
+    exact = numbers(end(diffrax.Dopri8(), jnp.array(WEIGHT), jnp.array(1 / 64)))
+    before = np.asarray(ml.spatial_momentum(start()))
+    newton = optimistix.Newton(rtol=1e-11, atol=1e-11)
+    print(f"{'solver':20} {'error at h = 1/8':>16} {'order':>6} {'drift of R Pi, free body, h = 1/4':>34}")
+    for solver in (
+        diffrax.Heun(),
+        diffrax.Bosh3(),
+        diffrax.Tsit5(),
+        diffrax.Dopri8(),
+        diffrax.Kvaerno5(root_finder=newton),
+        ml.LieSolver("LIEMID[EA]"),
+        ml.LieSolver("SLIEMID4[SRKN6b]"),
+    ):
+        errors = [
+            np.max(np.abs(numbers(end(solver, jnp.array(WEIGHT), jnp.array(h))) - exact)) for h in (1 / 8, 1 / 16)
+        ]
+        free = jax.tree.map(lambda x: x[0], end(solver, jnp.array(0.0), jnp.array(1 / 4)))
+        drift = np.max(np.abs(ml.spatial_momentum(free) - before))
+        name = solver.method.name if isinstance(solver, ml.LieSolver) else type(solver).__name__
+        print(f"{name:20} {errors[0]:16.1e} {np.log2(errors[0] / errors[1]):6.2f} {drift:34.1e}", flush=True)
+
+
+def energy(duration=2000.0, parts=8):
+    """The largest error of the energy in each of the equal parts of the time, over the energy at the start."""
+    weight = jnp.array(WEIGHT)
+    first = ml.energy(TERM.body, top(weight), start())
+
+    @eqx.filter_jit
+    def run(solver, dt, controller):
+        def kept(t, y, args):
+            del t
+            return ml.energy(TERM.body, top(args), y)
+
+        saveat = diffrax.SaveAt(steps=True, fn=kept)
+        return diffrax.diffeqsolve(
+            TERM,
+            solver,
+            0.0,
+            duration,
+            dt,
+            start(),
+            weight,
+            saveat=saveat,
+            stepsize_controller=diffrax.ConstantStepSize() if controller is None else controller,
+            adjoint=diffrax.ForwardMode(),
+            max_steps=1 << 17,
+        )
+
+    def parts_of(solution):
+        steps = int(solution.stats["num_accepted_steps"])
+        which = np.minimum((np.asarray(solution.ts[:steps]) * parts / duration).astype(int), parts - 1)
+        errors = np.abs(np.asarray(solution.ys[:steps]) / float(first) - 1)
+        return steps, [errors[which == part].max() for part in range(parts)]
+
+    print(f"largest |E/E0 - 1| in each eighth of {duration:.0f} time units")
+    for name, tolerance in (("LIEMID[EA]", 1e-4), ("SLIEMID[EA]", 1e-4)):
+        solver = ml.LieSolver(name)
+        controller = diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.RotationNorm())
+        steps, varying = parts_of(run(solver, 0.01, controller))
+        same, constant = parts_of(run(solver, duration / steps, None))
+        for label, count, errors in (("PIDController", steps, varying), ("constant step", same, constant)):
+            print(f"{name:12} {label:14} {count:7} steps ", " ".join(f"{e:.1e}" for e in errors), flush=True)
+
+
+def float32(steps=100_000, dt=0.005, count=64):
+    """Over starts of the fast top P1 off its axis, where Pi x Om is large beside the torque."""
+
+    def recovered(body, torque, t, state):
+        """The torque by way of the ambient derivative, as in a solver that sees nothing else."""
+        velocity = state.momentum / body.moments
+        spin = jnp.cross(state.momentum, velocity)
+        return (spin + torque(t, state)) - spin
+
+    scene = scenes.scene("P1")
+    aside = np.random.default_rng(0).uniform(-20, 20, (count, 2))
+    momenta = jnp.asarray(np.concatenate([aside, np.full((count, 1), 50.0)], axis=-1))
+    ends = {}
+    for dtype in (jnp.float64, jnp.float32):
+        body, torque, attitude = jax.tree.map(
+            lambda x, d=dtype: x.astype(d), (scene.body, scene.torque, scene.start.attitude)
+        )
+        for way, used in (("as it is", torque), ("recovered", jax.tree_util.Partial(recovered, body, torque))):
+
+            def end(momentum, body=body, used=used, attitude=attitude):
+                begin = ml.RigidState(momentum, attitude)
+                path = ml.integrate("LIEMID[EA]", body, used, begin, dt=dt, steps=steps, save_every=steps)
+                return jax.tree.map(lambda x: x[-1], path.states)
+
+            done = jax.jit(jax.vmap(end))(momenta.astype(dtype))
+            ends[dtype, way] = jax.tree.map(lambda x: x.astype(jnp.float64), done)
+    first = ml.spatial_momentum(jax.vmap(lambda m: ml.RigidState(m, scene.start.attitude))(momenta))
+    exact = ends[jnp.float64, "as it is"]
+    size = jnp.linalg.norm(momenta, axis=-1)
+    print(f"LIEMID[EA] in float32, {steps} steps of {dt}, {count} starts: median error, relative to |Pi|")
+    print(f"{'torque':10} {'Pi':>8} {'(R Pi).z, which is constant':>30}")
+    for way in ("as it is", "recovered"):
+        state = ends[jnp.float32, way]
+        error = jnp.linalg.norm(state.momentum - exact.momentum, axis=-1) / size
+        drift = jnp.abs(ml.spatial_momentum(state) - first)[:, 2] / size
+        print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
+
+
+TABLES = {"solvers": solvers, "energy": energy, "float32": float32}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or TABLES:
+        if name not in TABLES:
+            sys.exit(f"unknown table {name!r}; choose from {', '.join(TABLES)}.")
+        TABLES[name]()
+        print()
