@@ -6,6 +6,7 @@ new momentum, and whether its numbers can be trusted. What carries the orientati
 
 from .base import Flight as Flight
 from .base import Inertia as Inertia
+from .jacobi import Jacobi as Jacobi
 from .lie_midpoint import LieMidpoint as LieMidpoint
 from .linear import Linear as Linear
 from .symmetric import Symmetric as Symmetric
