@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from . import _components as cp
 from . import schemes
 from ._fuse import seam, together
 from ._scalars import Packed, by_components, is_dear
@@ -54,6 +55,31 @@ class System(NamedTuple):
         torque, kind = self.torque, self.kind
         motion = motion if self.joint is seam else together(motion)
         force = self._evaluate(torque, kind, t, motion)
+        return force if self.joint is seam else together(force)
+
+    def gradient_force(self, t: Array, weight: Array, motion: Motion) -> Any:
+        """The torque of the potential V - weight T . I^-1 T.
+
+        That is T + 2 weight (dT + w x T) with w = I^-1 T and dT the change of T as the body turns with w: the
+        derivatives of a potential along the body's axes do not commute. For particles the cross product is absent.
+        """
+        if self.torque is None:
+            return _like(motion.momentum, 0.0)
+        if self.reads_momentum:
+            raise ValueError("a scheme with force gradients needs a torque from a potential, not one of the momentum.")
+        torque, kind = self.torque, self.kind
+        motion = motion if self.joint is seam else together(motion)
+
+        def at(pose: Any) -> Any:
+            return self._evaluate(torque, kind, t, Motion(motion.momentum, pose))
+
+        force = at(motion.pose)
+        rigid = isinstance(self.inertia, Inertia)
+        velocity = cp.times(self.inertia.inverses, force) if rigid else self.inertia.velocity(force)
+        _, change = jax.jvp(at, (motion.pose,), (kind.rate(motion.pose, velocity),))
+        if rigid:
+            change = cp.add(change, cp.cross(velocity, force))
+        force = _add(force, 2 * weight, change)
         return force if self.joint is seam else together(force)
 
     @staticmethod
@@ -161,8 +187,10 @@ class Splitting(Method):
             cut = together if self.scheme.flights > self.flight.per_loop else system.joint
             return cut(Motion(momentum, pose))
 
-        def evaluate(c: float, motion: Motion) -> Any:
-            return None if system.torque is None else system.force(time(c), motion)
+        def evaluate(c: float, g: float, motion: Motion) -> Any:
+            if system.torque is None:
+                return None
+            return system.gradient_force(time(c), g * h * h, motion) if g else system.force(time(c), motion)
 
         def kick(b: float, c: float, motion: Motion, force: Any) -> Motion:
             if force is None:

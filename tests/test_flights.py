@@ -167,7 +167,9 @@ SYMPLECTIC = [
     flights.SymplecticMidpoint4(),
     flights.Symmetric(),
     flights.Jacobi(),
+    flights.NearSymmetric(),
     flights.ThreeAxis(),
+    flights.MoserVeselov(),
 ]
 
 
@@ -177,7 +179,15 @@ def test_symplectic_to_rounding(flight):
     assert max(defects(flight)) < 1e-14
 
 
-@pytest.mark.parametrize("flight", SYMPLECTIC, ids=lambda f: f.name)
+@pytest.mark.parametrize("flight", [flights.MoserVeselov4(), flights.MoserVeselov6()], ids=lambda f: f.name)
+def test_preprocessed_moments_are_not_symplectic(flight):
+    """They depend on the momentum: the defect is of the order of a step's error."""
+    found = defects(flight)
+    assert not flight.symplectic
+    assert abs(np.log2(found[1] / found[2]) - flight.order - 1) < 0.1, found
+
+
+@pytest.mark.parametrize("flight", [*SYMPLECTIC, flights.MoserVeselov6()], ids=lambda f: f.name)
 def test_says_false_where_it_turned_too_far(flight):
     """No flight is silently wrong: a step of five radians is refused."""
     moments = jnp.array([2.0, 2.0, 3.0])
@@ -240,6 +250,24 @@ def tumbling(dtype):
     momentum *= 1.199 * rng.random((10_000, 1)) / rate
     momentum[1600:1700] *= 10.0 ** rng.uniform(-20, 0, size=(100, 1))
     return moments.astype(dtype), momentum.astype(dtype)
+
+
+APPROXIMATE = [f for f in (FLIGHT, *SYMPLECTIC, flights.MoserVeselov4(), flights.MoserVeselov6()) if f.order]
+
+
+@pytest.mark.parametrize("flight", APPROXIMATE, ids=lambda f: f.name)
+def test_order_of_a_flight(flight):
+    """The error of one flight is of the order's next power of its length, in momentum and attitude."""
+    moments, times = np.array([1.0, 2.0, 2.5]), np.array([0.4, 0.2, 0.1])
+    momentum = np.outer(times, [1.0, 0.8, -1.3])
+    increment, new, ok = jax.vmap(lambda p: fly(jnp.array(moments), jnp.ones(()), p, flight))(jnp.array(momentum))
+    attitude, end = taylor(np.tile(moments, (3, 1)), momentum)
+    turns = np.linalg.norm(np.asarray(increment) - attitude, axis=1)
+    changes = np.linalg.norm(np.asarray(new) - end, axis=1) / times
+    assert np.all(ok)
+    for errors in (turns, changes):
+        slope = np.log2(np.array(errors[1] / errors[2], float))
+        assert abs(slope - flight.order - 1) < 0.1, errors
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -27,13 +27,19 @@ class Symmetric(Flight):
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         a, b, c = inertia.inverses
-        turn = cp.scale(h / 2 * a, momentum)
-        spin = h / 2 * (c - a) * momentum[2]
-        zero = spin * 0
-        whole = half_turn(turn)
-        half = half_turn((zero, zero, spin))
-        increment = cp.multiply(cp.multiply(whole, whole), cp.multiply(half, half))
-        largest = LARGEST_SQUARE * (1 + zero)
-        small = (cp.dot(turn, turn) <= largest) & (spin * spin <= largest)
         equal = abs(a - b) <= 8 * cp.epsilon(a) * a
-        return increment, cp.rotate_back(half, cp.rotate_back(half, momentum)), small & equal
+        increment, new, ok = symmetric_flight(h, a, c, momentum)
+        return increment, new, ok & equal
+
+
+def symmetric_flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    """That of a body with 1/I1 = 1/I2 = a and 1/I3 = c."""
+    turn = cp.scale(h / 2 * a, momentum)
+    spin = h / 2 * (c - a) * momentum[2]
+    zero = spin * 0
+    whole = half_turn(turn)
+    half = half_turn((zero, zero, spin))
+    increment = cp.multiply(cp.multiply(whole, whole), cp.multiply(half, half))
+    largest = LARGEST_SQUARE * (1 + zero)
+    ok = (cp.dot(turn, turn) <= largest) & (spin * spin <= largest)
+    return increment, cp.rotate_back(half, cp.rotate_back(half, momentum)), ok
