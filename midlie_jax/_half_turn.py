@@ -27,10 +27,7 @@ def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
 
 def half_turn(w: cp.Vector) -> cp.Quaternion:
     """exp(w) as a unit quaternion, for |w|^2 <= LARGEST_SQUARE; its square is exp(2 w)."""
-    x = cp.dot(w, w)
-    terms = _TERMS[str(x.dtype)]
-    cosine = cp.polynomial(_taylor(0, 0.5, terms), x)
-    sine = cp.polynomial(tuple(0.5 * c for c in _taylor(1, 0.5, terms)), x)
+    cosine, sine = half_angle(cp.dot(w, w))
     return cp.normalize_once((cosine, sine * w[0], sine * w[1], sine * w[2]))
 
 
@@ -42,6 +39,13 @@ def spin(w: Array) -> tuple[Array, Array]:
     sine = w * cp.polynomial(_taylor(1, 1.0, terms), x)
     factor = cp.unit_factor(cosine * cosine + sine * sine)
     return factor * cosine, factor * sine
+
+
+def half_angle(x: Array) -> tuple[Array, Array]:
+    """cos(a/2) and sin(a/2)/a at a^2 = x <= LARGEST_SQUARE."""
+    terms = _TERMS[str(x.dtype)]
+    sine = tuple(0.5 * c for c in _taylor(1, 0.5, terms))
+    return cp.polynomial(_taylor(0, 0.5, terms), x), cp.polynomial(sine, x)
 
 
 def dexp_weights(x: Array, exact: bool) -> tuple[Array, Array]:

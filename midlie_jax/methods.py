@@ -1,7 +1,7 @@
 """Every method by name. A new one is a line here, and every law test, chart and benchmark picks it up."""
 
-from . import schemes
-from .flights import Flight, LieMidpoint, Linear, Symmetric, SymplecticMidpoint, SymplecticMidpoint4, ThreeAxis
+from . import flights, schemes
+from .flights import Flight, LieMidpoint, Linear
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .schemes import SCHEMES, Scheme
 from .stepper import Method, Splitting
@@ -35,7 +35,20 @@ _METHODS: dict[str, Method] = {
 
 
 _FLIGHTS: dict[str, Flight] = {
-    f.name: f for f in (LieMidpoint(), SymplecticMidpoint(), SymplecticMidpoint4(), Symmetric(), ThreeAxis(), Linear())
+    f.name: f
+    for f in (
+        LieMidpoint(),
+        flights.SymplecticMidpoint(),
+        flights.SymplecticMidpoint4(),
+        flights.Jacobi(),
+        flights.Symmetric(),
+        flights.NearSymmetric(),
+        flights.ThreeAxis(),
+        flights.MoserVeselov(),
+        flights.MoserVeselov4(),
+        flights.MoserVeselov6(),
+        Linear(),
+    )
 }
 
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from . import _components as cp
 from . import schemes
 from ._fuse import seam, together
 from ._scalars import Packed, by_components, is_dear
@@ -54,6 +55,31 @@ class System(NamedTuple):
         torque, kind = self.torque, self.kind
         motion = motion if self.joint is seam else together(motion)
         force = self._evaluate(torque, kind, t, motion)
+        return force if self.joint is seam else together(force)
+
+    def gradient_force(self, t: Array, weight: Array, motion: Motion) -> Any:
+        """The torque of the potential V - weight T . I^-1 T.
+
+        That is T + 2 weight (dT + w x T) with w = I^-1 T and dT the change of T as the body turns with w: the
+        derivatives of a potential along the body's axes do not commute. For particles the cross product is absent.
+        """
+        if self.torque is None:
+            return _like(motion.momentum, 0.0)
+        if self.reads_momentum:
+            raise ValueError("a scheme with force gradients needs a torque from a potential, not one of the momentum.")
+        torque, kind = self.torque, self.kind
+        motion = motion if self.joint is seam else together(motion)
+
+        def at(pose: Any) -> Any:
+            return self._evaluate(torque, kind, t, Motion(motion.momentum, pose))
+
+        force = at(motion.pose)
+        rigid = isinstance(self.inertia, Inertia)
+        velocity = cp.times(self.inertia.inverses, force) if rigid else self.inertia.velocity(force)
+        _, change = jax.jvp(at, (motion.pose,), (kind.rate(motion.pose, velocity),))
+        if rigid:
+            change = cp.add(change, cp.cross(velocity, force))
+        force = _add(force, 2 * weight, change)
         return force if self.joint is seam else together(force)
 
     @staticmethod
@@ -164,7 +190,8 @@ class Splitting(Method):
     @property
     def _looped(self) -> bool:
         """Whether the step is a loop over its stages: as many flights written out would take the compiler too long."""
-        return self.scheme.flights > max(2, self.flight.per_loop) and self.scheme.alternates
+        many = self.scheme.flights > max(2, self.flight.per_loop)
+        return many and self.scheme.alternates and not self.scheme.gradients
 
     def _written_out(self, stages: "_Stages", motion: Motion, force: Any) -> tuple[Motion, Any, Array | bool]:
         ok: Array | bool = True
@@ -185,7 +212,7 @@ class Splitting(Method):
         kicks, flights, times = self.scheme.columns()
         kicks_first = self.scheme.stages[0][0] == schemes.KICK
         if kicks_first and force is None:
-            force = stages.evaluate(0.0, motion)
+            force = stages.evaluate(0.0, 0.0, motion)
 
         light = self.flight.per_loop > 2
         cut = stages.system.joint if light else together
@@ -197,7 +224,7 @@ class Splitting(Method):
                 motion = stages.kick(kick, here, motion, force)
             motion, fine = stages.fly(flight, motion, last=True)
             motion = cut(motion)
-            force = stages.evaluate(there, motion)
+            force = stages.evaluate(there, 0.0, motion)
             if not kicks_first:
                 motion, force = stages.kick(kick, there, motion, force), None
             return together((motion, force, ok & fine)), None
@@ -233,8 +260,12 @@ class _Stages(NamedTuple):
             return Motion(momentum, self.system.landed(motion.pose, increment, self.h)), ok
         return Motion(momentum, self.system.turned(motion.pose, increment)), ok
 
-    def evaluate(self, c: Any, motion: Motion) -> Any:
-        return None if self.system.torque is None else self.system.force(self._time(c), motion)
+    def evaluate(self, c: Any, g: float, motion: Motion) -> Any:
+        if self.system.torque is None:
+            return None
+        if g:
+            return self.system.gradient_force(self._time(c), g * self.h * self.h, motion)
+        return self.system.force(self._time(c), motion)
 
     def kick(self, b: Any, c: Any, motion: Motion, force: Any) -> Motion:
         if force is None:

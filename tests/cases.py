@@ -71,9 +71,9 @@ def swing(strength, t, state):
     return strength * jnp.cross(lever, ml.so3.to_matrix(state.attitude).T @ pull)
 
 
-def integrate(name, s: Setup, *, steps=STEPS, save_every=1, forced=True, state=ml.RigidState) -> ml.Path:
+def integrate(name, s: Setup, *, steps=STEPS, save_every=1, forced=True, state=ml.RigidState, axis=AXIS):
     """The run of a setup; for a `DirectionState` the top alone, without `swing`."""
-    torque = ml.torques.HeavyTop(s.weight, AXIS) if forced else None
+    torque = ml.torques.HeavyTop(s.weight, axis) if forced else None
     if state is ml.RigidState:
         start = ml.RigidState(s.momentum, s.attitude)
         torque = torque + jax.tree_util.Partial(swing, s.strength) if forced else None
@@ -136,7 +136,7 @@ def gap(a, b) -> float:
     return max(float(np.max(np.abs(x - y)) / np.max(np.abs(y))) for x, y in zip(a, b, strict=True))
 
 
-def true_motion(s: Setup, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def true_motion(s: Setup, times: np.ndarray, axis=AXIS) -> tuple[np.ndarray, np.ndarray]:
     """Momentum (n, 3) and attitude (n, 4) at times since the start, by DOP853 at 1e-13; s is one setup."""
 
     def rate(t, y):
@@ -144,7 +144,7 @@ def true_motion(s: Setup, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         r = Rotation.from_quat(q, scalar_first=True).as_matrix()
         velocity = momentum / s.moments
         pull = np.array([np.cos(2 * t), np.sin(3 * t), 1.0])
-        torque = s.weight * np.cross(r[2], AXIS) + s.strength * np.cross([0.3, -0.5, 0.4], r.T @ pull)
+        torque = s.weight * np.cross(r[2], axis) + s.strength * np.cross([0.3, -0.5, 0.4], r.T @ pull)
         w, u = q[0], q[1:]
         turning = np.concatenate([[-u @ velocity], w * velocity + np.cross(u, velocity)]) / 2
         return np.concatenate([np.cross(momentum, velocity) + torque, turning])

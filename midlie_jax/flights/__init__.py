@@ -6,8 +6,13 @@ new momentum, and whether its numbers can be trusted. What carries the orientati
 
 from .base import Flight as Flight
 from .base import Inertia as Inertia
+from .jacobi import Jacobi as Jacobi
 from .lie_midpoint import LieMidpoint as LieMidpoint
 from .linear import Linear as Linear
+from .moser_veselov import MoserVeselov as MoserVeselov
+from .moser_veselov import MoserVeselov4 as MoserVeselov4
+from .moser_veselov import MoserVeselov6 as MoserVeselov6
+from .near_symmetric import NearSymmetric as NearSymmetric
 from .symmetric import Symmetric as Symmetric
 from .symplectic_midpoint import SymplecticMidpoint as SymplecticMidpoint
 from .symplectic_midpoint import SymplecticMidpoint4 as SymplecticMidpoint4

@@ -27,12 +27,17 @@ class Symmetric(Flight):
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         a, b, c = inertia.inverses
-        turn = cp.scale(h / 2 * a, momentum)
-        half = half_turn(turn)
-        angle = h / 2 * (c - a) * momentum[2]
-        cosine, sine = spin(angle)
-        increment = cp.multiply_about(cp.multiply(half, half), 2, cosine, sine)
-        turned = cp.rotate_back_about(2, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
-        small = (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
         equal = abs(a - b) <= 8 * cp.epsilon(a) * a
-        return increment, turned, small & equal
+        increment, new, ok = symmetric_flight(h, a, c, momentum)
+        return increment, new, ok & equal
+
+
+def symmetric_flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    """That of a body with 1/I1 = 1/I2 = a and 1/I3 = c."""
+    turn = cp.scale(h / 2 * a, momentum)
+    half = half_turn(turn)
+    angle = h / 2 * (c - a) * momentum[2]
+    cosine, sine = spin(angle)
+    increment = cp.multiply_about(cp.multiply(half, half), 2, cosine, sine)
+    turned = cp.rotate_back_about(2, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
+    return increment, turned, (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)

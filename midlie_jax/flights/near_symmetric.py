@@ -1,0 +1,46 @@
+"""Near-symmetric splitting: the exact flight of a symmetric body, and what the third moment adds to it.
+
+The kinetic energy is that of a body with moments (I2, I2, I3) plus (1/I1 - 1/I2) Pi1^2 / 2, and the flow of the latter
+a rotation about axis 1. Dullweber, Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840, section III.
+"""
+
+from typing import ClassVar
+
+from jax import Array
+
+from .. import _components as cp
+from .._half_turn import LARGEST_SQUARE, spin
+from ..bodies import RigidBody
+from .base import Flight, Inertia
+from .symmetric import symmetric_flight
+
+
+class NearSymmetric(Flight):
+    """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
+
+    Its error is proportional to the difference of the first two moments: name the axes so that these are nearest.
+    Says False where it turned by more than 2.4 radians in one of its parts.
+    """
+
+    name: ClassVar[str] = "NEARSYM"
+    order: ClassVar[int | None] = 2
+    symplectic: ClassVar[bool] = True
+    body: ClassVar[type] = RigidBody
+    per_loop: ClassVar[int] = 4
+
+    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+        # 1/I1 - 1/I2, from the difference of the moments themselves.
+        gap = -inertia.gaps[2] * inertia.per_unit
+
+        def about_first(momentum: cp.Vector) -> tuple[tuple[Array, Array], cp.Vector, Array]:
+            half = h / 4 * gap * momentum[0]
+            cosine, sine = spin(half)
+            turned = cp.rotate_back_about(0, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
+            return (cosine, sine), turned, half * half
+
+        zero = h * 0
+        before, momentum, first = about_first(momentum)
+        increment, momentum, ok = symmetric_flight(h, inertia.inverses[1], inertia.inverses[2], momentum)
+        after, momentum, last = about_first(momentum)
+        increment = cp.multiply((before[0], before[1], zero, zero), cp.multiply_about(increment, 0, *after))
+        return increment, momentum, ok & (first + last <= LARGEST_SQUARE)
