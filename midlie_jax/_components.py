@@ -96,10 +96,15 @@ def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quat
 
 
 def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """v seen from a frame turned about one axis by the angle of this cosine and sine."""
+    """v seen from a frame turned by (cosine + sine e_axis) as a unit quaternion.
+
+    As a change of v: an error of its length counts by the square of the sine alone, as in `rotate`.
+    """
     j, k = (axis + 1) % 3, (axis + 2) % 3
+    twice = 2 * sine
     result = list(v)
-    result[j], result[k] = cosine * v[j] + sine * v[k], cosine * v[k] - sine * v[j]
+    result[j] = v[j] + twice * (cosine * v[k] - sine * v[j])
+    result[k] = v[k] - twice * (cosine * v[j] + sine * v[k])
     return (result[0], result[1], result[2])
 
 

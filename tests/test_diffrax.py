@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
-from cases import AXIS, PARTICLE, ROTATION, epsilon, setup
+from cases import AXIS, NAMED, PARTICLE, epsilon, setup
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -28,7 +28,7 @@ TIMES = T0 + DT * np.arange(STEPS + 1)
 BODY = ml.RigidBody(jnp.asarray(CASE.moments))
 # Code that compiles in half the time; what it computes is the same, at worst rounded otherwise.
 QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-METHODS = [*ROTATION, "SLIEMID4[SRKN6b]", "DLM[EA]"]
+METHODS = [*NAMED, "SLIEMID4[SRKN6b]", "DLM[EA]"]
 MORE = ["SYMMETRIC[SRKN6b]", "SLIEMID[EA]", "LIEMID[S4]", *PARTICLE]
 
 

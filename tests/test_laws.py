@@ -7,6 +7,7 @@ import pytest
 from cases import DTYPES, OTHER, ROTATION, STEPS, at, continued, epsilon, gap, rows, run, setup, true_motion
 
 import midlie_jax as ml
+from midlie_jax import schemes
 
 # Two bodies at halving steps; row r reaches time 1 at step 16 << r % 4. Then a row for each law that needs one.
 LEVELS = 4
@@ -21,6 +22,11 @@ def paths(name, dtype):
     return run(name, dtype, RUNS)
 
 
+def roundings(name):
+    """Steps, counted once for every two flights in them."""
+    return STEPS * max(1, getattr(ml.method(name), "scheme", schemes.EA).flights / 2)
+
+
 @cache
 def truth(body):
     return true_motion(setup(**(OTHER if body else {})), np.array([1.0]))
@@ -28,7 +34,10 @@ def truth(body):
 
 @pytest.mark.parametrize("name", ROTATION)
 def test_order(name):
-    """Measured on an asymmetric body under a torque that depends on attitude and time, at the smallest steps."""
+    """Measured on an asymmetric body under a torque that depends on attitude and time, at the smallest steps.
+
+    At the largest where the order is high, whose errors are soon those of rounding.
+    """
     found, order = paths(name, "float64"), ml.method(name).order
     for body in (0, 1):
         exact = [part[0] for part in truth(body)]
@@ -36,8 +45,9 @@ def test_order(name):
         for level in range(LEVELS):
             state = at(found.states, body * LEVELS + level, 16 << level)
             errors.append([np.linalg.norm(x - y) for x, y in zip(state, exact, strict=True)])
-        slopes = np.log2(np.divide(errors[-2], errors[-1]))
-        assert np.all(np.abs(slopes - order) < 0.1), (slopes, errors)
+        coarse, fine = errors[-2:] if order <= 2 else errors[:2]
+        slopes = np.log2(np.divide(coarse, fine))
+        assert np.all(np.abs(slopes - order) < (0.1 if order <= 2 else 0.2)), (slopes, errors)
 
 
 @pytest.mark.parametrize("name", ROTATION)
@@ -49,7 +59,7 @@ def test_float32_follows_float64(name):
     assert np.all(double.ok)
     for row in SHORT:
         difference = gap(at(single.states, row), at(double.states, row))
-        assert difference <= STEPS / 2 * epsilon("float32"), difference / epsilon("float32")
+        assert difference <= roundings(name) / 2 * epsilon("float32"), difference / epsilon("float32")
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
@@ -58,7 +68,7 @@ def test_symmetric_methods_come_back(name, dtype):
     """N steps of dt, then N of -dt. The others miss by their own error, of 1e-3 or more here."""
     gaps = missed(name, name, dtype)
     if ml.method(name).symmetric:
-        assert max(gaps) <= STEPS * epsilon(dtype), np.array(gaps) / epsilon(dtype)
+        assert max(gaps) <= roundings(name) * epsilon(dtype), np.array(gaps) / epsilon(dtype)
     else:
         assert min(gaps) > 1e-3, gaps
 

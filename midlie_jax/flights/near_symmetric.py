@@ -35,7 +35,7 @@ class NearSymmetric(Flight):
         def about_first(momentum: cp.Vector) -> tuple[tuple[Array, Array], cp.Vector, Array]:
             half = h / 4 * gap * momentum[0]
             cosine, sine = spin(half)
-            turned = cp.rotate_back_about(0, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
+            turned = cp.rotate_back_about(0, cosine, sine, momentum)
             return (cosine, sine), turned, half * half
 
         zero = h * 0

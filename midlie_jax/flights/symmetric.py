@@ -39,5 +39,5 @@ def symmetric_flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple
     angle = h / 2 * (c - a) * momentum[2]
     cosine, sine = spin(angle)
     increment = cp.multiply_about(cp.multiply(half, half), 2, cosine, sine)
-    turned = cp.rotate_back_about(2, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
+    turned = cp.rotate_back_about(2, cosine, sine, momentum)
     return increment, turned, (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)

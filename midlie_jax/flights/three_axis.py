@@ -38,5 +38,5 @@ class ThreeAxis(Flight):
             largest = largest + half * half
             cosine, sine = spin(half)
             increment = cp.multiply_about(increment, axis, cosine, sine)
-            momentum = cp.rotate_back_about(axis, cosine * cosine - sine * sine, 2 * cosine * sine, momentum)
+            momentum = cp.rotate_back_about(axis, cosine, sine, momentum)
         return increment, momentum, largest <= LARGEST_SQUARE
