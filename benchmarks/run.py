@@ -1,6 +1,6 @@
 """`make bench`: what a step costs, in one table, as ratios within one run.
 
-    python benchmarks/run.py [--quick] [--write]
+    python benchmarks/run.py [--quick | --flights] [--write]
 
 Every figure is a median of five warm runs of the fast top P1; compile times are the first call, tracing included.
 `--write` puts the table between the markers in README.md. Pin to one core (`taskset -c 0`) for figures to compare.
@@ -117,13 +117,13 @@ def through_diffrax(scene, batch, steps):
     return body_step(run, scene, batch, steps)
 
 
-def gradient_cost(scene, batch, steps):
+def gradient_cost(name, scene, batch, steps):
     """Time of value and gradient (moments, weight) over time of the value; and its compile time."""
 
     def end(parameters, start):
         moments, weight = parameters
         torque = ml.torques.HeavyTop(weight)
-        path = ml.integrate("LIEMID[EA]", ml.RigidBody(moments), torque, start, dt=0.005, steps=steps, save_every=steps)
+        path = ml.integrate(name, ml.RigidBody(moments), torque, start, dt=0.005, steps=steps, save_every=steps)
         return jnp.sum(path.states.momentum[-1] ** 2)
 
     parameters = (scene.body.moments, scene.torque.weight)
@@ -142,6 +142,25 @@ def with_xla_option():
     return float(re.findall(r"RESULT ([\d.eE+-]+)", out)[0])
 
 
+def flight_rows(scene, batch, steps):
+    """Each beside LIEMID[EA], in turn, so that the machine's changes of pace strike both."""
+
+    def ready(name):
+        def run(start):
+            return ml.integrate(name, scene.body, scene.torque, start, dt=0.005, steps=steps, save_every=steps)
+
+        many = starts(scene, batch)
+        done, compiling = compiled(jax.vmap(run), many)
+        return lambda: done(many), compiling
+
+    beside, _ = ready("LIEMID[EA]")
+    flights = ("SLIEMID", "SLIEMID4", "JACOBI", "SYMMETRIC", "NEARSYM", "DLM", "DMV", "DMV6")
+    for name in (*(f"{flight}[EA]" for flight in flights), "SLIEMID4[SRKN6b]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]"):
+        call, compiling = ready(name)
+        ratio = statistics.median(median_seconds(beside, 1) / median_seconds(call, 1) for _ in range(7))
+        yield name, "", f"{ratio:.2f}", f"{compiling:.1f} s"
+
+
 def rows(scene, quick):
     batch, steps = 4096, 100 if quick else 400
     reference, compiling = ours("LIEMID[EA]", scene, batch, steps)
@@ -157,9 +176,10 @@ def rows(scene, quick):
     if not quick:
         yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / with_xla_option():.2f}", ""
     others = [n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody and n != "LIEMID[EA]"]
-    for name in (*others, "SLIEMID[EA]", "SLIEMID4[EA]", "SLIEMID4[SRKN6b]", "DLM[EA]", "SYMMETRIC[EA]"):
+    for name in others:
         cost, compiling = ours(name, scene, batch, steps)
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
+    yield from flight_rows(scene, batch, steps)
     cost, compiling = tsit5(scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     for many in (1, 100, 10_000, 100_000):
@@ -171,8 +191,9 @@ def rows(scene, quick):
         cost, compiling = through_diffrax(scene, many, steps)
         label = f"LIEMID[EA] through diffrax, {many} bodies"
         yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    cost, compiling = gradient_cost(scene, 1024, 100)
-    yield "value and gradient over value", f"{cost:.1f} times", "", f"{compiling:.1f} s"
+    for name in ("LIEMID[EA]", "JACOBI[EA]"):
+        cost, compiling = gradient_cost(name, scene, 1024, 100)
+        yield f"{name}, value and gradient over value", f"{cost:.1f} times", "", f"{compiling:.1f} s"
 
 
 def table(lines):
@@ -184,6 +205,7 @@ def table(lines):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--flights", action="store_true", help="only the rows that compare flights and schemes")
     parser.add_argument("--only-first", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
@@ -192,10 +214,10 @@ def main():
         print("RESULT", ours("LIEMID[EA]", scene, 4096, 100)[0])
         return
     lines = []
-    for line in rows(scene, options.quick):
+    for line in flight_rows(scene, 4096, 100) if options.flights else rows(scene, options.quick):
         print(" | ".join(line), flush=True)
         lines.append(line)
-    if options.write:
+    if options.write and not options.flights:
         readme = ROOT / "README.md"
         text = readme.read_text()
         head, tail = text.split(BEGIN)[0], text.split(END)[1]
