@@ -45,9 +45,15 @@ def energies(name, scene, dt, steps):
 
 def asym():
     import jax.numpy as jnp
-    q=jnp.array([.8,.3,-.4,.33]); 
+
+    q = jnp.array([0.8, 0.3, -0.4, 0.33])
     import types
-    return types.SimpleNamespace(body=ml.RigidBody(jnp.array([1.,2.,3.])),torque=ml.torques.HeavyTop(3.0),start=ml.RigidState(jnp.array([1.1,-.7,4.]),q/jnp.linalg.norm(q)))
+
+    return types.SimpleNamespace(
+        body=ml.RigidBody(jnp.array([1.0, 2.0, 3.0])),
+        torque=ml.torques.HeavyTop(3.0),
+        start=ml.RigidState(jnp.array([1.1, -0.7, 4.0]), q / jnp.linalg.norm(q)),
+    )
 
 
 def measured(steps):

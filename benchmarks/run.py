@@ -1,6 +1,6 @@
 """`make bench`: what a step costs, in one table, as ratios within one run.
 
-    python benchmarks/run.py [--quick] [--write]
+    python benchmarks/run.py [--quick | --flights] [--write]
 
 Every figure is a median of five warm runs of the fast top P1 on one core, to which it pins itself; compile times are
 the first call, tracing included. The C limit is `limit.c`, built here. `--write` puts the table between the markers in
@@ -20,19 +20,19 @@ ONE_CORE = "--all-cores" not in sys.argv
 if hasattr(os, "sched_setaffinity"):  # before XLA counts the cores
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))} if ONE_CORE else range(os.cpu_count() or 1))
 
-import diffrax
-import jax
-import jax.numpy as jnp
-import limit
-import numpy as np
-from scipy.integrate import solve_ivp
+import diffrax  # noqa: E402
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import limit  # noqa: E402
+import numpy as np  # noqa: E402
+from scipy.integrate import solve_ivp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import scenes  # noqa: E402
 
-MORE = ("SLIEMID[EA]", "SLIEMID4[EA]", "SLIEMID4[SRKN6b]", "DLM[EA]", "SYMMETRIC[EA]")
+SCHEMES_SHOWN = ("SLIEMID4[SRKN6b]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]", "JACOBI[SRKN14a]", "DLM[KL8]", "LIEMID[S4]")
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 
@@ -163,13 +163,13 @@ def through_diffrax(scene, batch, steps):
     return body_step(run, scene, batch, steps)
 
 
-def gradient_cost(scene, batch, steps):
+def gradient_cost(name, scene, batch, steps):
     """Time of value and gradient (moments, weight) over time of the value; and its compile time."""
 
     def end(parameters, start):
         moments, weight = parameters
         torque = ml.torques.HeavyTop(weight)
-        path = ml.integrate("LIEMID[EA]", ml.RigidBody(moments), torque, start, dt=0.005, steps=steps, save_every=steps)
+        path = ml.integrate(name, ml.RigidBody(moments), torque, start, dt=0.005, steps=steps, save_every=steps)
         return jnp.sum(path.states.momentum[-1] ** 2)
 
     parameters = (scene.body.moments, scene.torque.weight)
@@ -222,6 +222,25 @@ def sizes(scene, name, reference):
         yield f"{name}, ensemble of {many}", note, f"{reference / cost:.2f}", ""
 
 
+def flight_rows(scene, batch, steps):
+    """Each beside LIEMID[EA], in turn, so that the machine's changes of pace strike both."""
+
+    def ready(name):
+        def run(start):
+            return ml.integrate(name, scene.body, scene.torque, start, dt=0.005, steps=steps, save_every=steps)
+
+        many = starts(scene, batch)
+        done, compiling = compiled(jax.vmap(run), many)
+        return lambda: done(many), compiling
+
+    beside, _ = ready("LIEMID[EA]")
+    flights = ("SLIEMID", "SLIEMID4", "JACOBI", "SYMMETRIC", "NEARSYM", "DLM", "DMV", "DMV6")
+    for name in (*(f"{flight}[EA]" for flight in flights), *SCHEMES_SHOWN):
+        call, compiling = ready(name)
+        ratio = statistics.median(median_seconds(beside, 1) / median_seconds(call, 1) for _ in range(7))
+        yield name, "", f"{ratio:.2f}", f"{compiling:.1f} s"
+
+
 def rows(scene, quick):
     batch, steps = 4096, 100 if quick else 400
     reference, compiling = ours("LIEMID[EA]", scene, batch, steps)
@@ -243,9 +262,10 @@ def rows(scene, quick):
         cost = elsewhere(XLA_FLAGS=f"{os.environ.get('XLA_FLAGS', '')} {option}".strip())
         yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / cost:.2f}", ""
     others = [n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody and n != "LIEMID[EA]"]
-    for name in (*others, *MORE):
+    for name in others:
         cost, compiling = ours(name, scene, batch, steps)
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
+    yield from flight_rows(scene, batch, steps)
     cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     mine, its = equal_time_errors(scene, reference / cost)
@@ -263,8 +283,9 @@ def rows(scene, quick):
         cost, compiling = through_diffrax(scene, many, steps)
         label = f"LIEMID[EA] through diffrax, {many} bodies"
         yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    cost, compiling = gradient_cost(scene, 1024, 100)
-    yield "value and gradient over value", f"{cost:.1f} times", "", f"{compiling:.1f} s"
+    for name in ("LIEMID[EA]", "JACOBI[EA]"):
+        cost, compiling = gradient_cost(name, scene, 1024, 100)
+        yield f"{name}, value and gradient over value", f"{cost:.1f} times", "", f"{compiling:.1f} s"
 
 
 def table(lines):
@@ -276,6 +297,7 @@ def table(lines):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--flights", action="store_true", help="only the rows that compare flights and schemes")
     parser.add_argument("--only-first", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--all-cores", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--write", action="store_true")
@@ -285,10 +307,10 @@ def main():
         print("RESULT", ours("LIEMID[EA]", scene, 4096, 100)[0])
         return
     lines = []
-    for line in rows(scene, options.quick):
+    for line in flight_rows(scene, 4096, 100) if options.flights else rows(scene, options.quick):
         print(" | ".join(line), flush=True)
         lines.append(line)
-    if options.write:
+    if options.write and not options.flights:
         readme = ROOT / "README.md"
         text = readme.read_text()
         head, tail = text.split(BEGIN)[0], text.split(END)[1]

@@ -78,7 +78,7 @@ def _economised_arctangent(terms: int) -> tuple[float, ...]:
     arithmetic, because they cancel.
     """
     a = Fraction(LARGEST_TANGENT_SQUARE**0.5)
-    r = Fraction(((1 + LARGEST_TANGENT_SQUARE) ** 0.5 - 1)) / a
+    r = Fraction((1 + LARGEST_TANGENT_SQUARE) ** 0.5 - 1) / a
     total = [Fraction(0)] * (2 * terms)
     before, chebyshev = [1], [0, 1]
     for degree in range(1, 2 * terms):

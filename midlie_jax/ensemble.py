@@ -77,9 +77,9 @@ def ensemble(
         require_finite(name, array)
         if array.ndim > 1:
             raise ValueError(f"{name} must be one for all, or ({count},), got {array.shape}.")
-    each_body = isinstance(body, RigidBody) and body.moments.ndim == 2
-    axes = (0 if each_body else None, torque_axes, 0, 0 if dt.ndim else None, 0 if t0.ndim else None)
-    sizes = {"body.moments": body.moments if each_body else None, "dt": dt, "t0": t0}
+    moments = body.moments if isinstance(body, RigidBody) and body.moments.ndim == 2 else None
+    axes = (None if moments is None else 0, torque_axes, 0, 0 if dt.ndim else None, 0 if t0.ndim else None)
+    sizes = {"body.moments": moments, "dt": dt, "t0": t0}
     for name, array in sizes.items():
         if array is not None and array.ndim and array.shape[0] != count:
             raise ValueError(f"{name} has {array.shape[0]} rows, but start.momentum has {count}; give one a body.")

@@ -61,7 +61,9 @@ def together(dtype, save_every, chunk):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_each_body_moves_as_it_would_alone(dtype):
     path = together(dtype, 4, 3)
-    assert path.times.shape == (COUNT, 4) and path.states.momentum.shape == (COUNT, 4, 3) and path.ok.shape == (COUNT,)
+    assert path.times.shape == (COUNT, 4)
+    assert path.states.momentum.shape == (COUNT, 4, 3)
+    assert path.ok.shape == (COUNT,)
     assert np.all(path.ok)
     for i in (0, COUNT - 1):
         solo = alone(i, dtype, 4)
@@ -77,7 +79,8 @@ def test_the_cut_changes_nothing_and_the_end_is_the_end():
         for mine, its in zip(jax.tree.leaves(together("float64", 4, chunk)), jax.tree.leaves(whole), strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=4 * STEPS * epsilon("float64"))
     end = together("float64", None, 3)
-    assert end.states.attitude.shape == (COUNT, 1, 4) and end.times.shape == (COUNT, 1)
+    assert end.states.attitude.shape == (COUNT, 1, 4)
+    assert end.times.shape == (COUNT, 1)
     last = jax.tree.map(lambda x: x[:, -1:], (whole.times, whole.states))
     for mine, its in zip(jax.tree.leaves((end.times, end.states)), jax.tree.leaves(last), strict=True):
         np.testing.assert_allclose(mine, its, rtol=0, atol=4 * STEPS * epsilon("float64"))

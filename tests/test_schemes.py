@@ -5,6 +5,7 @@ Then some with flights of rigid bodies: the lower of the two orders, or the sche
 
 from functools import cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import at, rows, run, setup, true_motion, turn
@@ -185,3 +186,27 @@ def test_methods_from_parts():
             ml.method(bad)
     with pytest.raises(ValueError, match="unknown scheme 'RK4'"):
         ml.method("DLM", "RK4")
+
+
+def test_force_gradient_of_particles():
+    """With a full mass matrix, on which the direction of the derivative depends."""
+    body = ml.Particles(jnp.array([[1.0, 0.3], [0.3, 1.7]]))
+    start = ml.ParticleState(jnp.array([0.3, 0.8]), jnp.array([0.7, -0.4]))
+
+    def pull(t, state):
+        del t
+        bend = jnp.cos(state.position[0] - state.position[1]) / 2
+        return -jnp.sin(state.position) - jnp.stack([bend, -bend])
+
+    ends = [
+        ml.integrate("linear[CHIN4A]", body, pull, start, dt=3 / n, steps=n, save_every=n).states.position[-1]
+        for n in (24, 48, 96)
+    ]
+    assert abs(np.log2(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])) - 4) < 0.1
+
+
+def test_force_gradient_refuses_a_torque_of_the_momentum():
+    body, start = ml.RigidBody(jnp.ones(3)), ml.RigidState(jnp.ones(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
+    drag = ml.torques.VelocityDependent(lambda t, state: -state.momentum)
+    with pytest.raises(ValueError, match="force gradients needs a torque from a potential"):
+        ml.integrate("JACOBI[CHIN4A]", body, drag, start, dt=0.1, steps=1)

@@ -1,0 +1,46 @@
+"""What a scheme costs for what it is worth: its effective error, measured.
+
+    python benchmarks/schemes.py
+
+On two coupled pendulums with exact flights, in extended precision and without JAX: evaluations a step times the
+order-th root of the error constant, as a multiple of the least among the schemes of the same order. A force with its
+gradient counts as two evaluations. Smaller is better; ABA82 and ABA1064 are made for small forces, which these are not.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from midlie_jax import schemes
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+
+from test_schemes import measured
+
+
+def effective_error(scheme):
+    """Evaluations a unit of time for a unit error, were the scheme of its order at every step."""
+    for count in (24, 48, 96, 192, 384):
+        slope, ends = measured(scheme, scheme.order, (count,))
+        if abs(slope - scheme.order) < 0.1:
+            break
+    error = np.linalg.norm(ends[1] - ends[2])
+    evaluations = scheme.evaluations + sum(g != 0 for g in scheme.gradients)
+    return float(evaluations * 2 * count / 3 * error ** (1 / scheme.order))
+
+
+def main():
+    found = {name: effective_error(scheme) for name, scheme in schemes.SCHEMES.items() if scheme.order > 1}
+    best = {}
+    for name, value in found.items():
+        order = schemes.SCHEMES[name].order
+        best[order] = min(value, best.get(order, value))
+    print("| scheme | order | evaluations | effective error, by the best of its order |\n| --- | --- | --- | --- |")
+    for name, value in sorted(found.items(), key=lambda item: (schemes.SCHEMES[item[0]].order, item[1])):
+        scheme = schemes.SCHEMES[name]
+        print(f"| {name} | {scheme.order} | {scheme.evaluations} | {value / best[scheme.order]:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
