@@ -18,6 +18,7 @@ from .._fuse import together
 from .._half_turn import LARGEST_TANGENT_SQUARE, arctangent, arctangent_slope, share_of_one
 from ..bodies import RigidBody
 from .base import Flight, Inertia
+
 # Steps with the plain Jacobian at the start, and with each full one after it: enough for |Psi| <= 1.5 and the moments
 # of any real body, ratios of 1e6 included.
 _STEPS = {"float64": (1, (2, 2)), "float32": (2, (3,))}
@@ -60,9 +61,7 @@ def _tangent(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
 
 
 @_tangent.defjvp
-def _tangent_jvp(
-    primals: tuple[cp.Vector, cp.Vector], tangents: tuple[cp.Vector, cp.Vector]
-) -> Any:
+def _tangent_jvp(primals: tuple[cp.Vector, cp.Vector], tangents: tuple[cp.Vector, cp.Vector]) -> Any:
     """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
     quadruple, y = primals
     u, settled = together(_tangent(quadruple, y))
