@@ -28,7 +28,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 HEAD = """# Error against wall time
 
-Written by `python benchmarks/work_precision.py`. One core, float64, {bodies} bodies that start a little apart, times per
+Written by `make rivals`. One core, float64, {bodies} bodies that start a little apart, times per
 body (compiling not counted), the quickest of some runs; errors of the attitude at the end, root mean square over the
 first {judged} bodies. A ratio below 1 is ours quicker; "-" where one of the two does not reach the error. Costs between
 two points of a method are interpolated in logarithms; at an error larger than that of a method's coarsest run that run

@@ -69,7 +69,10 @@ def frontier(points: Sequence[Point], cost: str = "seconds", per_decade: int = 2
     count = max(2, round((top - bottom) * per_decade))
     levels = [10 ** (top + (bottom - top) * i / count) for i in range(count)] + [min(errors)]
     sampled = [(best_at(points, level, cost).cost, level) for level in levels]
-    return [pair for pair in sampled if math.isfinite(pair[0])]
+    edge = [pair for pair in sampled if math.isfinite(pair[0])]
+    # An error larger than that of the cheapest run is nobody's.
+    first = next((i for i, (cost, _) in enumerate(edge) if cost > edge[0][0]), len(edge))
+    return edge[max(0, first - 1) :]
 
 
 class Ratio(NamedTuple):

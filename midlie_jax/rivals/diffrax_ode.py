@@ -49,7 +49,7 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
         first = scene.dt / 4
         return jax.vmap(lambda start: solve(start, first, controller))(starts)
 
-    coarse = [scene.duration / max(1, scene.steps // 16) / 2**n for n in range(16)]
+    coarse = [scene.duration / max(4, scene.steps // 64) / 1.5**n for n in range(24)]
     for way, values, label in ((adaptive, TOLERANCES, "tol"), (constant, coarse, "step")):
         made = jax.jit(way).lower(states, jnp.asarray(1.0)).compile()
         for value in values:

@@ -51,6 +51,8 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
         raise RuntimeError("MuJoCo's state is not time, position and velocity; this needs another way to start it.")
     steps = max(1, scene.steps // 8)
     data = mujoco.MjData(made)
+    # A step too coarse for it is no news, and would be written to a file in the user's folder.
+    mujoco.set_mju_user_warning(lambda text: None)
     with rollout.Rollout(nthread=0) as loop:
         while True:
             made.opt.timestep = scene.duration / steps
@@ -70,8 +72,9 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
                     steps,
                 )
             if seconds > _LONGEST:
-                return
+                break
             steps *= 2
+    mujoco.set_mju_user_warning(None)
 
 
 def rk4(problem: Problem) -> Iterator[Point]:

@@ -6,7 +6,7 @@ another program: Pi' = Pi x I^-1 Pi + T, q' = q (0, I^-1 Pi)/2. Momentum in the 
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,7 +88,7 @@ class Problem(NamedTuple):
                 return result, min(clock)
 
 
-def matrix(quaternion: Sequence[Any]) -> np.ndarray:
+def matrix(quaternion: Any) -> np.ndarray:
     """The rotation matrix of a unit quaternion, in the arithmetic of its entries."""
     w, x, y, z = quaternion
     rows = (
@@ -102,7 +102,7 @@ def matrix(quaternion: Sequence[Any]) -> np.ndarray:
 Vector = tuple[Any, Any, Any]
 
 
-def rates(scene: Scene, state: Sequence[Any], place: Vector | None = None) -> tuple[Any, ...]:
+def rates(scene: Scene, state: Any, place: Vector | None = None) -> tuple[Any, ...]:
     """d/dt of the seven numbers of a state, on scalars of any kind.
 
     Args:
@@ -128,7 +128,7 @@ def rates(scene: Scene, state: Sequence[Any], place: Vector | None = None) -> tu
     return (*(t if f is None else t + f for t, f in zip(turn, push, strict=True)), *(0.5 * s for s in spin))
 
 
-def torque(scene: Scene, q: Sequence[Any], place: Vector | None = None) -> tuple[Any, Any, Any]:
+def torque(scene: Scene, q: Any, place: Vector | None = None) -> tuple[Any, Any, Any]:
     """The body-frame torque on scalars; None for an entry that is zero."""
     w, x, y, z = q
     field = scene.torque
@@ -163,7 +163,7 @@ def orbit_start(orbit: KeplerOrbit) -> np.ndarray:
     return np.concatenate([np.asarray(orbit.position), np.asarray(orbit.velocity)])
 
 
-def orbit_rates(orbit: KeplerOrbit, state: Sequence[Any]) -> tuple[Any, ...]:
+def orbit_rates(orbit: KeplerOrbit, state: Any) -> tuple[Any, ...]:
     """d/dt of position and velocity, on scalars."""
     r, v = state[:3], state[3:]
     pull = -float(orbit.mu) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) ** -1.5
