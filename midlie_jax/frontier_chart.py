@@ -61,7 +61,7 @@ def work_precision_figure(
     figure.text(0.055, 0.975, title, fontsize=15, weight="bold", color=_INK, va="top")
     figure.text(0.055, 0.928, note, fontsize=9.5, color=_INK, va="top", linespacing=1.4)
     free = all(math.isnan(p.evaluations) for p in ours)
-    work, label = ("steps", "Steps, whole run  [-]  (no torque to evaluate)") if free else (
+    work, label = ("steps", "Steps, whole run  [-]  (no torque to evaluate; heyoka's are Taylor series: not here)") if free else (
         "evaluations", "Torque evaluations, whole run  [-]  (a Taylor series has none: heyoka is not here)"
     )  # fmt: skip
     for axes, cost, x_label, name in (
@@ -87,6 +87,8 @@ def _panel(axes: Any, ours: Sequence[Point], rivals: Sequence[Point], symplectic
         axes.plot(*zip(*edge, strict=True), color="#0b2f57", linewidth=6.5, alpha=0.3, zorder=2, solid_capstyle="round")
     for group, mine in ((by_method(ours), True), (by_method(rivals), False)):
         for index, (name, points) in enumerate(group.items()):
+            if cost != "seconds" and name == "heyoka":
+                continue
             line = envelope([getattr(p, cost) for p in points], [max(p.error, 1e-17) for p in points])
             if not line:
                 continue

@@ -63,8 +63,8 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         scheme = rest.removesuffix("]")
         if flight not in _FLIGHTS or scheme not in SCHEMES:
             raise ValueError(
-                f"unknown method {name!r}; choose from {', '.join([*_METHODS, *_GENERAL])}, or any FLIGHT[SCHEME] of the "
-                f"flights {', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
+                f"unknown method {name!r}; choose from {', '.join([*_METHODS, *_GENERAL])}, or any FLIGHT[SCHEME] of "
+                f"the flights {', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
             )
         name = flight
     for label, part, known in (("flight", name, _FLIGHTS), ("scheme", scheme, SCHEMES)):

@@ -241,7 +241,7 @@ class _Ladder:
 
 
 def advanced(method: Method, scene: Scene, momentum: Any, attitude: Any, dt: Any, turns: Any) -> tuple[Any, Any]:
-    """The attitude after `turns` turns of the loop of `integrate`, each of `method.unroll` steps, and whether all is well."""
+    """The attitude after so many turns of the loop of `integrate`, `method.unroll` steps each; whether all is well."""
     start = type(scene.start).of(momentum, attitude)
     zero = jnp.zeros((), momentum.dtype)
     system = System.of(scene.body, scene.torque, start, zero)

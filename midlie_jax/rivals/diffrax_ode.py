@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .problem import Point, Problem, orbit_of, rates
+from .problem import Point, Problem, orbit_of, radius, rates
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 
@@ -23,7 +23,7 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
 
     def field(t: Any, y: Any, args: Any) -> Any:
         del args
-        place = None if orbit is None else tuple(orbit(t))
+        place = None if orbit is None else tuple(orbit(t) / radius(orbit))
         return jnp.stack(rates(scene, tuple(y), place))
 
     def solve(start: Any, step: Any, controller: Any) -> Any:
@@ -39,7 +39,8 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
             max_steps=None,
             throw=False,
         )
-        return found.ys[-1, 3:], found.stats["num_steps"]
+        ends: Any = found.ys
+        return ends[-1, 3:], found.stats["num_steps"]
 
     def constant(starts: Any, step: Any) -> Any:
         return jax.vmap(lambda start: solve(start, step, diffrax.ConstantStepSize()))(starts)

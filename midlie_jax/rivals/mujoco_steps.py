@@ -5,6 +5,7 @@ one torque of MuJoCo that needs no callback in Python; a satellite, whose torque
 """
 
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ _LONGEST = 0.5  # seconds for these bodies
 
 def model(scene: Scene, integrator: str) -> Any:
     """The body as MuJoCo's model."""
-    import mujoco
+    mujoco: Any = import_module("mujoco")
 
     weight = 0.0 if scene.torque is None else float(scene.torque.weight)  # pyright: ignore
     made = mujoco.MjModel.from_xml_string(
@@ -36,8 +37,8 @@ def model(scene: Scene, integrator: str) -> Any:
 
 
 def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> Iterator[Point]:
-    import mujoco
-    from mujoco import rollout
+    mujoco: Any = import_module("mujoco")
+    rollout: Any = import_module("mujoco.rollout")
 
     scene = problem.scene
     if scene.torque is not None and not isinstance(scene.torque, torques.HeavyTop):

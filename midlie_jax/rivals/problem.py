@@ -90,13 +90,16 @@ class Problem(NamedTuple):
 
 def matrix(quaternion: Any) -> np.ndarray:
     """The rotation matrix of a unit quaternion, in the arithmetic of its entries."""
+    return np.array(_rows(quaternion))
+
+
+def _rows(quaternion: Any) -> tuple[Any, ...]:
     w, x, y, z = quaternion
-    rows = (
+    return (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
     )
-    return np.array(rows)
 
 
 Vector = tuple[Any, Any, Any]
@@ -108,7 +111,7 @@ def rates(scene: Scene, state: Any, place: Vector | None = None) -> tuple[Any, .
     Args:
         scene: a free body, a heavy top, or a satellite in a gravity gradient.
         state: momentum and quaternion, seven entries.
-        place: of the satellite, seen from the attracting mass.
+        place: of the satellite, seen from the attracting mass, in units of its distance at time 0.
 
     Raises:
         ValueError: another torque.
@@ -137,12 +140,12 @@ def torque(scene: Scene, q: Any, place: Vector | None = None) -> tuple[Any, Any,
     if isinstance(field, torques.HeavyTop) and field.axis == (0.0, 0.0, 1.0):
         weight = float(field.weight)
         return weight * (2 * (y * z + w * x)), weight * (-2 * (x * z - w * y)), None
-    if isinstance(field, torques.GravityGradient) and place is not None:
+    if isinstance(field, torques.GravityGradient) and isinstance(field.orbit, KeplerOrbit) and place is not None:
         square = place[0] * place[0] + place[1] * place[1] + place[2] * place[2]
-        # 3 mu / r^5 (R^T r) x I (R^T r): nothing to normalise.
-        columns = matrix(q).T
-        u = tuple(row[0] * place[0] + row[1] * place[1] + row[2] * place[2] for row in columns)
-        strength = 3 * float(field.mu) * square**-2.5
+        # 3 mu / r^5 (R^T r) x I (R^T r): no root to normalise r; mu is one in the units of the place.
+        columns = zip(*_rows(q), strict=True)
+        u = tuple(column[0] * place[0] + column[1] * place[1] + column[2] * place[2] for column in columns)
+        strength = 3 * _rate(field.orbit) ** 2 * square**-2.5
         a, b, c = (float(m) for m in np.asarray(scene.body.moments))
         return (
             strength * ((c - b) * u[1] * u[2]),
@@ -158,25 +161,36 @@ def orbit_of(scene: Scene) -> KeplerOrbit | None:
     return orbit if isinstance(orbit, KeplerOrbit) else None
 
 
+def radius(orbit: KeplerOrbit) -> float:
+    """The distance at time 0, the unit of length of an orbit here: adaptive steps are judged by the largest number."""
+    return float(np.linalg.norm(np.asarray(orbit.position)))
+
+
+def _rate(orbit: KeplerOrbit) -> float:
+    """The angular rate of a circle through the start: its inverse is the unit of time of velocities on an orbit."""
+    return math.sqrt(float(orbit.mu) / radius(orbit) ** 3)
+
+
 def orbit_start(orbit: KeplerOrbit) -> np.ndarray:
     """Position and velocity at time 0, (6,): for a program that integrates the orbit along with the body."""
-    return np.concatenate([np.asarray(orbit.position), np.asarray(orbit.velocity)])
+    size, rate = radius(orbit), _rate(orbit)
+    return np.concatenate([np.asarray(orbit.position) / size, np.asarray(orbit.velocity) / (size * rate)])
 
 
 def orbit_rates(orbit: KeplerOrbit, state: Any) -> tuple[Any, ...]:
-    """d/dt of position and velocity, on scalars."""
-    r, v = state[:3], state[3:]
-    pull = -float(orbit.mu) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) ** -1.5
-    return (*v, *(pull * x for x in r))
+    """d/dt of position and velocity in these units, on scalars."""
+    r, v, rate = state[:3], state[3:], _rate(orbit)
+    pull = -rate * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) ** -1.5
+    return (*(rate * x for x in v), *(pull * x for x in r))
 
 
 def kepler(orbit: KeplerOrbit) -> Callable[[float], Vector]:
-    """The place on the orbit as a function of time, on Python's floats: the formulas of `KeplerOrbit`."""
+    """The place on the orbit in its unit of length as a function of time, on floats: the formulas of `KeplerOrbit`."""
     r, v, mu = np.asarray(orbit.position), np.asarray(orbit.velocity), float(orbit.mu)
-    radius = math.sqrt(r @ r)
-    axis = 1 / (2 / radius - (v @ v) / mu)
-    motion, sine_part, cosine_part = math.sqrt(mu / axis**3), (r @ v) / math.sqrt(mu * axis), 1 - radius / axis
-    (x, y, z), (a, b, c) = r.tolist(), v.tolist()
+    size = radius(orbit)
+    axis = 1 / (2 / size - (v @ v) / mu)
+    motion, sine_part, cosine_part = math.sqrt(mu / axis**3), (r @ v) / math.sqrt(mu * axis), 1 - size / axis
+    (x, y, z), (a, b, c) = (r / size).tolist(), (v / size).tolist()
 
     def place(t: float) -> Vector:
         turns = round(motion * t / (2 * math.pi))
@@ -188,7 +202,7 @@ def kepler(orbit: KeplerOrbit) -> Callable[[float], Vector]:
             change -= step
             if abs(step) < 1e-15:
                 break
-        f = 1 - 2 * math.sin(change / 2) ** 2 * axis / radius
+        f = 1 - 2 * math.sin(change / 2) ** 2 * axis / size
         g = (mean - change + math.sin(change)) / motion
         return f * x + g * a, f * y + g * b, f * z + g * c
 
