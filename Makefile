@@ -3,13 +3,14 @@
 #   make test               the tests
 #   make lint               formatting, lint, types
 #   make bench              the benchmarks
+#   make rivals             error against wall time beside other programs: docs/work-precision.md and its charts
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test lint bench
+.PHONY: chart test lint bench rivals
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -25,6 +26,9 @@ lint: .venv/.lint
 
 bench: .venv/.bench
 	.venv/bin/python benchmarks/run.py
+
+rivals: .venv/.bench
+	.venv/bin/python benchmarks/work_precision.py
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

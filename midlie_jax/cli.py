@@ -66,6 +66,9 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument(
         "--levels", type=_positive, default=convergence.LEVELS, metavar="K", help="rungs, each half the step before"
     )
+    chart.add_argument(
+        "--rivals", action="store_true", help="error against cost instead, beside other programs (the extra bench)"
+    )
     chart.set_defaults(act=_chart)
 
     run = commands.add_parser("run", help="integrate one scene, or many perturbed copies of it")
@@ -120,7 +123,35 @@ def _scenes(options: argparse.Namespace) -> None:
     )
 
 
+def _rivals(options: argparse.Namespace) -> None:
+    """The chart beside other programs."""
+    from . import frontier, rivals, work_precision
+    from .frontier_chart import work_precision_chart
+
+    rivals.require()
+    _require("matplotlib", "mpmath")
+    path = _writable(options.out or f"chart-{options.scene}-rivals.png")
+    known = {one.name: one for group in work_precision.OURS.values() for one in group}
+    ours = [known.get(name, work_precision.Ours(find_method(name).name)) for name in options.methods or []]
+    given, rows, mine, theirs = work_precision.compared(options.scene, ours or None)
+    print()
+    _table(list(frontier.HEADS), [frontier.cells(row) for row in rows])
+    true = work_precision.symplectic(given.scene)
+    note = work_precision.note(given)
+    work_precision_chart(mine, theirs, true, path, title=work_precision.title(given), note=note)
+    print(f"\nwrote {path}")
+
+
+def _writable(path: str) -> str:
+    if not Path(path).absolute().parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no such folder.")
+    return path
+
+
 def _chart(options: argparse.Namespace) -> None:
+    if options.rivals:
+        _rivals(options)
+        return
     _require("matplotlib", "tqdm", "mpmath")
     from tqdm import tqdm
 
@@ -131,9 +162,7 @@ def _chart(options: argparse.Namespace) -> None:
             find_method(name)
             raise ValueError(f"method {name!r} does not move a rigid body; see `midlie methods`.")
     rungs = convergence.ladder(scene, options.steps, options.levels)
-    path = options.out or f"chart-{scene.name}.png"
-    if not Path(path).absolute().parent.is_dir():
-        raise ValueError(f"cannot write {path}: there is no such folder.")
+    path = _writable(options.out or f"chart-{scene.name}.png")
     reference = convergence.find_reference(scene, rungs[-1])
     title = f"{scene.name}: {scene.title}, T = {scene.duration:g}"
     known = f"{reference.source}, good to {reference.uncertainty:.0e} of its size"

@@ -1,6 +1,7 @@
 """Every method by name. A new one is a line here, and every law test, chart and benchmark picks it up."""
 
 from . import flights, schemes
+from .explicit import DOP853, RK4
 from .flights import Flight, LieMidpoint, Linear
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .schemes import SCHEMES, Scheme
@@ -34,6 +35,9 @@ _METHODS: dict[str, Method] = {
 }
 
 
+# No structure of the motion is kept by these, so no law is tested on them, and `methods()` does not list them.
+_GENERAL: dict[str, Method] = {m.name: m for m in (RK4, DOP853)}
+
 _FLIGHTS: dict[str, Flight] = {
     f.name: f
     for f in (
@@ -58,20 +62,22 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and
     `ml.method(ml.flights.SymplecticMidpoint4(), ml.schemes.SRKN6B)` are the same. Its order is the lower of the
     flight's and the scheme's; compositions of a whole step (TJ4, S4, Y6, KL6, SU8, KL8) raise that of the flight, too.
+    "RK4" and "DOP853" are Runge-Kutta methods that keep no structure, for comparison and for short runs to many digits.
 
     Raises:
         ValueError: unknown name; the message lists all.
     """
     if scheme is None:
         name = str(name)
-        if name in _METHODS:
-            return _METHODS[name]
+        for known in (_METHODS, _GENERAL):
+            if name in known:
+                return known[name]
         flight, _, rest = name.partition("[")
         scheme = rest.removesuffix("]")
         if flight not in _FLIGHTS or scheme not in SCHEMES:
             raise ValueError(
-                f"unknown method {name!r}; choose from {', '.join(_METHODS)}, or any FLIGHT[SCHEME] of the flights "
-                f"{', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
+                f"unknown method {name!r}; choose from {', '.join([*_METHODS, *_GENERAL])}, or any FLIGHT[SCHEME] of "
+                f"the flights {', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
             )
         name = flight
     for label, part, known in (("flight", name, _FLIGHTS), ("scheme", scheme, SCHEMES)):

@@ -296,6 +296,29 @@ def _gravity_gradient(dtype: Any) -> Scene:
     )
 
 
+def _ten_orbits(dtype: Any) -> Scene:
+    return replace(
+        _gravity_gradient(dtype),
+        title="the same satellite over ten orbits",
+        duration=55350.0,
+    )
+
+
+def _asymmetric_top(dtype: Any) -> Scene:
+    attitude = np.array([0.8, 0.3, -0.4, 0.33])
+    return Scene(
+        name="",
+        title="asymmetric heavy top, strongly forced: no symmetry to use and no closed form",
+        body=_body([1.0, 2.0, 3.0], dtype),
+        torque=HeavyTop(jnp.asarray(3.0, dtype)),
+        start=_start([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude), dtype),
+        dt=0.01,
+        duration=10.0,
+        source="chosen here, not published",
+        units=_ANY_UNITS,
+    )
+
+
 def _pulsed_body(dtype: Any) -> Scene:
     tensor = [[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]]
     velocity = [0.0, -0.001134454274550824, 0.0]
@@ -324,7 +347,9 @@ _SCENES: dict[str, Callable[[Any], Scene]] = {
     "tumbling-brick": _tumbling_brick,
     "dzhanibekov": _dzhanibekov,
     "free-asymmetric": _free_asymmetric,
+    "asymmetric-top": _asymmetric_top,
     "bruls-cardona": _bruls_cardona,
     "gravity-gradient": _gravity_gradient,
+    "gravity-gradient-10": _ten_orbits,
     "pulsed-body": _pulsed_body,
 }

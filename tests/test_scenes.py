@@ -459,8 +459,8 @@ def test_the_late_drift_of_akw_is_chaotic():
     assert abs(late.mean() - float(DRIFTS["AKW"][1])) < 2 * np.std(late)
 
 
-NAMES = ["P1", "P1-tilted", "P2", "slow-top", "tumbling-brick", "dzhanibekov", "free-asymmetric", "bruls-cardona"]
-NAMES += ["gravity-gradient", "pulsed-body"]
+NAMES = ["P1", "P1-tilted", "P2", "slow-top", "tumbling-brick", "dzhanibekov", "free-asymmetric"]
+NAMES += ["asymmetric-top", "bruls-cardona", "gravity-gradient", "gravity-gradient-10", "pulsed-body"]
 
 
 def test_all_scenes_are_listed():

@@ -1,0 +1,83 @@
+"""diffrax: explicit Runge-Kutta on momentum and quaternion, vmapped, with a constant step and with a controller.
+
+A tolerance or step is an argument of the compiled program, so each way is compiled once.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .problem import Point, Problem, orbit_of, radius, rates
+
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
+
+
+def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[Point]:
+    scene, orbit = problem.scene, orbit_of(problem.scene)
+    states = jnp.asarray(problem.states)
+    size = jnp.concatenate([jnp.full(3, float(np.linalg.norm(problem.momentum[0]))), jnp.ones(4)])
+
+    def field(t: Any, y: Any, args: Any) -> Any:
+        del args
+        place = None if orbit is None else tuple(orbit(t) / radius(orbit))
+        return jnp.stack(rates(scene, tuple(y), place))
+
+    def solve(start: Any, step: Any, controller: Any) -> Any:
+        found = diffrax.diffeqsolve(
+            diffrax.ODETerm(field),
+            solver,
+            0.0,
+            scene.duration,
+            step,
+            start,
+            stepsize_controller=controller,
+            adjoint=diffrax.ForwardMode(),
+            max_steps=None,
+            throw=False,
+        )
+        ends: Any = found.ys
+        return ends[-1, 3:], found.stats["num_steps"]
+
+    def constant(starts: Any, step: Any) -> Any:
+        return jax.vmap(lambda start: solve(start, step, diffrax.ConstantStepSize()))(starts)
+
+    def adaptive(starts: Any, tolerance: Any) -> Any:
+        controller = diffrax.PIDController(rtol=0.0, atol=tolerance * size)
+        first = scene.dt / 4
+        return jax.vmap(lambda start: solve(start, first, controller))(starts)
+
+    coarse = [scene.duration / max(4, scene.steps // 64) / 1.5**n for n in range(24)]
+    for way, values, label in ((adaptive, TOLERANCES, "tol"), (constant, coarse, "step")):
+        made = jax.jit(way).lower(states, jnp.asarray(1.0)).compile()
+        for value in values:
+
+            def run(value: float = value, made: Any = made) -> Any:
+                return jax.block_until_ready(made(states, jnp.asarray(value)))
+
+            (ends, steps), seconds = problem.quickest(run)
+            if np.all(np.isfinite(ends)):
+                taken = float(np.mean(steps))
+                yield Point(
+                    name,
+                    f"{label} {value:.1e}",
+                    problem.error(ends),
+                    seconds / problem.bodies,
+                    stages * taken,
+                    taken,
+                )
+            if seconds > problem.longest:
+                break
+
+
+def tsit5(problem: Problem) -> Iterator[Point]:
+    """Tsitouras' order 5."""
+    return _measure(problem, diffrax.Tsit5(), "diffrax Tsit5", 6)
+
+
+def dopri8(problem: Problem) -> Iterator[Point]:
+    """Dormand and Prince's order 8."""
+    return _measure(problem, diffrax.Dopri8(), "diffrax Dopri8", 13)

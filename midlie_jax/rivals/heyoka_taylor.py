@@ -1,0 +1,86 @@
+"""heyoka: Taylor's method of adaptive step and order, compiled for the equations, four bodies in one SIMD register.
+
+Biscani & Izzo, MNRAS 504 (2021) 2614. The integrator is built once a tolerance, with and without `fast_math`, and the
+time of the loop over batches without any step in them is taken off: what Python costs is not heyoka's.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..scenes import Scene
+from .problem import Point, Problem, matrix, orbit_of, orbit_rates, orbit_start, rates
+
+TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14, 1e-15)
+
+
+def equations(scene: Scene) -> list[Any]:
+    """The right-hand sides in heyoka's expressions; an orbit is integrated along with the body."""
+    import heyoka
+
+    state = heyoka.make_vars("p0", "p1", "p2", "q0", "q1", "q2", "q3")
+    orbit = orbit_of(scene)
+    if orbit is None:
+        return list(zip(state, rates(scene, state), strict=True))
+    place = heyoka.make_vars("x", "y", "z", "u", "v", "w")
+    both = (*rates(scene, state, tuple(place[:3])), *orbit_rates(orbit, place))
+    return list(zip((*state, *place), both, strict=True))
+
+
+def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Iterator[Point]:
+    """A point for each tolerance and each of the two ways to compile."""
+    import heyoka
+
+    scene, width = problem.scene, heyoka.recommended_simd_size()
+    system, orbit = equations(scene), orbit_of(scene)
+    states = problem.states
+    if orbit is not None:
+        states = np.concatenate([states, np.tile(orbit_start(orbit), (len(states), 1))], axis=1)
+    batches = [np.ascontiguousarray(states[i : i + width].T) for i in range(0, len(states) - width + 1, width)]
+    for tolerance in tolerances:
+        for fast in (False, True):
+            made = heyoka.taylor_adaptive_batch(system, batches[0].copy(), tol=tolerance, fast_math=fast)
+            state, set_time, go = made.state, made.set_time, made.propagate_until
+
+            def loop(end: float, state: Any = state, set_time: Any = set_time, go: Any = go) -> None:
+                for batch in batches:
+                    set_time(0.0)
+                    state[:] = batch
+                    go(end)
+
+            ends, steps = [], []
+            for batch in batches[: -(-len(problem.ends) // width)]:
+                set_time(0.0)
+                state[:] = batch
+                go(scene.duration)
+                ends.append(state[3:7].T.copy())
+                steps.append(np.mean([outcome[3] for outcome in made.propagate_res]))
+            _, seconds = problem.quickest(lambda loop=loop: loop(scene.duration))
+            _, idle = problem.quickest(lambda loop=loop: loop(0.0))
+            error = problem.error(np.concatenate(ends))
+            cost = max(seconds - idle, 0.5 * seconds) / (width * len(batches))
+            yield Point("heyoka", f"tol {tolerance:.0e}", error, cost, float("nan"), float(np.mean(steps)))
+
+
+def reference(scene: Scene, states: np.ndarray, digits: int = 38) -> np.ndarray:
+    """Rotation matrices at the end of a scene from states (k, 7), by Taylor's method in so many digits, (k, 3, 3)."""
+    import heyoka
+
+    bits = int(digits * 3.33) + 2
+    exact = np.vectorize(lambda x: heyoka.real(float(x), prec=bits), otypes=[object])
+    orbit = orbit_of(scene)
+    along = np.zeros(0) if orbit is None else orbit_start(orbit)
+    system = equations(scene)
+    first = np.array(list(exact(np.concatenate([states[0], along]))))
+    made = heyoka.taylor_adaptive(system, first, fp_type=heyoka.real, prec=bits, compact_mode=True)
+    ends = []
+    for start in states:
+        made.time = heyoka.real(0.0, prec=bits)
+        for i, x in enumerate(np.concatenate([start, along])):
+            made.state[i] = heyoka.real(float(x), prec=bits)
+        made.propagate_until(heyoka.real(scene.duration, prec=bits))
+        q = made.state[3:7]
+        square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+        ends.append(np.array([[float(x / square) for x in row] for row in matrix(q)]))
+    return np.stack(ends)

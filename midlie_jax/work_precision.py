@@ -1,0 +1,290 @@
+"""Error against what it costs, for the methods of this package and for other programs, on the same bodies.
+
+A method is compiled once a scene, with its number of steps and its step as arguments, and run over a ladder of steps.
+The loop is that of `integrate` and the batch is cut as `ensemble` cuts it: `tests/test_work_precision.py` holds them
+to the same result.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import oracles, scenes, so3, torques
+from ._fuse import seam, together
+from .bodies import RigidBody
+from .frontier import Ratio, ratios
+from .methods import method as find_method
+from .rivals import RIVALS, Rival
+from .rivals.problem import Point, Problem, matrix
+from .scenes import Scene
+from .stepper import Method, Motion, System
+
+BODIES, JUDGED, SIZE = 1024, 16, 1e-3
+SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
+_FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step tells nothing
+_ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
+_GROWTH = 1.5  # from one rung of a ladder to the next
+# Bodies moved at once. Most steps do not care; one whose stages all stay alive, as those of DOP853, runs four times as
+# fast where they fit the first cache.
+CHUNK, FEW = 256, 64
+
+
+class Ours(NamedTuple):
+    """A method of this package on the chart.
+
+    Attributes:
+        name: as for `midlie_jax.method`.
+        symplectic: whether it is; the frontier of those that are is drawn as well.
+        chunk: bodies moved at once, as for `ensemble`.
+    """
+
+    name: str
+    symplectic: bool = True
+    chunk: int = CHUNK
+
+
+# Which of our methods a kind of body is moved by: a line here puts one on the charts.
+_PAPER = (Ours("LIEMID[EA]", False),)
+_GENERIC = (Ours("RK4", False, FEW), Ours("DOP853", False, FEW))
+OURS: dict[str, tuple[Ours, ...]] = {
+    "two equal moments": (
+        *_PAPER,
+        *(Ours(f"SYMMETRIC[{scheme}]") for scheme in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")),
+        *_GENERIC,
+    ),
+    "three moments": (
+        *_PAPER,
+        Ours("DLM[EA]"),
+        *(Ours(f"JACOBI[{scheme}]") for scheme in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a")),
+        Ours("DLM[SU8]"),
+        Ours("DLM[KL8]"),
+        *_GENERIC,
+    ),
+    "three moments, free": (
+        *_PAPER,
+        Ours("DLM[EA]"),
+        Ours("SLIEMID4[EA]"),
+        Ours("JACOBI[EA]"),
+        Ours("DLM[SU8]"),
+        *_GENERIC,
+    ),
+}
+
+
+def methods_for(scene: Scene) -> tuple[Ours, ...]:
+    """The methods to chart for a scene, by the kind of its body."""
+    if _third(scene) is not None:
+        return OURS["two equal moments"]
+    return OURS["three moments, free" if scene.torque is None else "three moments"]
+
+
+def _third(scene: Scene) -> int | None:
+    """The axis about which two moments are equal and which the torque does not tell from the third; None if none."""
+    moments = np.asarray(scene.body.moments)
+    for k in range(3):
+        if moments[(k + 1) % 3] == moments[(k + 2) % 3]:
+            return k
+    return None
+
+
+def axis_third(scene: Scene) -> Scene:
+    """The same body with its axes numbered anew, in cyclic order, so that its axis of symmetry is the third.
+
+    The exact flight of a symmetric body wants it there. A body without one is returned as it is, and so is a scene
+    whose torque is not known here.
+    """
+    k = _third(scene)
+    if k is None or k == 2:
+        return scene
+    order = [(k + 1) % 3, (k + 2) % 3, k]
+    torque = scene.torque
+    moments = scene.body.moments[jnp.array(order)]
+    if isinstance(torque, torques.HeavyTop):
+        torque = torques.HeavyTop(torque.weight, tuple(torque.axis[i] for i in order))  # pyright: ignore
+    elif isinstance(torque, torques.GravityGradient):
+        torque = torques.GravityGradient(moments, torque.orbit, torque.mu)
+    elif torque is not None:
+        return scene
+    turn = jnp.array(((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5))[k], scene.start.attitude.dtype)
+    start = type(scene.start)(scene.start.momentum[jnp.array(order)], so3.multiply(scene.start.attitude, turn))
+    return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)
+
+
+def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
+    """The bodies of a scene, a little different from each other, and where the first of them end.
+
+    The ends are those of a closed form where there is one, else of heyoka's Taylor series in 38 digits.
+
+    Args:
+        name: of a scene.
+        bodies, judged: how many are moved, and how many of these are judged.
+        quick: fewer and shorter runs.
+
+    Raises:
+        ValueError: unknown scene.
+        ImportError: heyoka or mpmath is missing.
+    """
+    scene = axis_third(scenes.scene(name, jnp.float64))
+    starts = scenes.perturbed(scene, bodies, SIZE)
+    momentum, attitude = np.asarray(starts.momentum), np.asarray(starts.attitude)
+    # To rounding: off the unit sphere programs differ in what an attitude means.
+    attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    states = np.concatenate([momentum, attitude], axis=1)[: min(judged, bodies)]
+    ends, source, doubt = _ends(scene, states)
+    limits = {"repeats": 2, "longest": 0.2} if quick else {"repeats": 5, "longest": 0.5}
+    return Problem(scene, momentum, attitude, ends, source, doubt, **limits)
+
+
+def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
+    """Rotation matrices at the end, how they were found, and what they may be wrong by."""
+    moments, times, top = np.asarray(scene.body.moments), [scene.duration], scene.torque
+    if top is None:
+        source = "closed form of the free body"
+        ends = [oracles.free_body(moments, s[:3], s[3:], times)[1][0] for s in states]
+    elif isinstance(top, torques.HeavyTop) and top.axis == (0.0, 0.0, 1.0) and moments[0] == moments[1]:
+        source = "closed form of Lagrange's top"
+        ends = [oracles.lagrange_top(moments, float(top.weight), s[:3], s[3:], times)[1][0] for s in states]
+    else:
+        from .rivals.heyoka_taylor import reference
+
+        found = reference(scene, states)
+        change = float(np.max(np.abs(found[:1] - reference(scene, states[:1], digits=46))))
+        return found, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
+    return np.stack([matrix(q) for q in ends]), source, 1e-15
+
+
+def measure(
+    given: Problem, ours: Sequence[Ours], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
+) -> tuple[list[Point], list[Point]]:
+    """The points of our methods and of the rivals; one that fails is said, and the others go on."""
+    mine, theirs = [], []
+    for one in ours:
+        said(one.name)
+        try:
+            mine += list(ladder(find_method(one.name), given, one.chunk))
+        except Exception as error:  # one broken method must not cost the user the others
+            said(f"{one.name} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+    for rival in rivals:
+        said(rival.label)
+        try:
+            theirs += list(rival.measure(given))
+        except Exception as error:
+            said(f"{rival.label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+    return mine, theirs
+
+
+def ladder(method: Method, given: Problem, chunk: int = CHUNK) -> Iterator[Point]:
+    """Points of a method from a coarse step to where rounding rules or a run takes too long."""
+    made = _Ladder(method, given, chunk)
+    count = max(1, given.scene.steps // 100)
+    best, worse = np.inf, 0
+    while worse < 3:
+        steps = made.whole(count)
+        ends, ok, seconds = made.run(steps)
+        error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
+        if ok and np.isfinite(error):
+            evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
+            yield Point(
+                method.name,
+                f"step {given.scene.duration / steps:.2e}",
+                error,
+                seconds / given.bodies,
+                evaluations,
+                steps,
+            )
+            # Past the floor, and past three rungs that gain nothing, there is rounding alone.
+            worse = worse + 1 if error > 0.7 * best or error < _FLOOR else 0
+            best = min(best, error)
+        if seconds > given.longest:
+            return
+        count = max(count + 1, round(count * _GROWTH))
+
+
+class _Ladder:
+    """One method on one problem, compiled once for any number of steps."""
+
+    def __init__(self, method: Method, given: Problem, chunk: int):
+        self.method, self.given = method, given
+        self.start = (jnp.asarray(given.momentum), jnp.asarray(given.attitude))
+        self.made = self._compiled(chunk if given.bodies % chunk == 0 else given.bodies)
+
+    def whole(self, steps: int) -> int:
+        """The nearest number of steps that the loop can do."""
+        return self.method.unroll * max(1, round(steps / self.method.unroll))
+
+    def run(self, steps: int) -> tuple[np.ndarray, bool, float]:
+        """The attitudes at the end, whether all went well, and the seconds for all bodies."""
+        (ends, ok), seconds = self.given.quickest(lambda: self._go(steps))
+        return np.asarray(ends), bool(np.all(ok)), seconds
+
+    def _go(self, steps: int) -> Any:
+        step = jnp.asarray(self.given.scene.duration / steps, jnp.float64)
+        return jax.block_until_ready(self.made(*self.start, step, jnp.asarray(steps // self.method.unroll, jnp.int32)))
+
+    def _compiled(self, chunk: int) -> Any:
+        bodies = self.given.bodies
+
+        def run(momentum: Any, attitude: Any, dt: Any, turns: Any) -> Any:
+            one = jax.vmap(lambda p, q: advanced(self.method, self.given.scene, p, q, dt, turns))
+            parts = (momentum.reshape(-1, chunk, 3), attitude.reshape(-1, chunk, 4))
+            ends, ok = jax.lax.map(lambda part: one(*part), parts)
+            return ends.reshape(bodies, 4), ok
+
+        shapes = (*self.start, jnp.asarray(0.0, jnp.float64), jnp.asarray(1, jnp.int32))
+        return jax.jit(run).lower(*shapes).compile()
+
+
+def advanced(method: Method, scene: Scene, momentum: Any, attitude: Any, dt: Any, turns: Any) -> tuple[Any, Any]:
+    """The attitude after so many turns of the loop of `integrate`, `method.unroll` steps each; whether all is well."""
+    start = type(scene.start).of(momentum, attitude)
+    zero = jnp.zeros((), momentum.dtype)
+    system = System.of(scene.body, scene.torque, start, zero)
+    constants, functions = eqx.partition(system, eqx.is_array)
+    motion = Motion(*start.parts())
+    force = system.force(zero, motion) if method.keeps_force(system) else None
+
+    def turn(i: Any, carry: Any) -> Any:
+        for k in range(method.unroll):
+            (motion, force, ok), h, given = seam((carry, dt, constants))
+            n = i * method.unroll + k
+            here, there = n.astype(h.dtype) * h, (n + 1).astype(h.dtype) * h
+            motion, force, fine = method.step(eqx.combine(given, functions), here, there, h, motion, force)
+            carry = together((motion, force, ok & fine))
+        return carry
+
+    motion, _, ok = jax.lax.fori_loop(0, turns, turn, (motion, force, jnp.array(True)))
+    return jnp.stack(motion.pose), ok
+
+
+def compared(
+    name: str, ours: Sequence[Ours] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
+) -> tuple[Problem, list[Ratio], list[Point], list[Point]]:
+    """A scene's problem, ratios, our points and the rivals'."""
+    given = problem(name, quick=quick)
+    chosen = methods_for(given.scene) if ours is None else ours
+    mine, theirs = measure(given, chosen, said=said)
+    return given, ratios(mine, theirs, symplectic(given.scene)), mine, theirs
+
+
+def symplectic(scene: Scene) -> list[str]:
+    """The names of our methods for a scene that are symplectic."""
+    return [one.name for one in methods_for(scene) if one.symplectic]
+
+
+def title(given: Problem) -> str:
+    """What moved, for how long."""
+    return f"{given.scene.name}: {given.scene.title}, T = {given.scene.duration:g}"
+
+
+def note(given: Problem) -> str:
+    """How it was measured, for a chart."""
+    return (
+        f"{given.bodies} bodies side by side, one core, float64. Errors against the {given.source}, good to "
+        f"{given.uncertainty:.0e}.\nWide line: the frontier of our methods (filled marks; dashed if not symplectic). "
+        "Hollow marks: other programs and methods."
+    )

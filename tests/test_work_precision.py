@@ -1,0 +1,259 @@
+"""The frontier's and the ratios' arithmetic on made-up numbers; the rivals written here; the harness itself."""
+
+import contextlib
+import io
+import itertools
+import math
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+import midlie_jax as ml
+from midlie_jax import cli, frontier, rivals, scenes, work_precision
+from midlie_jax.explicit import DOP853, RK4
+from midlie_jax.frontier_chart import work_precision_figure
+from midlie_jax.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
+from midlie_jax.rivals.lie_group import CF4, RKMK4
+from midlie_jax.rivals.problem import Point
+
+
+def line(method: str, order: int, unit: float, counts=(1, 10, 100)) -> list[Point]:
+    """error = (unit / seconds)^order"""
+    return [Point(method, "", (unit / n) ** order, float(n), 2.0 * n, float(n)) for n in counts]
+
+
+def test_an_envelope_keeps_what_nothing_betters():
+    assert frontier.envelope([4.0, 1.0, 2.0, 3.0, 5.0], [1e-3, 1e-1, 1e-4, 1e-2, math.nan]) == [(1, 1e-1), (2, 1e-4)]
+
+
+@pytest.mark.parametrize("order", [2, 4, 8])
+def test_cost_is_a_straight_line_in_logarithms(order):
+    reached = frontier.envelope(*zip(*[(p.seconds, p.error) for p in line("x", order, 0.5)], strict=True))
+    for seconds in (1, 3, 10, 40, 100):
+        assert frontier.cost_at(reached, (0.5 / seconds) ** order) == pytest.approx(seconds, rel=1e-12)
+    assert frontier.cost_at(reached, 1.0) == 1  # a smaller error than asked for serves
+    assert frontier.cost_at(reached, (0.5 / 101) ** order) == math.inf  # and nothing is claimed beyond the points
+    assert frontier.cost_at([], 1.0) == math.inf
+    assert frontier.cost_at([(1.0, 1e-2), (2.0, 0.0)], 1e-3) > 1  # an error of exactly zero has a logarithm, too
+
+
+def test_the_frontier_is_the_lower_envelope_of_all_lines():
+    """Order 2 with a small constant, and order 4: they cross where (1/n)^2 = (3/n)^4, n = 9."""
+    both = line("low", 2, 1.0) + line("high", 4, 3.0)
+    edge = frontier.frontier(both)
+    errors = [error for _, error in edge]
+    assert errors == sorted(errors, reverse=True)
+    for cost, error in edge[1:]:
+        least = min(max(1.0, error**-0.5), max(1.0, 3 * error**-0.25))
+        assert cost == pytest.approx(least, rel=1e-9)
+    assert frontier.best_at(both, 1 / 7.0**2).method == "low"
+    assert frontier.best_at(both, (3 / 20.0) ** 4).method == "high"
+    assert edge[0][0] < 1.2  # begins where the cheapest run is, not above it
+    assert frontier.frontier([]) == []
+
+
+def test_ratios():
+    ours = line("A", 4, 1.0) + line("B", 4, 0.5)
+    others = line("heyoka", 4, 2.0) + line("diffrax Tsit5", 4, 50.0, (100, 1000)) + line("CF4", 4, 0.25)
+    (row, beyond) = frontier.ratios(ours, others, ["A"], [1e-4, 1e-12])
+    assert (row.ours.method, row.symplectic.method, row.rival.method) == ("B", "A", "CF4")
+    assert row.over_rival == pytest.approx(2)
+    assert row.over_heyoka == pytest.approx(1 / 4)
+    assert row.over_diffrax == pytest.approx(1 / 100)
+    assert row.symplectic_over_heyoka == pytest.approx(1 / 2)
+    assert all(math.isnan(x) for x in (beyond.over_rival, beyond.over_heyoka, beyond.over_diffrax))
+    table = frontier.markdown([row, beyond]).splitlines()
+    assert len({text.count("|") for text in table}) == 1
+    assert "0.01" in table[2]
+    assert table[3].count(" - ") == len(frontier.HEADS) - 1
+
+
+def moved(method, counts, name="asymmetric-top", duration=1.0, chunk=4) -> list[float]:
+    """Errors of a method on four bodies over a short time, by steps, judged by DOP853 with steps of 1/400."""
+    scene = replace(work_precision.axis_third(scenes.scene(name, "float64")), duration=duration)
+    starts = scenes.perturbed(scene, 4, 1e-2)
+    exact = ml.ensemble("DOP853", scene.body, scene.torque, starts, dt=duration / 400, steps=400)
+    ends = np.asarray(ml.so3.to_matrix(exact.states.attitude[:, -1]))
+    given = problem.Problem(scene, np.asarray(starts.momentum), np.asarray(starts.attitude), ends, "", 0.0, 1)
+    made = work_precision._Ladder(method, given, chunk)
+    found = []
+    for count in counts:
+        attitudes, ok, _ = made.run(count)
+        assert ok
+        found.append(given.error(attitudes))
+    return found
+
+
+@pytest.mark.parametrize(("method", "count"), [(RKMK4(), 40), (CF4(), 40), (RK4, 40), (DOP853, 4)])
+def test_order_on_the_asymmetric_top(method, count):
+    coarse, fine = moved(method, (count, 2 * count))
+    assert abs(math.log2(coarse / fine) - method.order) < 0.35
+    assert fine > 1e-12
+
+
+@pytest.mark.parametrize("method", [RKMK4(), CF4()])
+def test_the_lie_group_rivals_keep_the_spatial_momentum_of_a_free_body(method):
+    scene = scenes.scene("free-asymmetric", "float64")
+    path = ml.integrate(method, scene.body, None, scene.start, dt=0.1, steps=100, save_every=50)
+    momentum = np.asarray(ml.spatial_momentum(path.states))
+    assert np.all(path.ok)
+    assert np.max(np.abs(momentum - momentum[0])) < 1e-14
+
+
+def test_the_harness_moves_bodies_as_ensemble_does():
+    """The loop of the ladder is that of `integrate`: same numbers, in chunks or not, steps two at a time or not."""
+    scene = scenes.scene("P1", "float64")
+    starts = scenes.perturbed(scene, 4, 1e-3)
+    for name in ("SYMMETRIC[EA]", "RK4"):
+        steps, dt = 50, 0.004
+        path = ml.ensemble(name, scene.body, scene.torque, starts, dt=dt, steps=steps)
+        method = ml.method(name)
+        assert steps % method.unroll == 0
+        turns = jnp.int32(steps // method.unroll)
+        alone = partial(work_precision.advanced, method, scene, dt=jnp.float64(dt), turns=turns)
+        ends, ok = jax.jit(jax.vmap(alone))(starts.momentum, starts.attitude)
+        assert np.all(ok)
+        np.testing.assert_allclose(ends, path.states.attitude[:, -1], rtol=0, atol=1e-13)
+
+
+def no_squish(moments, momentum, attitude, h, torque):
+    """One step of NO_SQUISH as published (Miller et al., J. Chem. Phys. 116 (2002) 8649, eq. 2.16-2.21), on NumPy.
+
+    The quaternion and its conjugate momentum p = 2 S(q) (0, L) turn by exp(dt L_k), k = 3, 2, 1, 2, 3, each a rotation
+    of both by the angle zeta dt, zeta = p . P_k q / (4 I_k), in the plane of the vector and its permutation P_k.
+    """
+    permuted = (
+        lambda v: np.array([-v[1], v[0], v[3], -v[2]]),
+        lambda v: np.array([-v[2], -v[3], v[0], v[1]]),
+        lambda v: np.array([-v[3], v[2], -v[1], v[0]]),
+    )
+
+    def conjugate(q, body):
+        return 2 * sum(x * p(q) for x, p in zip(body, permuted, strict=True))
+
+    q, p = attitude, conjugate(attitude, momentum)
+    p = p + h / 2 * conjugate(q, torque(q))
+    for k, part in ((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5)):
+        angle = part * h * (p @ permuted[k](q)) / (4 * moments[k])
+        q, p = (np.cos(angle) * v + np.sin(angle) * permuted[k](v) for v in (q, p))
+    p = p + h / 2 * conjugate(q, torque(q))
+    return np.array([p @ permuted[k](q) / 2 for k in range(3)]), q
+
+
+def test_no_squish_is_dlm():
+    """NO_SQUISH is the three-axis splitting with kicks around it, written on the quaternion and its momentum: step by
+    step the same numbers as a flight of DLM between half kicks, so that it needs no line of its own on a chart.
+    `DLM[EA]` makes two such flights of half the length between its kicks.
+    """
+    scene = scenes.scene("asymmetric-top", "float64")
+    moments = np.asarray(scene.body.moments)
+
+    def torque(q):
+        up = problem.matrix(q)[2]
+        return 3.0 * np.array([up[1], -up[0], 0.0])
+
+    verlet = ml.schemes.Scheme(
+        *("Verlet", 2, True, (("kick", 0.5), ("flight", 1.0), ("kick", 0.5)), "for NO_SQUISH"),
+    )
+    method = ml.method(ml.flights.ThreeAxis(), verlet)
+    path = ml.integrate(method, scene.body, scene.torque, scene.start, dt=0.05, steps=40)
+    momentum, attitude = np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)
+    for n in range(1, 41):
+        momentum, attitude = no_squish(moments, momentum, attitude, 0.05, torque)
+        np.testing.assert_allclose(path.states.momentum[n], momentum, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(path.states.attitude[n], attitude, rtol=0, atol=1e-13)
+
+
+def unit(scene):
+    """The scene from an attitude of unit length to rounding; published ones have it to their digits."""
+    q = scene.start.attitude
+    return replace(scene, start=ml.RigidState(scene.start.momentum, q / jnp.linalg.norm(q)))
+
+
+@pytest.mark.parametrize("name", ["bruls-cardona", "gravity-gradient"])
+def test_axes_numbered_anew_are_the_same_motion(name):
+    """The torque in space, and the spatial momentum, are what they were."""
+    old = unit(scenes.scene(name, "float64"))
+    new = work_precision.axis_third(old)
+    assert new.body.moments[0] == new.body.moments[1]
+    for scene_of in (lambda s: s.start.momentum, lambda s: s.torque(jnp.float64(7.0), s.start)):
+        its, mine = (ml.so3.rotate(s.start.attitude, scene_of(s)) for s in (old, new))
+        np.testing.assert_allclose(mine, its, rtol=0, atol=1e-14 * float(jnp.max(jnp.abs(its))))
+
+
+@pytest.mark.parametrize("name", work_precision.SCENES)
+def test_the_rivals_are_given_the_torque_of_the_scene(name):
+    scene = work_precision.axis_third(unit(scenes.scene(name, "float64")))
+    q = scene.start.attitude
+    orbit = problem.orbit_of(scene)
+    for t in (0.0, 1234.5):
+        place = None if orbit is None else problem.kepler(orbit)(t)
+        found = problem.torque(scene, [float(x) for x in q], place)
+        exact = np.zeros(3) if scene.torque is None else np.asarray(scene.torque(jnp.float64(t), scene.start))
+        np.testing.assert_allclose(
+            [0.0 if x is None else x for x in found], exact, rtol=0, atol=1e-13 * max(1e-300, np.abs(exact).max())
+        )
+
+
+def test_scipy_reaches_the_end_of_a_scene():
+    given = work_precision.problem("P1", bodies=2, judged=2, quick=True)
+    given = given._replace(scene=replace(given.scene, duration=0.5))
+    ends = ml.ensemble(
+        *("SYMMETRIC[SRKN11b]", given.scene.body, given.scene.torque),
+        ml.RigidState(jnp.asarray(given.momentum), jnp.asarray(given.attitude)),
+        dt=0.5 / 100,
+        steps=100,
+    )
+    given = given._replace(ends=np.asarray(ml.so3.to_matrix(ends.states.attitude[:, -1])))
+    (point,) = scipy_dop853.measure(given, (1e-11,))
+    assert point.error < 1e-8
+
+
+def test_heyoka_and_the_reference_agree_with_the_closed_form():
+    pytest.importorskip("heyoka")
+    given = work_precision.problem("bruls-cardona", bodies=4, judged=2, quick=True)
+    assert "closed form" in given.source
+    found = heyoka_taylor.reference(given.scene, given.states[:2])
+    assert np.max(np.abs(found - given.ends)) < 1e-14
+    coarse, fine = list(heyoka_taylor.measure(given, (1e-6,)))
+    assert max(coarse.error, fine.error) < 1e-3
+
+
+def test_mujoco_turns_the_same_top():
+    pytest.importorskip("mujoco")
+    given = work_precision.problem("P1", bodies=4, judged=4, quick=True)
+    given = given._replace(longest=0.0)
+    errors = [p.error for p in itertools.islice(mujoco_steps.rk4(given), 5)]
+    assert min(errors) < 1e-5
+    assert not list(mujoco_steps.rk4(given._replace(scene=scenes.scene("gravity-gradient", "float64"))))
+
+
+def test_a_missing_rival_is_named_with_the_extra(monkeypatch):
+    monkeypatch.setattr(rivals, "find_spec", lambda name: None if name in ("heyoka", "mujoco") else name)
+    err, out = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stderr(err), contextlib.redirect_stdout(out):
+        assert cli.main(["chart", "P1", "--rivals"]) == 2
+    assert "heyoka and mujoco" in err.getvalue()
+    assert "pip install 'midlie_jax[bench]'" in err.getvalue()
+    assert out.getvalue() == ""
+
+
+def test_names_on_the_chart_never_overlap():
+    """Lines that all but coincide at their ends."""
+    ours = [p for i, one in enumerate(work_precision.OURS["three moments"]) for p in line(one.name, 4, 1 + i / 50)]
+    others = [p for i, rival in enumerate(rivals.RIVALS) for p in line(rival.label, 4, 1 + i / 40)]
+    true = [one.name for one in work_precision.OURS["three moments"] if one.symplectic]
+    figure = work_precision_figure(ours, others, true, title="made up", note="of nothing")
+    figure.canvas.draw()
+    names = {p.method for p in ours + others}
+    for panel in figure.axes:
+        labels = [text for text in panel.texts if text.get_text() in names]
+        assert {label.get_text() for label in labels} == names - ({"heyoka"} if panel is figure.axes[1] else set())
+        boxes = [Text.get_window_extent(label, figure.canvas.get_renderer()) for label in labels]
+        assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+        assert all(figure.bbox.containsx(box.x0) and figure.bbox.containsx(box.x1) for box in boxes)
