@@ -22,4 +22,6 @@ from .integrate import Path as Path
 from .integrate import integrate as integrate
 from .methods import method as method
 from .methods import methods as methods
+from .selection import Recommendation as Recommendation
+from .selection import recommend as recommend
 from .torques import energy as energy

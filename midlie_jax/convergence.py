@@ -136,6 +136,21 @@ def find_reference(scene: Scene, finest: int) -> Reference:
     return closed if closed is not None else _extrapolated(scene, finest)
 
 
+def by_halving(scene: Scene, name: str, steps: int) -> Reference:
+    """The end of a scene by twice `steps` steps of a method; it is in doubt by what the step's halving changed.
+
+    Raises:
+        ValueError: the run failed.
+    """
+    chain = _Chain(name, scene, steps, copies=1)
+    coarse, _, _ = chain.run(scene.duration / steps, steps)
+    fine, ok, _ = chain.run(scene.duration / (2 * steps), 2 * steps)
+    doubt = float(np.linalg.norm(_matrix(fine.attitude) - _matrix(coarse.attitude)))
+    if not ok or not math.isfinite(doubt):
+        raise ValueError(f"no reference: {name} failed with {2 * steps} steps; check the torque for NaN.")
+    return Reference(fine.momentum, _matrix(fine.attitude), f"{name} with {2 * steps} steps", doubt)
+
+
 class _Chain:
     """One method on one scene, compiled once, for any step size and any multiple of `steps`."""
 

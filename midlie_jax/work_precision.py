@@ -54,7 +54,10 @@ _GENERIC = (Ours("RK4", False, FEW), Ours("DOP853", False, FEW))
 OURS: dict[str, tuple[Ours, ...]] = {
     "two equal moments": (
         *_PAPER,
-        *(Ours(f"SYMMETRIC[{scheme}]") for scheme in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")),
+        *(
+            Ours(f"SYMMETRIC[{scheme}]")
+            for scheme in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")
+        ),
         *_GENERIC,
     ),
     "three moments": (
