@@ -131,15 +131,23 @@ def _rivals(options: argparse.Namespace) -> None:
     rivals.require()
     _require("matplotlib", "mpmath")
     path = _writable(options.out or f"chart-{options.scene}-rivals.png")
-    known = {one.name: one for group in work_precision.OURS.values() for one in group}
-    ours = [known.get(name, work_precision.Ours(find_method(name).name)) for name in options.methods or []]
-    given, rows, mine, theirs = work_precision.compared(options.scene, ours or None)
+    if options.steps or options.levels != convergence.LEVELS:
+        raise ValueError("--steps and --levels do not go with --rivals, which finds its own.")
+    ours = _chosen(options.methods)
+    given, rows, mine, theirs = work_precision.compared(options.scene, ours)
     print()
     _table(list(frontier.HEADS), [frontier.cells(row) for row in rows])
-    true = work_precision.symplectic(given.scene)
-    note = work_precision.note(given)
+    true, note = work_precision.symplectic(mine), work_precision.note(given)
     work_precision_chart(mine, theirs, true, path, title=work_precision.title(given), note=note)
     print(f"\nwrote {path}")
+
+
+def _chosen(names: list[str] | None) -> list[str] | None:
+    """The methods named, all of which move a rigid body."""
+    for name in names or []:
+        if find_method(name).bodies is not RigidBody:
+            raise ValueError(f"method {name!r} does not move a rigid body; see `midlie methods`.")
+    return names
 
 
 def _writable(path: str) -> str:
@@ -156,11 +164,7 @@ def _chart(options: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     scene = scenes.scene(options.scene)
-    methods = options.methods or convergence.body_methods()
-    for name in methods:
-        if name not in convergence.body_methods():
-            find_method(name)
-            raise ValueError(f"method {name!r} does not move a rigid body; see `midlie methods`.")
+    methods = _chosen(options.methods) or convergence.body_methods()
     rungs = convergence.ladder(scene, options.steps, options.levels)
     path = _writable(options.out or f"chart-{scene.name}.png")
     reference = convergence.find_reference(scene, rungs[-1])

@@ -165,3 +165,14 @@ def markdown(rows: Sequence[Ratio]) -> str:
     """The table of ratios in Markdown."""
     lines = ["| " + " | ".join(HEADS) + " |", "| " + " | ".join("---" for _ in HEADS) + " |"]
     return "\n".join([*lines, *("| " + " | ".join(cells(row)) + " |" for row in rows)])
+
+
+def verdict(values: Sequence[tuple[float, float]], target: float) -> str:
+    """How (error, ratio) pairs stand to a target, in words."""
+    known = [(error, ratio) for error, ratio in values if math.isfinite(ratio)]
+    if not known:
+        return "not compared: one of the two reaches none of these errors"
+    span = f"{min(r for _, r in known):.2g} to {max(r for _, r in known):.2g}"
+    missed = [f"{error:.0e}" for error, ratio in known if ratio > target]
+    rest = "" if len(known) == len(values) else f" ({len(values) - len(known)} of {len(values)} not compared)"
+    return f"{span}: " + (f"missed at {', '.join(missed)}" if missed else "met") + rest

@@ -61,12 +61,17 @@ def work_precision_figure(
     figure.text(0.055, 0.975, title, fontsize=15, weight="bold", color=_INK, va="top")
     figure.text(0.055, 0.928, note, fontsize=9.5, color=_INK, va="top", linespacing=1.4)
     free = all(math.isnan(p.evaluations) for p in ours)
-    work, label = ("steps", "Steps, whole run  [-]  (no torque to evaluate; heyoka's are Taylor series: not here)") if free else (
-        "evaluations", "Torque evaluations, whole run  [-]  (a Taylor series has none: heyoka is not here)"
-    )  # fmt: skip
+    label = "Torque evaluations, whole run  [-]  (a Taylor series has none: heyoka is not here)"
+    if free:
+        label = "Steps, whole run  [-]  (no torque to evaluate; heyoka's are Taylor series: not here)"
     for axes, cost, x_label, name in (
         (panels[0], "seconds", "Wall time, whole run, per body  [s]", "Against wall time"),
-        (panels[1], work, label, "Against steps" if free else "Against torque evaluations"),
+        (
+            panels[1],
+            "steps" if free else "evaluations",
+            label,
+            "Against steps" if free else "Against torque evaluations",
+        ),
     ):
         _panel(axes, ours, rivals, set(symplectic), cost)
         axes.set_title(name, loc="left", fontsize=11.5, weight="bold", color=_INK)

@@ -7,7 +7,7 @@ to the same result.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,64 +22,43 @@ from .methods import method as find_method
 from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
 from .scenes import Scene
-from .stepper import Method, Motion, System
+from .stepper import Method, Motion, Splitting, System
 
 BODIES, JUDGED, SIZE = 1024, 16, 1e-3
 SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
 _FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step tells nothing
 _ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
-_GROWTH = 1.5  # from one rung of a ladder to the next
+_GROWTH = 1.6  # from one rung of a ladder to the next
 # Bodies moved at once. Most steps do not care; one whose stages all stay alive, as those of DOP853, runs four times as
 # fast where they fit the first cache.
 CHUNK, FEW = 256, 64
 
 
-class Ours(NamedTuple):
-    """A method of this package on the chart.
-
-    Attributes:
-        name: as for `midlie_jax.method`.
-        symplectic: whether it is; the frontier of those that are is drawn as well.
-        chunk: bodies moved at once, as for `ensemble`.
-    """
-
-    name: str
-    symplectic: bool = True
-    chunk: int = CHUNK
-
-
-# Which of our methods a kind of body is moved by: a line here puts one on the charts.
-_PAPER = (Ours("LIEMID[EA]", False),)
-_GENERIC = (Ours("RK4", False, FEW), Ours("DOP853", False, FEW))
-OURS: dict[str, tuple[Ours, ...]] = {
+# Which of our methods a kind of body is moved by: a name here is a line on the charts.
+_PAPER = ("LIEMID[EA]",)
+_GENERAL = ("RK4", "DOP853")
+OURS: dict[str, tuple[str, ...]] = {
     "two equal moments": (
         *_PAPER,
-        *(
-            Ours(f"SYMMETRIC[{scheme}]")
-            for scheme in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")
-        ),
-        *_GENERIC,
+        *(f"SYMMETRIC[{s}]" for s in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")),
+        *_GENERAL,
     ),
     "three moments": (
         *_PAPER,
-        Ours("DLM[EA]"),
-        *(Ours(f"JACOBI[{scheme}]") for scheme in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a")),
-        Ours("DLM[SU8]"),
-        Ours("DLM[KL8]"),
-        *_GENERIC,
+        *("DLM[EA]", "DLM[SU8]", "DLM[KL8]"),
+        *(f"JACOBI[{s}]" for s in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a")),
+        *_GENERAL,
     ),
     "three moments, free": (
         *_PAPER,
-        Ours("DLM[EA]"),
-        Ours("SLIEMID4[EA]"),
-        Ours("JACOBI[EA]"),
-        Ours("DLM[SU8]"),
-        *_GENERIC,
+        *("DLM[EA]", "DLM[SU8]"),
+        *("SLIEMID4[EA]", "JACOBI[EA]"),
+        *_GENERAL,
     ),
 }
 
 
-def methods_for(scene: Scene) -> tuple[Ours, ...]:
+def methods_for(scene: Scene) -> tuple[str, ...]:
     """The methods to chart for a scene, by the kind of its body."""
     if _third(scene) is not None:
         return OURS["two equal moments"]
@@ -162,16 +141,16 @@ def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
 
 
 def measure(
-    given: Problem, ours: Sequence[Ours], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
+    given: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
 ) -> tuple[list[Point], list[Point]]:
     """The points of our methods and of the rivals; one that fails is said, and the others go on."""
     mine, theirs = [], []
-    for one in ours:
-        said(one.name)
+    for name in ours:
+        said(name)
         try:
-            mine += list(ladder(find_method(one.name), given, one.chunk))
+            mine += list(ladder(find_method(name), given))
         except Exception as error:  # one broken method must not cost the user the others
-            said(f"{one.name} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+            said(f"{name} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
     for rival in rivals:
         said(rival.label)
         try:
@@ -181,9 +160,9 @@ def measure(
     return mine, theirs
 
 
-def ladder(method: Method, given: Problem, chunk: int = CHUNK) -> Iterator[Point]:
+def ladder(method: Method, given: Problem) -> Iterator[Point]:
     """Points of a method from a coarse step to where rounding rules or a run takes too long."""
-    made = _Ladder(method, given, chunk)
+    made = _Ladder(method, given, CHUNK if isinstance(method, Splitting) else FEW)
     count = max(1, given.scene.steps // 100)
     best, worse = np.inf, 0
     while worse < 3:
@@ -265,18 +244,19 @@ def advanced(method: Method, scene: Scene, momentum: Any, attitude: Any, dt: Any
 
 
 def compared(
-    name: str, ours: Sequence[Ours] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
+    name: str, ours: Sequence[str] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
 ) -> tuple[Problem, list[Ratio], list[Point], list[Point]]:
     """A scene's problem, ratios, our points and the rivals'."""
     given = problem(name, quick=quick)
     chosen = methods_for(given.scene) if ours is None else ours
     mine, theirs = measure(given, chosen, said=said)
-    return given, ratios(mine, theirs, symplectic(given.scene)), mine, theirs
+    return given, ratios(mine, theirs, symplectic(mine)), mine, theirs
 
 
-def symplectic(scene: Scene) -> list[str]:
-    """The names of our methods for a scene that are symplectic."""
-    return [one.name for one in methods_for(scene) if one.symplectic]
+def symplectic(points: Sequence[Point]) -> list[str]:
+    """The names of our methods among the points that are symplectic: kicks, and flights that are."""
+    methods = {name: find_method(name) for name in dict.fromkeys(point.method for point in points)}
+    return [name for name, m in methods.items() if isinstance(m, Splitting) and m.flight.symplectic]
 
 
 def title(given: Problem) -> str:

@@ -125,13 +125,13 @@ class CF4(_OnTheGroup):
 
 def rkmk4(problem: Problem) -> Iterator[Point]:
     """RKMK4 over a ladder of steps."""
-    from ..work_precision import FEW, ladder
+    from ..work_precision import ladder
 
-    return ladder(RKMK4(), problem, FEW)
+    return ladder(RKMK4(), problem)
 
 
 def cf4(problem: Problem) -> Iterator[Point]:
     """CF4 over a ladder of steps."""
-    from ..work_precision import FEW, ladder
+    from ..work_precision import ladder
 
-    return ladder(CF4(), problem, FEW)
+    return ladder(CF4(), problem)
