@@ -35,10 +35,10 @@ body, the quickest of some runs, compiling not counted: on one core that is wall
 of it. Errors are of the attitude at the end, root mean square over the first {judged} bodies. A ratio below 1 is ours
 quicker; "-" where one of the two does not reach the error. Costs between two points of a method are interpolated in
 logarithms; at an error larger than that of a method's coarsest run that run counts. heyoka: `taylor_adaptive_batch`,
-without the time that its loop over batches takes in Python. diffrax: the better of a constant step and a PID controller.
-SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked for the satellite, whose torque it would need from
-Python. NO_SQUISH is DLM with other names (`tests/test_work_precision.py`). Methods that are not symplectic are dashed on
-the charts. {versions}; {machine}.
+without the time that its loop over batches takes in Python. diffrax: the better of a constant step and a PID
+controller. SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked for the satellite, whose torque it would
+need from Python. NO_SQUISH is DLM with other names (`tests/test_work_precision.py`). Methods that are not symplectic
+are dashed on the charts. {versions}; {machine}.
 """
 
 

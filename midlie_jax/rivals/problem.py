@@ -8,6 +8,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -87,6 +88,14 @@ class Problem(NamedTuple):
             spent.append(clock() - began)
             if len(spent) >= self.repeats or sum(spent) > self.longest:
                 return result, min(spent)
+
+
+def program(name: str) -> Any:
+    """The module of that name; an ImportError that names the extra where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ImportError(f"the rivals need {name.split('.')[0]}: pip install 'midlie_jax[bench]'.") from error
 
 
 def clock() -> float:
