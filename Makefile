@@ -3,7 +3,7 @@
 #   make test               the tests
 #   make lint               formatting, lint, types
 #   make bench              the benchmarks
-#   make rivals             error against wall time beside other programs: docs/work-precision.md and its charts
+#   make rivals             error against time beside other programs: docs/work-precision.md and its charts
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1

@@ -1,4 +1,4 @@
-"""Error against wall time, ours and others', on one core: the charts and the table under docs/.
+"""Error against time, ours and others', on one core: the charts and the table under docs/.
 
     python benchmarks/work_precision.py [--scene NAME ...] [--quick] [--out FOLDER]
 
@@ -14,7 +14,7 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
-if hasattr(os, "sched_setaffinity"):
+if hasattr(os, "sched_setaffinity"):  # as `midlie_jax.rivals.problem.pin`, but before JAX is imported
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 import jax
@@ -28,16 +28,17 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 # What is asked of ours over heyoka's, at each decade; over diffrax's best it is 1/100 everywhere.
 TARGETS = {"P1": 0.2, "gravity-gradient-10": 0.5, "asymmetric-top": 1.0}
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
-HEAD = """# Error against wall time
+HEAD = """# Error against time
 
-Written by `make rivals`. One core, float64, {bodies} bodies that start a little apart, times per body (compiling not
-counted), the quickest of some runs; errors of the attitude at the end, root mean square over the first {judged} bodies.
-A ratio below 1 is ours quicker; "-" where one of the two does not reach the error. Costs between two points of a method
-are interpolated in logarithms; at an error larger than that of a method's coarsest run that run counts. heyoka:
-`taylor_adaptive_batch`, without the time that its loop over batches takes in Python. diffrax: the better of a constant
-step and a PID controller. SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked for the satellite, whose
-torque it would need from Python. NO_SQUISH is DLM with other names (`tests/test_work_precision.py`). Methods that are
-not symplectic are dashed on the charts. {versions}; {machine}.
+Written by `make rivals`. One core, float64, {bodies} bodies that start a little apart. Times are of the processor, per
+body, the quickest of some runs, compiling not counted: on one core that is wall time, less what other processes take
+of it. Errors are of the attitude at the end, root mean square over the first {judged} bodies. A ratio below 1 is ours
+quicker; "-" where one of the two does not reach the error. Costs between two points of a method are interpolated in
+logarithms; at an error larger than that of a method's coarsest run that run counts. heyoka: `taylor_adaptive_batch`,
+without the time that its loop over batches takes in Python. diffrax: the better of a constant step and a PID
+controller. SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked for the satellite, whose torque it would
+need from Python. NO_SQUISH is DLM with other names (`tests/test_work_precision.py`). Methods that are not symplectic
+are dashed on the charts. {versions}; {machine}.
 """
 
 

@@ -127,6 +127,7 @@ def _rivals(options: argparse.Namespace) -> None:
     """The chart beside other programs."""
     from . import frontier, rivals, work_precision
     from .frontier_chart import work_precision_chart
+    from .rivals.problem import pin
 
     rivals.require()
     _require("matplotlib", "mpmath")
@@ -134,6 +135,7 @@ def _rivals(options: argparse.Namespace) -> None:
     if options.steps or options.levels != convergence.LEVELS:
         raise ValueError("--steps and --levels do not go with --rivals, which finds its own.")
     ours = _chosen(options.methods)
+    pin()
     given, rows, mine, theirs = work_precision.compared(options.scene, ours)
     print()
     _table(list(frontier.HEADS), [frontier.cells(row) for row in rows])

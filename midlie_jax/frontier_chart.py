@@ -65,7 +65,7 @@ def work_precision_figure(
     if free:
         label = "Steps, whole run  [-]  (no torque to evaluate; heyoka's are Taylor series: not here)"
     for axes, cost, x_label, name in (
-        (panels[0], "seconds", "Wall time, whole run, per body  [s]", "Against wall time"),
+        (panels[0], "seconds", "Time, whole run, per body  [s]", "Against time"),
         (
             panels[1],
             "steps" if free else "evaluations",

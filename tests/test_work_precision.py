@@ -237,6 +237,11 @@ def test_a_missing_rival_is_named_with_the_extra(monkeypatch):
     assert out.getvalue() == ""
 
 
+def test_a_rival_that_is_not_installed_says_which_extra_brings_it():
+    with pytest.raises(ImportError, match=r"need nosuchprogram: pip install 'midlie_jax\[bench\]'"):
+        problem.program("nosuchprogram.part")
+
+
 def test_steps_do_not_go_with_rivals(monkeypatch):
     monkeypatch.setattr(rivals, "find_spec", lambda name: name)
     err = io.StringIO()

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..scenes import Scene
-from .problem import Point, Problem, matrix, orbit_of, orbit_rates, orbit_start, rates
+from .problem import Point, Problem, matrix, orbit_of, orbit_rates, orbit_start, program, rates
 
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14, 1e-15)
 
 
 def equations(scene: Scene) -> list[Any]:
     """The right-hand sides in heyoka's expressions; an orbit is integrated along with the body."""
-    import heyoka
+    heyoka = program("heyoka")
 
     state = heyoka.make_vars("p0", "p1", "p2", "q0", "q1", "q2", "q3")
     orbit = orbit_of(scene)
@@ -30,7 +30,7 @@ def equations(scene: Scene) -> list[Any]:
 
 def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Iterator[Point]:
     """A point for each tolerance."""
-    import heyoka
+    heyoka = program("heyoka")
 
     scene, width = problem.scene, heyoka.recommended_simd_size()
     system, orbit = equations(scene), orbit_of(scene)
@@ -64,7 +64,7 @@ def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Ite
 
 def reference(scene: Scene, states: np.ndarray, digits: int = 38) -> np.ndarray:
     """Rotation matrices at the end of a scene from states (k, 7), by Taylor's method in so many digits, (k, 3, 3)."""
-    import heyoka
+    heyoka = program("heyoka")
 
     bits = int(digits * 3.33) + 2
     exact = np.vectorize(lambda x: heyoka.real(float(x), prec=bits), otypes=[object])

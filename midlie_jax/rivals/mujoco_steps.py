@@ -5,14 +5,13 @@ one torque of MuJoCo that needs no callback in Python; a satellite, whose torque
 """
 
 from collections.abc import Iterator
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from .. import torques
 from ..scenes import Scene
-from .problem import Point, Problem
+from .problem import Point, Problem, program
 
 _LEVER = 1e-4  # from the pivot to a centre of mass of mass 1: the pivot's moments are then the body's to 1e-8
 _BODIES = 4
@@ -21,7 +20,7 @@ _LONGEST = 0.5  # seconds for these bodies
 
 def model(scene: Scene, integrator: str) -> Any:
     """The body as MuJoCo's model."""
-    mujoco: Any = import_module("mujoco")
+    mujoco = program("mujoco")
 
     weight = 0.0 if scene.torque is None else float(scene.torque.weight)  # pyright: ignore
     made = mujoco.MjModel.from_xml_string(
@@ -37,8 +36,8 @@ def model(scene: Scene, integrator: str) -> Any:
 
 
 def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> Iterator[Point]:
-    mujoco: Any = import_module("mujoco")
-    rollout: Any = import_module("mujoco.rollout")
+    mujoco = program("mujoco")
+    rollout = program("mujoco.rollout")
 
     scene = problem.scene
     if scene.torque is not None and not isinstance(scene.torque, torques.HeavyTop):

@@ -5,8 +5,10 @@ another program: Pi' = Pi x I^-1 Pi + T, q' = q (0, I^-1 Pi)/2. Momentum in the 
 """
 
 import math
+import os
 import time
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +25,7 @@ class Point(NamedTuple):
         method: its name.
         setting: the tolerance or step, as in "tol 1e-06".
         error: |R - R*| at the end, Frobenius norm, root mean square over the bodies judged.
-        seconds: wall time of the whole run for one body, compiling not counted.
+        seconds: of the whole run for one body, compiling not counted; see `clock`.
         evaluations: torque evaluations for one body; NaN where the word does not apply.
         steps: steps for one body.
     """
@@ -79,13 +81,36 @@ class Problem(NamedTuple):
 
         Runs differ only by what else the machine did meanwhile, so the quickest is the truest (as in `timeit`).
         """
-        clock: list[float] = []
+        spent: list[float] = []
         while True:
-            began = time.perf_counter()
+            began = clock()
             result = run()
-            clock.append(time.perf_counter() - began)
-            if len(clock) >= self.repeats or sum(clock) > self.longest:
-                return result, min(clock)
+            spent.append(clock() - began)
+            if len(spent) >= self.repeats or sum(spent) > self.longest:
+                return result, min(spent)
+
+
+def program(name: str) -> Any:
+    """The module of that name; an ImportError that names the extra where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ImportError(f"the rivals need {name.split('.')[0]}: pip install 'midlie_jax[bench]'.") from error
+
+
+def clock() -> float:
+    """Seconds: of the processor where the process has one core, of the wall where it has more.
+
+    On one core the two are the same but for the time that other processes take from it.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
+    return time.process_time() if cores == 1 else time.perf_counter()
+
+
+def pin() -> None:
+    """Leaves the process one core, so that every program has the same; before JAX starts, which counts them then."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
 def matrix(quaternion: Any) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .problem import Point, Problem, kepler, orbit_of, rates
+from .problem import Point, Problem, kepler, orbit_of, program, rates
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 _BODIES = 2  # timed and judged: one takes as long as hundreds of a compiled program
@@ -16,7 +16,7 @@ _LONGEST = 1.0  # seconds a body
 
 def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Iterator[Point]:
     """A point for each tolerance."""
-    from scipy.integrate import solve_ivp
+    solve_ivp = program("scipy.integrate").solve_ivp
 
     scene, orbit = problem.scene, orbit_of(problem.scene)
     place = None if orbit is None else kepler(orbit)
