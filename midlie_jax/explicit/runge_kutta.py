@@ -6,6 +6,7 @@ All stages of all bodies stay alive through a step: few bodies at a time, that f
 fast (`midlie_jax.ensemble(..., chunk=64)`; `docs/work-precision.md`).
 """
 
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,16 +25,19 @@ class Table(NamedTuple):
         order: its order.
         stages: for each stage, the weights of the earlier ones by index; a stage's time is the sum of its weights.
         weights: of the stages in the step.
+        loops: how many stages the compiler takes in each loop, in turn: one a loop waits for memory, and more than
+            this repeats work (`python benchmarks/work_precision.py --scene asymmetric-top`).
         source: where it is from.
     """
 
     order: int
     stages: tuple[dict[int, float], ...]
     weights: dict[int, float]
+    loops: tuple[int, ...]
     source: str
 
 
-_RK4 = Table(4, ({}, {0: 0.5}, {1: 0.5}, {2: 1.0}), {0: 1 / 6, 1: 1 / 3, 2: 1 / 3, 3: 1 / 6}, "Kutta 1901")
+_RK4 = Table(4, ({}, {0: 0.5}, {1: 0.5}, {2: 1.0}), {0: 1 / 6, 1: 1 / 3, 2: 1 / 3, 3: 1 / 6}, (2, 2), "Kutta 1901")
 
 _DOP853 = Table(
     8,
@@ -101,6 +105,7 @@ _DOP853 = Table(
         10: 0.20136540080403034,
         11: 0.04471061572777259,
     },
+    (3, 2, 2, 1, 1, 1, 1, 1),
     "Dormand & Prince, as in Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, II.5 and dop853.f",
 )
 
@@ -153,10 +158,14 @@ class RungeKutta(Method):
 
             return jax.tree.map(entry, motion, *kept)
 
+        ends, done = set(accumulate(self.table.loops)), 0
         for row in self.table.stages:
             part = sum(row.values())
             time = t0 if not row else t1 if abs(part - 1) < 1e-12 else t0 + part * h
-            rates.append(together(_rate(system, time, moved(row))))
+            rates.append(_rate(system, time, moved(row)))
+            if len(rates) in ends:
+                rates[done:] = together(rates[done:])
+                done = len(rates)
         end = moved(self.table.weights)
         return Motion(end.momentum, system.kind.unit(end.pose, h == 0)), None, True
 
