@@ -3,12 +3,11 @@
     python benchmarks/adaptive.py [gain] [energy] [cost]
 
 gain    error of the attitude at the end, by constant steps and by as many that adapt: equal torque evaluations
-energy  a slow top that swings through, over a long time: its energy error under four step controls
+energy  two tops over a long time, one of them integrable: their energy errors under four step controls
 cost    a step beside one of `ml.integrate`, vmapped; and what a batch waits for whose bodies take unequal steps
 """
 
 import sys
-import time
 
 import diffrax
 import equinox as eqx
@@ -20,13 +19,13 @@ jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import scenes  # noqa: E402
-from midlie_jax.stepper import Motion, System  # noqa: E402
+from midlie_jax.stepper import Motion, System  # noqa: E402  (the control that is not reversible is not in the package)
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
 
-def satellite(eccentricity, orbits=5):
-    """A satellite on an eccentric orbit, from its periapsis, in units of its mean distance and of the orbit's period."""
+def satellite(eccentricity, orbits=5.3):
+    """On an eccentric orbit, from its periapsis, in units of half the orbit's length and of its period."""
     mu = jnp.array(4 * np.pi**2)
     place = jnp.array([1 - eccentricity, 0.0, 0.0])
     speed = jnp.array([0.0, 2 * np.pi * np.sqrt((1 + eccentricity) / (1 - eccentricity)), 0.0])
@@ -46,12 +45,6 @@ def by_torque(scene):
     return ml.densities.TorqueSize(scene.torque, jnp.array(147.15), jnp.array(14.715))
 
 
-def slow_top():
-    scene = scenes.scene("slow-top")
-    moments = scene.body.moments
-    return scene.body, scene.torque, scene.start, ml.densities.Spin(moments, jnp.array(1.0), jnp.array(0.2)), 20.0
-
-
 def even(t, state):
     del state
     return jnp.ones_like(t)
@@ -59,7 +52,7 @@ def even(t, state):
 
 CASES = {
     "satellite, eccentricity .6": (satellite(0.6), (100, 200, 400, 800)),
-    "satellite, eccentricity .8": (satellite(0.8), (100, 200, 400, 800)),
+    "satellite, eccentricity .8": (satellite(0.8), (400, 800, 1600, 3200)),
     "bruls-cardona, by torque": (bruls_cardona(by_torque), (400, 800, 1600, 3200)),
 }
 
@@ -95,7 +88,7 @@ def gain():
             dts = t1 * mean / np.array(ladder)
             adapted, taken, ok = ends(name, case, density, dts, 1 << 20)
             constant, same, fine_ok = ends(name, case, even, t1 / taken, 1 << 20)
-            assert (np.abs(same - taken) <= 1).all(), (same, taken)
+            assert (np.abs(same - taken)[fine_ok & ok] <= 1).all(), (same, taken)
             for i, count in enumerate(taken):
                 ours, theirs = (np.linalg.norm(x[i] - exact[1]) for x in (adapted, constant))
                 shown = [f"{e:.1e}" if good else "failed" for e, good in ((theirs, fine_ok[i]), (ours, ok[i]))]
@@ -104,7 +97,96 @@ def gain():
         print(f"(reference known to {apart:.0e})", flush=True)
 
 
-TABLES = {"gain": gain}
+def top(moments, momentum, turn, axis, floor):
+    """A heavy top whose steps are to be of like angles."""
+    body, torque = ml.RigidBody(jnp.array(moments)), ml.torques.HeavyTop(20.0, axis)
+    start = ml.RigidState(jnp.array(momentum), ml.so3.exp(jnp.array(turn)))
+    return body, torque, start, ml.densities.Spin(body.moments, jnp.array(1.0), jnp.array(floor))
+
+
+TOPS = {
+    "a swinging Lagrange top": top([5.0, 5.0, 1.0], [0.0, 0.0, 1.0], [0.3, 0.0, 0.0], (0.0, 0.0, 1.0), 0.3),
+    "an asymmetric top": top([5.0, 6.0, 3.0], [1.0, 2.0, 3.0], [0.5, -0.3, 0.8], (0.48, 0.6, 0.64), 0.3),
+}
+
+
+def looking_back(method, case, dt, steps, every):
+    """The control that one writes first: the step from the density at its start."""
+    body, torque, start, density = case
+    zero = jnp.array(0.0)
+    system, motion = System.of(body, torque, start, zero), Motion(*start.parts())
+
+    def advance(carry, _):
+        t, motion, force, ok = carry
+        h = dt / density(t, type(start).join(*motion))
+        motion, force, fine = method.step(system, t, t + h, h, motion, force)
+        return (t + h, motion, force, ok & fine), None
+
+    def leap(carry, _):
+        carry, _ = jax.lax.scan(advance, carry, length=every)
+        return carry, (carry[0], type(start).join(*carry[1]))
+
+    force = system.force(zero, motion) if method.keeps_force(system) else None
+    (_, _, _, ok), (times, states) = jax.lax.scan(leap, (zero, motion, force, jnp.array(True)), length=steps // every)
+    return times, states, ok
+
+
+def controlled(name, case, duration, tolerance):
+    """By diffrax's PIDController: times, states, all went well, steps."""
+    body, torque, start, _ = case
+    solution = diffrax.diffeqsolve(
+        ml.RigidBodyTerm(body, torque),
+        ml.LieSolver(name),
+        0.0,
+        duration,
+        0.02,
+        start,
+        saveat=diffrax.SaveAt(ts=jnp.linspace(0.0, duration, 4097)[1:]),
+        stepsize_controller=diffrax.PIDController(rtol=0.0, atol=tolerance, norm=ml.RotationNorm(momentum=10.0)),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=1 << 20,
+        throw=False,
+    )
+    fine = solution.result == diffrax.RESULTS.successful
+    return solution.ts, solution.ys, fine, solution.stats["num_accepted_steps"]
+
+
+def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
+    print("| top | control | steps | largest energy error, first eighth | last eighth | its mean, first | last |")
+    print("|---|---|---|---|---|---|---|", flush=True)
+    for label, case in TOPS.items():
+        body, torque, start, density = case
+
+        def show(control, count, states, ok, label=label, body=body, torque=torque, start=start):
+            error = np.asarray(ml.energy(body, torque, states)) / float(ml.energy(body, torque, start)) - 1
+            first, *_, last = np.array_split(error, 8)
+            numbers = [np.abs(first).max(), np.abs(last).max(), first.mean(), last.mean()]
+            note = "" if ok else " (failed)"
+            print(f"| {label} | {control}{note} | {count} |", *(f"{e:.1e} |" for e in numbers), flush=True)
+
+        ours = jax.jit(
+            lambda case=case: ml.integrate_adaptive(
+                name, *case[:3], density=case[3], dt=dt, steps=steps, save_every=every
+            )
+        )()
+        lengths = np.diff(np.asarray(ours.times))
+        duration = ours.times[-1]
+        show("reversible", steps, ours.states, ours.ok)
+        times, states, ok = jax.jit(lambda case=case: looking_back(ml.method(name), case, dt, steps, every))()
+        show("density at the start of a step", steps, states, ok)
+        path = jax.jit(lambda d, case=case: ml.integrate(name, *case[:3], dt=d / steps, steps=steps, save_every=every))(
+            duration
+        )
+        show("constant step", steps, path.states, path.ok)
+        for tolerance in (3e-4, 1e-4):
+            _, states, ok, count = eqx.filter_jit(controlled)(name, case, duration, tolerance)
+            show(f"`PIDController`, atol {tolerance:g}", int(count), states, ok)
+        print(
+            f"({label}: {float(duration):.0f} time units, steps from {lengths.min() / every:.3f} to {lengths.max() / every:.3f})"
+        )
+
+
+TABLES = {"gain": gain, "energy": energy}
 
 if __name__ == "__main__":
     for table in sys.argv[1:] or TABLES:
