@@ -50,7 +50,7 @@ class OrbitalDistance(eqx.Module):
     def __call__(self, t: Any, state: Any) -> Array:
         del state
         place = cp.unpack(self.orbit(t))
-        return (self.reference * self.reference / cp.dot(place, place)) ** (self.power / 2)
+        return _power(self.reference * self.reference / cp.dot(place, place), self.power / 2)
 
 
 class TorqueSize(eqx.Module):
@@ -79,7 +79,7 @@ class TorqueSize(eqx.Module):
     def __call__(self, t: Any, state: Any) -> Array:
         torque = cp.unpack(self.torque(t, state))
         square = cp.dot(torque, torque) + self.floor * self.floor
-        return (square / (self.reference * self.reference)) ** (self.power / 2)
+        return _power(square / (self.reference * self.reference), self.power / 2)
 
 
 class Spin(eqx.Module):
@@ -105,3 +105,12 @@ class Spin(eqx.Module):
         momentum, moments = cp.unpack(state.momentum), cp.unpack(self.moments)
         x, y, z = (p / i for p, i in zip(momentum, moments, strict=True))
         return jnp.sqrt(x * x + y * y + z * z + self.floor * self.floor) / self.reference
+
+
+def _power(x: Array, exponent: float) -> Array:
+    """x^exponent for x > 0: by square roots where they do, several times cheaper than a power."""
+    quarters = 4 * exponent
+    if quarters not in (1, 2, 3):
+        return x**exponent
+    root = jnp.sqrt(x)
+    return root if quarters == 2 else jnp.sqrt(root) if quarters == 1 else root * jnp.sqrt(root)

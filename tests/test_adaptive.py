@@ -164,6 +164,31 @@ def test_a_rigid_derivative_equals_differences():
     assert abs((both(one + step)[0] - both(one - step)[0]) / (2 * step) - slope) < 1e-6 * abs(slope)
 
 
+def test_a_kepler_orbit_has_the_derivatives_that_a_density_asks_for():
+    mu, eccentricity = 2.5, 0.8
+    speed = (mu * (1 + eccentricity) / (1 - eccentricity)) ** 0.5
+    orbit = ml.orbits.KeplerOrbit(
+        jnp.array([1 - eccentricity, 0.0, 0.0]), jnp.array([0.0, 0.8, 0.6]) * speed, jnp.array(mu)
+    )
+
+    def law(place):
+        return -mu * place / jnp.sum(place**2) ** 1.5
+
+    def change(function):
+        return lambda t: jax.jvp(function, (t,), (jnp.ones_like(t),))[1]
+
+    velocity = change(orbit)
+    acceleration = change(velocity)
+    times = jnp.array([0.02, 0.5, 3.0, -2.0])
+    place, v, a, jerk = jax.jit(jax.vmap(lambda t: (orbit(t), velocity(t), acceleration(t), change(acceleration)(t))))(
+        times
+    )
+    energy = np.sum(np.square(v), -1) / 2 - mu / np.linalg.norm(place, axis=-1)
+    np.testing.assert_allclose(energy, -mu / 2, rtol=1e-11)
+    for derivative, true in zip((a, jerk), jax.vmap(lambda x, d: jax.jvp(law, (x,), (d,)))(place, v), strict=True):
+        np.testing.assert_allclose(derivative, true, rtol=0, atol=1e-11 * np.abs(true).max())
+
+
 # Particles: the same control, and a compile that costs little.
 
 
