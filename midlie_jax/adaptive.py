@@ -10,6 +10,14 @@ steps should lie, and G = d(log Q)/dt along the motion,
 which is Verlet for rho' = G, h = dt / rho: rho stays near Q. It is explicit, and -dt undoes it exactly, the steps
 being the same. A step costs one derivative of the density along the motion more than it does in `integrate`.
 
+What that is worth (`python benchmarks/adaptive.py`): where the scale of time changes, much. On an orbit of eccentricity
+.6, 801 steps of JACOBI[EA] in 5.3 orbits leave an attitude error of 8.3e-4 instead of 1.8e-2, and of JACOBI[SRKN6b]
+5.4e-10 instead of 5.5e-8. Where it does not change, less than nothing: for the top of Bruls and Cardona the error
+doubles (.48 of a gain, JACOBI[EA], by the size of the torque). The energy of a swinging Lagrange top does not drift in
+2.6e5 steps (largest error 1.3e-3 in the first eighth and the last; with the density taken at the start of each step
+3.7e-2 and 1.5e-1). That is for motions that are integrable or nearly so: of an asymmetric top's energy the mean wanders
+between 3.1e-3 and -2.9e-3, and a constant step is better.
+
 The loop carries the next step rather than rho, so that the divisions stand between two steps and the step itself stays
 one loop (see `_fuse.py`). A step of zero length leaves a motion as it is, bit for bit: that is how a body which has
 arrived, or failed, waits for the rest of the batch, without a select over its state.
@@ -93,7 +101,8 @@ def integrate_adaptive(
 
     Without `t1` a fixed number of steps: bodies of a batch end at different times, and no work is lost. With `t1` at
     most so many: a batch runs until its slowest body has arrived, looking every 32 steps at most, and the others
-    wait at the price of a step; keep bodies of like step counts in one batch.
+    wait at the price of a step; keep bodies of like step counts in one batch. Each body has a time of its own, so
+    what depends on time alone, such as an orbit that all share, is computed for each.
 
     Reversible: the run back, from the last state with its `densities` as `rho` and -dt, takes the same steps and comes
     home to rounding, unless it ends at `t1`, whose last step is cut to end there and is not the control's.
