@@ -1,10 +1,13 @@
 """midlie_jax: the rotation of many rigid bodies at once, by explicit midpoint Lie integrators, on JAX."""
 
+from . import densities as densities
 from . import flights as flights
 from . import orbits as orbits
 from . import schemes as schemes
 from . import so3 as so3
 from . import torques as torques
+from .adaptive import AdaptivePath as AdaptivePath
+from .adaptive import integrate_adaptive as integrate_adaptive
 from .bodies import DirectionState as DirectionState
 from .bodies import MomentumState as MomentumState
 from .bodies import Particles as Particles

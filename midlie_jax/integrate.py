@@ -69,10 +69,10 @@ def integrate(
         ValueError: an argument does not fit; the message names it and the cure. Raised before anything is traced.
     """
     method = find_method(method) if isinstance(method, str) else method
-    _check(method, body, torque, start, steps, save_every, first_step)
+    check_arguments(method, body, torque, start, steps, save_every, first_step)
     dtype = start.momentum.dtype
-    dt = _scalar("dt", dt, dtype)
-    t0 = _scalar("t0", t0, dtype)
+    dt = as_scalar("dt", dt, dtype)
+    t0 = as_scalar("t0", t0, dtype)
     return _run(method, body, torque, start, dt, t0, jnp.asarray(first_step, jnp.int32), steps, save_every)
 
 
@@ -141,7 +141,7 @@ def _time(t0: Array, dt: Array, n: Array) -> Array:
     return t0 + n.astype(dt.dtype) * dt
 
 
-def _scalar(name: str, value: Any, dtype: Any) -> Array:
+def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     array = jnp.asarray(value)
     if array.ndim:
         raise ValueError(f"{name} must be a scalar, got shape {array.shape}; map over a batch with jax.vmap.")
@@ -149,7 +149,9 @@ def _scalar(name: str, value: Any, dtype: Any) -> Array:
     return array.astype(dtype)
 
 
-def _check(method: Any, body: Any, torque: Any, start: Any, steps: Any, save_every: Any, first_step: Any) -> None:
+def check_arguments(
+    method: Any, body: Any, torque: Any, start: Any, steps: Any, save_every: Any, first_step: Any
+) -> None:
     if not isinstance(method, Method):
         raise ValueError(f"method must come from midlie_jax.method(name), got {type(method).__name__}.")
     if not isinstance(start, State):

@@ -1,0 +1,302 @@
+"""Laws of the reversible step control: it comes home, keeps the order, and is `integrate` where the density is even."""
+
+from functools import cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import AXIS, OTHER, at, cast, epsilon, gap, numbers, rows, setup
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import midlie_jax as ml
+
+# One that evaluates its force anew, of order 2, and one that keeps it, of order 4.
+METHODS = ["LIEMID[EA*]", "JACOBI[CHIN4A]"]
+STEPS, EVERY, MOST = 128, 8, 512
+T0, T1 = 0.3, 2.1
+
+
+def beating(weight, t, state):
+    """A top in a field that comes and goes."""
+    return (1 + jnp.sin(3 * t) / 2) * ml.torques.HeavyTop(weight, AXIS)(t, state)
+
+
+def lively(strength, t, state):
+    """A density of time, momentum and pose."""
+    return jnp.exp(strength * (jnp.sin(2 * t) + jnp.sum(state.momentum**2) / 4 + 2 * state.vertical()[0]))
+
+
+def integrate(name, s, dt, t0, strength, rho=None, t1=None, **options):
+    start = ml.RigidState(s.momentum, s.attitude)
+    torque, density = jax.tree_util.Partial(beating, s.weight), jax.tree_util.Partial(lively, strength)
+    given = {"steps": STEPS, "save_every": EVERY} | options
+    return ml.integrate_adaptive(
+        name, ml.RigidBody(s.moments), torque, start, density=density, dt=dt, t0=t0, rho=rho, t1=t1, **given
+    )
+
+
+def true_motion(s, times):
+    """Momentum (n, 3) and attitude (n, 4) at increasing times after T0, by DOP853 at 1e-13."""
+
+    def rate(t, y):
+        momentum, q = y[:3], y[3:]
+        velocity = momentum / s.moments
+        up = Rotation.from_quat(q, scalar_first=True).as_matrix()[2]
+        torque = s.weight * (1 + np.sin(3 * t) / 2) * np.cross(up, AXIS)
+        turning = np.concatenate([[-q[1:] @ velocity], q[0] * velocity + np.cross(q[1:], velocity)]) / 2
+        return np.concatenate([np.cross(momentum, velocity) + torque, turning])
+
+    start = np.concatenate([s.momentum, s.attitude])
+    y = solve_ivp(rate, (T0, times[-1]), start, "DOP853", t_eval=times, rtol=1e-13, atol=1e-14).y.T
+    return y[:, :3], y[:, 3:]
+
+
+@cache
+def compiled(name):
+    return jax.jit(jax.vmap(partial(integrate, name)))
+
+
+def asked(dtype="float64"):
+    """Rows of (setup, dt, t0, strength): a ladder of steps, another body, and an even density."""
+    setups = rows(setup(), setup(), setup(), setup(**OTHER), setup())
+    dts, strengths = [0.04, 0.02, 0.01, 0.02, 0.015], [0.5, 0.5, 0.5, 0.7, 0.0]
+    return (cast(setups, dtype), *(jnp.asarray(x, dtype) for x in (dts, [T0] * 5, strengths)))
+
+
+@cache
+def run(name, dtype="float64"):
+    s, dt, t0, strength = asked(dtype)
+    rho = jax.vmap(lambda s, t, k: lively(k, t, ml.RigidState(s.momentum, s.attitude)))(s, t0, strength)
+    return numbers(compiled(name)(s, dt, t0, strength, rho))
+
+
+@cache
+def until():
+    """Method 0 up to T1, kept twice on the way."""
+    arguments = (*asked(), jnp.full(5, T1))
+    function = partial(integrate, METHODS[0], rho=None, steps=MOST, save_every=MOST // 2)
+    return numbers(jax.jit(jax.vmap(lambda s, dt, t0, k, t1: function(s, dt, t0, k, t1=t1)))(*arguments))
+
+
+@pytest.mark.parametrize(("name", "dtype"), [*((n, "float64") for n in METHODS), (METHODS[0], "float32")])
+def test_it_comes_home_by_the_same_steps(name, dtype):
+    s, dt, _, strength = asked(dtype)
+    out = run(name, dtype)
+    assert out.ok.all()
+    lengths = np.diff(out.times.astype(np.float64))
+    assert np.all(lengths[[0, 3]].max(1) > 1.5 * lengths[[0, 3]].min(1))
+    s = s._replace(momentum=out.states.momentum[:, -1], attitude=out.states.attitude[:, -1])
+    back = numbers(compiled(name)(s, -dt, out.times[:, -1], strength, out.densities[:, -1]))
+    assert back.ok.all()
+    there = jax.tree.map(lambda x: x[:, ::-1], (back.times, back.densities, back.states.momentum, back.states.attitude))
+    here = (out.times, out.densities, out.states.momentum, out.states.attitude)
+    assert gap(there, here) <= 200 * epsilon(dtype)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_rho_follows_the_density_and_the_motion_keeps_its_order(name):
+    out = run(name)
+    values = jax.vmap(lambda k, t, s: jax.vmap(partial(lively, k))(t, s))(asked()[3], out.times, out.states)
+    away = np.abs(out.densities / np.asarray(values) - 1)
+    errors = []
+    for row in range(3):
+        # After the same time of the control, and so after the same time but for errors of second order.
+        upto = (STEPS // EVERY // 4) * 2**row + 1
+        truth = true_motion(setup(), out.times[row, :upto])
+        errors.append((gap(at(out.states, row, slice(upto)), truth), away[row, :upto].max()))
+    slopes = np.log2(np.array(errors[0]) / np.array(errors[2])) / 2
+    np.testing.assert_allclose(slopes, [ml.method(name).order, 2], atol=0.25)
+    assert not away[4].any()
+
+
+def test_it_ends_at_t1_with_the_order_of_the_method():
+    out = until()
+    assert out.ok.all()
+    assert np.all(out.times[:, -1] == T1)
+    truth = true_motion(setup(), np.array([T1]))
+    errors = [gap(at(out.states, row, slice(-1, None)), truth) for row in range(3)]
+    assert abs(np.log2(errors[0] / errors[2]) / 2 - 2) < 0.25
+
+
+def test_a_body_that_has_arrived_waits_where_it_is():
+    out = until()
+    arrived = out.taken <= MOST // 2
+    assert arrived.any()
+    assert not arrived.all()
+    for kept in (out.times, out.states.momentum, out.states.attitude, out.densities):
+        assert np.all(kept[arrived, 1] == kept[arrived, 2])
+    assert np.all(out.times[~arrived, 1] < T1)
+
+
+def test_an_even_density_is_integrate():
+    s, dt, t0, _ = jax.tree.map(lambda x: x[4], asked())
+    start, torque = ml.RigidState(s.momentum, s.attitude), jax.tree_util.Partial(beating, s.weight)
+    path = ml.integrate(METHODS[0], ml.RigidBody(s.moments), torque, start, dt=dt, t0=t0, steps=STEPS, save_every=EVERY)
+    out = run(METHODS[0])
+    assert np.all(out.densities[4] == 1)
+    ours = (out.times[4], out.states.momentum[4], out.states.attitude[4])
+    assert gap(ours, (path.times, path.states.momentum, path.states.attitude)) <= 64 * epsilon("float64")
+
+
+def test_mapped_is_alone():
+    out = run(METHODS[0])
+    s, dt, t0, strength = jax.tree.map(lambda x: x[3], asked())
+    alone = numbers(jax.jit(partial(integrate, METHODS[0]))(s, dt, t0, strength))
+    assert alone.ok
+    assert alone.taken == out.taken[3] == STEPS
+    mapped = (out.times[3], out.densities[3], out.states.momentum[3], out.states.attitude[3])
+    assert gap((alone.times, alone.densities, alone.states.momentum, alone.states.attitude), mapped) <= 1e-13
+
+
+def test_a_rigid_derivative_equals_differences():
+    s, dt, t0, strength = jax.tree.map(lambda x: x[3], asked())
+    s = s._replace(moments=jnp.array([2.0, 2.0, 1.5]))
+
+    def end(x):
+        path = integrate("SYMMETRIC[EA]", s, dt * x, t0, strength * x, steps=8, save_every=8)
+        return path.states.momentum[-1] @ jnp.array([0.3, -1.1, 0.5]) + path.states.attitude[-1, 1]
+
+    one, step = jnp.array(1.0), 1e-4
+    both = jax.jit(lambda x: jax.jvp(end, (x,), (one,)))
+    slope = both(one)[1]
+    assert abs((both(one + step)[0] - both(one - step)[0]) / (2 * step) - slope) < 1e-6 * abs(slope)
+
+
+def test_a_kepler_orbit_has_the_derivatives_that_a_density_asks_for():
+    mu, eccentricity = 2.5, 0.8
+    speed = (mu * (1 + eccentricity) / (1 - eccentricity)) ** 0.5
+    orbit = ml.orbits.KeplerOrbit(
+        jnp.array([1 - eccentricity, 0.0, 0.0]), jnp.array([0.0, 0.8, 0.6]) * speed, jnp.array(mu)
+    )
+
+    def law(place):
+        return -mu * place / jnp.sum(place**2) ** 1.5
+
+    def change(function):
+        return lambda t: jax.jvp(function, (t,), (jnp.ones_like(t),))[1]
+
+    velocity = change(orbit)
+    acceleration = change(velocity)
+    times = jnp.array([0.02, 0.5, 3.0, -2.0])
+    place, v, a, jerk = jax.jit(jax.vmap(lambda t: (orbit(t), velocity(t), acceleration(t), change(acceleration)(t))))(
+        times
+    )
+    energy = np.sum(np.square(v), -1) / 2 - mu / np.linalg.norm(place, axis=-1)
+    np.testing.assert_allclose(energy, -mu / 2, rtol=1e-11)
+    for derivative, true in zip((a, jerk), jax.vmap(lambda x, d: jax.jvp(law, (x,), (d,)))(place, v), strict=True):
+        np.testing.assert_allclose(derivative, true, rtol=0, atol=1e-11 * np.abs(true).max())
+
+
+# Particles: the same control, and a compile that costs little.
+
+
+def pull(t, state):
+    """Gravity of a point."""
+    del t
+    return -state.position / jnp.sum(state.position**2) ** 1.5
+
+
+def by_distance(t, state):
+    del t
+    return jnp.sum(state.position**2) ** -0.75
+
+
+def planet(speed=0.5):
+    """At its aphelion at 1, of eccentricity 1 - speed^2."""
+    return ml.ParticleState(jnp.stack([jnp.zeros_like(speed), jnp.asarray(speed)]), jnp.array([1.0, 0.0]))
+
+
+def orbit(start, dt=0.05, density=by_distance, **options):
+    body = ml.Particles(jnp.ones((), start.momentum.dtype))
+    return ml.integrate_adaptive("Verlet", body, pull, start, density=density, dt=dt, **options)
+
+
+def test_the_energy_of_an_eccentric_orbit_does_not_drift():
+    path = jax.jit(lambda s: orbit(s, steps=64_000, save_every=16))(planet(jnp.array(0.5)))
+    assert path.ok
+    square = jnp.sum(path.states.momentum**2, -1)
+    energy = np.asarray(square / 2 - 1 / jnp.sqrt(jnp.sum(path.states.position**2, -1)))
+    error = energy / energy[0] - 1
+    first, last = error[:400], error[-400:]
+    assert np.abs(error).max() < 0.02
+    assert abs(last.mean() - first.mean()) < 0.02 * np.abs(error).max()
+
+
+def test_gradients_equal_differences():
+    def end(x, **until):
+        path = orbit(planet(x[0]), dt=x[1], steps=64, save_every=64, **until)
+        return path.states.position[-1] @ jnp.array([0.3, -1.1]) + path.states.momentum[-1] @ jnp.array([0.7, 0.4])
+
+    def measured(x):
+        fixed = jax.grad(end)(x)
+        reverse = jax.grad(partial(end, t1=2.0, reverse=True))(x)
+        forward = jax.vmap(lambda d: jax.jvp(partial(end, t1=2.0), (x,), (d,)))(jnp.eye(2))
+        return fixed, reverse, forward[1], jnp.stack([end(x), forward[0][0]])
+
+    x, step = jnp.array([0.5, 0.05]), 1e-5
+    moved = x[None] + step * jnp.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    fixed, reverse, forward, values = jax.tree.map(np.asarray, jax.jit(jax.vmap(measured))(moved))
+    np.testing.assert_allclose(reverse, forward, rtol=1e-10)
+    differences = (values[[1, 3]] - values[[2, 4]]) / (2 * step)
+    np.testing.assert_allclose(np.stack([fixed[0], reverse[0]], axis=1), differences, rtol=1e-6)
+
+
+def test_float32_time_is_not_lost():
+    state = ml.ParticleState(jnp.zeros(2, jnp.float32), jnp.array([1.0, 0.0], jnp.float32))
+
+    def even(t, state):
+        del state
+        return jnp.ones_like(t)
+
+    body = ml.Particles(jnp.float32(1.0))
+    path = ml.integrate_adaptive("Verlet", body, None, state, density=even, dt=1e-3, steps=100_000, save_every=100_000)
+    assert path.times.dtype == np.float32
+    assert abs(path.times[-1] - 100) <= 2 * 100 * epsilon("float32")
+
+
+def falling(factors, t, state):
+    del state
+    return factors[0] - factors[1] * t + jnp.sign(factors[2]) * jnp.exp(-factors[2] * t)
+
+
+def test_failures_show_in_ok():
+    start = planet(jnp.array(0.5))
+    # Too few steps, nowhere to go, and, which cannot raise where it is traced, a dt that points away from t1.
+    upto = jax.jit(jax.vmap(lambda dt, t1: orbit(start, dt=dt, steps=8, save_every=8, t1=t1)))
+    paths = upto(jnp.array([0.05, 0.05, -0.05]), jnp.array([2.0, 0.0, 2.0]))
+    np.testing.assert_array_equal(paths.ok, [False, True, False])
+    np.testing.assert_array_equal(paths.taken, [8, 0, 0])
+
+    # A density that falls to nothing at t = 1, one so steep that rho is driven below zero, and none at all.
+    falls = jnp.array([[1.0, 1.0, 0.0], [0.0, 0.0, 60.0], [jnp.nan, 0.0, 0.0], [0.0, 0.0, 0.1]])
+    many = jax.jit(jax.vmap(lambda f: orbit(start, density=jax.tree_util.Partial(falling, f), steps=64, save_every=64)))
+    paths = many(falls)
+    np.testing.assert_array_equal(paths.ok, [False, False, False, True])
+    assert np.all(np.isfinite(paths.states.position))
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"dt": 0.0}, "dt"),
+        ({"dt": jnp.nan}, "dt"),
+        ({"t1": -1.0}, "dt must point"),
+        ({"rho": 0.0}, "rho"),
+        ({"density": lambda t, s: s.position}, "density"),
+        ({"density": jax.tree_util.Partial(lively, jnp.float32(1.0))}, "density"),
+        ({"steps": 0}, "steps"),
+        ({"save_every": 3}, "save_every"),
+    ],
+)
+def test_a_wrong_argument_is_named(changes, named):
+    with pytest.raises(ValueError, match=named):
+        orbit(planet(jnp.array(0.5)), **({"steps": 8} | changes))
+
+
+def test_a_method_that_is_not_symmetric_is_refused():
+    with pytest.raises(ValueError, match="symmetric"):
+        ml.integrate_adaptive(
+            "symplectic Euler", ml.Particles(1.0), None, planet(jnp.array(0.5)), density=by_distance, dt=0.1, steps=1
+        )
