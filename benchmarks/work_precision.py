@@ -24,7 +24,9 @@ jax.config.update("jax_enable_x64", True)
 from midlie_jax import frontier, rivals, work_precision  # noqa: E402
 from midlie_jax.frontier_chart import work_precision_chart  # noqa: E402
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
 # What is asked of ours over heyoka's, at each decade; over diffrax's best it is 1/100 everywhere.
 TARGETS = {"P1": 0.2, "gravity-gradient-10": 0.5, "asymmetric-top": 1.0}
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
@@ -68,8 +70,22 @@ def main() -> None:
             *(row for _, row in parts),
             "",
         ]
-        (out / "work-precision.md").write_text("\n".join([head, *summary, *(section for section, _ in parts)]))
+        text = "\n".join([head, *summary, *(section for section, _ in parts)])
+        (out / "work-precision.md").write_text(text)
+        if out == DOCS:
+            into_readme(text)
     print(f"wrote {out}")
+
+
+def into_readme(text: str) -> None:
+    """Puts the first table of the file, ours over heyoka's and diffrax's times in all scenes, into README.md."""
+    lines = text.split("\n")
+    first = next(i for i, line in enumerate(lines) if line.startswith("|"))
+    last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
+    readme = ROOT / "README.md"
+    head, rest = readme.read_text().split(BEGIN)
+    table = "\n".join(lines[first:last])
+    readme.write_text(f"{head}{BEGIN}\n{table}\n{END}{rest.split(END)[1]}")
 
 
 def one(name: str, out: Path, quick: bool) -> tuple[str, str]:

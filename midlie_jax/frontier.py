@@ -175,4 +175,5 @@ def verdict(values: Sequence[tuple[float, float]], target: float) -> str:
     span = f"{min(r for _, r in known):.2g} to {max(r for _, r in known):.2g}"
     missed = [f"{error:.0e}" for error, ratio in known if ratio > target]
     rest = "" if len(known) == len(values) else f" ({len(values) - len(known)} of {len(values)} not compared)"
-    return f"{span}: " + (f"missed at {', '.join(missed)}" if missed else "met") + rest
+    where = "throughout" if len(missed) == len(known) else f"at {', '.join(missed)}"
+    return f"{span}: " + (f"missed {where}" if missed else "met") + rest

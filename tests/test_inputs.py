@@ -108,7 +108,7 @@ BAD = {
     "spatial momentum": (lambda: ml.spatial_momentum(ml.MomentumState(jnp.ones(3))), "needs the attitude.*RigidState"),
     # integrate
     "unknown method": (lambda: ml.method("LIEMID"), "unknown method 'LIEMID'; choose from LIEMID.E1., .*Verlet"),
-    "unknown name": (lambda: go("RK4"), "unknown method 'RK4'"),
+    "unknown name": (lambda: go("RK5"), "unknown method 'RK5'"),
     "method a number": (lambda: go(3), "method must come from midlie_jax.method.name., got int"),
     "start not a state": (lambda: go(start=jnp.ones(3)), "start must be a state"),
     "body of another kind": (lambda: go(body=PARTICLES), "RigidState belongs to RigidBody, but body is Particles"),
