@@ -19,8 +19,7 @@ from .methods import method as find_method
 from .stepper import Method
 from .torques import TorqueLike
 
-# Bodies a chunk. From 1e3 to 2e4 a body-step costs the same; from 1e5 on, a light step costs half as much again
-# (`python benchmarks/run.py`).
+# Bodies a chunk: few enough for the cache, enough to drown the cost of starting a loop and to share among cores.
 CHUNK = 8192
 
 
