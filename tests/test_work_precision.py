@@ -262,7 +262,7 @@ def test_names_on_the_chart_never_overlap():
     ours = [p for i, one in enumerate(work_precision.OURS["three moments"]) for p in line(one, 4, 1 + i / 50)]
     others = [p for i, rival in enumerate(rivals.RIVALS) for p in line(rival.label, 4, 1 + i / 40)]
     true = work_precision.symplectic(ours)
-    assert {"DLM[SU8]", "SLIEMID4[EA]"} <= set(true)
+    assert {"DLM[SU8]", "JACOBI[EA]"} <= set(true)
     assert not {"LIEMID[EA]", "DOP853"} & set(true)
     figure = work_precision_figure(ours, others, true, title="made up", note="of nothing")
     figure.canvas.draw()
