@@ -52,7 +52,7 @@ def recommend(
 ) -> Recommendation:
     """The quickest of our methods, and its step, for an error of attitude at the end of a motion.
 
-    Runs each candidate on the motion, some seconds in all: compiling is most of it, and counts for nothing in the
+    Runs each candidate on the motion, half a minute in all: compiling is most of it, and counts for nothing in the
     choice. The time a method takes is that of this machine.
 
     Args:
