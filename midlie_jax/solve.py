@@ -41,6 +41,19 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
     return x, cp.largest(jax.lax.stop_gradient(residual(x)))
 
 
+def pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x: cp.Vector, count: int) -> cp.Vector:
+    """Pairs of Newton's steps with one Jacobian each, the columns of `slope`; for flights, whose Jacobian is known.
+
+    In one loop XLA's emitter repeats such residuals many times over; it cannot from loop to loop, so each pair has one.
+    """
+    for _ in range(count):
+        inverse = cp.Inverse3.of(slope(x))
+        for _ in range(2):
+            x = cp.subtract(x, inverse.times(residual(x)))
+        x = together(x)
+    return x
+
+
 def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
     """Solves linear(x) = right."""
     one, zero = jnp.ones_like(right[0]), jnp.zeros_like(right[0])

@@ -201,7 +201,7 @@ class Splitting(Method):
             nonlocal ok, left
             left -= 1
             motion, fine = stages.fly(a, motion, last=not left)
-            ok = fine if ok is True else ok & fine
+            ok = ok & fine
             return together(motion) if self.scheme.flights > self.flight.per_loop else stages.system.joint(motion)
 
         motion, force = schemes.run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)

@@ -144,19 +144,17 @@ def measure(
     given: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
 ) -> tuple[list[Point], list[Point]]:
     """The points of our methods and of the rivals; one that fails is said, and the others go on."""
-    mine, theirs = [], []
-    for name in ours:
-        said(name)
+
+    def tried(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:
+        said(label)
         try:
-            mine += list(ladder(find_method(name), given))
-        except Exception as error:  # one broken method must not cost the user the others
-            said(f"{name} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
-    for rival in rivals:
-        said(rival.label)
-        try:
-            theirs += list(rival.measure(given))
-        except Exception as error:
-            said(f"{rival.label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+            return list(points())
+        except Exception as error:  # one broken method or program must not cost the user the others
+            said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+            return []
+
+    mine = [point for name in ours for point in tried(name, lambda name=name: ladder(find_method(name), given))]
+    theirs = [point for r in rivals for point in tried(r.label, lambda r=r: r.measure(given))]
     return mine, theirs
 
 

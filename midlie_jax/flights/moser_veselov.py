@@ -18,6 +18,7 @@ import jax
 from jax import Array
 
 from .. import _components as cp
+from .. import solve
 from .._fuse import together
 from ..bodies import RigidBody
 from .base import Flight, Inertia
@@ -27,7 +28,17 @@ _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 
 
-class MoserVeselov(Flight):
+class _Preprocessed(Flight):
+    """What the family shares: all but the order of the series of s and d, which is the order of the map."""
+
+    body: ClassVar[type] = RigidBody
+    per_loop: ClassVar[int] = 1
+
+    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+        return _fly(inertia, h, momentum, self.order)
+
+
+class MoserVeselov(_Preprocessed):
     """The plain map, order 2. Useless on a fast spin, where its turn about the momentum is far off.
 
     Says False where the residual exceeds 8 eps |Pi|: from h |Omega| = 1 on there is no root.
@@ -36,40 +47,25 @@ class MoserVeselov(Flight):
     name: ClassVar[str] = "DMV"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = True
-    body: ClassVar[type] = RigidBody
-    per_loop: ClassVar[int] = 1
-
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, 2)
 
 
-class MoserVeselov4(Flight):
+class MoserVeselov4(_Preprocessed):
     """Preprocessed to order 4. Says False like the plain map, or where the series of s and d are of no use."""
 
     name: ClassVar[str] = "DMV4"
     order: ClassVar[int | None] = 4
     symplectic: ClassVar[bool] = False
-    body: ClassVar[type] = RigidBody
-    per_loop: ClassVar[int] = 1
-
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, 4)
 
 
-class MoserVeselov6(Flight):
+class MoserVeselov6(_Preprocessed):
     """Preprocessed to order 6. Says False like the plain map, or where the series of s and d are of no use."""
 
     name: ClassVar[str] = "DMV6"
     order: ClassVar[int | None] = 6
     symplectic: ClassVar[bool] = False
-    body: ClassVar[type] = RigidBody
-    per_loop: ClassVar[int] = 1
-
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, 6)
 
 
-def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int) -> tuple[cp.Quaternion, cp.Vector, Array]:
+def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
     spins = cp.scale(1 / inertia.per_unit, inertia.inverses)
     y = cp.scale(h * inertia.per_unit, momentum)
     speed, extra = _preprocessed(inertia.relative, spins, y, order)
@@ -93,7 +89,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int) -> tuple[c
     return increment, cp.rotate_back(increment, momentum), ok
 
 
-def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int) -> tuple[Array, Array]:
+def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | None) -> tuple[Array, Array]:
     """s and d, for a unit of time and a body of moments i."""
     squares = cp.times(y, y)
     n, energy = 0.5 * (squares[0] + squares[1] + squares[2]), 0.5 * cp.dot(squares, spins)
@@ -126,12 +122,7 @@ def _root(moments: cp.Vector, gaps: cp.Vector, y: cp.Vector) -> cp.Vector:
     """The root c nearest zero, with the derivative of the implicit function, of any order."""
     guess = (cp.reciprocal(moments[0]) * y[0], cp.reciprocal(moments[1]) * y[1], cp.reciprocal(moments[2]) * y[2])
     c = cp.scale(1 + cp.dot(guess, guess), guess)
-    for _ in range(_PAIRS):
-        inverse = cp.Inverse3.of(_slope(moments, gaps, y, c))
-        for _ in range(2):
-            c = cp.subtract(c, inverse.times(_residual(moments, gaps, y, c)))
-        c = together(c)  # see symplectic_midpoint.py
-    return c
+    return solve.pairs(partial(_residual, moments, gaps, y), partial(_slope, moments, gaps, y), c, _PAIRS)
 
 
 @_root.defjvp

@@ -15,6 +15,7 @@ import jax
 from jax import Array
 
 from .. import _components as cp
+from .. import solve
 from .._fuse import together
 from .._half_turn import LARGEST_SQUARE, half_turn, stumpff
 from ..bodies import RigidBody
@@ -27,7 +28,17 @@ _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 
 
-class SymplecticMidpoint(Flight):
+class _Generated(Flight):
+    """What the family shares: all but the terms of the generating function, which make the order."""
+
+    symplectic: ClassVar[bool] = True
+    body: ClassVar[type] = RigidBody
+
+    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+        return _fly(inertia, h, momentum, self.order)
+
+
+class SymplecticMidpoint(_Generated):
     """I Psi = h dexp(-Psi) Pi0: order 2, symplectic.
 
     Says False where the residual exceeds 8 eps |Pi|, or the flight turned by more than 2.4 radians.
@@ -35,15 +46,10 @@ class SymplecticMidpoint(Flight):
 
     name: ClassVar[str] = "SLIEMID"
     order: ClassVar[int | None] = 2
-    symplectic: ClassVar[bool] = True
-    body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, 2)
 
-
-class SymplecticMidpoint4(Flight):
+class SymplecticMidpoint4(_Generated):
     """I Psi - (1/12) (I Psi x d + I (d x Psi)) = h dexp(-Psi) Pi0, d = I^-1 (Psi x I Psi): order 4, symplectic.
 
     Says False where the residual exceeds 8 eps |Pi|, or the flight turned by more than 2.4 radians.
@@ -51,15 +57,10 @@ class SymplecticMidpoint4(Flight):
 
     name: ClassVar[str] = "SLIEMID4"
     order: ClassVar[int | None] = 4
-    symplectic: ClassVar[bool] = True
-    body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return _fly(inertia, h, momentum, 4)
 
-
-def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int) -> tuple[cp.Quaternion, cp.Vector, Array]:
+def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
     y = cp.scale(h * inertia.per_unit, momentum)
     turn = _turn(order, inertia, y)
     error = _residual(order, inertia, y, turn)
@@ -70,21 +71,15 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int) -> tuple[c
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _turn(order: int, inertia: Inertia, y: cp.Vector) -> cp.Vector:
+def _turn(order: int | None, inertia: Inertia, y: cp.Vector) -> cp.Vector:
     """The root Psi, y = h Pi0 per unit, with the derivative of the implicit function, of any order."""
     # Right to second order in |Psi|, as far as the equation agrees with that of the paper's flight.
     turn = cp.scale(2, free_start(cp.scale(2, inertia.relative), y))
-    for _ in range(_PAIRS):
-        inverse = cp.Inverse3.of(_slope(order, inertia, y, turn))
-        for _ in range(2):
-            turn = cp.subtract(turn, inverse.times(_residual(order, inertia, y, turn)))
-        # In one loop XLA's emitter repeats these residuals many times over; it cannot from loop to loop.
-        turn = together(turn)
-    return turn
+    return solve.pairs(partial(_residual, order, inertia, y), partial(_slope, order, inertia, y), turn, _PAIRS)
 
 
 @_turn.defjvp
-def _turn_jvp(order: int, primals: tuple[Inertia, cp.Vector], tangents: tuple[Inertia, cp.Vector]) -> Any:
+def _turn_jvp(order: int | None, primals: tuple[Inertia, cp.Vector], tangents: tuple[Inertia, cp.Vector]) -> Any:
     inertia, y = primals
     turn = together(_turn(order, inertia, y))
     inverse = cp.Inverse3.of(_slope(order, inertia, y, turn))
@@ -92,7 +87,7 @@ def _turn_jvp(order: int, primals: tuple[Inertia, cp.Vector], tangents: tuple[In
     return turn, cp.scale(-1, inverse.times(change))
 
 
-def _residual(order: int, inertia: Inertia, y: cp.Vector, turn: cp.Vector) -> cp.Vector:
+def _residual(order: int | None, inertia: Inertia, y: cp.Vector, turn: cp.Vector) -> cp.Vector:
     """grad S - dexp(-Psi) y, per unit."""
     a, b, c = turn
     first, second, third = stiffness(order, inertia, turn)
@@ -102,7 +97,7 @@ def _residual(order: int, inertia: Inertia, y: cp.Vector, turn: cp.Vector) -> cp
     return cp.subtract((first * a, second * b, third * c), carried)
 
 
-def stiffness(order: int, inertia: Inertia, turn: cp.Vector) -> cp.Vector:
+def stiffness(order: int | None, inertia: Inertia, turn: cp.Vector) -> cp.Vector:
     """grad S = stiffness * Psi: the moments, and for order 4 less f2 Psi3^2 + f3 Psi2^2 and so on.
 
     The second term of S is -(1/2) sum f_i (Psi_j Psi_k)^2 with 12 f_i I_i = (I_k - I_j)^2.
@@ -114,7 +109,9 @@ def stiffness(order: int, inertia: Inertia, turn: cp.Vector) -> cp.Vector:
     return i[0] - (f[1] * c + f[2] * b), i[1] - (f[2] * a + f[0] * c), i[2] - (f[0] * b + f[1] * a)
 
 
-def _slope(order: int, inertia: Inertia, y: cp.Vector, turn: cp.Vector) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
+def _slope(
+    order: int | None, inertia: Inertia, y: cp.Vector, turn: cp.Vector
+) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
     """Columns of the derivative of the residual in Psi.
 
     That of dexp(-Psi) y is b [y] - c [u] + c (Psi . y) + r Psi^T with u = Psi x y, r = -c y - b' u + c' Psi x u.
