@@ -1,11 +1,9 @@
-"""The methods inside diffrax.
+"""The methods inside diffrax: their orders, error estimates, dense output, events, failures and messages.
 
-Compiling is what costs, so one compiled program a method holds several solves, and every solve keeps all kinds of
-output at once. By default each method meets every kind of `SaveAt`, two of the three controllers, one body and a batch;
-each adjoint meets one method. `pytest -m full tests/test_diffrax.py` runs the whole product.
+`test_diffrax_matrix.py` holds them to `integrate`.
 """
 
-from functools import cache, partial
+from functools import partial
 
 import diffrax
 import equinox as eqx
@@ -14,218 +12,37 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
-from cases import AXIS, NAMED, PARTICLE, epsilon, setup
+from cases import AXIS, epsilon
+from diffrax_cases import (
+    ADJOINTS,
+    ARGS,
+    BODY,
+    CASE,
+    CONTROLLERS,
+    DOTS,
+    DT,
+    FACTORS,
+    QUICK,
+    SIZES,
+    SPRINGS,
+    STEPS,
+    T0,
+    TERM,
+    TS,
+    WEIGHTS,
+    forces,
+    problem,
+    pull,
+    quick,
+    row,
+    solve,
+    start,
+)
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import oracles
-
-# Times exact in binary, so that differences of times are the very step of `integrate`.
-T0, DT, STEPS, EVERY = 0.25, 1 / 64, 32, 8
-CASE = setup(t0=T0)
-TIMES = T0 + DT * np.arange(STEPS + 1)
-BODY = ml.RigidBody(jnp.asarray(CASE.moments))
-# Code that compiles in half the time; what it computes is the same, at worst rounded otherwise.
-QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-METHODS = [*NAMED, "SLIEMID4[SRKN6b]", "DLM[EA]"]
-MORE = ["SYMMETRIC[SRKN6b]", "SLIEMID[EA]", "LIEMID[S4]", *PARTICLE]
-
-
-def wind(strength, t):
-    return strength * jnp.stack([jnp.cos(2 * t), jnp.sin(3 * t), jnp.ones_like(t)])
-
-
-def forces(args):
-    """A top in a wind; args are the weight and the strength of the wind."""
-    weight, strength = args
-    return ml.torques.HeavyTop(weight, AXIS) + ml.torques.Prescribed(jax.tree_util.Partial(wind, strength))
-
-
-def pull(stiffness, t, state):
-    return -stiffness * jnp.sin(state.position) * (1 + t)
-
-
-def spring(args):
-    return jax.tree_util.Partial(pull, args[0])
-
-
-ARGS = (jnp.asarray(CASE.weight), jnp.asarray(CASE.strength))
-TERM = ml.RigidBodyTerm(BODY, torque_of_args=forces)
-SYMMETRIC = ml.RigidBodyTerm(ml.RigidBody(jnp.array([1.5, 1.5, 2.5])), torque_of_args=forces)
-SPRINGS = ml.RigidBodyTerm(ml.Particles(jnp.array([1.0, 2.0])), torque_of_args=spring)
-DOTS = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
-
-
-def start(scale=1.0):
-    return ml.RigidState(scale * jnp.asarray(CASE.momentum), jnp.asarray(CASE.attitude))
-
-
-def problem(name):
-    """The term and the start for a method."""
-    if name in PARTICLE:
-        return SPRINGS, DOTS
-    return (SYMMETRIC if name.startswith("SYMMETRIC") else TERM), start()
-
-
-def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT, throw=False, **options):
-    solver = ml.LieSolver(solver) if isinstance(solver, str) else solver
-    return diffrax.diffeqsolve(term, solver, t0, t1, dt0, y0, args, throw=throw, **options)
-
-
-CONTROLLERS = {
-    "ConstantStepSize": {},
-    "StepTo": {"dt0": None, "stepsize_controller": diffrax.StepTo(ts=jnp.asarray(TIMES))},
-    # Never in doubt, so that its steps are those of the others.
-    "PIDController": {"stepsize_controller": diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)},
-}
-ADJOINTS = {
-    "RecursiveCheckpointAdjoint": diffrax.RecursiveCheckpointAdjoint(),
-    "DirectAdjoint": diffrax.DirectAdjoint(),
-    "ForwardMode": diffrax.ForwardMode(),
-    "BacksolveAdjoint": diffrax.BacksolveAdjoint(solver=diffrax.Tsit5()),
-}
-KINDS = diffrax.SaveAt(
-    subs={
-        "t1": diffrax.SubSaveAt(t1=True),
-        "ts": diffrax.SubSaveAt(ts=jnp.asarray(TIMES[::EVERY])),
-        "steps": diffrax.SubSaveAt(t0=True, steps=EVERY),
-        "fn": diffrax.SubSaveAt(t0=True, t1=True, fn=lambda t, y, args: jax.tree.map(lambda x: x * args[0], y)),
-    },
-    dense=True,
-)
-TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
-FORWARD, REVERSE = "ForwardMode", ("RecursiveCheckpointAdjoint", "DirectAdjoint")
-INDICES = {"t1": [-1], "ts": slice(None), "steps": slice(None), "fn": [0, -1], "dense": [1, -1]}
-# Fourth-order differences.
-SIZES, FACTORS = np.array([2.0, 1.0, 0.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12e-3
-WEIGHTS = ARGS[0] + jnp.asarray(SIZES)
-
-
-def outputs(name, weight, controller, saveat=KINDS, adjoint="RecursiveCheckpointAdjoint"):
-    """Everything that is kept, by its kind, and the result."""
-    term, y0 = problem(name)
-    options = CONTROLLERS[controller] | {"saveat": saveat, "adjoint": ADJOINTS[adjoint], "max_steps": STEPS}
-    solution = solve(name, y0, (weight, ARGS[1]), term=term, **options)
-    if saveat is not KINDS:
-        return {"ts": solution.ys}, solution.result
-    dense = jax.vmap(solution.evaluate)(jnp.asarray(TIMES)[jnp.array([EVERY, STEPS])])
-    fn = jax.tree.map(lambda x: x / weight, solution.ys["fn"])
-    return solution.ys | {"dense": dense, "fn": fn}, solution.result
-
-
-def loss(states):
-    """A number into which every state at the times of ts enters."""
-    return sum(jnp.sum(jnp.sin(leaf)) for leaf in jax.tree.leaves(states))
-
-
-def kept_and_slope(name, weight, controller, adjoint):
-    """What is kept at ts, and the derivative of its loss in the weight."""
-
-    def value(weight):
-        kept, result = outputs(name, weight, controller, TS, adjoint)
-        return loss(kept["ts"]), (kept, result)
-
-    derivative = jax.jacfwd if adjoint == "ForwardMode" else jax.grad
-    slope, kept = derivative(value, has_aux=True)(weight)
-    return kept, slope
-
-
-def quick(function):
-    """Compiled in a hurry."""
-    return jax.jit(function, compiler_options=QUICK)
-
-
-@cache
-def paths(name):
-    """The states of `integrate` for the weights of the differences, every EVERY steps."""
-    term, y0 = problem(name)
-
-    def run(weight):
-        torque = term.torque_at((weight, ARGS[1]))
-        return ml.integrate(name, term.body, torque, y0, dt=DT, steps=STEPS, save_every=EVERY, t0=T0).states
-
-    return jax.tree.map(np.asarray, quick(jax.vmap(run))(WEIGHTS))
-
-
-def compare(kept, path):
-    """A solution with the states of `integrate`: 2 ulp a step."""
-    states_of, result = kept
-    assert bool(result == diffrax.RESULTS.successful)
-    for kind, states in states_of.items():
-        index = INDICES[kind]
-        for leaf, expected in zip(jax.tree.leaves(states), jax.tree.leaves(path), strict=True):
-            # Dense output passes through exp and log on its way to the end of the step.
-            steps = np.maximum(EVERY * np.arange(len(expected))[index], 4)
-            bound = 2 * epsilon("float64") * steps * np.max(np.abs(expected))
-            assert np.all(np.max(np.abs(leaf - expected[index]), axis=-1) <= bound), kind
-
-
-def row(tree, i):
-    return jax.tree.map(lambda x: x[i] if eqx.is_array(x) else x, tree, is_leaf=lambda x: isinstance(x, np.ndarray))
-
-
-def differences(name):
-    """The derivative of the loss in the weight, by the runs of `integrate`."""
-    return float(np.dot(FACTORS, [loss(row(paths(name), i)) for i in range(len(SIZES))]))
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_outputs_equal_integrate(name):
-    """One compile: a batch with every kind of output, and one body; the controllers take turns."""
-    turn = list(CONTROLLERS)[METHODS.index(name) % 3 :] + list(CONTROLLERS)
-
-    def program(weight):
-        return jax.vmap(lambda w: outputs(name, w, turn[0]))(WEIGHTS), outputs(name, weight, turn[1], TS)
-
-    batch, solo = quick(program)(ARGS[0])
-    compare(solo, row(paths(name), 2))
-    for i in range(len(SIZES)):
-        compare(row(batch, i), row(paths(name), i))
-
-
-@pytest.mark.parametrize("name", PARTICLE)
-def test_particles_equal_integrate(name):
-    compare(quick(lambda w: outputs(name, w, "PIDController", TS))(ARGS[0]), row(paths(name), 2))
-
-
-PAIRS = [
-    ("LIEMID[EA]", "PIDController", "RecursiveCheckpointAdjoint"),
-    ("NMB", "ConstantStepSize", "DirectAdjoint"),
-    ("LIEMID[E2]", "StepTo", "ForwardMode"),
-]
-
-
-@pytest.mark.parametrize(("name", "controller", "adjoint"), PAIRS)
-def test_derivatives_equal_differences(name, controller, adjoint):
-    """Of a method that keeps its torque, of one that solves for it, and of one that is handed it."""
-    kept, slope = quick(lambda w: kept_and_slope(name, w, controller, adjoint))(ARGS[0])
-    compare(kept, row(paths(name), 2))
-    assert abs(slope - differences(name)) <= 1e-6 * abs(differences(name))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("batched", [False, True], ids=["solo", "vmap"])
-@pytest.mark.parametrize("controller", CONTROLLERS)
-@pytest.mark.parametrize("name", [*METHODS, *MORE])
-def test_full_product(name, controller, batched):
-    """Every method x kind of output x controller x adjoint x batch; but diffrax has no way back over a StepTo."""
-    adjoints = [a for a in ADJOINTS if (a, controller) != ("BacksolveAdjoint", "StepTo")]
-
-    def program(weight):
-        return outputs(name, weight, controller), [kept_and_slope(name, weight, controller, a) for a in adjoints]
-
-    weights = WEIGHTS[1:4] if batched else WEIGHTS[2]
-    found = quick(jax.vmap(program) if batched else program)(weights)
-    for i in (1, 2, 3) if batched else (2,):
-        kept, derivatives = row(found, i - 1) if batched else found
-        compare(kept, row(paths(name), i))
-        for adjoint, (states, slope) in zip(adjoints, derivatives, strict=True):
-            compare(states, row(paths(name), i))
-            # Backsolve differentiates the motion and not the steps.
-            bound = 0.05 if adjoint == "BacksolveAdjoint" else 1e-6
-            if i == 2:
-                assert abs(slope - differences(name)) <= bound * abs(differences(name)), adjoint
 
 
 def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
@@ -433,7 +250,7 @@ def north(t, y, args, **kwargs):
     return ml.so3.to_matrix(y.attitude)[0, 2]
 
 
-@pytest.mark.parametrize("mode", [FORWARD, pytest.param(REVERSE[0], marks=pytest.mark.full)])
+@pytest.mark.parametrize("mode", ["ForwardMode", pytest.param("RecursiveCheckpointAdjoint", marks=pytest.mark.full)])
 def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
     """Against Lagrange's top in closed form; the derivative against differences of the closed form's crossing."""
     moments, axis = (1.5, 1.5, 2.5), (0.0, 0.0, 1.0)
@@ -445,7 +262,7 @@ def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
         solution = solve("SYMMETRIC[SRKN6b]", start(), weight, term=term, event=event, adjoint=ADJOINTS[mode], **times)
         return solution.ts[0], (solution.ts[0], row(solution.ys, 0))
 
-    found = quick((jax.jacfwd if mode == FORWARD else jax.grad)(crossing, has_aux=True))
+    found = quick((jax.jacfwd if mode == "ForwardMode" else jax.grad)(crossing, has_aux=True))
     slope, (time, y) = found(ARGS[0], jnp.array(1 / 512))
 
     def x(t, weight):

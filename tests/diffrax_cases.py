@@ -1,0 +1,86 @@
+"""What the tests of the plug-in share: a top in a wind, springs, and solves of them compiled in a hurry."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from cases import AXIS, PARTICLE, setup
+
+import midlie_jax as ml
+
+# Times exact in binary, so that differences of times are the very step of `integrate`.
+T0, DT, STEPS, EVERY = 0.25, 1 / 64, 32, 8
+CASE = setup(t0=T0)
+TIMES = T0 + DT * np.arange(STEPS + 1)
+BODY = ml.RigidBody(jnp.asarray(CASE.moments))
+# Code that compiles in half the time; what it computes is the same, at worst rounded otherwise.
+QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+
+
+def wind(strength, t):
+    return strength * jnp.stack([jnp.cos(2 * t), jnp.sin(3 * t), jnp.ones_like(t)])
+
+
+def forces(args):
+    """A top in a wind; args are the weight and the strength of the wind."""
+    weight, strength = args
+    return ml.torques.HeavyTop(weight, AXIS) + ml.torques.Prescribed(jax.tree_util.Partial(wind, strength))
+
+
+def pull(stiffness, t, state):
+    return -stiffness * jnp.sin(state.position) * (1 + t)
+
+
+def spring(args):
+    return jax.tree_util.Partial(pull, args[0])
+
+
+ARGS = (jnp.asarray(CASE.weight), jnp.asarray(CASE.strength))
+TERM = ml.RigidBodyTerm(BODY, torque_of_args=forces)
+SYMMETRIC = ml.RigidBodyTerm(ml.RigidBody(jnp.array([1.5, 1.5, 2.5])), torque_of_args=forces)
+SPRINGS = ml.RigidBodyTerm(ml.Particles(jnp.array([1.0, 2.0])), torque_of_args=spring)
+DOTS = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
+
+
+def start(scale=1.0):
+    return ml.RigidState(scale * jnp.asarray(CASE.momentum), jnp.asarray(CASE.attitude))
+
+
+def problem(name):
+    """The term and the start for a method."""
+    if name in PARTICLE:
+        return SPRINGS, DOTS
+    return (SYMMETRIC if name.startswith("SYMMETRIC") else TERM), start()
+
+
+def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT, throw=False, **options):
+    solver = ml.LieSolver(solver) if isinstance(solver, str) else solver
+    return diffrax.diffeqsolve(term, solver, t0, t1, dt0, y0, args, throw=throw, **options)
+
+
+CONTROLLERS = {
+    "ConstantStepSize": {},
+    "StepTo": {"dt0": None, "stepsize_controller": diffrax.StepTo(ts=jnp.asarray(TIMES))},
+    # Never in doubt, so that its steps are those of the others.
+    "PIDController": {"stepsize_controller": diffrax.PIDController(rtol=0.0, atol=1e6, dtmax=DT)},
+}
+ADJOINTS = {
+    "RecursiveCheckpointAdjoint": diffrax.RecursiveCheckpointAdjoint(),
+    "DirectAdjoint": diffrax.DirectAdjoint(),
+    "ForwardMode": diffrax.ForwardMode(),
+    "BacksolveAdjoint": diffrax.BacksolveAdjoint(solver=diffrax.Tsit5()),
+}
+TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
+# Fourth-order differences.
+SIZES, FACTORS = np.array([2.0, 1.0, 0.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12e-3
+WEIGHTS = ARGS[0] + jnp.asarray(SIZES)
+
+
+def quick(function):
+    """Compiled in a hurry."""
+    return jax.jit(function, compiler_options=QUICK)
+
+
+def row(tree, i):
+    return jax.tree.map(lambda x: x[i] if eqx.is_array(x) else x, tree, is_leaf=lambda x: isinstance(x, np.ndarray))

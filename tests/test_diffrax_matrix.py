@@ -1,0 +1,165 @@
+"""The plug-in against `integrate`: method by kind of output by controller by adjoint, one body and a batch.
+
+Compiling is what costs, so one compiled program a method holds several solves, and every solve keeps all kinds of
+output at once. By default each method meets every kind of `SaveAt`, two of the three controllers, one body and a batch;
+each adjoint meets one method. `pytest -m full tests/test_diffrax_matrix.py` runs the whole product.
+"""
+
+from functools import cache
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import NAMED, PARTICLE, epsilon
+from diffrax_cases import (
+    ADJOINTS,
+    ARGS,
+    CONTROLLERS,
+    DT,
+    EVERY,
+    FACTORS,
+    SIZES,
+    STEPS,
+    T0,
+    TIMES,
+    TS,
+    WEIGHTS,
+    problem,
+    quick,
+    row,
+    solve,
+)
+
+import midlie_jax as ml
+
+METHODS = [*NAMED, "SLIEMID4[SRKN6b]", "DLM[EA]"]
+MORE = ["SYMMETRIC[SRKN6b]", "SLIEMID[EA]", "LIEMID[S4]", *PARTICLE]
+KINDS = diffrax.SaveAt(
+    subs={
+        "t1": diffrax.SubSaveAt(t1=True),
+        "ts": diffrax.SubSaveAt(ts=jnp.asarray(TIMES[::EVERY])),
+        "steps": diffrax.SubSaveAt(t0=True, steps=EVERY),
+        "fn": diffrax.SubSaveAt(t0=True, t1=True, fn=lambda t, y, args: jax.tree.map(lambda x: x * args[0], y)),
+    },
+    dense=True,
+)
+INDICES = {"t1": [-1], "ts": slice(None), "steps": slice(None), "fn": [0, -1], "dense": [1, -1]}
+
+
+def outputs(name, weight, controller, saveat=KINDS, adjoint="RecursiveCheckpointAdjoint"):
+    """Everything that is kept, by its kind, and the result."""
+    term, y0 = problem(name)
+    options = CONTROLLERS[controller] | {"saveat": saveat, "adjoint": ADJOINTS[adjoint], "max_steps": STEPS}
+    solution = solve(name, y0, (weight, ARGS[1]), term=term, **options)
+    if saveat is not KINDS:
+        return {"ts": solution.ys}, solution.result
+    dense = jax.vmap(solution.evaluate)(jnp.asarray(TIMES)[jnp.array([EVERY, STEPS])])
+    fn = jax.tree.map(lambda x: x / weight, solution.ys["fn"])
+    return solution.ys | {"dense": dense, "fn": fn}, solution.result
+
+
+def loss(states):
+    """A number into which every state at the times of ts enters."""
+    return sum(jnp.sum(jnp.sin(leaf)) for leaf in jax.tree.leaves(states))
+
+
+def kept_and_slope(name, weight, controller, adjoint):
+    """What is kept at ts, and the derivative of its loss in the weight."""
+
+    def value(weight):
+        kept, result = outputs(name, weight, controller, TS, adjoint)
+        return loss(kept["ts"]), (kept, result)
+
+    derivative = jax.jacfwd if adjoint == "ForwardMode" else jax.grad
+    slope, kept = derivative(value, has_aux=True)(weight)
+    return kept, slope
+
+
+@cache
+def paths(name):
+    """The states of `integrate` for the weights of the differences, every EVERY steps."""
+    term, y0 = problem(name)
+
+    def run(weight):
+        torque = term.torque_at((weight, ARGS[1]))
+        return ml.integrate(name, term.body, torque, y0, dt=DT, steps=STEPS, save_every=EVERY, t0=T0).states
+
+    return jax.tree.map(np.asarray, quick(jax.vmap(run))(WEIGHTS))
+
+
+def compare(kept, path):
+    """A solution with the states of `integrate`: 2 ulp a step."""
+    states_of, result = kept
+    assert bool(result == diffrax.RESULTS.successful)
+    for kind, states in states_of.items():
+        index = INDICES[kind]
+        for leaf, expected in zip(jax.tree.leaves(states), jax.tree.leaves(path), strict=True):
+            # Dense output passes through exp and log on its way to the end of the step.
+            steps = np.maximum(EVERY * np.arange(len(expected))[index], 4)
+            bound = 2 * epsilon("float64") * steps * np.max(np.abs(expected))
+            assert np.all(np.max(np.abs(leaf - expected[index]), axis=-1) <= bound), kind
+
+
+def differences(name):
+    """The derivative of the loss in the weight, by the runs of `integrate`."""
+    return float(np.dot(FACTORS, [loss(row(paths(name), i)) for i in range(len(SIZES))]))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_outputs_equal_integrate(name):
+    """One compile: a batch with every kind of output, and one body; the controllers take turns."""
+    turn = list(CONTROLLERS)[METHODS.index(name) % 3 :] + list(CONTROLLERS)
+
+    def program(weight):
+        return jax.vmap(lambda w: outputs(name, w, turn[0]))(WEIGHTS), outputs(name, weight, turn[1], TS)
+
+    batch, solo = quick(program)(ARGS[0])
+    compare(solo, row(paths(name), 2))
+    for i in range(len(SIZES)):
+        compare(row(batch, i), row(paths(name), i))
+
+
+@pytest.mark.parametrize("name", PARTICLE)
+def test_particles_equal_integrate(name):
+    compare(quick(lambda w: outputs(name, w, "PIDController", TS))(ARGS[0]), row(paths(name), 2))
+
+
+PAIRS = [
+    ("LIEMID[EA]", "PIDController", "RecursiveCheckpointAdjoint"),
+    ("NMB", "ConstantStepSize", "DirectAdjoint"),
+    ("LIEMID[E2]", "StepTo", "ForwardMode"),
+]
+
+
+@pytest.mark.parametrize(("name", "controller", "adjoint"), PAIRS)
+def test_derivatives_equal_differences(name, controller, adjoint):
+    """Of a method that keeps its torque, of one that solves for it, and of one that is handed it."""
+    kept, slope = quick(lambda w: kept_and_slope(name, w, controller, adjoint))(ARGS[0])
+    compare(kept, row(paths(name), 2))
+    assert abs(slope - differences(name)) <= 1e-6 * abs(differences(name))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("batched", [False, True], ids=["solo", "vmap"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("name", [*METHODS, *MORE])
+def test_full_product(name, controller, batched):
+    """Every method x kind of output x controller x adjoint x batch; but diffrax has no way back over a StepTo."""
+    adjoints = [a for a in ADJOINTS if (a, controller) != ("BacksolveAdjoint", "StepTo")]
+
+    def program(weight):
+        return outputs(name, weight, controller), [kept_and_slope(name, weight, controller, a) for a in adjoints]
+
+    weights = WEIGHTS[1:4] if batched else WEIGHTS[2]
+    found = quick(jax.vmap(program) if batched else program)(weights)
+    for i in (1, 2, 3) if batched else (2,):
+        kept, derivatives = row(found, i - 1) if batched else found
+        compare(kept, row(paths(name), i))
+        for adjoint, (states, slope) in zip(adjoints, derivatives, strict=True):
+            compare(states, row(paths(name), i))
+            # Backsolve differentiates the motion and not the steps.
+            bound = 0.05 if adjoint == "BacksolveAdjoint" else 1e-6
+            if i == 2:
+                assert abs(slope - differences(name)) <= bound * abs(differences(name)), adjoint
