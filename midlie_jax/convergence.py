@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import so3, torques
+from . import so3
 from .bodies import RigidBody
+from .closed_form import Numbering, exact_ends
 from .integrate import integrate
 from .methods import method as find_method
 from .methods import methods as all_methods
@@ -224,33 +225,16 @@ def _slope(coarse: float, fine: float) -> float:
 
 
 def _closed_form(scene: Scene) -> Reference | None:
-    """From `midlie_jax.oracles`: a body without torque, or a symmetric top about its axis."""
-    from . import oracles
-
-    moments, momentum = np.asarray(scene.body.moments), np.asarray(scene.start.momentum)
-    attitude, times = np.asarray(scene.start.attitude), [scene.duration]
-    if scene.torque is None:
-        momenta, attitudes = oracles.free_body(moments, momentum, attitude, times)
-        return _exact(momenta[0], attitudes[0], "closed form of the free body")
-    top = scene.torque
-    if not isinstance(top, torques.HeavyTop) or sorted(map(abs, top.axis)) != [0, 0, 1]:
+    numbering = Numbering.of(scene)
+    third = numbering.apply(scene)
+    if third is None:
         return None
-    k = max(range(3), key=lambda i: abs(top.axis[i]))
-    # The closed form wants the top's axis third: number the axes anew, in the same cyclic order.
-    order = [(k + 1) % 3, (k + 2) % 3, k]
-    if moments[order[0]] != moments[order[1]]:
+    start = np.concatenate([np.asarray(third.start.momentum), np.asarray(third.start.attitude)])
+    found = exact_ends(third, [start])
+    if found is None:
         return None
-    renumbered = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5), (1.0, 0.0, 0.0, 0.0))[k]
-    turn = jnp.asarray(renumbered, jnp.float64)
-    weight = float(top.weight) * top.axis[k]
-    attitude = np.asarray(so3.multiply(scene.start.attitude, turn))
-    momenta, attitudes = oracles.lagrange_top(moments[order], weight, momentum[order], attitude, times)
-    back = np.asarray(so3.multiply(jnp.asarray(attitudes[0]), so3.conjugate(turn)))
-    return _exact(momenta[0][np.argsort(order)], back, "closed form of Lagrange's top")
-
-
-def _exact(momentum: np.ndarray, attitude: np.ndarray, source: str) -> Reference:
-    return Reference(momentum, _matrix(attitude), source, 1e-14)
+    momentum, attitude = numbering.undo(found.momenta[0], found.attitudes[0])
+    return Reference(momentum, _matrix(attitude), found.source, 1e-14)
 
 
 def _extrapolated(scene: Scene, finest: int) -> Reference:

@@ -6,7 +6,6 @@ to the same result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -14,9 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import oracles, scenes, so3, torques
+from . import scenes
 from ._fuse import seam, together
-from .bodies import RigidBody
+from .closed_form import axis_third, exact_ends, symmetry_axis
 from .frontier import Ratio, ratios
 from .methods import method as find_method
 from .rivals import RIVALS, Rival
@@ -60,41 +59,9 @@ OURS: dict[str, tuple[str, ...]] = {
 
 def methods_for(scene: Scene) -> tuple[str, ...]:
     """The methods to chart for a scene, by the kind of its body."""
-    if _third(scene) is not None:
+    if symmetry_axis(scene) is not None:
         return OURS["two equal moments"]
     return OURS["three moments, free" if scene.torque is None else "three moments"]
-
-
-def _third(scene: Scene) -> int | None:
-    """The axis about which two moments are equal and which the torque does not tell from the third; None if none."""
-    moments = np.asarray(scene.body.moments)
-    for k in range(3):
-        if moments[(k + 1) % 3] == moments[(k + 2) % 3]:
-            return k
-    return None
-
-
-def axis_third(scene: Scene) -> Scene:
-    """The same body with its axes numbered anew, in cyclic order, so that its axis of symmetry is the third.
-
-    The exact flight of a symmetric body wants it there. A body without one is returned as it is, and so is a scene
-    whose torque is not known here.
-    """
-    k = _third(scene)
-    if k is None or k == 2:
-        return scene
-    order = [(k + 1) % 3, (k + 2) % 3, k]
-    torque = scene.torque
-    moments = scene.body.moments[jnp.array(order)]
-    if isinstance(torque, torques.HeavyTop):
-        torque = torques.HeavyTop(torque.weight, tuple(torque.axis[i] for i in order))  # pyright: ignore
-    elif isinstance(torque, torques.GravityGradient):
-        torque = torques.GravityGradient(moments, torque.orbit, torque.mu)
-    elif torque is not None:
-        return scene
-    turn = jnp.array(((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5))[k], scene.start.attitude.dtype)
-    start = type(scene.start)(scene.start.momentum[jnp.array(order)], so3.multiply(scene.start.attitude, turn))
-    return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)
 
 
 def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
@@ -124,20 +91,14 @@ def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: boo
 
 def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
     """Rotation matrices at the end, how they were found, and what they may be wrong by."""
-    moments, times, top = np.asarray(scene.body.moments), [scene.duration], scene.torque
-    if top is None:
-        source = "closed form of the free body"
-        ends = [oracles.free_body(moments, s[:3], s[3:], times)[1][0] for s in states]
-    elif isinstance(top, torques.HeavyTop) and top.axis == (0.0, 0.0, 1.0) and moments[0] == moments[1]:
-        source = "closed form of Lagrange's top"
-        ends = [oracles.lagrange_top(moments, float(top.weight), s[:3], s[3:], times)[1][0] for s in states]
-    else:
-        from .rivals.heyoka_taylor import reference
+    exact = exact_ends(scene, states)
+    if exact is not None:
+        return np.stack([matrix(q) for q in exact.attitudes]), exact.source, 1e-15
+    from .rivals.heyoka_taylor import reference
 
-        found = reference(scene, states)
-        change = float(np.max(np.abs(found[:1] - reference(scene, states[:1], digits=46))))
-        return found, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
-    return np.stack([matrix(q) for q in ends]), source, 1e-15
+    found = reference(scene, states)
+    change = float(np.max(np.abs(found[:1] - reference(scene, states[:1], digits=46))))
+    return found, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
 
 
 def measure(

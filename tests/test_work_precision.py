@@ -14,7 +14,7 @@ import pytest
 from matplotlib.text import Text
 
 import midlie_jax as ml
-from midlie_jax import cli, frontier, rivals, scenes, work_precision
+from midlie_jax import cli, closed_form, convergence, frontier, rivals, scenes, work_precision
 from midlie_jax.explicit import DOP853, RK4
 from midlie_jax.frontier_chart import work_precision_figure
 from midlie_jax.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
@@ -75,7 +75,7 @@ def test_ratios():
 
 def moved(method, counts, name="asymmetric-top", duration=1.0, chunk=4) -> list[float]:
     """Errors of a method on four bodies over a short time, by steps, judged by DOP853 with steps of 1/400."""
-    scene = replace(work_precision.axis_third(scenes.scene(name, "float64")), duration=duration)
+    scene = replace(closed_form.axis_third(scenes.scene(name, "float64")), duration=duration)
     starts = scenes.perturbed(scene, 4, 1e-2)
     exact = ml.ensemble("DOP853", scene.body, scene.torque, starts, dt=duration / 400, steps=400)
     ends = np.asarray(ml.so3.to_matrix(exact.states.attitude[:, -1]))
@@ -179,16 +179,33 @@ def unit(scene):
 def test_axes_numbered_anew_are_the_same_motion(name):
     """The torque in space, and the spatial momentum, are what they were."""
     old = unit(scenes.scene(name, "float64"))
-    new = work_precision.axis_third(old)
+    new = closed_form.axis_third(old)
     assert new.body.moments[0] == new.body.moments[1]
     for scene_of in (lambda s: s.start.momentum, lambda s: s.torque(jnp.float64(7.0), s.start)):
         its, mine = (ml.so3.rotate(s.start.attitude, scene_of(s)) for s in (old, new))
         np.testing.assert_allclose(mine, its, rtol=0, atol=1e-14 * float(jnp.max(jnp.abs(its))))
 
 
+def test_the_closed_form_does_not_mind_which_axis_is_which():
+    """A top about its third, second, first and downward axis ends as one and the same."""
+    scene = unit(scenes.scene("slow-top", "float64"))
+    cycle = closed_form.Numbering((1, 2, 0), (0.5, 0.5, 0.5, 0.5))
+    turn = np.asarray(ml.so3.to_matrix(jnp.array(cycle.turn)))
+    ends = [convergence.find_reference(scene, 1)]
+    for _ in range(2):
+        scene = cycle.apply(scene)
+        ends.append(convergence.find_reference(scene, 1))
+        np.testing.assert_allclose(ends[-1].momentum, ends[-2].momentum[[1, 2, 0]], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(ends[-1].attitude, ends[-2].attitude @ turn, rtol=0, atol=1e-13)
+    flipped = ml.torques.HeavyTop(-scene.torque.weight, tuple(-x for x in scene.torque.axis))
+    again = convergence.find_reference(replace(scene, torque=flipped), 1)
+    np.testing.assert_allclose(again.attitude, ends[-1].attitude, rtol=0, atol=1e-13)
+    assert "Lagrange" in again.source
+
+
 @pytest.mark.parametrize("name", work_precision.SCENES)
 def test_the_rivals_are_given_the_torque_of_the_scene(name):
-    scene = work_precision.axis_third(unit(scenes.scene(name, "float64")))
+    scene = closed_form.axis_third(unit(scenes.scene(name, "float64")))
     q = scene.start.attitude
     orbit = problem.orbit_of(scene)
     for t in (0.0, 1234.5):
