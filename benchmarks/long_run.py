@@ -9,19 +9,17 @@ README.md and the picture in docs/long-run.png.
 """
 
 import argparse
-import os
 from pathlib import Path
-
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 import jax
 import numpy as np
 
-jax.config.update("jax_enable_x64", True)
+import midlie_jax as ml
+from midlie_jax import scenes
+from midlie_jax.rivals.problem import pin
 
-import midlie_jax as ml  # noqa: E402
-from midlie_jax import scenes  # noqa: E402
+jax.config.update("jax_enable_x64", True)
+pin()
 
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- long run -->", "<!-- /long run -->"

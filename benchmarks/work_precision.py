@@ -7,22 +7,20 @@ scenes, FOLDER/work-precision.md. `--quick` times less, and writes into a tempor
 """
 
 import argparse
-import os
 import platform
 import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
 
-if hasattr(os, "sched_setaffinity"):  # as `midlie_jax.rivals.problem.pin`, but before JAX is imported
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-
 import jax
 
-jax.config.update("jax_enable_x64", True)
+from midlie_jax import frontier, rivals, work_precision
+from midlie_jax.frontier_chart import work_precision_chart
+from midlie_jax.rivals.problem import pin
 
-from midlie_jax import frontier, rivals, work_precision  # noqa: E402
-from midlie_jax.frontier_chart import work_precision_chart  # noqa: E402
+jax.config.update("jax_enable_x64", True)
+pin()
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
