@@ -14,8 +14,6 @@ T0, DT, STEPS, EVERY = 0.25, 1 / 64, 32, 8
 CASE = setup(t0=T0)
 TIMES = T0 + DT * np.arange(STEPS + 1)
 BODY = ml.RigidBody(jnp.asarray(CASE.moments))
-# Code that compiles in half the time; what it computes is the same, at worst rounded otherwise.
-QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
 
 def wind(strength, t):
@@ -75,11 +73,6 @@ TS = diffrax.SaveAt(ts=jnp.asarray(TIMES[::EVERY]))
 # Fourth-order differences.
 SIZES, FACTORS = np.array([2.0, 1.0, 0.0, -1.0, -2.0]) * 1e-3, np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) / 12e-3
 WEIGHTS = ARGS[0] + jnp.asarray(SIZES)
-
-
-def quick(function):
-    """Compiled in a hurry."""
-    return jax.jit(function, compiler_options=QUICK)
 
 
 def row(tree, i):

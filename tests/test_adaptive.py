@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import AXIS, OTHER, at, cast, epsilon, gap, numbers, rows, setup
+from cases import AXIS, OTHER, at, cast, epsilon, gap, numbers, quick, rows, setup
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -159,7 +159,7 @@ def test_a_rigid_derivative_equals_differences():
         return path.states.momentum[-1] @ jnp.array([0.3, -1.1, 0.5]) + path.states.attitude[-1, 1]
 
     one, step = jnp.array(1.0), 1e-4
-    both = jax.jit(lambda x: jax.jvp(end, (x,), (one,)))
+    both = quick(lambda x: jax.jvp(end, (x,), (one,)))
     slope = both(one)[1]
     assert abs((both(one + step)[0] - both(one - step)[0]) / (2 * step) - slope) < 1e-6 * abs(slope)
 
@@ -237,7 +237,7 @@ def test_gradients_equal_differences():
 
     x, step = jnp.array([0.5, 0.05]), 1e-5
     moved = x[None] + step * jnp.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    fixed, reverse, forward, values = jax.tree.map(np.asarray, jax.jit(jax.vmap(measured))(moved))
+    fixed, reverse, forward, values = jax.tree.map(np.asarray, quick(jax.vmap(measured))(moved))
     np.testing.assert_allclose(reverse, forward, rtol=1e-10)
     differences = (values[[1, 3]] - values[[2, 4]]) / (2 * step)
     np.testing.assert_allclose(np.stack([fixed[0], reverse[0]], axis=1), differences, rtol=1e-6)

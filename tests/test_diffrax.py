@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
-from cases import AXIS, epsilon
+from cases import AXIS, QUICK, epsilon, quick
 from diffrax_cases import (
     ADJOINTS,
     ARGS,
@@ -22,7 +22,6 @@ from diffrax_cases import (
     DOTS,
     DT,
     FACTORS,
-    QUICK,
     SIZES,
     SPRINGS,
     STEPS,
@@ -33,7 +32,6 @@ from diffrax_cases import (
     forces,
     problem,
     pull,
-    quick,
     row,
     solve,
     start,

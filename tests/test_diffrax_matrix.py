@@ -1,8 +1,8 @@
 """The plug-in against `integrate`: method by kind of output by controller by adjoint, one body and a batch.
 
-Compiling is what costs, so one compiled program a method holds several solves, and every solve keeps all kinds of
-output at once. By default each method meets every kind of `SaveAt`, two of the three controllers, one body and a batch;
-each adjoint meets one method. `pytest -m full tests/test_diffrax_matrix.py` runs the whole product.
+Compiling is what costs, so every solve keeps all kinds of output at once, and by default each method has one solve, in
+which controllers, and one body and a batch, take turns; each adjoint meets one method. The whole product, in which one
+program holds the solves of all adjoints, is `pytest -n 2 -m full tests/test_diffrax_matrix.py`.
 """
 
 from functools import cache
@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import NAMED, PARTICLE, epsilon
+from cases import NAMED, PARTICLE, epsilon, quick
 from diffrax_cases import (
     ADJOINTS,
     ARGS,
@@ -27,7 +27,6 @@ from diffrax_cases import (
     TS,
     WEIGHTS,
     problem,
-    quick,
     row,
     solve,
 )
@@ -109,16 +108,16 @@ def differences(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_outputs_equal_integrate(name):
-    """One compile: a batch with every kind of output, and one body; the controllers take turns."""
-    turn = list(CONTROLLERS)[METHODS.index(name) % 3 :] + list(CONTROLLERS)
+    """With every kind of output; the controllers take turns, and so do one body and a batch."""
+    turn = METHODS.index(name)
+    controller, batched = list(CONTROLLERS)[turn % 3], turn % 2 == 0
 
     def program(weight):
-        return jax.vmap(lambda w: outputs(name, w, turn[0]))(WEIGHTS), outputs(name, weight, turn[1], TS)
+        return outputs(name, weight, controller)
 
-    batch, solo = quick(program)(ARGS[0])
-    compare(solo, row(paths(name), 2))
-    for i in range(len(SIZES)):
-        compare(row(batch, i), row(paths(name), i))
+    found = quick(jax.vmap(program) if batched else program)(WEIGHTS if batched else WEIGHTS[2])
+    for i in range(len(SIZES)) if batched else (2,):
+        compare(row(found, i) if batched else found, row(paths(name), i))
 
 
 @pytest.mark.parametrize("name", PARTICLE)

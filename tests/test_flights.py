@@ -1,10 +1,12 @@
 """The flights: which are symplectic and which not, and that a solve converges or says that it did not."""
 
+from itertools import pairwise
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon
+from cases import DTYPES, epsilon, quick
 
 import midlie_jax as ml
 from midlie_jax import _components as cp
@@ -49,7 +51,7 @@ def defects(flight, times=(0.4, 0.2, 0.1)):
 
     return [
         np.abs(m.T @ canonical(new) @ m - canonical(np.asarray(start))).max()
-        for m, new in zip(*map(np.asarray, jax.vmap(derivative)(jnp.array(times))), strict=True)
+        for m, new in zip(*map(np.asarray, quick(jax.vmap(derivative))(jnp.array(times))), strict=True)
     ]
 
 
@@ -142,24 +144,26 @@ def test_says_false_beyond_its_range(dtype):
     assert fly(jnp.asarray(moments, dtype), jnp.ones((), dtype), jnp.zeros(3, dtype))[2]
 
 
+def along(start, s):
+    """Increment and momentum of a flight whose moments, length and momentum all change with s."""
+    moments, move = jnp.array([1.0, 2.0, 2.6]), jnp.array([0.2, -0.7, 0.5])
+    increment, new, _ = fly(moments * (1 + 0.1 * s * move), 1 + 0.3 * s, moments * start + s * move)
+    return jnp.concatenate([increment, new])
+
+
+SLOPE = jax.jacfwd(along, 1)
+DERIVATIVES = [quick(function) for function in (along, SLOPE, jax.jacfwd(SLOPE, 1))]
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.1, 2.0])
 def test_derivative_is_that_of_the_implicit_function(turn):
     """Of first and second order, for |Psi| up to 2, against differences of high order: their error is 1e-9 and 1e-6."""
-    moments, direction = jnp.array([1.0, 2.0, 2.6]), jnp.array([0.3, -0.8, 0.5])
-    start = turn * moments * direction / jnp.linalg.norm(direction)
-
-    def along(s):
-        s = jnp.asarray(s)
-        move = jnp.array([0.2, -0.7, 0.5])
-        increment, new, _ = fly(moments * (1 + 0.1 * s * move), 1 + 0.3 * s, start + s * move)
-        return jnp.concatenate([increment, new])
-
-    slope = jax.jacfwd(along)
-    second = jax.jacfwd(slope)
-    places, factors = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12
-    for derivative, function, step, slack in ((slope, along, 1e-3, 1e-9), (second, slope, 1e-3, 1e-6)):
-        difference = sum(f * function(step * p) for f, p in zip(factors, places, strict=True)) / step
-        np.testing.assert_allclose(derivative(0.0), difference, atol=slack)
+    direction = jnp.array([0.3, -0.8, 0.5])
+    start = turn * direction / jnp.linalg.norm(direction)
+    places, factors, step = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12, 1e-3
+    for (function, derivative), slack in zip(pairwise(DERIVATIVES), (1e-9, 1e-6), strict=True):
+        values = [function(start, jnp.asarray(step * p)) for p in places]
+        np.testing.assert_allclose(derivative(start, jnp.asarray(0.0)), factors @ values / step, atol=slack)
 
 
 SYMPLECTIC = [

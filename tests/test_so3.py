@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon
+from cases import DTYPES, epsilon, quick
 from scipy.spatial.transform import Rotation
 
 from midlie_jax import so3
@@ -111,7 +111,7 @@ def jet(function, points):
     def all_of_it(x):
         return function(x), jax.jacfwd(function)(x), jax.jacrev(function)(x), jax.jacfwd(jax.jacfwd(function))(x)
 
-    return [np.asarray(part) for part in jax.jit(jax.vmap(all_of_it))(jnp.asarray(points))]
+    return [np.asarray(part) for part in quick(jax.vmap(all_of_it))(jnp.asarray(points))]
 
 
 def check_jets(function, exact, points, dtype, bounds):
