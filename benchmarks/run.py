@@ -31,6 +31,7 @@ jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import scenes  # noqa: E402
+from midlie_jax.rivals.problem import rates  # noqa: E402
 
 SCHEMES_SHOWN = ("SLIEMID4[SRKN6b]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]", "JACOBI[SRKN14a]", "DLM[KL8]", "LIEMID[S4]")
 ROOT = Path(__file__).resolve().parent.parent
@@ -105,28 +106,12 @@ def tsit5_run(scene, dt, steps):
 
 
 def scipy_step(scene, steps):
-    """Seconds a step of SciPy's RK45 at a constant step, on NumPy, with the torque of P1 written out."""
-    moments, weight = np.asarray(scene.body.moments), float(scene.torque.weight)
-
-    def field(t, y):
-        del t
-        p, (w, x, y_, z) = y[:3], y[3:]
-        o = p / moments
-        torque = weight * np.array([2 * (y_ * z + w * x), -2 * (x * z - w * y_), 0.0])
-        rate = 0.5 * np.array(
-            [
-                -x * o[0] - y_ * o[1] - z * o[2],
-                w * o[0] + y_ * o[2] - z * o[1],
-                w * o[1] + z * o[0] - x * o[2],
-                w * o[2] + x * o[1] - y_ * o[0],
-            ]
-        )
-        return np.concatenate([np.cross(p, o) + torque, rate])
-
+    """Seconds a step of SciPy's RK45 at a constant step, on Python's floats, which are quicker here than NumPy's."""
+    field = rates(scene)
     start = np.concatenate([np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)])
     options = {"method": "RK45", "first_step": 0.005, "max_step": 0.005, "rtol": 1e-2, "atol": 1e3}
     begin = time.perf_counter()
-    taken = len(solve_ivp(field, (0, 0.005 * steps), start, **options).t) - 1
+    taken = len(solve_ivp(lambda t, y: field(y.tolist()), (0, 0.005 * steps), start, **options).t) - 1
     return (time.perf_counter() - begin) / taken
 
 

@@ -210,7 +210,7 @@ def test_the_rivals_are_given_the_torque_of_the_scene(name):
     orbit = problem.orbit_of(scene)
     for t in (0.0, 1234.5):
         place = None if orbit is None else problem.kepler(orbit)(t)
-        found = problem.torque(scene, [float(x) for x in q], place)
+        found = problem.torque(scene)([float(x) for x in q], place)
         exact = np.zeros(3) if scene.torque is None else np.asarray(scene.torque(jnp.float64(t), scene.start))
         np.testing.assert_allclose(
             [0.0 if x is None else x for x in found], exact, rtol=0, atol=1e-13 * max(1e-300, np.abs(exact).max())

@@ -18,14 +18,14 @@ _PATIENCE = 6  # times as long as others, so that its lines reach the small erro
 
 
 def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[Point]:
-    scene, orbit = problem.scene, orbit_of(problem.scene)
+    scene, orbit, equations = problem.scene, orbit_of(problem.scene), rates(problem.scene)
     states = jnp.asarray(problem.states)
     size = jnp.concatenate([jnp.full(3, float(np.linalg.norm(problem.momentum[0]))), jnp.ones(4)])
 
     def field(t: Any, y: Any, args: Any) -> Any:
         del args
         place = None if orbit is None else tuple(orbit(t) / radius(orbit))
-        return jnp.stack(rates(scene, tuple(y), place))
+        return jnp.stack(equations(tuple(y), place))
 
     def solve(start: Any, step: Any, controller: Any) -> Any:
         found = diffrax.diffeqsolve(

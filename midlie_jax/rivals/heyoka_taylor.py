@@ -20,11 +20,11 @@ def equations(scene: Scene) -> list[Any]:
     heyoka = program("heyoka")
 
     state = heyoka.make_vars("p0", "p1", "p2", "q0", "q1", "q2", "q3")
-    orbit = orbit_of(scene)
+    orbit, field = orbit_of(scene), rates(scene)
     if orbit is None:
-        return list(zip(state, rates(scene, state), strict=True))
+        return list(zip(state, field(state), strict=True))
     place = heyoka.make_vars("x", "y", "z", "u", "v", "w")
-    both = (*rates(scene, state, tuple(place[:3])), *orbit_rates(orbit, place))
+    both = (*field(state, tuple(place[:3])), *orbit_rates(orbit, place))
     return list(zip((*state, *place), both, strict=True))
 
 

@@ -130,53 +130,69 @@ def _rows(quaternion: Any) -> tuple[Any, ...]:
 Vector = tuple[Any, Any, Any]
 
 
-def rates(scene: Scene, state: Any, place: Vector | None = None) -> tuple[Any, ...]:
-    """d/dt of the seven numbers of a state, on scalars of any kind.
+def rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
+    """d/dt of the seven numbers of a state as a function of them, and of the satellite's place, on scalars of any kind.
+
+    What does not change is read here, once: a program that calls the function from Python is not to pay for arrays.
 
     Args:
         scene: a free body, a heavy top, or a satellite in a gravity gradient.
-        state: momentum and quaternion, seven entries.
-        place: of the satellite, seen from the attracting mass, in units of its distance at time 0.
+
+    Returns:
+        `field(state, place=None)`: state is momentum and quaternion, place that of the satellite, seen from the
+        attracting mass, in units of its distance at time 0.
 
     Raises:
         ValueError: another torque.
     """
-    p, q = state[:3], state[3:]
-    a, b, c = (float(m) for m in np.asarray(scene.body.moments))
-    o = (p[0] / a, p[1] / b, p[2] / c)
-    push = torque(scene, q, place)
-    turn = _cross((p[0], p[1], p[2]), o)
-    w, x, y, z = q
-    spin = (
-        -x * o[0] - y * o[1] - z * o[2],
-        w * o[0] + y * o[2] - z * o[1],
-        w * o[1] + z * o[0] - x * o[2],
-        w * o[2] + x * o[1] - y * o[0],
-    )
-    return (*(t if f is None else t + f for t, f in zip(turn, push, strict=True)), *(0.5 * s for s in spin))
+    a, b, c = np.asarray(scene.body.moments).tolist()
+    push_of = torque(scene)
+
+    def field(state: Any, place: Vector | None = None) -> tuple[Any, ...]:
+        p, (w, x, y, z) = state[:3], state[3:]
+        o = (p[0] / a, p[1] / b, p[2] / c)
+        turn = _cross((p[0], p[1], p[2]), o)
+        push = push_of((w, x, y, z), place)
+        spin = (
+            -x * o[0] - y * o[1] - z * o[2],
+            w * o[0] + y * o[2] - z * o[1],
+            w * o[1] + z * o[0] - x * o[2],
+            w * o[2] + x * o[1] - y * o[0],
+        )
+        return (*(t if f is None else t + f for t, f in zip(turn, push, strict=True)), *(0.5 * s for s in spin))
+
+    return field
 
 
-def torque(scene: Scene, q: Any, place: Vector | None = None) -> tuple[Any, Any, Any]:
-    """The body-frame torque on scalars; None for an entry that is zero."""
-    w, x, y, z = q
+def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]:
+    """The body-frame torque on scalars, as a function of quaternion and place; None for an entry that is zero."""
     field = scene.torque
     if field is None:
-        return None, None, None
+        return lambda q, place: (None, None, None)
     if isinstance(field, torques.HeavyTop) and field.axis == (0.0, 0.0, 1.0):
         weight = float(field.weight)
-        return weight * (2 * (y * z + w * x)), weight * (-2 * (x * z - w * y)), None
-    if isinstance(field, torques.GravityGradient) and isinstance(field.orbit, KeplerOrbit) and place is not None:
-        square = place[0] * place[0] + place[1] * place[1] + place[2] * place[2]
-        # 3 mu / r^5 (R^T r) x I (R^T r): no root to normalise r; mu is one in the units of the place.
-        columns = zip(*_rows(q), strict=True)
-        u = tuple(column[0] * place[0] + column[1] * place[1] + column[2] * place[2] for column in columns)
-        strength = 3 * _rate(field.orbit) ** 2 * square**-2.5
-        a, b, c = (float(m) for m in np.asarray(scene.body.moments))
-        return (
-            strength * ((c - b) * u[1] * u[2]),
-            strength * ((a - c) * u[2] * u[0]),
-            strength * ((b - a) * u[0] * u[1]),
-        )
+
+        def heavy_top(q: Any, place: Vector | None) -> tuple[Any, Any, Any]:
+            del place
+            w, x, y, z = q
+            return weight * (2 * (y * z + w * x)), weight * (-2 * (x * z - w * y)), None
+
+        return heavy_top
+    if isinstance(field, torques.GravityGradient) and isinstance(field.orbit, KeplerOrbit):
+        a, b, c = np.asarray(scene.body.moments).tolist()
+        strength = 3 * _rate(field.orbit) ** 2
+
+        def gravity_gradient(q: Any, place: Vector | None) -> tuple[Any, Any, Any]:
+            """3 mu / r^5 (R^T r) x I (R^T r): no root to normalise r; mu is one in the units of the place."""
+            if place is None:
+                raise ValueError("the torque of a gravity gradient needs the satellite's place.")
+            square = place[0] * place[0] + place[1] * place[1] + place[2] * place[2]
+            columns = zip(*_rows(q), strict=True)
+            u = tuple(column[0] * place[0] + column[1] * place[1] + column[2] * place[2] for column in columns)
+            pull = strength * square**-2.5
+            return pull * ((c - b) * u[1] * u[2]), pull * ((a - c) * u[2] * u[0]), pull * ((b - a) * u[0] * u[1])
+
+        return gravity_gradient
     raise ValueError(f"the rivals know no {type(field).__name__} about this axis (scene {scene.name!r}).")
 
 

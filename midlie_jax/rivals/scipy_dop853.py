@@ -18,11 +18,11 @@ def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Ite
     """A point for each tolerance."""
     solve_ivp = program("scipy.integrate").solve_ivp
 
-    scene, orbit = problem.scene, orbit_of(problem.scene)
+    scene, orbit, equations = problem.scene, orbit_of(problem.scene), rates(problem.scene)
     place = None if orbit is None else kepler(orbit)
 
     def field(t: float, y: np.ndarray) -> tuple[float, ...]:
-        return rates(scene, y.tolist(), None if place is None else place(t))
+        return equations(y.tolist(), None if place is None else place(t))
 
     starts = problem.states[:_BODIES]
     # The momentum has a size of its own; the quaternion's is one.
