@@ -22,6 +22,7 @@ import numpy as np
 from jax import Array
 from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, Literal
+from jax.interpreters import partial_eval
 
 # Arrays of more entries than this stay arrays.
 _LARGEST = 64
@@ -49,9 +50,23 @@ _CHEAP = _names(
 )
 
 
-def is_dear(function: Callable[..., Any], *arguments: Any) -> bool:
-    """Whether the function holds anything that XLA counts as expensive, or that is replayed as it is."""
-    return _has_dear(jax.make_jaxpr(function)(*arguments))
+class Traits(NamedTuple):
+    """What a function is like.
+
+    Attributes:
+        dear: whether it holds anything that XLA counts as expensive, or that is replayed as it is.
+        reads: its arguments, with True for each leaf that the result depends on.
+    """
+
+    dear: bool
+    reads: Any
+
+
+def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
+    """Found by tracing the function once."""
+    closed = jax.make_jaxpr(function)(*arguments)
+    _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
+    return Traits(_has_dear(closed), jax.tree.unflatten(jax.tree.structure(arguments), used))
 
 
 def _has_dear(closed: ClosedJaxpr) -> bool:
@@ -97,6 +112,8 @@ def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list
         inputs.append(_Entries(_store(pool, scalars, shape)))
         shapes.append(jax.ShapeDtypeStruct(shape, jnp.result_type(scalars[0])))
     closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
+    if not isinstance(out, jax.ShapeDtypeStruct):
+        raise ValueError(f"the torque must return one array, got {type(out).__name__}; use jnp.stack([...]).")
     (result,) = _replay(pool, closed, inputs)
     places = result.places if isinstance(result, _Entries) else _taken_apart(pool, result).places
     return [pool[i] for i in places.flat], out

@@ -16,7 +16,7 @@ from jax import Array
 from . import _components as cp
 from . import schemes
 from ._fuse import seam, together
-from ._scalars import Packed, by_components, is_dear
+from ._scalars import Packed, by_components, traits
 from .bodies import Particles, RigidBody, State
 from .flights import Flight, Inertia
 from .torques import TorqueLike, velocity_dependent
@@ -35,6 +35,7 @@ class System(NamedTuple):
     inertia: Any  # `Inertia` for a rigid body, `Particles` themselves
     torque: TorqueLike | None
     kind: type[State]
+    reads_momentum: bool  # whether the torque does: damping, control
     joint: Callable[[Any], Any]  # what a motion goes through between two parts of a step
 
     @classmethod
@@ -45,8 +46,11 @@ class System(NamedTuple):
         to repeat, and would cut the loop around them at every value used twice.
         """
         inertia = Inertia.of(body) if isinstance(body, RigidBody) else body
-        dear = torque is not None and is_dear(torque, t, start)
-        return cls(inertia, torque, type(start), together if dear else seam)
+        if torque is None:
+            return cls(inertia, None, type(start), False, seam)
+        found = traits(torque, t, start)
+        reads = velocity_dependent(torque) or found.reads[1].momentum
+        return cls(inertia, torque, type(start), reads, together if found.dear else seam)
 
     def force(self, t: Array, motion: Motion) -> Any:
         """The torque's components, or the force on particles; zero where there is none."""
@@ -92,10 +96,6 @@ class System(NamedTuple):
         entries, out = by_components(lambda t, momentum, pose: torque(t, kind.of(momentum, pose)), t, *boxed)
         _check(out, jax.ShapeDtypeStruct((len(motion.momentum),), motion.momentum[0].dtype))
         return tuple(entries)
-
-    @property
-    def reads_momentum(self) -> bool:
-        return velocity_dependent(self.torque)
 
     def turned(self, pose: Any, increment: Any) -> Any:
         return self.kind.turn(pose, increment)

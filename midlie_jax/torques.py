@@ -204,7 +204,9 @@ class VelocityDependent(Torque):
     """A torque that reads the momentum: damping, control, a magnetic field on a moving charge.
 
     The kicks of the explicit methods then take two evaluations (the explicit midpoint rule in the momentum),
-    which keeps order 2 for LIEMID[EA]; symplecticity and exact reversal do not apply to such torques.
+    which keeps order 2 for LIEMID[EA]; symplecticity and exact reversal do not apply to such torques. A run sees for
+    itself whether a torque reads the momentum; this says so where there is no run to see it, as in
+    `LieSolver.order` and `recommend`.
 
     Attributes:
         function: `function(t, state) -> (3,)`, body frame.

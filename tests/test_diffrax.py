@@ -200,6 +200,10 @@ def test_failed_steps_are_rejected():
     assert int(solution.stats["num_rejected_steps"]) > 0
     solution = end(solver, fast, ARGS, FROM, TO, jnp.array(1.0))
     assert bool(solution.result == diffrax.RESULTS.nonlinear_divergence)
+    # An overflow, with a tolerance that reads the state.
+    controller = diffrax.PIDController(rtol=jnp.array(1e-5), atol=jnp.array(1e-5))
+    solution = end(ml.LieSolver("NMB"), start(50.0), ARGS, FROM, TO, jnp.array(1.0), controller)
+    assert bool(solution.result == diffrax.RESULTS.successful)
 
 
 @pytest.mark.parametrize(
@@ -354,6 +358,33 @@ def test_dense_output_is_on_the_group_and_of_third_order_inside_a_step():
     assert np.all(slopes[:, 2:] > 1.8)
 
 
+def spun(turn):
+    """A steady spin: the state after a turn about the third axis, and its angular velocity."""
+    return ml.RigidState(jnp.array([0.0, 0.0, 2.5]), ml.so3.exp(jnp.array([0.0, 0.0, turn]))), jnp.array(
+        [0.0, 0.0, 1.0]
+    )
+
+
+def test_dense_output_of_a_long_turn_is_right_or_nan():
+    """Below half a turn the attitude is the true one, above it there is none; and a controller keeps below."""
+    for turn in (0.0, 3.1, -3.1, 3.2, 6.0, 2 * np.pi, 7.0):
+        (y0, spin), (y1, _) = spun(0.0), spun(turn)
+        dense = {"velocity0": spin, "velocity1": spin, "torque0": 0 * spin, "torque1": 0 * spin, "h": jnp.array(turn)}
+        inside = ml.LieInterpolation(t0=jnp.array(0.0), t1=jnp.array(1.0), y0=y0, y1=y1, **dense).evaluate(0.3)
+        if abs(turn) < np.pi:
+            np.testing.assert_allclose(inside.attitude, spun(0.3 * turn)[0].attitude, atol=1e-15)
+        else:
+            assert np.all(np.isnan(inside.attitude))
+
+    times = T0 + jnp.linspace(0.0, 20.0, 41)
+    controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm())
+    options = {"t1": times[-1], "stepsize_controller": controller, "saveat": diffrax.SaveAt(ts=times)}
+    found = quick(lambda y: solve("LIEMID[EA]", y, term=ml.RigidBodyTerm(BODY), **options))(spun(0.0)[0])
+    assert found.stats["num_accepted_steps"] < 20
+    for time, matrix in zip(times, jax.vmap(ml.so3.to_matrix)(found.ys.attitude), strict=True):
+        np.testing.assert_allclose(matrix, ml.so3.to_matrix(spun(time - T0)[0].attitude), atol=1e-13)
+
+
 def only_the_top(weight):
     return ml.torques.HeavyTop(weight, AXIS)
 
@@ -412,6 +443,7 @@ def test_bad_input_names_the_cure():
         (lambda: solve("NMB", dots), "belongs to Particles"),
         (lambda: solve("NMB", dots, term=ml.RigidBodyTerm(particles)), "midlie_jax.methods"),
         (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
+        (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: [t, t, t])), "return one array"),
         (lambda: solve(diffrax.Tsit5(), start(), term=ml.RigidBodyTerm(particles)), "belongs to RigidBody"),
     ]
     for call, message in wrong:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import orbits, so3, torques
+from midlie_jax.stepper import System
 
 MOMENTUM, ATTITUDE = jnp.array([1.0, 0.8, -1.3]), jnp.asarray(turn(0.5, -0.3, 0.8))
 STATE = ml.RigidState(MOMENTUM, ATTITUDE)
@@ -75,6 +76,28 @@ def test_fields_by_their_formulas():
 
 
 # ---- damping ----
+
+
+def pendulum(t, state):
+    """Reads the attitude alone, though it is handed the whole state."""
+    dipole = jax.jit(lambda t, state: FIELDS["dipole"](t, state))
+    return jax.lax.cond(t > 1, lambda t, state: FIELDS["top"](t, state), dipole, t, state)
+
+
+READERS = [
+    (FIELDS["sum"], False),
+    (pendulum, False),
+    (lambda t, state: jnp.ones_like(state.momentum), False),
+    (lambda t, state: pendulum(t, state) - state.momentum, True),
+    (FIELDS["top"] + (lambda t, state: jnp.cross(state.momentum, jnp.ones(3))), True),
+    (torques.VelocityDependent(pendulum), True),
+]
+
+
+@pytest.mark.parametrize(("torque", "reads"), READERS)
+def test_a_run_sees_whether_a_torque_reads_the_momentum(torque, reads):
+    assert System.of(BODY, torque, STATE, jnp.array(0.5)).reads_momentum == reads
+
 
 DRAG = 0.3
 LEVELS = 4

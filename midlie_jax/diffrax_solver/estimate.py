@@ -14,6 +14,8 @@ companion is of local order h^5 in the attitude and h^4 in the momentum, whateve
 own error if its order is 1 or 2, asymptotically exactly, and that of the companion, which is larger, if it is 4 or
 more. On the first step, and after a jump, there is no step before: the torque is then taken to have been constant,
 which leaves h^2 in the momentum, and makes a first step small rather than wrong.
+
+An expansion tells nothing of long turns, and so a step of more than 2.4 radians has no companion.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import _components as cp
-from .._half_turn import half_turn
+from .._half_turn import LARGEST_SQUARE, half_turn
 from ..stepper import Motion, System
 from .term import velocity_of
 
@@ -49,8 +51,8 @@ class History(NamedTuple):
 
 def companion(
     system: System, h: Array, motion: Motion, end: Motion, torques: tuple[Any, Any], history: History
-) -> tuple[Motion, History]:
-    """Where the step from `motion` to `end` should have ended, seen from the rates at both; and what to hand on.
+) -> tuple[Motion, History, Array]:
+    """Where the step from `motion` to `end` should have ended, seen from the rates at both; what to hand on; if known.
 
     Args:
         h: the signed step.
@@ -66,13 +68,14 @@ def companion(
         change = torques[1] - torques[0]
         impulse = h / 2 * (torques[0] + torques[1]) - h / 6 * share * (change - h * history.slope)
         travel = h / 2 * (v0 + v1) - h * h / 12 * system.inertia.velocity(change)
-        return Motion(motion.momentum + impulse, motion.pose + travel), History(rate * change, h)
+        return Motion(motion.momentum + impulse, motion.pose + travel), History(rate * change, h), jnp.array(True)
 
     def acceleration(momentum: cp.Vector, velocity: cp.Vector, torque: cp.Vector) -> cp.Vector:
         return cp.times(system.inertia.inverses, cp.add(cp.cross(momentum, velocity), torque))
 
     bend = cp.subtract(acceleration(motion.momentum, v0, torques[0]), acceleration(end.momentum, v1, torques[1]))
-    half = half_turn(cp.add(cp.scale(h / 4, cp.add(v0, v1)), cp.scale(h * h / 24, cp.add(bend, cp.cross(v0, v1)))))
+    mean = cp.add(cp.scale(h / 4, cp.add(v0, v1)), cp.scale(h * h / 24, cp.add(bend, cp.cross(v0, v1))))
+    half, known = half_turn(mean), cp.dot(mean, mean) <= LARGEST_SQUARE
     turn = cp.multiply(half, half)
     later = cp.rotate(turn, torques[1])
     change = cp.subtract(later, torques[0])
@@ -80,4 +83,4 @@ def companion(
     impulse = cp.subtract(impulse, cp.scale(h / 6 * share, cp.subtract(change, cp.scale(h, history.slope))))
     momentum = cp.rotate_back(turn, cp.add(motion.momentum, impulse))
     pose = system.turned(motion.pose, turn)
-    return Motion(momentum, pose), History(cp.rotate_back(turn, cp.scale(rate, change)), h)
+    return Motion(momentum, pose), History(cp.rotate_back(turn, cp.scale(rate, change)), h), known

@@ -18,9 +18,9 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
 
     For a `RigidState` the attitude is R0 exp(c(s)), c the cubic that meets both attitudes and both angular
     velocities, a unit quaternion to rounding; the spatial momentum is the cubic that meets momentum and spatial
-    torque at both ends, turned into the body. So a free body's spatial momentum is constant between steps too. The
-    step must turn by less than pi. Of a state without attitude the arrays are interpolated by cubics, a direction
-    being brought back to unit length.
+    torque at both ends, turned into the body. So a free body's spatial momentum is constant between steps too. Inside a
+    step that turns by more than pi there is NaN: its ends do not tell which way it went. Of a state without attitude
+    the arrays are interpolated by cubics, a direction being brought back to unit length.
 
     Args:
         t0, t1: times of the ends.
@@ -52,6 +52,9 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
         if isinstance(y0, RigidState):
             turned = so3.multiply(so3.conjugate(y0.attitude), y1.attitude)
             angle = so3.log(turned)
+            # The turn if both angular velocities had lasted for half of the step: it tells turns that end alike apart.
+            away = angle - h / 2 * (velocity0 + velocity1)
+            angle = jnp.where(jnp.sum(away**2) < jnp.pi**2, angle, jnp.nan)
             self.turn = _cubic(jnp.zeros_like(angle), angle, h * velocity0, h * so3.dexp_inverse(-angle, velocity1))
             momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
             self.rest = _cubic(y0.momentum, momentum, h * torque0, h * torque)

@@ -13,6 +13,7 @@ from .._fuse import seam, together
 from ..methods import method as find_method
 from ..schemes import KICK
 from ..stepper import Method, Motion, Splitting, System
+from ..torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
 from .term import RigidBodyTerm, as_time, check, like, packed, velocity_of
@@ -49,8 +50,9 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
     derivative passes through the estimate. Prefer constant steps for long runs: a varying step loses the long-time
     behaviour of energy for which these methods are chosen (`benchmarks/diffrax_pipeline.py energy`).
 
-    A step whose solve failed, or that is not finite, has an infinite error, so that a controller tries a shorter
-    one; where none does, the solution's result is `diffrax.RESULTS.nonlinear_divergence`.
+    A step whose solve failed, or that is not finite, or that turned by more than 2.4 radians, has an infinite error,
+    so that a controller tries a shorter one; where none does, the first two make the solution's result
+    `diffrax.RESULTS.nonlinear_divergence`. A reverse derivative is NaN if such a step on the way was not finite.
 
     Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken;
     `BacksolveAdjoint(solver=diffrax.Tsit5())` the motion, and is off by the error of the method. `ImplicitAdjoint` is
@@ -74,13 +76,13 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         self.method = found
 
     def order(self, terms: Any) -> int:
-        del terms
-        return self.method.order
+        """That of the method; at most 2 for flights and kicks under a torque declared `VelocityDependent`."""
+        limited = isinstance(self.method, Splitting) and velocity_dependent(_only(terms).torque)
+        return min(self.method.order, 2) if limited else self.method.order
 
     def error_order(self, terms: Any) -> int:
         """The exponent of h in the error estimate."""
-        del terms
-        return min(self.method.order, REFERENCE_ORDER) + 1
+        return min(self.order(terms), REFERENCE_ORDER) + 1
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any) -> Memory:
         """The torque at t0, and no history."""
@@ -105,7 +107,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         system, here, there, h = eqx.combine(constants, functions)
         end, last, fine = self.method.step(system, here, there, h, motion, force)
         end, last, fine = together((end, last, jnp.asarray(fine)))
-        y1 = type(y0).join(*end)
+        # A controller passes over NaN, but not over an infinity.
+        y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), type(y0).join(*end))
 
         # What follows is computed where something asks for it, and else removed by the compiler.
         after = last if keeps else system.force(there, end)
@@ -116,9 +119,11 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         for leaf in jax.tree.leaves(y1):
             fine = fine & jnp.all(jnp.isfinite(leaf))
         seen = jax.lax.stop_gradient((system.inertia, h, motion, end, (before, after), memory.history))
-        target, history = companion(system._replace(inertia=seen[0]), *seen[1:])
+        target, history, known = companion(system._replace(inertia=seen[0]), *seen[1:])
         error = jax.tree.map(jnp.subtract, y1, like(y1, packed(target.momentum), packed(target.pose)))
-        error = jax.tree.map(lambda e: jnp.where(fine, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
+        error = jax.tree.map(
+            lambda e: jnp.where(fine & known, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
+        )
         good, bad = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         result = diffrax.RESULTS.where(fine, good, bad)
         # A torque that only the estimate reads is no path for a derivative.
@@ -145,16 +150,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array]]:
         """The system, and the clock that turns diffrax's time, which always grows, into the term's."""
-        # diffrax hands over its own wrapper, which turns time round; what it wraps is inside.
-        kinds = (RigidBodyTerm, diffrax.MultiTerm)
-        found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
-        term = found[0] if len(found) == 1 else None
-        if not isinstance(term, RigidBodyTerm):
-            raise ValueError(
-                "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
-                f"{' and '.join(type(x).__name__ for x in found) or 'none'}; add torques with midlie_jax.torques.Sum. "
-                "diffrax's own solvers take the same term."
-            )
+        term = _only(terms)
         torque = term.torque_at(args)
         check(term.body, torque, y)
         if not isinstance(term.body, self.method.bodies):
@@ -167,3 +163,17 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
             return as_time(terms.contr(jnp.zeros_like(t), jnp.asarray(t)), y)
 
         return System.of(term.body, torque, y, clock(t)), clock
+
+
+def _only(terms: Any) -> RigidBodyTerm:
+    """The term, out of the wrapper in which diffrax hands it over when time runs backwards."""
+    kinds = (RigidBodyTerm, diffrax.MultiTerm)
+    found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
+    term = found[0] if len(found) == 1 else None
+    if not isinstance(term, RigidBodyTerm):
+        raise ValueError(
+            "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
+            f"{' and '.join(type(x).__name__ for x in found) or 'none'}; add torques with midlie_jax.torques.Sum. "
+            "diffrax's own solvers take the same term."
+        )
+    return term
