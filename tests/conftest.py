@@ -5,7 +5,6 @@ checkers that pytest attaches to the package (see pyproject.toml) come after thi
 """
 
 import jax
-import pytest
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -13,8 +12,9 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def pytest_collection_modifyitems(items):
-    """Tests of one method to one worker (`--dist loadgroup`), which then compiles once for all of them."""
-    for item in items:
-        name = getattr(item, "callspec", None) and item.callspec.params.get("name")
-        if isinstance(name, str):
-            item.add_marker(pytest.mark.xdist_group(name))
+    """Tests of one method side by side: with `--dist worksteal` one worker gets them, and compiles once for all."""
+
+    def name(item):
+        return str(item.callspec.params.get("name", "")) if hasattr(item, "callspec") else ""
+
+    items.sort(key=name)
