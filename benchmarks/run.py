@@ -110,9 +110,11 @@ def scipy_step(scene, steps):
     field = rates(scene)
     start = np.concatenate([np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)])
     options = {"method": "RK45", "first_step": 0.005, "max_step": 0.005, "rtol": 1e-2, "atol": 1e3}
-    begin = time.perf_counter()
-    taken = len(solve_ivp(lambda t, y: field(y.tolist()), (0, 0.005 * steps), start, **options).t) - 1
-    return (time.perf_counter() - begin) / taken
+
+    def run():
+        return solve_ivp(lambda t, y: field(y.tolist()), (0, 0.005 * steps), start, **options).t
+
+    return median_seconds(run) / (len(run()) - 1)
 
 
 def equal_time_errors(scene, ratio, time=1.0, steps=400):
