@@ -34,14 +34,12 @@ from jaxtyping import Bool, Float, Int
 
 from . import _components as cp
 from ._fuse import seam, together
-from ._scalars import Packed, by_components
 from .bodies import Particles, RigidBody, State
 from .checks import require_finite, same_dtype
 from .densities import DensityLike
-from .flights import Inertia
 from .integrate import as_scalar, check_arguments
 from .methods import method as find_method
-from .stepper import Method, Motion, System
+from .stepper import Method, Motion, System, on_arrays
 from .torques import TorqueLike
 
 # A last step may be longer than the density asks for by this share, lest rounding leave a step of no length.
@@ -157,7 +155,7 @@ def integrate_adaptive(
     return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, reverse)
 
 
-@partial(eqx.filter_jit)
+@eqx.filter_jit
 def _run(
     method: Method,
     body: Any,
@@ -259,11 +257,9 @@ def _planned(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array
 def _along(system: System, density: Any, t: Array, motion: Motion, force: Any) -> tuple[Array, Array]:
     """The density and the rate of its logarithm along the motion."""
     force = system.force(t, motion) if force is None else force
-    if isinstance(system.inertia, Inertia):
-        velocity = cp.times(system.inertia.inverses, motion.momentum)
-        rate = cp.add(cp.cross(motion.momentum, velocity), force)
-    else:
-        velocity, rate = system.inertia.velocity(motion.momentum), force
+    velocity = system.velocity(motion.momentum)
+    rigid = isinstance(motion.momentum, tuple)
+    rate = cp.add(cp.cross(motion.momentum, velocity), force) if rigid else force
     moving = (jnp.ones_like(t), rate, system.kind.rate(motion.pose, velocity))
     value, change = jax.jvp(partial(_evaluate, density, system.kind), (t, *motion), moving)
     return value, change / value
@@ -275,8 +271,7 @@ def _evaluate(density: Any, kind: type[State], t: Array, momentum: Any, pose: An
         value = density(t, kind.join(momentum, pose))
         shape, dtype = jnp.shape(value), jnp.result_type(value)
     else:
-        boxed = tuple(Packed(tuple(part)) if part else () for part in (momentum, pose))
-        (value, *_), out = by_components(lambda t, p, q: jnp.asarray(density(t, kind.of(p, q)), t.dtype), t, *boxed)
+        (value, *_), out = on_arrays(lambda t, s: jnp.asarray(density(t, s), t.dtype), kind, t, Motion(momentum, pose))
         shape, dtype = out.shape, out.dtype
     if shape or dtype != t.dtype:
         raise ValueError(f"density must return one {t.dtype}, got {dtype}{list(shape)}; cast its parameters.")

@@ -4,7 +4,6 @@
 a batch larger than the cache would be fetched from memory at every step. XLA spreads each pass over the cores.
 """
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -85,7 +84,7 @@ def ensemble(
     return _run(method, body, torque, start, dt, t0, first_step, steps, save_every, axes, chunk)
 
 
-@partial(eqx.filter_jit)
+@eqx.filter_jit
 def _run(
     method: Method,
     body: Any,

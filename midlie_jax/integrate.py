@@ -76,7 +76,7 @@ def integrate(
     return _run(method, body, torque, start, dt, t0, jnp.asarray(first_step, jnp.int32), steps, save_every)
 
 
-@partial(eqx.filter_jit)
+@eqx.filter_jit
 def _run(
     method: Method,
     body: Any,

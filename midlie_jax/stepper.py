@@ -78,10 +78,9 @@ class System(NamedTuple):
             return self._evaluate(torque, kind, t, Motion(motion.momentum, pose))
 
         force = at(motion.pose)
-        rigid = isinstance(self.inertia, Inertia)
-        velocity = cp.times(self.inertia.inverses, force) if rigid else self.inertia.velocity(force)
+        velocity = self.velocity(force)
         _, change = jax.jvp(at, (motion.pose,), (kind.rate(motion.pose, velocity),))
-        if rigid:
+        if isinstance(self.inertia, Inertia):
             change = cp.add(change, cp.cross(velocity, force))
         force = _add(force, 2 * weight, change)
         return force if self.joint is seam else together(force)
@@ -92,10 +91,15 @@ class System(NamedTuple):
             value = torque(t, kind.join(*motion))
             _check(value, motion.momentum)
             return value
-        boxed = tuple(Packed(tuple(part)) if part else () for part in motion)
-        entries, out = by_components(lambda t, momentum, pose: torque(t, kind.of(momentum, pose)), t, *boxed)
+        entries, out = on_arrays(torque, kind, t, motion)
         _check(out, jax.ShapeDtypeStruct((len(motion.momentum),), motion.momentum[0].dtype))
         return tuple(entries)
+
+    def velocity(self, momentum: Any) -> Any:
+        """Angular velocity as components, I^-1 times a vector; of particles their velocity."""
+        if isinstance(self.inertia, Inertia):
+            return cp.times(self.inertia.inverses, momentum)
+        return self.inertia.velocity(momentum)
 
     def turned(self, pose: Any, increment: Any) -> Any:
         return self.kind.turn(pose, increment)
@@ -103,6 +107,14 @@ class System(NamedTuple):
     def landed(self, pose: Any, increment: Any, h: Array) -> Any:
         """The pose after the last turn of a step, freed of the rounding that would change its length in time."""
         return self.kind.unit(self.kind.turn(pose, increment), h == 0)
+
+
+def on_arrays(
+    function: Callable[[Any, Any], Any], kind: type[State], t: Array, motion: Motion
+) -> tuple[list[Any], jax.ShapeDtypeStruct]:
+    """Evaluates `function(t, state)`, written on arrays, on components: see `by_components`."""
+    boxed = tuple(Packed(tuple(part)) if part else () for part in motion)
+    return by_components(lambda t, momentum, pose: function(t, kind.of(momentum, pose)), t, *boxed)
 
 
 class Method(eqx.Module):

@@ -45,18 +45,9 @@ from midlie_jax import oracles
 
 def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
     """The solution at t1; compiled once a solver, for all times, steps and torques."""
-    return diffrax.diffeqsolve(
-        term,
-        solver,
-        t0,
-        t1,
-        dt,
-        y0,
-        args,
-        stepsize_controller=controller or diffrax.ConstantStepSize(),
-        adjoint=adjoint or diffrax.RecursiveCheckpointAdjoint(),
-        throw=False,
-    )
+    options = {"stepsize_controller": controller or diffrax.ConstantStepSize()}
+    options["adjoint"] = adjoint or diffrax.RecursiveCheckpointAdjoint()
+    return solve(solver, y0, args, term=term, t0=t0, t1=t1, dt0=dt, **options)
 
 
 end = eqx.filter_jit(solve_to_the_end, compiler_options=QUICK)

@@ -26,7 +26,6 @@ from jax import Array
 from .. import _components as cp
 from .._half_turn import LARGEST_SQUARE, half_turn
 from ..stepper import Motion, System
-from .term import velocity_of
 
 REFERENCE_ORDER = 3  # of the companion: what it leaves out is of one order more
 
@@ -63,7 +62,7 @@ def companion(
     # The share of the step in the time since the step before; a step without length has nothing to estimate.
     share = h / jnp.where(total == 0, jnp.ones_like(total), total)
     rate = 1 / jnp.where(h == 0, jnp.ones_like(h), h)
-    v0, v1 = velocity_of(system, motion.momentum), velocity_of(system, end.momentum)
+    v0, v1 = system.velocity(motion.momentum), system.velocity(end.momentum)
     if not isinstance(motion.momentum, tuple):
         change = torques[1] - torques[0]
         impulse = h / 2 * (torques[0] + torques[1]) - h / 6 * share * (change - h * history.slope)

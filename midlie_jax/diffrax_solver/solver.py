@@ -16,7 +16,7 @@ from ..stepper import Method, Motion, Splitting, System
 from ..torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
-from .term import RigidBodyTerm, as_time, check, like, packed, velocity_of
+from .term import RigidBodyTerm, as_time, check, like, packed
 
 
 class Memory(NamedTuple):
@@ -115,7 +115,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         start = force if begins else system.force(here, motion)
         dense = {"y0": y0, "y1": y1, "h": h, "torque0": packed(start), "torque1": packed(after)}
         for i, momentum in enumerate((motion.momentum, end.momentum)):
-            dense[f"velocity{i}"] = packed(velocity_of(system, momentum))
+            dense[f"velocity{i}"] = packed(system.velocity(momentum))
         for leaf in jax.tree.leaves(y1):
             fine = fine & jnp.all(jnp.isfinite(leaf))
         seen = jax.lax.stop_gradient((system.inertia, h, motion, end, (before, after), memory.history))

@@ -73,7 +73,7 @@ class RigidBodyTerm(diffrax.AbstractTerm):
         check(self.body, torque, y)
         motion, system = Motion(*y.parts()), System.of(self.body, torque, y, as_time(t, y))
         force = system.force(as_time(t, y), motion)
-        velocity = velocity_of(system, motion.momentum)
+        velocity = system.velocity(motion.momentum)
         return Rates(ambient_rate(y, velocity, force), packed(velocity), packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
@@ -99,13 +99,6 @@ def like(y: Any, *arrays: Any) -> Any:
     """A state of y's class of any numbers: the class itself would refuse a derivative as no unit quaternion."""
     structure = jax.tree.structure(y)
     return jax.tree.unflatten(structure, arrays[: structure.num_leaves])
-
-
-def velocity_of(system: System, momentum: Any) -> Any:
-    """Angular velocity as components; of particles their velocity."""
-    if isinstance(momentum, tuple):
-        return cp.times(system.inertia.inverses, momentum)
-    return system.inertia.velocity(momentum)
 
 
 def packed(parts: Any) -> Any:
