@@ -17,7 +17,7 @@ chart: .venv/.cli
 	.venv/bin/midlie chart $(SCENE)
 
 test: .venv/.test
-	.venv/bin/pytest -n 2 --dist worksteal
+	.venv/bin/pytest -n 2
 
 lint: .venv/.lint
 	.venv/bin/ruff format --check

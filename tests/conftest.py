@@ -9,12 +9,3 @@ import jax
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-
-
-def pytest_collection_modifyitems(items):
-    """Tests of one method side by side: with `--dist worksteal` one worker gets them, and compiles once for all."""
-
-    def name(item):
-        return str(item.callspec.params.get("name", "")) if hasattr(item, "callspec") else ""
-
-    items.sort(key=name)
