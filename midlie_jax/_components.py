@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.core import Tracer
 
@@ -72,16 +73,38 @@ def conjugate(q: Quaternion) -> Quaternion:
     return (q[0], -q[1], -q[2], -q[3])
 
 
-def rotate(q: Quaternion, v: Vector) -> Vector:
-    """q v q* for a unit quaternion q."""
+def square(q: Quaternion) -> Quaternion:
+    """q q: the same rotation twice."""
+    double = 2 * q[0]
+    return (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] - q[3] * q[3], double * q[1], double * q[2], double * q[3])
+
+
+def rotation_change(q: Quaternion, v: Vector) -> Vector:
+    """q v q* - v for a quaternion q whose length is 1 but for rounding, which to first order does not count."""
     u = (q[1], q[2], q[3])
     t = scale(2, cross(u, v))
-    return add(add(v, scale(q[0], t)), cross(u, t))
+    change = add(scale(q[0], t), cross(u, t))
+    return add(change, scale(missing(q), change))
+
+
+def missing(q: Quaternion) -> Array:
+    """1 - |q|^2, which is 0 but for rounding: to the rounding of the vector part, for turns of less than a half."""
+    return (1 - q[0]) * (1 + q[0]) - dot((q[1], q[2], q[3]), (q[1], q[2], q[3]))
+
+
+def rotate(q: Quaternion, v: Vector) -> Vector:
+    """q v q* for a unit quaternion q."""
+    return add(v, rotation_change(q, v))
 
 
 def rotate_back(q: Quaternion, v: Vector) -> Vector:
     """q* v q for a unit quaternion q."""
     return rotate(conjugate(q), v)
+
+
+def turned_back(q: Quaternion, v: Vector) -> Vector:
+    """`rotate_back`, for a vector that is turned at every step: see `accumulate`."""
+    return accumulate(v, rotation_change(conjugate(q), v))
 
 
 def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quaternion:
@@ -96,30 +119,55 @@ def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quat
 
 
 def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """v seen from a frame turned by (cosine + sine e_axis) as a unit quaternion.
-
-    As a change of v: an error of its length counts by the square of the sine alone, as in `rotate`.
-    """
+    """v seen from a frame turned by (cosine + sine e_axis) as a unit quaternion."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
-    twice = 2 * sine
+    double = 2 * sine
     result = list(v)
-    result[j] = v[j] + twice * (cosine * v[k] - sine * v[j])
-    result[k] = v[k] - twice * (cosine * v[j] + sine * v[k])
+    result[j] = v[j] + double * (cosine * v[k] - sine * v[j])
+    result[k] = v[k] - double * (cosine * v[j] + sine * v[k])
     return (result[0], result[1], result[2])
 
 
-def unit_factor(square: Array) -> Array:
-    """1/sqrt(square) for a square that is 1 but for rounding: Newton's step from 1."""
-    return 1.5 - 0.5 * square
+def turn_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
+    """The same for a vector that is turned at every step, perhaps always by the same angle; see `accumulate`.
 
-
-def normalize_once(q: Quaternion) -> Quaternion:
-    """One Newton step towards |q| = 1: exact on (1, 0, 0, 0), and the norm's error is squared.
-
-    Applied to the rotation of one step, it leaves rounding alone to accumulate over many.
+    By three shears, which keep areas whatever the rounding of their coefficients. A rotation matrix that is wrong in
+    its last place would change the length of v by the same share at every step.
     """
-    factor = unit_factor(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return (factor * q[0], factor * q[1], factor * q[2], factor * q[3])
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
+    result = list(v)
+    result[j] = accumulate(result[j], tangent * result[k])
+    result[k] = accumulate(result[k], -double * result[j])
+    result[j] = accumulate(result[j], tangent * result[k])
+    return (result[0], result[1], result[2])
+
+
+# Multiplied by this, as integers, the bits of a float32 become a number that depends on the significand alone (the
+# factor is a multiple of 2^9, which drops sign and exponent) and differs much where they differ little (golden ratio).
+_SHUFFLE = np.uint32(0x9E3779B1 << 9 & 0xFFFFFFFF).view(np.int32)
+_EXPONENT = np.int32(0x7F800000)
+
+
+def accumulate(x: Any, change: Any) -> Any:
+    """x + change, of numbers or tuples of numbers, where x takes up a small change at every step.
+
+    In float32 the last place is rounded up or down at random, with the probability that makes the mean right
+    (stochastic rounding; Croci et al., R. Soc. Open Sci. 9 (2022) 211631). A slow motion changes x by nearly the same
+    amount at every step, and rounding to the nearest would err in the same direction thousands of times in a row. The
+    bits of the change are the source of chance, so that equal arguments give equal results; no change is no change.
+    float64 needs no such help: above 1e-8 radians a step, successive changes differ by more than the last place of x.
+    """
+    return jax.tree.map(_accumulate, x, change)
+
+
+def _accumulate(x: Array, change: Array) -> Array:
+    if x.dtype != "float32":
+        return x + change
+    bits = jax.lax.bitcast_convert_type(change, jnp.int32)
+    chance = (bits * _SHUFFLE).astype(x.dtype) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
+    power = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT, x.dtype)
+    return x + (change + chance * power)
 
 
 def largest(a: Vector) -> Array:

@@ -28,7 +28,7 @@ def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
 def half_turn(w: cp.Vector) -> cp.Quaternion:
     """exp(w) as a unit quaternion, for |w|^2 <= LARGEST_SQUARE; its square is exp(2 w)."""
     cosine, sine = half_angle(cp.dot(w, w))
-    return cp.normalize_once((cosine, sine * w[0], sine * w[1], sine * w[2]))
+    return cosine, sine * w[0], sine * w[1], sine * w[2]
 
 
 def spin(w: Array) -> tuple[Array, Array]:
@@ -37,8 +37,7 @@ def spin(w: Array) -> tuple[Array, Array]:
     terms = _SPIN_TERMS[str(x.dtype)]
     cosine = cp.polynomial(_taylor(0, 1.0, terms), x)
     sine = w * cp.polynomial(_taylor(1, 1.0, terms), x)
-    factor = cp.unit_factor(cosine * cosine + sine * sine)
-    return factor * cosine, factor * sine
+    return cosine, sine
 
 
 def half_angle(x: Array) -> tuple[Array, Array]:

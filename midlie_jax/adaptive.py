@@ -34,11 +34,10 @@ from jaxtyping import Bool, Float, Int
 
 from . import _components as cp
 from ._fuse import seam, together
+from .arguments import as_method, as_scalar, check_saving, check_step, check_system
 from .bodies import Particles, RigidBody, State
-from .checks import require_finite, same_dtype
+from .checks import as_count, described, require_finite, same_dtype
 from .densities import DensityLike
-from .integrate import as_scalar, check_arguments
-from .methods import method as find_method
 from .stepper import Method, Motion, System, on_arrays
 from .torques import TorqueLike
 
@@ -128,22 +127,22 @@ def integrate_adaptive(
         ValueError: an argument does not fit, or the method is not symmetric; the message names it and the cure. Raised
             before anything is traced.
     """
-    method = find_method(method) if isinstance(method, str) else method
-    check_arguments(method, body, torque, start, steps, save_every, 0)
+    steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
+    check_saving(steps, save_every)
+    method = check_system(as_method(method), body, torque, start)
     if not method.symmetric:
         raise ValueError(
             f"method {method.name!r} is not symmetric, and a reversible step control needs one that is, such as "
             "LIEMID[EA] or JACOBI[SRKN6b]."
         )
     if not callable(density):
-        raise ValueError(f"density must be a callable of (t, state), got {type(density).__name__}.")
+        raise ValueError(f"density must be a callable of (t, state), got {described(density)}.")
     same_dtype("start.momentum", start.momentum, density=density)
     for leaf in jax.tree.leaves(eqx.filter(density, eqx.is_inexact_array)):
         require_finite("density", leaf)
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    if not cp.is_traced(dt) and dt == 0:
-        raise ValueError("dt must not be 0; it is the step where the density is 1.")
+    check_step(dt)
     if rho is not None:
         rho = as_scalar("rho", rho, dtype)
         if not cp.is_traced(rho) and rho <= 0:

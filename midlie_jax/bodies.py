@@ -7,6 +7,7 @@ is carried along by a rotation (`turn`) and how fast it changes (`rate`). Nothin
 """
 
 from abc import abstractmethod
+from dataclasses import fields
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -18,7 +19,7 @@ from jaxtyping import Float
 
 from . import _components as cp
 from . import so3
-from .checks import as_floats, require, require_finite
+from .checks import as_floats, require, require_finite, same_batch
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file miss it by rounding.
 _TRIANGLE_SLACK = 1e-6
@@ -142,6 +143,11 @@ class State(eqx.Module):
 
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
+    own_axes: ClassVar[int] = 1  # axes of each array that belong to one body; those before them are a batch
+
+    def check_batch(self) -> None:
+        """Raises a ValueError unless all arrays have the same batch axes."""
+        same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
 
     @abstractmethod
     def parts(self) -> tuple[Any, Any]:
@@ -159,13 +165,21 @@ class State(eqx.Module):
 
     @staticmethod
     @abstractmethod
-    def turn(pose: Any, increment: cp.Quaternion) -> Any:
+    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
         """The pose after the body has turned by `increment`, a rotation in the body frame."""
 
     @staticmethod
     @abstractmethod
-    def unit(pose: Any, still: Array) -> Any:
-        """The pose back at the length from which rounding drives it; where `still`, not a bit changed."""
+    def turn(pose: Any, increment: cp.Quaternion, still: Array) -> Any:
+        """The same for a pose that takes up a rotation at every step: see `_components.accumulate`.
+
+        What rounding has changed of its length before is taken off. Where `still`, not a bit is changed.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def shift(pose: Any, change: Any, still: Array) -> Any:
+        """pose + change, brought to the length of a pose, to second order; where `still`, not a bit is changed."""
 
     @staticmethod
     @abstractmethod
@@ -201,13 +215,18 @@ class MomentumState(State):
         return cls(momentum)
 
     @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion) -> Any:
+    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
         del increment
         return pose
 
     @staticmethod
-    def unit(pose: Any, still: Array) -> Any:
-        del still
+    def turn(pose: Any, increment: cp.Quaternion, still: Array) -> Any:
+        del increment, still
+        return pose
+
+    @staticmethod
+    def shift(pose: Any, change: Any, still: Array) -> Any:
+        del change, still
         return pose
 
     @staticmethod
@@ -241,6 +260,7 @@ class DirectionState(State):
     def __init__(self, momentum: Any, direction: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         self.direction = as_floats("direction", direction, (3,))
+        self.check_batch()
         require_finite("momentum", self.momentum)
         require("direction", self.direction, _unit, "must be a unit vector", "divide it by its norm.")
 
@@ -256,12 +276,20 @@ class DirectionState(State):
         return cls(momentum, pose)
 
     @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
+    def rotate(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
         return cp.rotate_back(increment, pose)
 
     @staticmethod
-    def unit(pose: cp.Vector, still: Array) -> cp.Vector:
-        return cp.scale(_to_unit(cp.dot(pose, pose), still), pose)
+    def turn(pose: cp.Vector, increment: cp.Quaternion, still: Array) -> cp.Vector:
+        share = _missing(cp.dot(pose, pose), still)
+        change = cp.rotation_change(cp.conjugate(increment), pose)
+        return cp.accumulate(pose, cp.add(change, cp.scale(share, pose)))
+
+    @staticmethod
+    def shift(pose: cp.Vector, change: cp.Vector, still: Array) -> cp.Vector:
+        there = cp.add(pose, change)
+        share = _missing(cp.dot(there, there), still)
+        return cp.accumulate(pose, cp.add(change, cp.scale(share, there)))
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
@@ -291,6 +319,7 @@ class RigidState(State):
     def __init__(self, momentum: Any, attitude: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         self.attitude = as_floats("attitude", attitude, (4,))
+        self.check_batch()
         require_finite("momentum", self.momentum)
         require("attitude", self.attitude, _unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
@@ -306,14 +335,25 @@ class RigidState(State):
         return cls(momentum, pose)
 
     @staticmethod
-    def turn(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
+    def rotate(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
         return cp.multiply(pose, increment)
 
     @staticmethod
-    def unit(pose: cp.Quaternion, still: Array) -> cp.Quaternion:
-        w, x, y, z = pose
-        factor = _to_unit(w * w + x * x + y * y + z * z, still)
-        return factor * w, factor * x, factor * y, factor * z
+    def turn(pose: cp.Quaternion, increment: cp.Quaternion, still: Array) -> cp.Quaternion:
+        # As a change of the pose, so that it is rounded once. Rounding the product, and then the length, would turn the
+        # attitude a little, and at every step the same way. The share is that of both factors' lengths.
+        share = _missing(_square(pose), still) + 0.5 * cp.missing(increment)
+        w, x, y, z = increment
+        factor = 1 + share
+        change = cp.multiply(pose, ((w - 1) * factor + share, factor * x, factor * y, factor * z))
+        return cp.accumulate(pose, change)
+
+    @staticmethod
+    def shift(pose: cp.Quaternion, change: cp.Quaternion, still: Array) -> cp.Quaternion:
+        w, x, y, z = (p + c for p, c in zip(pose, change, strict=True))
+        share = _missing(_square((w, x, y, z)), still)
+        a, b, c, d = change
+        return cp.accumulate(pose, (a + share * w, b + share * x, c + share * y, d + share * z))
 
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
@@ -343,6 +383,7 @@ class ParticleState(State):
     momentum: Float[Array, "..."]
     position: Float[Array, "..."]
     body: ClassVar[type] = Particles
+    own_axes: ClassVar[int] = 0  # of any shape, the same for both
 
     def __init__(self, momentum: Any, position: Any):
         self.momentum = as_floats("momentum", momentum)
@@ -364,13 +405,18 @@ class ParticleState(State):
         return cls(momentum, pose)
 
     @staticmethod
-    def turn(pose: Any, increment: Any) -> Any:
+    def rotate(pose: Any, increment: Any) -> Any:
         return pose + increment
 
     @staticmethod
-    def unit(pose: Any, still: Array) -> Any:
+    def turn(pose: Any, increment: Any, still: Array) -> Any:
         del still
-        return pose
+        return cp.accumulate(pose, increment)
+
+    @staticmethod
+    def shift(pose: Any, change: Any, still: Array) -> Any:
+        del still
+        return cp.accumulate(pose, change)
 
     @staticmethod
     def rate(pose: Any, velocity: Any) -> Any:
@@ -378,8 +424,13 @@ class ParticleState(State):
         return velocity
 
 
-def _to_unit(square: Array, still: Array) -> Array:
-    return jnp.where(still, jnp.ones_like(square), cp.unit_factor(square))
+def _square(q: cp.Quaternion) -> Array:
+    return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+
+
+def _missing(square: Array, still: Array) -> Array:
+    """The share by which something of this squared length must grow to have length 1, by one step of Newton's."""
+    return jnp.where(still, jnp.zeros_like(square), 0.5 - 0.5 * square)
 
 
 def _unit(vectors: np.ndarray) -> Any:

@@ -4,7 +4,9 @@ Shapes and dtypes are always known. Values are looked at only when they are conc
 nothing can be read, and failures come back as flags instead (`Path.ok`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from operator import index
 from typing import Any
 
 import jax
@@ -14,18 +16,37 @@ from jax import Array
 
 from ._components import is_traced
 
+FLOATS = ("float32", "float64")
+
 
 def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """`value` as a floating array whose last axes are `shape`; leading axes are a batch."""
+    """`value` as an array of float32 or float64 whose last axes are `shape`; leading axes are a batch.
+
+    Integers become JAX's default float, as in NumPy's own functions.
+    """
     try:
-        array = jnp.asarray(value)
+        # A Python integer as a Python float, which fits either dtype.
+        array = jnp.asarray(float(value) if type(value) is int else value)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}.") from error
-    if not jnp.issubdtype(array.dtype, jnp.floating):
-        raise ValueError(f"{name} must be floating point, got {array.dtype}; write 1.0 rather than 1.")
-    if shape is not None and array.shape[array.ndim - len(shape) :] != shape:
+        raise ValueError(f"{name} must be an array of numbers, got {described(value)}.") from error
+    if jnp.issubdtype(array.dtype, jnp.integer):
+        array = array.astype(jnp.result_type(float))
+    if array.dtype.name not in FLOATS:
+        raise ValueError(f"{name} must be float32 or float64, got {array.dtype}; cast it with .astype(jnp.float32).")
+    if shape is not None and array.shape[max(array.ndim - len(shape), 0) :] != shape:
         raise ValueError(f"{name} must have shape {shape} (leading batch axes allowed), got {array.shape}.")
     return array
+
+
+def as_count(name: str, value: Any) -> int:
+    """`value` as a Python int of at least 1: a Python or NumPy integer, but no boolean and no traced number."""
+    try:
+        count = 0 if isinstance(value, (bool, np.bool_, Array)) else index(value)
+    except TypeError:
+        count = 0
+    if count < 1:
+        raise ValueError(f"{name} must be a positive Python int, got {shown(value)}.")
+    return count
 
 
 def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], what: str, cure: str) -> None:
@@ -34,11 +55,19 @@ def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], what: str
         return
     numbers = np.asarray(value)
     if not np.all(holds(numbers)):
-        raise ValueError(f"{name} {what}, got {_shown(numbers)}; {cure}")
+        raise ValueError(f"{name} {what}, got {shown(numbers)}; {cure}")
 
 
 def require_finite(name: str, value: Any) -> None:
     require(name, value, np.isfinite, "must be finite", "NaN or infinity came in from the caller.")
+
+
+def same_batch(**arrays: tuple[Array, int]) -> None:
+    """Raises unless the leading axes agree, of arrays given with the number of their own axes."""
+    leading = {name: array.shape[: array.ndim - own] for name, (array, own) in arrays.items()}
+    if len(set(leading.values())) > 1:
+        shapes = " and ".join(f"{name} {array.shape}" for name, (array, _) in arrays.items())
+        raise ValueError(f"{shapes} must have the same leading axes, one entry a body; repeat what all bodies share.")
 
 
 def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
@@ -55,5 +84,26 @@ def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
                     )
 
 
-def _shown(numbers: np.ndarray) -> str:
-    return np.array2string(numbers, threshold=12, precision=6)
+def unknown(kind: str, name: Any, known: Iterable[str]) -> ValueError:
+    """The error for a name that is not among those known: the nearest one, and all of them."""
+    known = list(known)
+    folded = {choice.casefold(): choice for choice in reversed(known)}
+    close = get_close_matches(str(name).casefold(), folded, n=1)
+    hint = f"did you mean {folded[close[0]]!r}? " if close else ""
+    return ValueError(f"unknown {kind} {name!r}; {hint}Choose from {', '.join(known)}.")
+
+
+def described(value: Any) -> str:
+    """What a value is, in a message: its type, and of an array its shape."""
+    if isinstance(value, (jax.Array, np.ndarray)):
+        return f"an array of shape {value.shape}"
+    return type(value).__name__
+
+
+def shown(value: Any) -> str:
+    """A value in a message, short."""
+    if is_traced(value):
+        return described(value)
+    if isinstance(value, (jax.Array, np.ndarray)):
+        return np.array2string(np.asarray(value), threshold=12, precision=6)
+    return repr(value)

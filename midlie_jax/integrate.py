@@ -10,11 +10,13 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from ._fuse import seam, together
+from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 from .bodies import Particles, RigidBody, State
-from .checks import require_finite, same_dtype
-from .methods import method as find_method
+from .checks import as_count
 from .stepper import Method, Motion, System
 from .torques import TorqueLike
+
+_EXACT_BITS = 24  # a float32 holds every integer of so many bits
 
 
 class Path(NamedTuple):
@@ -68,12 +70,14 @@ def integrate(
     Raises:
         ValueError: an argument does not fit; the message names it and the cure. Raised before anything is traced.
     """
-    method = find_method(method) if isinstance(method, str) else method
-    check_arguments(method, body, torque, start, steps, save_every, first_step)
+    steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
+    check_saving(steps, save_every)
+    first = as_first_step(first_step, steps)
+    method = check_system(as_method(method), body, torque, start)
     dtype = start.momentum.dtype
-    dt = as_scalar("dt", dt, dtype)
-    t0 = as_scalar("t0", t0, dtype)
-    return _run(method, body, torque, start, dt, t0, jnp.asarray(first_step, jnp.int32), steps, save_every)
+    dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
+    check_step(dt)
+    return _run(method, body, torque, start, dt, t0, first, steps, save_every)
 
 
 @eqx.filter_jit
@@ -90,18 +94,19 @@ def _run(
 ) -> Path:
     kind = type(start)
     system = System.of(body, torque, start, t0)
+    counted, first = counts(first, steps), first.astype(jnp.int32)
 
     constants, functions = eqx.partition((system, t0, dt), eqx.is_array)
 
     def advance(h: Array, carry: Any, n: Array) -> tuple[Any, None]:
         (motion, force, ok), h, given = seam((carry, h, constants))
         system, t0, dt = eqx.combine(given, functions)
-        here, there = _time(t0, dt, n), _time(t0, dt, n + 1)
+        here, there = time_of(t0, dt, n), time_of(t0, dt, n + 1)
         motion, force, fine = method.step(system, here, there, h, motion, force)
         return together((motion, force, ok & fine)), None
 
     motion = Motion(*start.parts())
-    force = _first_force(method, system, motion, advance, _time(t0, dt, first), first)
+    force = _first_force(method, system, motion, advance, time_of(t0, dt, first), first)
     # Twice, because each order of reverse mode takes one off: a gradient of a gradient keeps one state a step, too.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
@@ -110,10 +115,10 @@ def _run(
         return carry, kind.join(*carry[0])
 
     kept = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
-    (motion, _, ok), states = jax.lax.scan(leap, (motion, force, jnp.array(True)), kept)
+    (motion, _, ok), states = jax.lax.scan(leap, (motion, force, jnp.asarray(counted)), kept)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(motion)]
-    times = _time(t0, dt, jnp.concatenate([first[None], kept + save_every]))
+    times = time_of(t0, dt, jnp.concatenate([first[None], kept + save_every]))
     return Path(times, states, ok & jnp.all(jnp.stack(finite)))
 
 
@@ -136,52 +141,11 @@ def _first_force(method: Method, system: System, motion: Motion, advance: Any, t
     return jax.tree.map(lambda f, d: jax.lax.stop_gradient(f) + (d - jax.lax.stop_gradient(d)), force, direct)
 
 
-def _time(t0: Array, dt: Array, n: Array) -> Array:
-    """From the integer: adding dt up would lose a step of float32 time."""
-    return t0 + n.astype(dt.dtype) * dt
+def time_of(t0: Array, dt: Array, n: Array) -> Array:
+    """t0 + n dt, rounded to the dtype, for every index n of 32 bits.
 
-
-def as_scalar(name: str, value: Any, dtype: Any) -> Array:
-    array = jnp.asarray(value)
-    if array.ndim:
-        raise ValueError(f"{name} must be a scalar, got shape {array.shape}; map over a batch with jax.vmap.")
-    require_finite(name, array)
-    return array.astype(dtype)
-
-
-def check_arguments(
-    method: Any, body: Any, torque: Any, start: Any, steps: Any, save_every: Any, first_step: Any
-) -> None:
-    if not isinstance(method, Method):
-        raise ValueError(f"method must come from midlie_jax.method(name), got {type(method).__name__}.")
-    if not isinstance(start, State):
-        raise ValueError(f"start must be a state such as midlie_jax.RigidState, got {type(start).__name__}.")
-    if not isinstance(body, start.body):
-        raise ValueError(
-            f"a {type(start).__name__} belongs to {start.body.__name__}, but body is {type(body).__name__}."
-        )
-    if not isinstance(body, method.bodies):
-        raise ValueError(
-            f"method {method.name!r} moves {method.bodies.__name__}, but body is {type(body).__name__}; "
-            "midlie_jax.methods() lists all."
-        )
-    if torque is not None and not callable(torque):
-        raise ValueError(f"torque must be None or a callable of (t, state), got {type(torque).__name__}.")
-    if isinstance(body, RigidBody):
-        for name, array in (("body.moments", body.moments), ("start.momentum", start.momentum)):
-            if array.ndim != 1:
-                raise ValueError(f"{name} must be (3,), got {array.shape}; map over a batch with jax.vmap.")
-    for name, value in (("steps", steps), ("save_every", save_every)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise ValueError(f"{name} must be a positive Python int, got {value!r}.")
-    if steps % save_every:
-        raise ValueError(f"steps ({steps}) must be divisible by save_every ({save_every}).")
-    if not isinstance(first_step, (int, Array)):
-        raise ValueError(f"first_step must be an integer, got {first_step!r}.")
-    for leaf in jax.tree.leaves(start):
-        if leaf.dtype != start.momentum.dtype:
-            raise ValueError(f"all of start must have one dtype, got {leaf.dtype} beside {start.momentum.dtype}.")
-    same_dtype("start.momentum", start.momentum, body=body, torque=torque)
-    for name, value in (("body", body), ("start", start), ("torque", torque)):
-        for leaf in jax.tree.leaves(eqx.filter(value, eqx.is_inexact_array)):
-            require_finite(name, leaf)
+    From the index: adding dt up would lose a step of float32 time. In two parts, both of which a float32 holds exactly.
+    """
+    high = n >> _EXACT_BITS
+    low = n - (high << _EXACT_BITS)
+    return t0 + (high.astype(dt.dtype) * (2**_EXACT_BITS * dt) + low.astype(dt.dtype) * dt)

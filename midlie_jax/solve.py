@@ -31,7 +31,7 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
 
     def iterate(x: cp.Vector) -> cp.Vector:
         if not unrolled:
-            return jax.lax.fori_loop(0, iterations, lambda _, x: together(improve(x)), x)
+            return jax.lax.fori_loop(0, iterations, lambda _, x: together(improve(x)), together(x))
         for _ in range(iterations):
             x = improve(x)
         return x

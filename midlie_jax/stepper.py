@@ -101,12 +101,9 @@ class System(NamedTuple):
             return cp.times(self.inertia.inverses, momentum)
         return self.inertia.velocity(momentum)
 
-    def turned(self, pose: Any, increment: Any) -> Any:
-        return self.kind.turn(pose, increment)
-
-    def landed(self, pose: Any, increment: Any, h: Array) -> Any:
-        """The pose after the last turn of a step, freed of the rounding that would change its length in time."""
-        return self.kind.unit(self.kind.turn(pose, increment), h == 0)
+    def turned(self, pose: Any, increment: Any, h: Array) -> Any:
+        """The pose after a flight in a step of h."""
+        return self.kind.turn(pose, increment, h == 0)
 
 
 def on_arrays(
@@ -138,6 +135,11 @@ class Method(eqx.Module):
     def unroll(self) -> int:
         """Steps a turn of the loop over steps: two spare it the copy of every array, and compile for twice as long."""
         return 1
+
+    def fitted(self, body: RigidBody | Particles) -> "Method":
+        """This method made for a body, or a batch of them; a ValueError if the body is known and it cannot move it."""
+        del body
+        return self
 
     @abstractmethod
     def keeps_force(self, system: System) -> bool:
@@ -189,6 +191,12 @@ class Splitting(Method):
     def unroll(self) -> int:
         return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
 
+    def fitted(self, body: RigidBody | Particles) -> "Method":
+        if not isinstance(body, RigidBody) or cp.is_traced(body.moments):
+            return self
+        flight = self.flight.fitted(body.moments)
+        return self if flight == self.flight else Splitting(flight, self.scheme, self.name)
+
     def keeps_force(self, system: System) -> bool:
         return system.torque is not None and self.scheme.reuses_force and not system.reads_momentum
 
@@ -207,12 +215,10 @@ class Splitting(Method):
 
     def _written_out(self, stages: "_Stages", motion: Motion, force: Any) -> tuple[Motion, Any, Array | bool]:
         ok: Array | bool = True
-        left = self.scheme.flights
 
         def fly(a: float, motion: Motion) -> Motion:
-            nonlocal ok, left
-            left -= 1
-            motion, fine = stages.fly(a, motion, last=not left)
+            nonlocal ok
+            motion, fine = stages.fly(a, motion)
             ok = ok & fine
             return together(motion) if self.scheme.flights > self.flight.per_loop else stages.system.joint(motion)
 
@@ -234,7 +240,7 @@ class Splitting(Method):
             kick, flight, here, there = row
             if kicks_first:
                 motion = stages.kick(kick, here, motion, force)
-            motion, fine = stages.fly(flight, motion, last=True)
+            motion, fine = stages.fly(flight, motion)
             motion = cut(motion)
             force = stages.evaluate(there, 0.0, motion)
             if not kicks_first:
@@ -247,7 +253,7 @@ class Splitting(Method):
         (motion, force, ok), _ = jax.lax.scan(turn, (motion, force, jnp.array(True)), rows, unroll=2 if light else 1)
         if kicks_first:
             return stages.kick(kicks[-1], 1.0, motion, force), force, ok
-        motion, fine = stages.fly(flights[-1], motion, last=True)
+        motion, fine = stages.fly(flights[-1], motion)
         return motion, None, ok & fine
 
 
@@ -266,11 +272,9 @@ class _Stages(NamedTuple):
             return self.t0 if c == 0 else self.t1 if c == 1 else self.t0 + c * self.h
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
-    def fly(self, a: Any, motion: Motion, last: bool) -> tuple[Motion, Array | bool]:
+    def fly(self, a: Any, motion: Motion) -> tuple[Motion, Array | bool]:
         increment, momentum, ok = _fly(self.flight, self.system.inertia, a * self.h, motion.momentum)
-        if last:
-            return Motion(momentum, self.system.landed(motion.pose, increment, self.h)), ok
-        return Motion(momentum, self.system.turned(motion.pose, increment)), ok
+        return Motion(momentum, self.system.turned(motion.pose, increment, self.h)), ok
 
     def evaluate(self, c: Any, g: float, motion: Motion) -> Any:
         if self.system.torque is None:
@@ -285,7 +289,8 @@ class _Stages(NamedTuple):
         if self.system.reads_momentum:
             half_way = Motion(_add(motion.momentum, b * self.h / 2, force), motion.pose)
             force = self.system.force(self._time(c), half_way)
-        return Motion(_add(motion.momentum, b * self.h, force), motion.pose)
+        change = jax.tree.map(lambda f: b * self.h * f, force)
+        return Motion(cp.accumulate(motion.momentum, change), motion.pose)
 
 
 @eqx.filter_jit

@@ -75,11 +75,11 @@ def companion(
     bend = cp.subtract(acceleration(motion.momentum, v0, torques[0]), acceleration(end.momentum, v1, torques[1]))
     mean = cp.add(cp.scale(h / 4, cp.add(v0, v1)), cp.scale(h * h / 24, cp.add(bend, cp.cross(v0, v1))))
     half, known = half_turn(mean), cp.dot(mean, mean) <= LARGEST_SQUARE
-    turn = cp.multiply(half, half)
+    turn = cp.square(half)
     later = cp.rotate(turn, torques[1])
     change = cp.subtract(later, torques[0])
     impulse = cp.scale(h / 2, cp.add(torques[0], later))
     impulse = cp.subtract(impulse, cp.scale(h / 6 * share, cp.subtract(change, cp.scale(h, history.slope))))
     momentum = cp.rotate_back(turn, cp.add(motion.momentum, impulse))
-    pose = system.turned(motion.pose, turn)
+    pose = system.kind.rotate(motion.pose, turn)
     return Motion(momentum, pose), History(cp.rotate_back(turn, cp.scale(rate, change)), h), known

@@ -78,8 +78,8 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
         if isinstance(y0, RigidState):
             turn = so3.exp(_at(self.turn, s))
             momentum = so3.rotate(so3.conjugate(turn), _at(self.rest, s))
-            attitude = cp.unpack(so3.multiply(y0.attitude, turn))
-            return like(y0, momentum, cp.pack(RigidState.unit(attitude, jnp.array(False))))
+            attitude = RigidState.turn(cp.unpack(y0.attitude), cp.unpack(turn), jnp.array(False))
+            return like(y0, momentum, cp.pack(attitude))
         leaves = [_at(cubic, s) for cubic in self.rest]
         if isinstance(y0, DirectionState):
             leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))

@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax import Array
 
+from .. import _components as cp
 from .._fuse import together
 from ..bodies import RigidBody
 from ..stepper import Method, Motion, System
@@ -142,47 +144,38 @@ class RungeKutta(Method):
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
     ) -> tuple[Motion, Any, Array | bool]:
         del force
-        rates: list[Motion] = []
+        changes: list[Motion] = []
 
-        def moved(weights: dict[int, float]) -> Motion:
-            """The start moved along the rates found so far."""
-            if not weights:
-                return motion
-            kept = [rates[j] for j in weights]
+        def total(weights: dict[int, float]) -> Motion:
+            """The sum of the changes found so far, with these weights."""
 
-            def entry(x: Array, *slopes: Array) -> Array:
-                total = slopes[0] * next(iter(weights.values()))
-                for c, slope in zip(list(weights.values())[1:], slopes[1:], strict=True):
-                    total = total + c * slope
-                return x + h * total
+            def entry(*changes: Array) -> Array:
+                first, *rest = (c * change for c, change in zip(weights.values(), changes, strict=True))
+                return sum(rest, start=first)
 
-            return jax.tree.map(entry, motion, *kept)
+            return jax.tree.map(entry, *(changes[j] for j in weights))
 
         ends, done = set(accumulate(self.table.loops)), 0
         for row in self.table.stages:
             part = sum(row.values())
             time = t0 if not row else t1 if abs(part - 1) < 1e-12 else t0 + part * h
-            rates.append(_rate(system, time, moved(row)))
-            if len(rates) in ends:
-                rates[done:] = together(rates[done:])
-                done = len(rates)
-        end = moved(self.table.weights)
-        return Motion(end.momentum, system.kind.unit(end.pose, h == 0)), None, True
+            here = jax.tree.map(jnp.add, motion, total(row)) if row else motion
+            changes.append(_change(system, time, h, here))
+            if len(changes) in ends:
+                changes[done:] = together(changes[done:])
+                done = len(changes)
+        whole = total(self.table.weights)
+        pose = system.kind.shift(motion.pose, whole.pose, h == 0)
+        return Motion(cp.accumulate(motion.momentum, whole.momentum), pose), None, True
 
 
-def _rate(system: System, t: Array, motion: Motion) -> Motion:
-    """Pi' = Pi x I^-1 Pi + T, and the pose's rate."""
-    p, moments = motion.momentum, system.inertia
-    velocity = (p[0] * moments.inverses[0], p[1] * moments.inverses[1], p[2] * moments.inverses[2])
-    turning = (
-        p[1] * velocity[2] - p[2] * velocity[1],
-        p[2] * velocity[0] - p[0] * velocity[2],
-        p[0] * velocity[1] - p[1] * velocity[0],
-    )
+def _change(system: System, t: Array, h: Array, motion: Motion) -> Motion:
+    """h times Pi' = Pi x I^-1 Pi + T, and h times the pose's rate."""
+    turn = cp.scale(h, system.velocity(motion.momentum))
+    change = cp.cross(motion.momentum, turn)
     if system.torque is not None:
-        push = system.force(t, motion)
-        turning = (turning[0] + push[0], turning[1] + push[1], turning[2] + push[2])
-    return Motion(turning, system.kind.rate(motion.pose, velocity))
+        change = cp.add(change, cp.scale(h, system.force(t, motion)))
+    return Motion(change, system.kind.rate(motion.pose, turn))
 
 
 RK4 = RungeKutta("RK4", _RK4)

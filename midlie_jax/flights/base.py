@@ -14,10 +14,14 @@ from ..bodies import Particles, RigidBody
 class Inertia(NamedTuple):
     """A rigid body's principal moments as components, made ready once a run rather than once a step.
 
+    Flights work in units of the largest moment, so that no unit of mass or length can make a product overflow, or
+    vanish: moments, momentum and torque multiplied by a power of two change no bit of the attitude.
+
     Attributes:
         moments, inverses: I and 1/I.
         per_unit: 1 / the largest moment.
-        relative: I * per_unit, in which solvers work so that no unit of mass or length overflows a determinant.
+        relative: I * per_unit.
+        spins: 1 / relative, at least 1: angular velocity is spins * per_unit * momentum.
         bends: (I_k - I_j)^2 / (12 I_i) * per_unit, the second term of the free body's generating function.
         gaps: (1/I_k - 1/I_j) / per_unit, (i, j, k) cyclic: Euler's equations are Pi_i' = per_unit gaps_i Pi_j Pi_k.
         middle: one on the axis of the middle moment, zero on the others.
@@ -27,27 +31,31 @@ class Inertia(NamedTuple):
     inverses: cp.Vector
     per_unit: Array
     relative: cp.Vector
+    spins: cp.Vector
     bends: cp.Vector
     gaps: cp.Vector
     middle: cp.Vector
 
     @classmethod
     def of(cls, body: RigidBody) -> "Inertia":
-        moments = cp.unpack(body.moments)
-        per_unit = 1 / cp.largest(moments)
-        inverses = (1 / moments[0], 1 / moments[1], 1 / moments[2])
-        a, b, c = moments
+        a, b, c = moments = cp.unpack(body.moments)
+        largest = cp.largest(moments)
+        per_unit = 1 / largest
+        spins = (largest / a, largest / b, largest / c)
         # Of the moments, not of their inverses: of two that are nearly equal the difference is exact.
-        differences = (b - c, c - a, a - b)
-        bends = cp.scale(per_unit / 12, cp.times(cp.times(differences, differences), inverses))
-        products = (inverses[1] * inverses[2], inverses[2] * inverses[0], inverses[0] * inverses[1])
-        gaps = cp.times(cp.scale(1 / per_unit, differences), products)
+        differences = cp.scale(per_unit, (b - c, c - a, a - b))
+        bends = cp.scale(1 / 12, cp.times(cp.times(differences, differences), spins))
+        gaps = cp.times(differences, (spins[1] * spins[2], spins[2] * spins[0], spins[0] * spins[1]))
         first = differences[1] * differences[2] >= 0
         second = ~first & (differences[2] * differences[0] >= 0)
-        middle = (first, second, ~first & ~second)
         one, zero = jnp.ones_like(a), jnp.zeros_like(a)
-        axis = tuple(jnp.where(here, one, zero) for here in middle)
-        return cls(moments, inverses, per_unit, cp.scale(per_unit, moments), bends, gaps, (axis[0], axis[1], axis[2]))
+        x, y, z = (jnp.where(here, one, zero) for here in (first, second, ~first & ~second))
+        inverses, relative = (1 / a, 1 / b, 1 / c), cp.scale(per_unit, moments)
+        return cls(moments, inverses, per_unit, relative, spins, bends, gaps, (x, y, z))
+
+    def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
+        """h times the momentum, in units of the largest moment: the turn of a ball of that moment."""
+        return cp.scale(h, cp.scale(self.per_unit, momentum))
 
 
 class Flight(eqx.Module):
@@ -67,6 +75,11 @@ class Flight(eqx.Module):
     symplectic: ClassVar[bool]
     body: ClassVar[type[RigidBody] | type[Particles]]
     per_loop: ClassVar[int]
+
+    def fitted(self, moments: Array) -> "Flight":
+        """This flight made for bodies of these moments, (..., 3), all known; a ValueError if it cannot move them."""
+        del moments
+        return self
 
     @abstractmethod
     def __call__(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:

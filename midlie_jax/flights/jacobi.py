@@ -57,8 +57,7 @@ class Jacobi(Flight):
     per_loop: ClassVar[int] = 2
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        spins = cp.scale(1 / inertia.per_unit, inertia.inverses)
-        y = cp.scale(h * inertia.per_unit, momentum)
+        spins, y = inertia.spins, inertia.travel(h, momentum)
         turn = cp.times(spins, y)
         size = cp.dot(turn, turn)
         # Where the momentum vanishes so does the axis of the angle; there two terms in h are the motion to rounding.
@@ -66,9 +65,9 @@ class Jacobi(Flight):
         change = cp.times(spins, cp.cross(y, turn))
         little = half_turn(_where(still, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
         large, fine = _turn(inertia, spins, _where(still, cp.times(inertia.middle, inertia.relative), y))
-        little = cp.multiply(little, little)
+        little = cp.square(little)
         increment = (jnp.where(still, little[0], large[0]), *_where(still, little[1:], large[1:]))
-        return increment, cp.rotate_back(increment, momentum), fine & (size <= _REACH**2)
+        return increment, cp.turned_back(increment, momentum), fine & (size <= _REACH**2)
 
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaternion, Array]:
@@ -108,11 +107,33 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaterni
     real, imaginary = _times(shift, rest, total)
     cosine, sine = _times((v * both + real, imaginary), _half(cp.dot(middle, spins), total), total)
 
-    x = cp.add(cp.scale(cosine * per_total, cp.cross(n, y)), cp.scale(sine, cp.add(cp.scale(d, y), n)))
+    across = _across(a, y, below, e, s)
+    x = cp.add(cp.scale(cosine * per_total, across), cp.scale(sine, cp.add(cp.scale(d, y), n)))
     scalar = cosine * both
     factor = cp.inverse_root(scalar * scalar + cp.dot(x, x))
     fine = cp.largest(below) <= _REACH**2
-    return cp.normalize_once((factor * scalar, factor * x[0], factor * x[1], factor * x[2])), fine
+    return (factor * scalar, factor * x[0], factor * x[1], factor * x[2]), fine
+
+
+def _across(a: cp.Vector, y: cp.Vector, below: cp.Vector, e: cp.Vector, s: Array) -> cp.Vector:
+    """n x y, of two vectors that are nearly parallel, with an error in proportion to it and not to both.
+
+    (n x y)_l = y_m y_n E_l (E_n - E_m) + S y_l (a_m y_n^2 E_m - a_n y_m^2 E_n), and E_n^2 - E_m^2 is known without a
+    difference of roots: S^2 times that of `below`.
+    """
+    sums = (e[1] + e[2], e[2] + e[0], e[0] + e[1])
+    others = (sums[1] * sums[2], sums[2] * sums[0], sums[0] * sums[1])
+    share = s * s * cp.reciprocal(sums[0] * others[0])
+    change = cp.times(cp.scale(share, others), cp.subtract((below[2], below[0], below[1]), (below[1], below[2], below[0])))
+    first = cp.times((y[1] * y[2], y[2] * y[0], y[0] * y[1]), cp.times(e, change))
+    pull = cp.times(a, e)
+    square = cp.times(y, y)
+    turn = (
+        pull[1] * square[2] - pull[2] * square[1],
+        pull[2] * square[0] - pull[0] * square[2],
+        pull[0] * square[1] - pull[1] * square[0],
+    )
+    return cp.add(first, cp.scale(s, cp.times(y, turn)))
 
 
 def _half(rate: Array, total: Array) -> Complex:

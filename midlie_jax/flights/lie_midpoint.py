@@ -45,11 +45,11 @@ class LieMidpoint(Flight):
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)
-        u, settled = _tangent(quadruple, cp.scale(h * inertia.per_unit, momentum))
+        u, settled = _tangent(quadruple, inertia.travel(h, momentum))
         x = cp.dot(u, u)
         share = share_of_one(x)
         increment = ((1 - x) * share, *cp.scale(2 * share, u))
-        return increment, cp.rotate_back(increment, momentum), settled & (x <= LARGEST_TANGENT_SQUARE)
+        return increment, cp.turned_back(increment, momentum), settled & (x <= LARGEST_TANGENT_SQUARE)
 
 
 @jax.custom_jvp

@@ -66,8 +66,7 @@ class MoserVeselov6(_Preprocessed):
 
 
 def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
-    spins = cp.scale(1 / inertia.per_unit, inertia.inverses)
-    y = cp.scale(h * inertia.per_unit, momentum)
+    spins, y = inertia.spins, inertia.travel(h, momentum)
     speed, extra = _preprocessed(inertia.relative, spins, y, order)
     moments = (
         cp.reciprocal(speed * spins[0] + extra),
@@ -85,8 +84,8 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     # On a root beyond the first the map would be another one; on it, a <= 2.
     ok = ok & (cp.dot(c, c) <= 1) & (abs(speed - 1) <= 0.5) & (abs(extra) <= 0.5)
     factor = cp.inverse_root(1 + cp.dot(c, c))
-    increment = cp.normalize_once((factor, factor * c[0], factor * c[1], factor * c[2]))
-    return increment, cp.rotate_back(increment, momentum), ok
+    increment = (factor, factor * c[0], factor * c[1], factor * c[2])
+    return increment, cp.turned_back(increment, momentum), ok
 
 
 def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | None) -> tuple[Array, Array]:

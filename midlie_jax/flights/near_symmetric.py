@@ -12,7 +12,7 @@ from .. import _components as cp
 from .._half_turn import LARGEST_SQUARE, spin
 from ..bodies import RigidBody
 from .base import Flight, Inertia
-from .symmetric import symmetric_flight
+from .symmetric import symmetric_turn
 
 
 class NearSymmetric(Flight):
@@ -32,15 +32,16 @@ class NearSymmetric(Flight):
         # 1/I1 - 1/I2, from the difference of the moments themselves.
         gap = -inertia.gaps[2] * inertia.per_unit
 
-        def about_first(momentum: cp.Vector) -> tuple[tuple[Array, Array], cp.Vector, Array]:
+        def about_first(momentum: cp.Vector) -> tuple[Array, Array, Array]:
             half = h / 4 * gap * momentum[0]
-            cosine, sine = spin(half)
-            turned = cp.rotate_back_about(0, cosine, sine, momentum)
-            return (cosine, sine), turned, half * half
+            return *spin(half), half * half
 
         zero = h * 0
-        before, momentum, first = about_first(momentum)
-        increment, momentum, ok = symmetric_flight(h, inertia.inverses[1], inertia.inverses[2], momentum)
-        after, momentum, last = about_first(momentum)
+        *before, first = about_first(momentum)
+        turned = cp.rotate_back_about(0, *before, momentum)
+        increment, about_third, ok = symmetric_turn(h, inertia.inverses[1], inertia.inverses[2], turned)
+        turned = cp.rotate_back_about(2, *about_third, turned)
+        *after, last = about_first(turned)
         increment = cp.multiply((before[0], before[1], zero, zero), cp.multiply_about(increment, 0, *after))
-        return increment, momentum, ok & (first + last <= LARGEST_SQUARE)
+        # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
+        return increment, cp.turned_back(increment, momentum), ok & (first + last <= LARGEST_SQUARE)

@@ -1,23 +1,47 @@
-"""The exact flight of a body with two equal moments, I1 = I2: two rotations and no solve.
+"""The exact flight of a body with two equal moments: two rotations and no solve. With I1 = I2,
 
 b = h (1/I3 - 1/I1) Pi3,    R1 = R0 exp(h Pi0/I1) exp(b e3),    Pi1 = exp(-b e3) Pi0
+
+That holds for equal moments alone, and so tells nothing of the derivative in their difference. With inverse moments
+a + e, a - e, c the energy is that of the symmetric body and e H1, H1 = (Pi1^2 - Pi2^2)/2, and to first order in e the
+motion is the symmetric body's after the flow of e K, K the integral of H1 along it (variation of constants):
+
+K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    sinc(b) = sin(b)/b
+
+a turn by e grad K, which takes the momentum along.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 
 from .. import _components as cp
-from .._half_turn import LARGEST_SQUARE, half_turn, spin
+from .._half_turn import LARGEST_SQUARE, half_turn, spin, stumpff
 from ..bodies import RigidBody
 from .base import Flight, Inertia
 
+_SLACK = 8  # units of eps by which inverse moments may differ and still count as equal
+
+Flown = tuple[cp.Quaternion, cp.Vector, Array]
+
 
 class Symmetric(Flight):
-    """Exact where the first two moments are equal; symplectic, keeps energy and spatial momentum to rounding.
+    """Exact where two moments are equal; symplectic, keeps energy and spatial momentum to rounding.
 
-    Says False where they differ by more than 8 eps, or a flight turned by more than 2.4 radians in one of its parts.
+    The axis of symmetry is found where the moments are known before tracing, and else taken to be the third. Says False
+    where the two moments differ by more than 8 eps, or a flight turned by more than 2.4 radians in one of its parts.
+    The derivatives are those of the motion, in the moments of first order only (a ValueError beyond: take JACOBI).
+
+    Attributes:
+        axis: the axis of symmetry, 0, 1 or 2.
     """
+
+    axis: int = eqx.field(static=True, default=2)
 
     name: ClassVar[str] = "SYMMETRIC"
     order: ClassVar[int | None] = None
@@ -25,19 +49,120 @@ class Symmetric(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 4
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        a, b, c = inertia.inverses
-        equal = abs(a - b) <= 8 * cp.epsilon(a) * a
-        increment, new, ok = symmetric_flight(h, a, c, momentum)
-        return increment, new, ok & equal
+    def fitted(self, moments: Array) -> "Symmetric":
+        """This flight about the axis of symmetry of bodies with these moments, (..., 3), all known.
+
+        Raises:
+            ValueError: two moments of each body are not equal, or not about the same axis in all.
+        """
+        inverses = 1 / np.asarray(moments)
+        slack = _SLACK * np.finfo(inverses.dtype).eps
+        apart = [np.abs(inverses[..., (k + 1) % 3] / inverses[..., (k + 2) % 3] - 1) for k in range(3)]
+        # The third first: a ball has every axis.
+        for axis in (2, 0, 1):
+            if np.all(apart[axis] <= slack):
+                return Symmetric(axis)
+        raise ValueError(
+            "method SYMMETRIC needs bodies with two equal moments, about the same axis in a whole batch, got moments "
+            f"{np.array2string(np.asarray(moments), threshold=12)}; take JACOBI, which moves any body."
+        )
+
+    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
+        inverses, momentum = self._third(inertia.inverses), self._third(momentum)
+        (w, *u), momentum, ok = _fly(h, inverses, momentum)
+        equal = abs(inverses[0] - inverses[1]) <= _SLACK * cp.epsilon(h) * inverses[0]
+        return (w, *self._back((u[0], u[1], u[2]))), self._back(momentum), ok & equal
+
+    def _third(self, v: cp.Vector) -> cp.Vector:
+        """The components with the axis of symmetry named the third, in the same cyclic order."""
+        k = self.axis
+        return v[(k + 1) % 3], v[(k + 2) % 3], v[k]
+
+    def _back(self, v: cp.Vector) -> cp.Vector:
+        """The inverse of `_third`."""
+        k = self.axis
+        return v[(2 - k) % 3], v[-k % 3], v[(1 - k) % 3]
 
 
-def symmetric_flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-    """That of a body with 1/I1 = 1/I2 = a and 1/I3 = c."""
-    turn = cp.scale(h / 2 * a, momentum)
+def symmetric_turn(
+    h: Array, a: Array, c: Array, momentum: cp.Vector
+) -> tuple[cp.Quaternion, tuple[Array, Array], Array]:
+    """The turn of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
+
+    Returns:
+        The increment; the cosine and sine of half the angle about axis 3 by which the momentum turns back, seen from
+        the body; and whether both rotations are within reach.
+    """
+    turn = cp.scale(h / 2, cp.scale(a, momentum))
     half = half_turn(turn)
-    angle = h / 2 * (c - a) * momentum[2]
+    angle = h / 2 * ((c - a) * momentum[2])
     cosine, sine = spin(angle)
-    increment = cp.multiply_about(cp.multiply(half, half), 2, cosine, sine)
-    turned = cp.rotate_back_about(2, cosine, sine, momentum)
-    return increment, turned, (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
+    increment = cp.multiply_about(cp.square(half), 2, cosine, sine)
+    return increment, (cosine, sine), (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
+
+
+@jax.custom_jvp
+def _fly(h: Array, inverses: cp.Vector, momentum: cp.Vector) -> Flown:
+    """The flight about the third axis, with the derivative of a body whose moments need not stay equal."""
+    increment, about_third, ok = symmetric_turn(h, inverses[0], inverses[2], momentum)
+    return increment, cp.turn_back_about(2, *about_third, momentum), ok
+
+
+def _fly_jvp(primals: Any, tangents: Any) -> tuple[Flown, Flown]:
+    h, inverses, momentum = primals
+    a, _, c = _for_first_derivatives(inverses)
+    dh, (da, db, dc), dp = jax.tree.map(_number, tangents, is_leaf=_is_zero)
+
+    def flown(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Flown:
+        return _fly.fun(h, (a, a, c), momentum)
+
+    (increment, _, _), (turning, moving, ok) = jax.jvp(flown, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
+    if not all(map(_is_zero, tangents[1])):
+        # A turn by grad K first, which takes the momentum along, and then the flight.
+        turn = cp.scale((da - db) / 2, _gradient(h, c - a, momentum))
+        _, (onward, moved, _) = jax.jvp(lambda p: flown(h, a, c, p), (momentum,), (cp.cross(momentum, turn),))
+        before = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
+        turning = tuple(x + y + z for x, y, z in zip(turning, before, onward, strict=True))
+        moving = cp.add(moving, moved)
+    return _fly(*primals), (turning, moving, ok)
+
+
+_fly.defjvp(_fly_jvp, symbolic_zeros=True)
+
+
+@jax.custom_jvp
+def _for_first_derivatives(inverses: cp.Vector) -> cp.Vector:
+    """The same numbers, in a derivative that is not right to second order in them and so must not be differentiated."""
+    return inverses
+
+
+def _refuse(primals: Any, tangents: Any) -> Any:
+    if all(map(_is_zero, tangents[0])):
+        return primals[0], jax.tree.map(_number, tangents[0], is_leaf=_is_zero)
+    raise ValueError(
+        "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all."
+    )
+
+
+_for_first_derivatives.defjvp(_refuse, symbolic_zeros=True)
+
+
+def _gradient(h: Array, gap: Array, momentum: cp.Vector) -> cp.Vector:
+    """grad K, with gap = 1/I3 - 1/I1."""
+    p, q, r = momentum
+    angle = h * gap * r
+    x = angle * angle
+    two, three, _, _ = stumpff(x)
+    sinc, slope = 1 - x * three, angle * (three - two)
+    cosine, sine = 1 - x * two, angle * sinc
+    u, v = p * cosine + q * sine, q * cosine - p * sine  # z exp(-i b)
+    along = slope * (p * u - q * v) + sinc * (p * v + q * u)
+    return h * sinc * u, -h * sinc * v, h * h / 2 * gap * along
+
+
+def _is_zero(tangent: Any) -> bool:
+    return isinstance(tangent, SymbolicZero)
+
+
+def _number(tangent: Any) -> Array:
+    return jnp.zeros(tangent.aval.shape, tangent.aval.dtype) if _is_zero(tangent) else tangent

@@ -61,13 +61,14 @@ class SymplecticMidpoint4(_Generated):
 
 
 def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
-    y = cp.scale(h * inertia.per_unit, momentum)
+    y = inertia.travel(h, momentum)
     turn = _turn(order, inertia, y)
     error = _residual(order, inertia, y, turn)
     limit = _RESIDUAL_LIMIT * cp.epsilon(h)
     half = half_turn(cp.scale(0.5, turn))
     ok = (cp.dot(error, error) <= limit * limit * cp.dot(y, y)) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
-    return cp.multiply(half, half), cp.rotate_back(half, cp.rotate_back(half, momentum)), ok
+    increment = cp.square(half)
+    return increment, cp.turned_back(increment, momentum), ok
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -32,11 +32,12 @@ class ThreeAxis(Flight):
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         zero = h * 0
         increment: cp.Quaternion = (zero + 1, zero, zero, zero)
-        largest = zero
+        largest, turned = zero, momentum
         for axis, part in _SWEEP:
-            half = part * h / 2 * inertia.inverses[axis] * momentum[axis]
+            half = part * h / 2 * (inertia.inverses[axis] * turned[axis])
             largest = largest + half * half
             cosine, sine = spin(half)
             increment = cp.multiply_about(increment, axis, cosine, sine)
-            momentum = cp.rotate_back_about(axis, cosine, sine, momentum)
-        return increment, momentum, largest <= LARGEST_SQUARE
+            turned = cp.rotate_back_about(axis, cosine, sine, turned)
+        # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
+        return increment, cp.turned_back(increment, momentum), largest <= LARGEST_SQUARE

@@ -20,10 +20,16 @@ def converged(residual: Array, *terms: cp.Vector) -> Array:
     return residual <= _RESIDUAL_LIMIT * cp.epsilon(size) * size
 
 
+def carried(momentum: cp.Vector, half: cp.Quaternion, impulse: cp.Vector) -> cp.Vector:
+    """The momentum at the end of a step that turns by twice `half`, with an impulse, seen from half way, in the middle."""
+    turned = cp.rotation_change(cp.conjugate(cp.square(half)), momentum)
+    return cp.accumulate(momentum, cp.add(turned, cp.rotate_back(half, impulse)))
+
+
 def middle(system: System, motion: Motion, h: Array, w: cp.Vector, half: cp.Quaternion) -> Motion:
     """The motion half way through a step that turns by 2 w: momentum 2 I w / h, pose turned by exp(w)."""
     still = h == 0
     rate = 2 / jnp.where(still, jnp.ones_like(h), h)
-    momentum = cp.scale(rate, cp.times(system.inertia.moments, w))
+    momentum = cp.times(system.inertia.moments, cp.scale(rate, w))
     kept = tuple(jnp.where(still, p, m) for p, m in zip(motion.momentum, momentum, strict=True))
-    return Motion(kept, system.turned(motion.pose, half))
+    return Motion(kept, system.kind.rotate(motion.pose, half))

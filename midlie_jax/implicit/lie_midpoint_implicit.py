@@ -11,7 +11,7 @@ from .._half_turn import LARGEST_SQUARE, half_turn
 from ..bodies import RigidBody
 from ..flights.lie_midpoint import free_start
 from ..stepper import Method, Motion, System
-from ._common import ITERATIONS, converged, middle
+from ._common import ITERATIONS, carried, converged, middle
 
 
 class LieMidpointImplicit(Method):
@@ -35,7 +35,6 @@ class LieMidpointImplicit(Method):
         del t1, force
         inertia = system.inertia
         double = cp.scale(2, inertia.relative)
-        rate = h * inertia.per_unit
 
         def impulse(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
             """exp(w), and (h/2) Tm."""
@@ -46,12 +45,12 @@ class LieMidpointImplicit(Method):
         def residual(w: cp.Vector) -> cp.Vector:
             half, kick = impulse(w)
             inward = cp.add(cp.rotate_back(half, motion.momentum), kick)
-            return cp.subtract(cp.times(double, w), cp.scale(rate, inward))
+            return cp.subtract(cp.times(double, w), inertia.travel(h, inward))
 
-        guess = free_start(double, cp.scale(rate, motion.momentum))
+        guess = free_start(double, inertia.travel(h, motion.momentum))
         w, left = solve.newton(residual, guess, ITERATIONS)
         half, kick = impulse(w)
-        outward = cp.add(cp.rotate_back(half, motion.momentum), cp.scale(2, kick))
-        pose = system.landed(motion.pose, cp.multiply(half, half), h)
+        momentum = carried(motion.momentum, half, cp.scale(2, kick))
+        pose = system.turned(motion.pose, cp.square(half), h)
         ok = converged(left, cp.times(double, w)) & (cp.dot(w, w) <= LARGEST_SQUARE)
-        return Motion(cp.rotate_back(half, outward), pose), None, ok
+        return Motion(momentum, pose), None, ok

@@ -34,14 +34,19 @@ class NewmarkBody(Method):
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
     ) -> tuple[Motion, Any, Array | bool]:
         inertia = system.inertia
-        velocity = cp.times(inertia.inverses, motion.momentum)
-        rate = cp.add(cp.cross(motion.momentum, velocity), force)  # I A0
-        w = cp.scale(h / 2, cp.add(velocity, cp.scale(h / 2, cp.times(inertia.inverses, rate))))
-        half = half_turn(w)
-        pose = system.landed(motion.pose, cp.multiply(half, half), h)
 
-        def kicked(new_rate: cp.Vector) -> cp.Vector:
-            return cp.add(motion.momentum, cp.scale(h / 2, cp.add(rate, new_rate)))
+        def turning(momentum: cp.Vector) -> cp.Vector:
+            """h Pi x I^-1 Pi."""
+            return cp.cross(momentum, cp.scale(h, cp.times(inertia.inverses, momentum)))
+
+        impulse = cp.add(turning(motion.momentum), cp.scale(h, force))  # h I A0
+        ahead = cp.add(motion.momentum, cp.scale(0.5, impulse))
+        w = cp.scale(h / 2, cp.times(inertia.inverses, ahead))
+        half = half_turn(w)
+        pose = system.turned(motion.pose, cp.square(half), h)
+
+        def kicked(new: cp.Vector) -> cp.Vector:
+            return cp.accumulate(motion.momentum, cp.scale(0.5, cp.add(impulse, new)))
 
         # One evaluation serves all iterations, unless the torque reads the momentum that is being solved for.
         torque = None if system.reads_momentum else system.force(t1, Motion(motion.momentum, pose))
@@ -49,13 +54,11 @@ class NewmarkBody(Method):
         def torque_at(momentum: cp.Vector) -> cp.Vector:
             return system.force(t1, Motion(momentum, pose)) if torque is None else torque
 
-        def residual(new_rate: cp.Vector) -> cp.Vector:
-            momentum = kicked(new_rate)
-            spin = cp.cross(momentum, cp.times(inertia.inverses, momentum))
-            return cp.subtract(new_rate, cp.add(spin, torque_at(momentum)))
+        def residual(new: cp.Vector) -> cp.Vector:
+            momentum = kicked(new)
+            return cp.subtract(new, cp.add(turning(momentum), cp.scale(h, torque_at(momentum))))
 
-        new_rate, left = solve.newton(residual, rate, ITERATIONS, unrolled=torque is not None)
-        momentum = kicked(new_rate)
-        spin_scale = cp.scale(cp.largest(cp.times(inertia.inverses, momentum)), momentum)
-        ok = converged(left, new_rate, spin_scale) & (cp.dot(w, w) <= LARGEST_SQUARE)
+        new, left = solve.newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
+        momentum = kicked(new)
+        ok = converged(left, new, momentum) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(momentum, pose), torque_at(momentum), ok

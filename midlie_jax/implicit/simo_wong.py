@@ -11,7 +11,7 @@ from .._half_turn import LARGEST_SQUARE, half_turn
 from ..bodies import RigidBody
 from ..flights.lie_midpoint import free_start
 from ..stepper import Method, Motion, System
-from ._common import ITERATIONS, converged, middle
+from ._common import ITERATIONS, carried, converged, middle
 
 
 class SW(Method):
@@ -35,22 +35,23 @@ class SW(Method):
         del t1, force
         inertia = system.inertia
         double = cp.scale(2, inertia.relative)
-        rate = h * inertia.per_unit
 
-        def end(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
-            """exp(w), and Pi1."""
+        def impulse(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
+            """exp(w), and h Tm."""
             half = half_turn(w)
             torque = system.force(t0 + h / 2, middle(system, motion, h, w, half))
-            outward = cp.add(cp.rotate_back(half, motion.momentum), cp.scale(h, torque))
-            return half, cp.rotate_back(half, outward)
+            return half, cp.scale(h, torque)
 
         def residual(w: cp.Vector) -> cp.Vector:
-            mean = cp.scale(rate / 2, cp.add(motion.momentum, end(w)[1]))
-            return cp.subtract(cp.times(double, w), mean)
+            half, kick = impulse(w)
+            end = cp.rotate_back(half, cp.add(cp.rotate_back(half, motion.momentum), kick))
+            total = inertia.travel(h, cp.add(motion.momentum, end))
+            return cp.subtract(cp.times(double, w), cp.scale(0.5, total))
 
-        y = cp.scale(rate, motion.momentum)
+        y = inertia.travel(h, motion.momentum)
         w, left = solve.newton(residual, free_start(double, y), ITERATIONS)
-        half, momentum = end(w)
-        pose = system.landed(motion.pose, cp.multiply(half, half), h)
+        half, kick = impulse(w)
+        momentum = carried(motion.momentum, half, kick)
+        pose = system.turned(motion.pose, cp.square(half), h)
         ok = converged(left, cp.times(double, w), y) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(momentum, pose), None, ok

@@ -43,7 +43,7 @@ def _rates(system: System, t: Array, momentum: cp.Vector, pose: Any) -> tuple[cp
 def _exp(v: cp.Vector) -> tuple[cp.Quaternion, Array]:
     half = cp.scale(0.5, v)
     root = half_turn(half)
-    return cp.multiply(root, root), cp.dot(half, half)
+    return cp.square(root), cp.dot(half, half)
 
 
 def _sum(*terms: tuple[float, cp.Vector]) -> cp.Vector:
@@ -86,8 +86,8 @@ class RKMK4(_OnTheGroup):
                 here = cp.multiply(pose, _exp(u)[0])
         increment, size = _exp(_weighted(turns))
         momentum = cp.add(start, _weighted(pushes))
-        landed = system.landed(pose, increment, h)
-        return Motion(cp.rotate_back(landed, momentum), landed), None, size <= LARGEST_SQUARE
+        turned = system.turned(pose, increment, h)
+        return Motion(cp.rotate_back(turned, momentum), turned), None, size <= LARGEST_SQUARE
 
 
 class CF4(_OnTheGroup):
@@ -118,9 +118,9 @@ class CF4(_OnTheGroup):
         inner, one = _exp(_sum((0.25, v1), (1 / 6, v2), (1 / 6, v3), (-1 / 12, v4)))
         outer, two = _exp(_sum((-1 / 12, v1), (1 / 6, v2), (1 / 6, v3), (0.25, v4)))
         momentum = cp.add(start, _weighted([f1, f2, f3, f4]))
-        landed = system.landed(cp.multiply(pose, inner), outer, h)
+        turned = system.turned(cp.multiply(pose, inner), outer, h)
         ok = (one <= LARGEST_SQUARE) & (two <= LARGEST_SQUARE)
-        return Motion(cp.rotate_back(landed, momentum), landed), None, ok
+        return Motion(cp.rotate_back(turned, momentum), turned), None, ok
 
 
 def rkmk4(problem: Problem) -> Iterator[Point]:

@@ -1,0 +1,166 @@
+"""Rounding is unbiased: over many steps its errors grow as the square root of their number, whatever the turn a step.
+
+A rounding error that is made the same way at every step adds up in proportion to their number, and smaller steps then
+make results worse. So each law here takes many bodies and asks for a mean of zero, to three standard errors, and for a
+spread of at most one unit in the last place times the square root of the number of steps.
+"""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, epsilon, quick
+
+import midlie_jax as ml
+from midlie_jax import flights
+from midlie_jax.oracles import lagrange_top
+
+FLIGHTS = [
+    kind()
+    for kind in vars(flights).values()
+    if isinstance(kind, type) and issubclass(kind, flights.Flight) and getattr(kind, "body", None) is ml.RigidBody
+]
+TURNS = 10.0 ** np.arange(-5.0, 0.5)  # radians a step, nearly
+BODIES, STEPS = 16, 100_000  # bodies for each turn
+
+
+def bodies(symmetric, dtype):
+    """Moments, momenta with angular velocities of .45 to .9, attitudes and steps, BODIES for each of TURNS."""
+    rng, count = np.random.default_rng(0), BODIES * len(TURNS)
+    masses = rng.uniform(0.3, 1, (count, 3))
+    if symmetric:
+        masses[:, 1] = masses[:, 0]
+    moments = masses.sum(1, keepdims=True) - masses
+    momentum, attitude = rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
+    momentum *= rng.uniform(0.45, 0.9, (count, 1)) / np.linalg.norm(momentum / moments, axis=1, keepdims=True)
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    return [x.astype(dtype) for x in (moments, momentum, attitude, np.repeat(TURNS, BODIES))]
+
+
+@cache
+def ends(flight, dtype):
+    """Moments, and momentum and attitude at both ends of a free run, (n, 2, ...), in extended precision; and ok."""
+    moments, momentum, attitude, dt = bodies(flight.name == "SYMMETRIC", dtype)
+
+    def run(moments, momentum, attitude, dt):
+        start, body = ml.RigidState(momentum, attitude), ml.RigidBody(moments)
+        method = ml.method(flight, "E1")
+        return ml.integrate(method, body, None, start, dt=dt, steps=STEPS, save_every=STEPS)
+
+    path = jax.jit(jax.vmap(run))(moments, momentum, attitude, dt)
+    exact = [np.asarray(x, np.longdouble) for x in (moments, path.states.momentum, path.states.attitude)]
+    return *exact, np.asarray(path.ok)
+
+
+def spatial(attitude, momentum):
+    """R Pi, R the rotation that the attitude stands for, in the precision of the arguments."""
+    w, u = attitude[..., :1], attitude[..., 1:]
+    square = np.sum(attitude**2, axis=-1, keepdims=True)
+    return momentum + 2 * np.cross(u, w * momentum + np.cross(u, momentum)) / square
+
+
+def changes(flight, dtype):
+    """The changes of what a free flight keeps, each (turns, bodies), relative, in units of sqrt(steps) eps."""
+    moments, momentum, attitude, ok = ends(flight, dtype)
+    assert ok.all()
+    space, square = spatial(attitude, momentum), np.sum(momentum**2, axis=-1)
+    found = {"length of Pi": square[:, 1] / square[:, 0] - 1}
+    found |= {f"R Pi along {k}": (space[:, 1, k] - space[:, 0, k]) / np.sqrt(square[:, 0]) for k in range(3)}
+    if flight.order is None:
+        energy = np.sum(momentum**2 / moments[:, None], axis=-1)
+        found["energy"] = energy[:, 1] / energy[:, 0] - 1
+    unit = epsilon(dtype) * STEPS**0.5
+    return {name: (change / unit).astype(float).reshape(len(TURNS), BODIES) for name, change in found.items()}
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("flight", FLIGHTS, ids=lambda f: f.name)
+def test_rounding_of_a_free_flight_is_unbiased(flight, dtype):
+    for name, change in changes(flight, dtype).items():
+        error = change.std(ddof=1) / change.size**0.5
+        assert abs(change.mean()) <= 3 * error, (name, change.mean() / error)
+        assert np.sqrt(np.mean(change**2, axis=1)).max() <= 1, (name, np.sqrt(np.mean(change**2, axis=1)))
+
+
+# A heavy top whose motion is known, with a scheme whose own error is below rounding at the fewest steps.
+TOP, WEIGHT, TIME = np.array([1.0, 1.0, 0.625]), 2.5, 2.0
+EXACT = ["JACOBI[SRKN14a]", "SYMMETRIC[SRKN14a]"]
+COUNTS = [256, 2048, 16384]
+
+
+@cache
+def tops(dtype):
+    """Momenta and attitudes at the start and, by the closed form, at the end."""
+    rng = np.random.default_rng(1)
+    momentum, attitude = rng.normal(size=(BODIES, 3)) * [2, 2, 3], rng.normal(size=(BODIES, 4))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    starts = [x.astype(dtype) for x in (momentum, attitude)]
+    ends = [lagrange_top(TOP, WEIGHT, p.astype(float), q.astype(float), [TIME]) for p, q in zip(*starts, strict=True)]
+    return *starts, np.stack([end[0][0] for end in ends]), np.stack([end[1][0] for end in ends])
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", EXACT)
+def test_more_steps_of_a_forced_top_round_no_worse_than_their_square_root(name, dtype):
+    """Against the closed form, momentum and attitude; and the energy, whose mean error stays zero."""
+    *starts, momentum, attitude = tops(dtype)
+    body, torque = ml.RigidBody(TOP.astype(dtype)), ml.torques.HeavyTop(jnp.asarray(WEIGHT, dtype))
+    starts = ml.RigidState(*starts)
+    for steps in COUNTS:
+        path = ml.ensemble(name, body, torque, starts, dt=jnp.asarray(TIME / steps, dtype), steps=steps)
+        assert path.ok.all()
+        end = jax.tree.map(lambda x: np.asarray(x, float).reshape(BODIES, -1), path.states)
+        unit = epsilon(dtype) * (steps * ml.method(name).scheme.flights) ** 0.5
+        size = np.linalg.norm(momentum, axis=1)
+        errors = {
+            "momentum": np.linalg.norm(end.momentum - momentum, axis=1) / size,
+            "attitude": np.linalg.norm(np.asarray(ml.so3.log(turn_between(attitude, end.attitude))), axis=1),
+        }
+        for part, error in errors.items():
+            assert np.sqrt(np.mean(error**2)) <= 3 * unit, (part, steps, np.sqrt(np.mean(error**2)) / unit)
+        gain = energy(end.momentum, end.attitude) - energy(*(np.asarray(x, float) for x in tops(dtype)[:2]))
+        assert abs(gain.mean()) <= 3 * gain.std(ddof=1) / BODIES**0.5, (steps, gain / unit)
+
+
+def turn_between(one, other):
+    return ml.so3.multiply(ml.so3.conjugate(jnp.asarray(one)), jnp.asarray(other))
+
+
+def energy(momentum, attitude):
+    up = np.asarray(ml.so3.to_matrix(jnp.asarray(attitude)))[:, 2, 2] / np.sum(attitude**2, axis=1)
+    return np.sum(momentum**2 / TOP, axis=1) / 2 + WEIGHT * up
+
+
+METHODS = [f"{flight.name}[EA]" for flight in FLIGHTS] + ["LIEMID[I]", "AKW", "SW", "NMB", "RK4", "DOP853"]
+MASSES = {"float32": [2.0**-76, 2.0**74], "float64": [2.0**-600, 2.0**600]}
+RATES = {"float32": [2.0**-54, 2.0**54], "float64": [2.0**-450, 2.0**450]}
+FREE_RATES = {"float32": [2.0**-62, 2.0**62], "float64": [2.0**-510, 2.0**510]}
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", METHODS)
+def test_units_change_no_bit(name, dtype):
+    """Of mass, by a power of two: moments, momentum and torque. Of time: momentum, the square in the torque, and dt."""
+    moments, momentum, attitude, _ = (x[::12] for x in bodies(name.startswith("SYMMETRIC"), dtype))
+
+    def run(moments, momentum, attitude, weight, dt):
+        start, torque = ml.RigidState(momentum, attitude), ml.torques.HeavyTop(weight)
+        path = ml.integrate(name, ml.RigidBody(moments), torque, start, dt=dt, steps=10, save_every=10)
+        return path.states.attitude[-1], path.states.momentum[-1], path.ok
+
+    made = quick(jax.vmap(run, in_axes=(0, 0, 0, None, None)))
+
+    def same(mass, rate, weight):
+        """Whether the run in other units is the run, to the bit."""
+        mass, rate, weight, dt = (jnp.asarray(x, dtype) for x in (mass, rate, weight, 0.4))
+        turned, end, ok = made(moments, momentum, attitude, weight, dt)
+        again, scaled, fine = made(
+            moments * mass, momentum * mass * rate, attitude, weight * mass * rate * rate, dt / rate
+        )
+        return ok.all() and fine.all() and np.all(again == turned) and np.all(scaled / mass / rate == end)
+
+    assert all(same(mass, 1, 0.7) for mass in MASSES[dtype])
+    assert all(same(1, rate, 0.7) for rate in RATES[dtype])
+    assert all(same(1, rate, 0) for rate in FREE_RATES[dtype])
