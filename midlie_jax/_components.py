@@ -165,7 +165,9 @@ def _accumulate(x: Array, change: Array) -> Array:
     if x.dtype != "float32":
         return x + change
     bits = jax.lax.bitcast_convert_type(change, jnp.int32)
-    chance = (bits * _SHUFFLE).astype(x.dtype) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
+    chance = (bits * _SHUFFLE).astype(
+        x.dtype
+    ) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
     power = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT, x.dtype)
     return x + (change + chance * power)
 

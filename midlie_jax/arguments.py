@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 
 from ._components import is_traced
-from .bodies import Particles, RigidBody, State
+from .bodies import RigidBody, State
 from .checks import as_floats, described, require_finite, same_dtype, shown
 from .methods import method as find_method
 from .stepper import Method

@@ -50,14 +50,9 @@ def drift(series):
     return np.sqrt(change / size).max(axis=1)
 
 
-# A step rounds each entry of R and Pi some ten times. If the errors fall either way, they add up as a random walk: a
-# few eps a step, and sqrt(N) of that over N steps. Anything that leans one way adds up as eps N and breaks this.
-WALK = 8 * np.sqrt(LONG * BLOCKS)
-# But the direction of R Pi may lean: a body of constant spin makes the same turn e every step, with the same rounding
-# in it. Its length |e|^2 = 1 + d, d <= 2 eps, turns momentum by d sin(angle)/2 more than attitude: of the fast spin's
-# momentum, the share that is across the axis.
-ANGLE, ACROSS = 20 * 0.02, np.hypot(1, 2) / 20
-LEAN = LONG * BLOCKS * 2 * np.sin(ANGLE) / 2 * ACROSS
+# A flight rounds each entry of R and Pi a few times. The errors fall either way and add up as a random walk (see
+# test_rounding.py): a few eps, times the square root of the number of flights. Anything that leans one way breaks this.
+WALK = 4 * np.sqrt(LONG * BLOCKS)
 
 
 def length(part):
@@ -73,8 +68,8 @@ def test_spatial_momentum_of_a_free_body(name, dtype):
     if name == "NMB":
         assert changes[ASYMMETRIC].max() > 1e-3, changes
     else:
-        turns = getattr(ml.method(name), "scheme", schemes.E2).flights  # none of them larger than the whole step's
-        assert changes.max() <= turns * LEAN * epsilon(dtype), changes / epsilon(dtype)
+        turns = getattr(ml.method(name), "scheme", schemes.E2).flights
+        assert changes.max() <= np.sqrt(turns) * WALK * epsilon(dtype), changes / epsilon(dtype)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -124,7 +124,9 @@ def _across(a: cp.Vector, y: cp.Vector, below: cp.Vector, e: cp.Vector, s: Array
     sums = (e[1] + e[2], e[2] + e[0], e[0] + e[1])
     others = (sums[1] * sums[2], sums[2] * sums[0], sums[0] * sums[1])
     share = s * s * cp.reciprocal(sums[0] * others[0])
-    change = cp.times(cp.scale(share, others), cp.subtract((below[2], below[0], below[1]), (below[1], below[2], below[0])))
+    change = cp.times(
+        cp.scale(share, others), cp.subtract((below[2], below[0], below[1]), (below[1], below[2], below[0]))
+    )
     first = cp.times((y[1] * y[2], y[2] * y[0], y[0] * y[1]), cp.times(e, change))
     pull = cp.times(a, e)
     square = cp.times(y, y)

@@ -21,7 +21,10 @@ def converged(residual: Array, *terms: cp.Vector) -> Array:
 
 
 def carried(momentum: cp.Vector, half: cp.Quaternion, impulse: cp.Vector) -> cp.Vector:
-    """The momentum at the end of a step that turns by twice `half`, with an impulse, seen from half way, in the middle."""
+    """The momentum at the end of a step that turns by twice `half`.
+
+    The impulse acts in the middle of the step, and is given in the body's frame there.
+    """
     turned = cp.rotation_change(cp.conjugate(cp.square(half)), momentum)
     return cp.accumulate(momentum, cp.add(turned, cp.rotate_back(half, impulse)))
 
