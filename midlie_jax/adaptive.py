@@ -35,9 +35,10 @@ from jaxtyping import Bool, Float, Int
 from . import _components as cp
 from ._fuse import seam, together
 from .arguments import as_method, as_scalar, check_saving, check_step, check_system
-from .bodies import Particles, RigidBody, State
+from .bodies import Body
 from .checks import as_count, described, require_finite, same_dtype
 from .densities import DensityLike
+from .states import State
 from .stepper import Method, Motion, System, on_arrays
 from .torques import TorqueLike
 
@@ -81,7 +82,7 @@ class _Clock(NamedTuple):
 
 def integrate_adaptive(
     method: Method | str,
-    body: RigidBody | Particles,
+    body: Body,
     torque: TorqueLike | None,
     start: State,
     *,
@@ -169,7 +170,6 @@ def _run(
     save_every: int,
     reverse: bool,
 ) -> AdaptivePath:
-    kind = type(start)
     system = System.of(body, torque, start, t0)
     constants, functions = eqx.partition((system, density, dt, t1), eqx.is_array)
 
@@ -184,7 +184,7 @@ def _run(
         clock, ok = _next(clock, there, lost, dt, t1, slope, ok & (value > 0))
         return together((motion, force, clock, ok)), None
 
-    motion = Motion(*start.parts())
+    motion = system.motion(start)
     force = system.force(t0, motion) if method.keeps_force(system) else None
     value, slope = _along(system, density, t0, motion, force)
     clock = _first(t0, dt, t1, value if rho is None else rho, slope)
@@ -200,7 +200,7 @@ def _run(
         else:
             carry = _while_any_moves(partial(go, count=_block(save_every)), carry, save_every // _block(save_every))
         motion, _, clock, _ = carry
-        return carry, (kind.join(*motion), clock.t, clock.rho)
+        return carry, (system.state(motion), clock.t, clock.rho)
 
     begin = (motion, force, clock, (value > 0) & (clock.half > 0))
     (motion, _, clock, ok), kept = jax.lax.scan(leap, begin, length=steps // save_every)
@@ -260,17 +260,18 @@ def _along(system: System, density: Any, t: Array, motion: Motion, force: Any) -
     rigid = isinstance(motion.momentum, tuple)
     rate = cp.add(cp.cross(motion.momentum, velocity), force) if rigid else force
     moving = (jnp.ones_like(t), rate, system.kind.rate(motion.pose, velocity))
-    value, change = jax.jvp(partial(_evaluate, density, system.kind), (t, *motion), moving)
+    value, change = jax.jvp(partial(_evaluate, density, system), (t, *motion), moving)
     return value, change / value
 
 
-def _evaluate(density: Any, kind: type[State], t: Array, momentum: Any, pose: Any) -> Array:
+def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
     """The density, on components as a torque is."""
+    kind, motion = system.kind, system.shown_motion(Motion(momentum, pose))
     if not isinstance(momentum, tuple):
-        value = density(t, kind.join(momentum, pose))
+        value = density(t, kind.join(*motion))
         shape, dtype = jnp.shape(value), jnp.result_type(value)
     else:
-        (value, *_), out = on_arrays(lambda t, s: jnp.asarray(density(t, s), t.dtype), kind, t, Motion(momentum, pose))
+        (value, *_), out = on_arrays(lambda t, s: jnp.asarray(density(t, s), t.dtype), kind, t, motion)
         shape, dtype = out.shape, out.dtype
     if shape or dtype != t.dtype:
         raise ValueError(f"density must return one {t.dtype}, got {dtype}{list(shape)}; cast its parameters.")

@@ -1,14 +1,9 @@
-"""Bodies and their states: what moves, and the numbers that say where it is.
+"""Bodies: the inertia of what moves. States (`states.py`) say where it is and how it goes.
 
-A body holds the inertia, a state the momentum and as much of the configuration as a scene needs: nothing
-(`MomentumState`), one direction (`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`).
-States show arrays; steps see components (`parts`), and a state class says how its configuration, the *pose*,
-is carried along by a rotation (`turn`) and how fast it changes (`rate`). Nothing else knows the difference.
+Every kind of body turns momentum into velocity and back (`velocity`, `momentum`): what a torque needs of it.
 """
 
-from abc import abstractmethod
-from dataclasses import fields
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,23 +14,31 @@ from jaxtyping import Float
 
 from . import _components as cp
 from . import so3
-from .checks import as_floats, require, require_finite, same_batch
+from .checks import as_floats, require, require_finite
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file miss it by rounding.
 _TRIANGLE_SLACK = 1e-6
-_UNIT_SLACK = 1e-3
+_SYMMETRIC_SLACK = 1e-5  # of a tensor, relative to its largest entry
+# Moments lie between these powers of the smallest number of their dtype, so that their products do not leave it.
+_RANGE = 0.8
 
 
-def _norm(vectors: np.ndarray) -> Any:
-    return np.linalg.norm(vectors.astype(np.float64), axis=-1)
+def _positive(numbers: np.ndarray) -> Any:
+    return np.isfinite(numbers) & (numbers > 0)
 
 
-def _positive(moments: np.ndarray) -> Any:
-    return np.isfinite(moments) & (moments > 0)
+def _within_range(moments: np.ndarray) -> Any:
+    least = float(np.finfo(moments.dtype).tiny) ** _RANGE
+    return (moments >= least) & (moments <= 1 / least)
 
 
 def _triangle(moments: np.ndarray) -> Any:
     return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_SLACK)
+
+
+def _symmetric(matrix: np.ndarray) -> bool:
+    slack = _SYMMETRIC_SLACK * np.abs(matrix).max()
+    return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=slack))
 
 
 class RigidBody(eqx.Module):
@@ -46,19 +49,29 @@ class RigidBody(eqx.Module):
             is the principal frame, in the order of the moments.
 
     Args:
-        moments: as above; any leading axes are a batch, to be mapped over with `jax.vmap`.
+        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`.
         physical: False admits moments that break the triangle inequality I1 <= I2 + I3, which no mass
             distribution has but which are fine as mathematics.
 
     Raises:
-        ValueError: moments not floating, not of shape (..., 3), not positive, or unphysical.
+        ValueError: moments not of shape (..., 3), not positive, unphysical, or beyond 1e30 (float64: 1e246) or its
+            inverse; a full tensor, for which there are `TensorBody` and `from_tensor`.
     """
 
     moments: Float[Array, "*batch 3"]
 
     def __init__(self, moments: Any, *, physical: bool = True):
         self.moments = as_floats("moments", moments, (3,))
-        require("moments", self.moments, _positive, "must be positive and finite", "check units and order.")
+        square = self.moments.shape[-2:] == (3, 3)
+        cure = "check units and order."
+        if square:
+            cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor."
+        require("moments", self.moments, _positive, "must be positive and finite", cure)
+        require("moments", self.moments, _within_range, "are out of range", "take other units of mass or length.")
+        if square:
+            what = "are a symmetric matrix, a full tensor or three bodies:"
+            cure = "take midlie_jax.TensorBody or RigidBody.from_tensor for the one, jax.vmap(RigidBody) for the other."
+            require("moments", self.moments, lambda m: not _like_a_tensor(m), what, cure)
         if physical:
             require(
                 "moments",
@@ -69,31 +82,98 @@ class RigidBody(eqx.Module):
             )
 
     @classmethod
-    def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "3 3"]]:
-        """The body of a full inertia tensor, and its principal axes.
+    def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "*batch 3 3"]]:
+        """The body of a full inertia tensor, and its principal axes; `TensorBody` keeps account of them by itself.
 
         Args:
-            tensor: (3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body.
+            tensor: (..., 3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body.
             physical: as for the class.
 
         Returns:
-            The body, moments ascending, and a rotation matrix `axes` whose columns are the principal axes in
-            G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
-            attitude R of G becomes R @ axes.
+            The body, moments ascending, and rotation matrices `axes` (..., 3, 3) whose columns are the principal axes
+            in G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
+            attitude R of G becomes R @ axes. Derivatives are those of eigenvectors: NaN where moments are equal.
 
         Raises:
-            ValueError: not (3, 3), not symmetric, or moments as for the class.
+            ValueError: not (..., 3, 3), not symmetric, or moments as for the class.
         """
         tensor = as_floats("tensor", tensor, (3, 3))
         require_finite("tensor", tensor)
-
-        def symmetric(matrix: np.ndarray) -> bool:
-            return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=1e-5 * np.abs(matrix).max()))
-
-        require("tensor", tensor, symmetric, "must be symmetric", "pass (J + J.T) / 2 if the rest is rounding.")
+        require("tensor", tensor, _symmetric, "must be symmetric", "pass (J + J.T) / 2 if the rest is rounding.")
         moments, axes = jnp.linalg.eigh(tensor)
-        axes = axes * jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
-        return cls(moments, physical=physical), axes
+        hand = jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
+        return cls(moments, physical=physical), axes * hand[..., None, None]
+
+    def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular velocity I^-1 Pi, body frame."""
+        return momentum / self.moments
+
+    def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular momentum I Omega, body frame."""
+        return self.moments * velocity
+
+    @property
+    def trace(self) -> Float[Array, "*batch"]:
+        """I1 + I2 + I3."""
+        return jnp.sum(self.moments, axis=-1)
+
+
+def _like_a_tensor(matrix: np.ndarray) -> bool:
+    """Whether it could be an inertia tensor: symmetric, with positive moments that satisfy the triangle inequality."""
+    if matrix.ndim != 2 or not _symmetric(matrix):
+        return False
+    moments = np.linalg.eigvalsh(matrix.astype(np.float64))
+    return bool(moments.min() > _SYMMETRIC_SLACK * moments.max() and _triangle(moments))
+
+
+class TensorBody(eqx.Module):
+    """A rigid body given by its full inertia tensor, in a frame of your own fixed in the body.
+
+    Momentum, attitude, torque and angular velocity are all in this frame, whatever the principal axes are:
+    `midlie_jax.integrate` and its kin change to the principal frame and back. A run that is continued from a kept
+    state changes frames twice more than one that was never stopped, and differs from it by rounding.
+
+    Attributes:
+        principal: the same body in its principal frame, a `RigidBody`.
+        axes: unit quaternion, components in the principal frame to those in your frame, (..., 4).
+
+    Args:
+        tensor: (..., 3, 3) symmetric positive definite inertia tensor, mass x length^2.
+        physical: as for `RigidBody`.
+
+    Raises:
+        ValueError: not (..., 3, 3), not symmetric, or its moments as for `RigidBody`.
+    """
+
+    principal: RigidBody
+    axes: Float[Array, "*batch 4"]
+
+    def __init__(self, tensor: Any, *, physical: bool = True):
+        self.principal, axes = RigidBody.from_tensor(tensor, physical=physical)
+        self.axes = so3.from_matrix(axes)
+
+    @property
+    def tensor(self) -> Float[Array, "*batch 3 3"]:
+        """The inertia tensor in your frame."""
+        axes = so3.to_matrix(self.axes)
+        return (axes * self.principal.moments[..., None, :]) @ jnp.swapaxes(axes, -1, -2)
+
+    def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular velocity I^-1 Pi."""
+        return so3.rotate(self.axes, self.principal.velocity(self.to_principal(momentum)))
+
+    def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular momentum I Omega."""
+        return so3.rotate(self.axes, self.principal.momentum(self.to_principal(velocity)))
+
+    @property
+    def trace(self) -> Float[Array, "*batch"]:
+        """The trace of the tensor."""
+        return self.principal.trace
+
+    def to_principal(self, vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """A vector of your frame in principal components."""
+        return so3.rotate(so3.conjugate(self.axes), vector)
 
 
 class Particles(eqx.Module):
@@ -107,7 +187,7 @@ class Particles(eqx.Module):
             here, once.
 
     Raises:
-        ValueError: not floating, more than two axes, not positive, or not symmetric positive definite.
+        ValueError: more than two axes, not positive, or not symmetric positive definite.
     """
 
     mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
@@ -137,320 +217,16 @@ class Particles(eqx.Module):
             return jax.scipy.linalg.cho_solve((self.mass, True), momentum)
         return momentum / self.mass
 
+    def momentum(self, velocity: Array) -> Array:
+        """M u'."""
+        if self.mass.ndim == 2:
+            return self.mass @ (self.mass.T @ velocity)
+        return self.mass * velocity
 
-class State(eqx.Module):
-    """What the steps need from a state: its components and how its pose is carried."""
 
-    momentum: eqx.AbstractVar[Array]
-    body: ClassVar[type]  # the kind of body that this state belongs to
-    own_axes: ClassVar[int] = 1  # axes of each array that belong to one body; those before them are a batch
+Body = RigidBody | TensorBody | Particles
 
-    def check_batch(self) -> None:
-        """Raises a ValueError unless all arrays have the same batch axes."""
-        same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
 
-    @abstractmethod
-    def parts(self) -> tuple[Any, Any]:
-        """(momentum, pose) as the steps hold them."""
-
-    @classmethod
-    @abstractmethod
-    def join(cls, momentum: Any, pose: Any) -> "State":
-        """The inverse of `parts`."""
-
-    @classmethod
-    @abstractmethod
-    def of(cls, momentum: Any, pose: Any) -> "State":
-        """The state of the momentum and pose given as arrays (the pose () where there is none)."""
-
-    @staticmethod
-    @abstractmethod
-    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
-        """The pose after the body has turned by `increment`, a rotation in the body frame."""
-
-    @staticmethod
-    @abstractmethod
-    def turn(pose: Any, increment: cp.Quaternion, still: Array) -> Any:
-        """The same for a pose that takes up a rotation at every step: see `_components.accumulate`.
-
-        What rounding has changed of its length before is taken off. Where `still`, not a bit is changed.
-        """
-
-    @staticmethod
-    @abstractmethod
-    def shift(pose: Any, change: Any, still: Array) -> Any:
-        """pose + change, brought to the length of a pose, to second order; where `still`, not a bit is changed."""
-
-    @staticmethod
-    @abstractmethod
-    def rate(pose: Any, velocity: Any) -> Any:
-        """d pose / dt at a body-frame angular velocity; linear in it."""
-
-
-class MomentumState(State):
-    """A body whose attitude nobody asks for: three numbers.
-
-    Attributes:
-        momentum: body-frame angular momentum Pi, (..., 3).
-    """
-
-    momentum: Float[Array, "*batch 3"]
-    body: ClassVar[type] = RigidBody
-
-    def __init__(self, momentum: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
-        require_finite("momentum", self.momentum)
-
-    def parts(self) -> tuple[Any, Any]:
-        return cp.unpack(self.momentum), ()
-
-    @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "MomentumState":
-        del pose
-        return cls(cp.pack(momentum))
-
-    @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "MomentumState":
-        del pose
-        return cls(momentum)
-
-    @staticmethod
-    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
-        del increment
-        return pose
-
-    @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, still: Array) -> Any:
-        del increment, still
-        return pose
-
-    @staticmethod
-    def shift(pose: Any, change: Any, still: Array) -> Any:
-        del change, still
-        return pose
-
-    @staticmethod
-    def rate(pose: Any, velocity: cp.Vector) -> Any:
-        del velocity
-        return pose
-
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """Always a ValueError: no direction is known."""
-        del vector
-        raise ValueError("a MomentumState knows no direction; start from a DirectionState or a RigidState instead.")
-
-    def vertical(self) -> cp.Vector:
-        """Always a ValueError: no direction is known."""
-        return self.seen_from_body(cp.unpack(self.momentum))
-
-
-class DirectionState(State):
-    """A body in a field that depends on one space direction only: six numbers.
-
-    Attributes:
-        momentum: body-frame angular momentum Pi, (..., 3).
-        direction: the field's unit direction seen from the body, R^T d, (..., 3). For `HeavyTop` d is the
-            upward vertical, for `DipoleInField` the direction of the field.
-    """
-
-    momentum: Float[Array, "*batch 3"]
-    direction: Float[Array, "*batch 3"]
-    body: ClassVar[type] = RigidBody
-
-    def __init__(self, momentum: Any, direction: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
-        self.direction = as_floats("direction", direction, (3,))
-        self.check_batch()
-        require_finite("momentum", self.momentum)
-        require("direction", self.direction, _unit, "must be a unit vector", "divide it by its norm.")
-
-    def parts(self) -> tuple[Any, Any]:
-        return cp.unpack(self.momentum), cp.unpack(self.direction)
-
-    @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "DirectionState":
-        return cls(cp.pack(momentum), cp.pack(pose))
-
-    @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "DirectionState":
-        return cls(momentum, pose)
-
-    @staticmethod
-    def rotate(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
-        return cp.rotate_back(increment, pose)
-
-    @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion, still: Array) -> cp.Vector:
-        share = _missing(cp.dot(pose, pose), still)
-        change = cp.rotation_change(cp.conjugate(increment), pose)
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, pose)))
-
-    @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, still: Array) -> cp.Vector:
-        there = cp.add(pose, change)
-        share = _missing(cp.dot(there, there), still)
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, there)))
-
-    @staticmethod
-    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
-        return cp.cross(pose, velocity)
-
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A space vector along the field's direction, in body components."""
-        return cp.scale(jnp.sqrt(cp.dot(vector, vector)), cp.unpack(self.direction))
-
-    def vertical(self) -> cp.Vector:
-        """The space z axis in body components, which the direction then is."""
-        return cp.unpack(self.direction)
-
-
-class RigidState(State):
-    """A body's momentum and attitude: seven numbers.
-
-    Attributes:
-        momentum: body-frame angular momentum Pi, (..., 3).
-        attitude: unit quaternion (w, x, y, z), body components to space components, (..., 4).
-    """
-
-    momentum: Float[Array, "*batch 3"]
-    attitude: Float[Array, "*batch 4"]
-    body: ClassVar[type] = RigidBody
-
-    def __init__(self, momentum: Any, attitude: Any):
-        self.momentum = as_floats("momentum", momentum, (3,))
-        self.attitude = as_floats("attitude", attitude, (4,))
-        self.check_batch()
-        require_finite("momentum", self.momentum)
-        require("attitude", self.attitude, _unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
-
-    def parts(self) -> tuple[Any, Any]:
-        return cp.unpack(self.momentum), cp.unpack(self.attitude)
-
-    @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "RigidState":
-        return cls(cp.pack(momentum), cp.pack(pose))
-
-    @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "RigidState":
-        return cls(momentum, pose)
-
-    @staticmethod
-    def rotate(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
-        return cp.multiply(pose, increment)
-
-    @staticmethod
-    def turn(pose: cp.Quaternion, increment: cp.Quaternion, still: Array) -> cp.Quaternion:
-        # As a change of the pose, so that it is rounded once. Rounding the product, and then the length, would turn the
-        # attitude a little, and at every step the same way. The share is that of both factors' lengths.
-        share = _missing(_square(pose), still) + 0.5 * cp.missing(increment)
-        w, x, y, z = increment
-        factor = 1 + share
-        change = cp.multiply(pose, ((w - 1) * factor + share, factor * x, factor * y, factor * z))
-        return cp.accumulate(pose, change)
-
-    @staticmethod
-    def shift(pose: cp.Quaternion, change: cp.Quaternion, still: Array) -> cp.Quaternion:
-        w, x, y, z = (p + c for p, c in zip(pose, change, strict=True))
-        share = _missing(_square((w, x, y, z)), still)
-        a, b, c, d = change
-        return cp.accumulate(pose, (a + share * w, b + share * x, c + share * y, d + share * z))
-
-    @staticmethod
-    def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
-        w, x, y, z = pose
-        a, b, c = velocity
-        half = (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
-        return (0.5 * half[0], 0.5 * half[1], 0.5 * half[2], 0.5 * half[3])
-
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A space vector in body components, R^T vector."""
-        return cp.rotate_back(cp.unpack(self.attitude), vector)
-
-    def vertical(self) -> cp.Vector:
-        """The space z axis in body components: the last row of R."""
-        w, x, y, z = cp.unpack(self.attitude)
-        return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
-
-
-class ParticleState(State):
-    """Positions and momenta of particles.
-
-    Attributes:
-        momentum: p, (n,) or any shape.
-        position: u, the same shape.
-    """
-
-    momentum: Float[Array, "..."]
-    position: Float[Array, "..."]
-    body: ClassVar[type] = Particles
-    own_axes: ClassVar[int] = 0  # of any shape, the same for both
-
-    def __init__(self, momentum: Any, position: Any):
-        self.momentum = as_floats("momentum", momentum)
-        self.position = as_floats("position", position)
-        require_finite("momentum", self.momentum)
-        require_finite("position", self.position)
-        if self.momentum.shape != self.position.shape:
-            raise ValueError(f"momentum {self.momentum.shape} and position {self.position.shape} must have one shape.")
-
-    def parts(self) -> tuple[Any, Any]:
-        return self.momentum, self.position
-
-    @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "ParticleState":
-        return cls(momentum, pose)
-
-    @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "ParticleState":
-        return cls(momentum, pose)
-
-    @staticmethod
-    def rotate(pose: Any, increment: Any) -> Any:
-        return pose + increment
-
-    @staticmethod
-    def turn(pose: Any, increment: Any, still: Array) -> Any:
-        del still
-        return cp.accumulate(pose, increment)
-
-    @staticmethod
-    def shift(pose: Any, change: Any, still: Array) -> Any:
-        del still
-        return cp.accumulate(pose, change)
-
-    @staticmethod
-    def rate(pose: Any, velocity: Any) -> Any:
-        del pose
-        return velocity
-
-
-def _square(q: cp.Quaternion) -> Array:
-    return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-
-
-def _missing(square: Array, still: Array) -> Array:
-    """The share by which something of this squared length must grow to have length 1, by one step of Newton's."""
-    return jnp.where(still, jnp.zeros_like(square), 0.5 - 0.5 * square)
-
-
-def _unit(vectors: np.ndarray) -> Any:
-    return np.abs(_norm(vectors) - 1) < _UNIT_SLACK
-
-
-def kinetic_energy(body: RigidBody | Particles, state: State) -> Float[Array, "*batch"]:
-    """Pi . I^-1 Pi / 2, or p . M^-1 p / 2. Shapes (..., 3) give (...)."""
-    if isinstance(body, Particles):
-        return jnp.sum(state.momentum * body.velocity(state.momentum)) / 2
-    momentum, moments = cp.unpack(state.momentum), cp.unpack(body.moments)
-    return (momentum[0] ** 2 / moments[0] + momentum[1] ** 2 / moments[1] + momentum[2] ** 2 / moments[2]) / 2
-
-
-def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
-    """The angular momentum in space components, R Pi, (..., 3): constant for a free body.
-
-    Raises:
-        ValueError: for a state without attitude.
-    """
-    if not isinstance(state, RigidState):
-        raise ValueError(f"spatial_momentum needs the attitude; {type(state).__name__} has none: use a RigidState.")
-    return so3.rotate(state.attitude, state.momentum)
+def principal_of(body: Any) -> Any:
+    """A body in its principal frame; particles, and what is no body, as they are."""
+    return body.principal if isinstance(body, TensorBody) else body

@@ -7,7 +7,7 @@ nothing can be read, and failures come back as flags instead (`Path.ok`).
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from operator import index
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -38,6 +38,15 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     return array
 
 
+def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]:
+    """A vector (3,) that is finite, or a function of time that returns one."""
+    if callable(value):
+        return cast(Callable[[Any], Array], value)
+    array = as_floats(name, value, (3,))
+    require_finite(name, array)
+    return array
+
+
 def as_count(name: str, value: Any) -> int:
     """`value` as a Python int of at least 1: a Python or NumPy integer, but no boolean and no traced number."""
     try:
@@ -62,6 +71,11 @@ def require_finite(name: str, value: Any) -> None:
     require(name, value, np.isfinite, "must be finite", "NaN or infinity came in from the caller.")
 
 
+def is_unit(vectors: np.ndarray) -> Any:
+    """Whether vectors are of length 1, to a thousandth: what rounding leaves in any dtype and file."""
+    return np.abs(np.linalg.norm(np.asarray(vectors, np.float64), axis=-1) - 1) < 1e-3
+
+
 def same_batch(**arrays: tuple[Array, int]) -> None:
     """Raises unless the leading axes agree, of arrays given with the number of their own axes."""
     leading = {name: array.shape[: array.ndim - own] for name, (array, own) in arrays.items()}
@@ -84,13 +98,13 @@ def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
                     )
 
 
-def unknown(kind: str, name: Any, known: Iterable[str]) -> ValueError:
-    """The error for a name that is not among those known: the nearest one, and all of them."""
+def unknown(kind: str, name: Any, known: Iterable[str], *, more: Iterable[str] = (), note: str = "") -> ValueError:
+    """The error for a name that is not among those known: the nearest of these and `more`, and all that are known."""
     known = list(known)
-    folded = {choice.casefold(): choice for choice in reversed(known)}
+    folded = {choice.casefold(): choice for choice in (*more, *reversed(known))}
     close = get_close_matches(str(name).casefold(), folded, n=1)
-    hint = f"did you mean {folded[close[0]]!r}? " if close else ""
-    return ValueError(f"unknown {kind} {name!r}; {hint}Choose from {', '.join(known)}.")
+    choose = f"did you mean {folded[close[0]]!r}? Choose" if close else "choose"
+    return ValueError(f"unknown {kind} {name!r}; {choose} from {', '.join(known)}. {note}".rstrip())
 
 
 def described(value: Any) -> str:

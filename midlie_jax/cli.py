@@ -17,10 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import charts, convergence, scenes, torques
-from .bodies import RigidBody, RigidState, spatial_momentum
+from .bodies import RigidBody
 from .integrate import integrate
 from .methods import method as find_method
 from .methods import methods as all_methods
+from .observables import energy, spatial_momentum
+from .states import RigidState
 from .torques import TorqueLike
 
 _KEPT_STATES = 200  # states kept of each body by `run`, at most
@@ -304,14 +306,14 @@ def _energy_error(body: RigidBody, torque: TorqueLike | None, states: RigidState
     """Largest |E(t) - E(0)| / |E(0)| of all bodies and times; says so where energy is not conserved."""
     try:
         still = [
-            float(torques.energy(body, torque, jax.tree.map(lambda leaf: leaf[0, 0], states), t))
+            float(energy(body, torque, jax.tree.map(lambda leaf: leaf[0, 0], states), t))
             for t in np.unique(times[:: max(1, len(times) // 8)])
         ]
     except ValueError as error:
         return f"not defined: {str(error).split(';')[0]}"
     if min(still) != max(still):
         return "not conserved: the potential depends on time"
-    each = jax.vmap(lambda state: torques.energy(body, torque, state))
+    each = jax.vmap(lambda state: energy(body, torque, state))
     energies = np.asarray(jax.jit(jax.vmap(each))(states))
     return _largest(np.abs(energies - energies[:, :1]), np.abs(energies[:, :1]))
 

@@ -11,10 +11,19 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .bodies import Particles, RigidBody, State
-from .checks import require_finite
+from .arguments import (
+    as_first_step,
+    as_method,
+    check_saving,
+    check_state,
+    check_step,
+    check_system,
+)
+from .bodies import Body, RigidBody, principal_of
+from .checks import as_count, as_floats, require_finite
 from .integrate import Path, integrate
-from .methods import method as find_method
+from .rows import count_rows, torque_rows
+from .states import State
 from .stepper import Method
 from .torques import TorqueLike
 
@@ -24,7 +33,7 @@ CHUNK = 8192
 
 def ensemble(
     method: Method | str,
-    body: RigidBody | Particles,
+    body: Body,
     torque: TorqueLike | None,
     start: State,
     *,
@@ -32,7 +41,7 @@ def ensemble(
     steps: int,
     save_every: int | None = None,
     t0: float | Array = 0.0,
-    first_step: int = 0,
+    first_step: int | Array = 0,
     torque_axes: Any = None,
     chunk: int = CHUNK,
 ) -> Path:
@@ -41,107 +50,96 @@ def ensemble(
     It can be jitted and differentiated, and is compiled once for each method, torque function and shape.
 
     Args:
-        method, steps, t0, first_step: as for `integrate`; t0 may be (n,).
-        body: one for all, or a `RigidBody` with moments (n, 3).
-        torque: one for all, or one whose leaves have a leading axis (n,) where `torque_axes` says so.
+        method, steps, first_step: as for `integrate`.
+        body: one for all, or a `RigidBody` with moments (n, 3), or a `TensorBody` with a tensor (n, 3, 3).
+        torque: as for `integrate`. One whose parameters have a leading axis (n,) more than it can be called with acts
+            on each body with its own, such as `HeavyTop(weights)` with weights (n,); the others are shared by all.
         start: with a leading axis (n,): momentum (n, 3), attitude (n, 4).
-        dt: (), or a step for each, (n,).
+        dt, t0: (), or one for each body, (n,).
         save_every: keep every so many steps, the start first, as `integrate` does; `None` keeps the end alone, and
             memory for it alone.
-        torque_axes: None for a torque shared by all, 0 for one a body, or a prefix of the torque's tree with these, as
-            for the `in_axes` of `jax.vmap`.
+        torque_axes: says itself which parameters of the torque are one a body, where a torque could be called either
+            way: 0 for all, or a prefix of the torque's tree with 0 and None, as for the `in_axes` of `jax.vmap`.
         chunk: bodies in the cache at once.
 
     Returns:
-        The path; `times` (k,), or (n, k) where `dt` or `t0` differ, `states` with leading axes (n, k), `ok` (n,); k = 1
-        if only the end is kept.
+        The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) where `dt` or `t0` differ, and `states`
+        with leading axes (n, k). Without: `times` (), or (n,), and `states` with a leading axis (n,).
 
     Raises:
         ValueError: as `integrate`, or where the sizes of the batch differ; the message names the argument and the cure.
     """
-    method = find_method(method) if isinstance(method, str) else method
-    if not isinstance(start, State):
-        raise ValueError(f"start must be a state such as midlie_jax.RigidState, got {type(start).__name__}.")
-    if start.momentum.ndim != 2:
-        raise ValueError(
-            f"start.momentum must be (n, {start.momentum.shape[-1]}), got {start.momentum.shape}; stack the states of "
-            "the bodies with jax.tree.map(lambda *x: jnp.stack(x), *states), or use midlie_jax.integrate for one."
-        )
-    if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
-        raise ValueError(f"chunk must be a positive Python int, got {chunk!r}.")
-    dtype, count = start.momentum.dtype, start.momentum.shape[0]
-    dt, t0 = jnp.asarray(dt, dtype), jnp.asarray(t0, dtype)
-    for name, array in (("dt", dt), ("t0", t0)):
-        require_finite(name, array)
-        if array.ndim > 1:
-            raise ValueError(f"{name} must be one for all, or ({count},), got {array.shape}.")
-    moments = body.moments if isinstance(body, RigidBody) and body.moments.ndim == 2 else None
-    axes = (None if moments is None else 0, torque_axes, 0, 0 if dt.ndim else None, 0 if t0.ndim else None)
-    sizes = {"body.moments": moments, "dt": dt, "t0": t0}
-    for name, array in sizes.items():
-        if array is not None and array.ndim and array.shape[0] != count:
-            raise ValueError(f"{name} has {array.shape[0]} rows, but start.momentum has {count}; give one a body.")
-    return _run(method, body, torque, start, dt, t0, first_step, steps, save_every, axes, chunk)
+    steps, chunk = as_count("steps", steps), as_count("chunk", chunk)
+    save_every = save_every if save_every is None else as_count("save_every", save_every)
+    check_saving(steps, save_every or steps)
+    first = as_first_step(first_step, steps)
+    check_state("start", start)
+    dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
+    method = check_system(as_method(method), body, torque, start, batch=1)
+    dt, t0 = (_one_or_many(name, value, count).astype(dtype) for name, value in (("dt", dt), ("t0", t0)))
+    check_step(dt)
+    principal = principal_of(body)
+    own_body = isinstance(principal, RigidBody) and principal.moments.ndim == 2
+    rows = (
+        jax.tree.map(lambda _: own_body, body),
+        torque_rows(torque, torque_axes, start, count),
+        jax.tree.map(lambda _: True, start),
+        dt.ndim == 1,
+        t0.ndim == 1,
+    )
+    given = (body, torque, start, dt, t0)
+    count_rows(("body", "torque", "start", "dt", "t0"), given, rows, count)
+    mapped, shared = eqx.partition(given, rows)
+    return _run(method, mapped, shared, first, steps, save_every, chunk)
+
+
+def _one_or_many(name: str, value: Any, count: int) -> Array:
+    array = as_floats(name, value)
+    require_finite(name, array)
+    if array.ndim > 1:
+        raise ValueError(f"{name} must be one for all, or ({count},), got {array.shape}.")
+    return array
 
 
 @eqx.filter_jit
 def _run(
     method: Method,
-    body: Any,
-    torque: Any,
-    start: State,
-    dt: Array,
-    t0: Array,
-    first_step: int,
+    mapped: Any,
+    shared: Any,
+    first: Array,
     steps: int,
     save_every: int | None,
-    axes: tuple[Any, ...],
     chunk: int,
 ) -> Path:
-    def alone(body: Any, torque: Any, start: State, dt: Array, t0: Array) -> Path:
-        every = steps if save_every is None else save_every
-        path = integrate(
-            method, body, torque, start, dt=dt, t0=t0, steps=steps, save_every=every, first_step=first_step
-        )
+    """The bodies of `mapped`, whose leaves have a leading axis (n,); `shared` has the leaves that are missing there."""
+    *_, dt, t0 = mapped
+    own_times = dt is not None or t0 is not None
+
+    def alone(mapped: Any) -> Path:
+        body, torque, start, dt, t0 = eqx.combine(mapped, shared)
+        every = save_every or steps
+        path = integrate(method, body, torque, start, dt=dt, t0=t0, steps=steps, save_every=every, first_step=first)
         if save_every is not None:
             return path
-        return Path(path.times[1:], jax.tree.map(lambda x: x[1:], path.states), path.ok)
+        return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok)
 
-    each_time = 0 in axes[3:]
-    many = jax.vmap(alone, axes, Path(0 if each_time else None, 0, 0))  # pyright: ignore[reportArgumentType]
-    count = start.momentum.shape[0]
+    many = jax.vmap(alone, out_axes=Path(0 if own_times else None, 0, 0))  # pyright: ignore[reportArgumentType]
+    count = mapped[2].momentum.shape[0]
     chunks = _chunks(count, chunk)
     if chunks == 1:
-        return many(body, torque, start, dt, t0)
+        return many(mapped)
     size = -(-count // chunks)
-    mapped, shared = _split((body, torque, start, dt, t0), axes)
     # The last chunk is filled with copies of the last body, so that one program serves all.
     rows = jnp.minimum(jnp.arange(chunks * size), count - 1).reshape(chunks, size)
-
-    def one(rows: Array) -> Path:
-        return many(*eqx.combine(jax.tree.map(lambda x: x[rows], mapped), shared))
 
     def join(parts: Array) -> Array:
         return parts.reshape(chunks * size, *parts.shape[2:])[:count]
 
-    times, states, ok = jax.lax.map(one, rows)
-    return Path(join(times) if each_time else times[0], jax.tree.map(join, states), join(ok))
+    times, states, ok = jax.lax.map(lambda rows: many(jax.tree.map(lambda x: x[rows], mapped)), rows)
+    return Path(join(times) if own_times else times[0], jax.tree.map(join, states), join(ok))
 
 
 def _chunks(count: int, chunk: int) -> int:
     """How many chunks: as few as will do, or a few more if all are then full and the result needs no copy."""
     least = -(-count // chunk)
     return next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)
-
-
-def _split(arguments: tuple[Any, ...], axes: tuple[Any, ...]) -> tuple[Any, Any]:
-    """The leaves that have one row a body, and the rest."""
-    spread = tuple(
-        jax.tree.map(lambda axis, part: jax.tree.map(lambda _: axis == 0, part), axis, argument, is_leaf=_none)
-        for axis, argument in zip(axes, arguments, strict=True)
-    )
-    return eqx.partition(arguments, spread)
-
-
-def _none(value: Any) -> bool:
-    return value is None

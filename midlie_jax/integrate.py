@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float
 
 from ._fuse import seam, together
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
-from .bodies import Particles, RigidBody, State
+from .bodies import Body
 from .checks import as_count
+from .states import State
 from .stepper import Method, Motion, System
 from .torques import TorqueLike
 
@@ -28,14 +29,14 @@ class Path(NamedTuple):
         ok: (), False when a solve failed or a number stopped being finite.
     """
 
-    times: Float[Array, "*batch n"]
+    times: Float[Array, "*n"]
     states: Any
     ok: Bool[Array, "*batch"]
 
 
 def integrate(
     method: Method | str,
-    body: RigidBody | Particles,
+    body: Body,
     torque: TorqueLike | None,
     start: State,
     *,
@@ -53,7 +54,7 @@ def integrate(
 
     Args:
         method: from `midlie_jax.method`, or its name.
-        body: what moves.
+        body: what moves: a `RigidBody`, a `TensorBody` in a frame of your own, or `Particles`.
         torque: any callable `torque(t, state) -> (3,)` in the body frame (for particles a force of the momentum's
             shape), or None. Pass the same function object again to reuse what was compiled.
         start: the state at the first time; its class decides how much is followed.
@@ -92,7 +93,6 @@ def _run(
     steps: int,
     save_every: int,
 ) -> Path:
-    kind = type(start)
     system = System.of(body, torque, start, t0)
     counted, first = counts(first, steps), first.astype(jnp.int32)
 
@@ -105,14 +105,14 @@ def _run(
         motion, force, fine = method.step(system, here, there, h, motion, force)
         return together((motion, force, ok & fine)), None
 
-    motion = Motion(*start.parts())
+    motion = system.motion(start)
     force = _first_force(method, system, motion, advance, time_of(t0, dt, first), first)
     # Twice, because each order of reverse mode takes one off: a gradient of a gradient keeps one state a step, too.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
     def leap(carry: Any, n: Array) -> tuple[Any, State]:
         carry, _ = jax.lax.scan(step, carry, n + jnp.arange(save_every, dtype=jnp.int32), unroll=method.unroll)
-        return carry, kind.join(*carry[0])
+        return carry, system.state(carry[0])
 
     kept = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
     (motion, _, ok), states = jax.lax.scan(leap, (motion, force, jnp.asarray(counted)), kept)

@@ -1,6 +1,7 @@
 """Every method by name. A new one is a line here, and every law test, chart and benchmark picks it up."""
 
 from . import flights, schemes
+from .checks import unknown
 from .explicit import DOP853, RK4
 from .flights import Flight, LieMidpoint, Linear
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
@@ -55,6 +56,8 @@ _FLIGHTS: dict[str, Flight] = {
     )
 }
 
+_ANY = f"Any FLIGHT[SCHEME] is a method, of the flights {', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
+
 
 def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     """An integrator: by its name, as "FLIGHT[SCHEME]", or from the two parts.
@@ -65,24 +68,23 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     "RK4" and "DOP853" are Runge-Kutta methods that keep no structure, for comparison and for short runs to many digits.
 
     Raises:
-        ValueError: unknown name; the message lists all.
+        ValueError: unknown name; the message has the nearest and all.
     """
     if scheme is None:
         name = str(name)
         for known in (_METHODS, _GENERAL):
             if name in known:
                 return known[name]
-        flight, _, rest = name.partition("[")
-        scheme = rest.removesuffix("]")
-        if flight not in _FLIGHTS or scheme not in SCHEMES:
-            raise ValueError(
-                f"unknown method {name!r}; choose from {', '.join([*_METHODS, *_GENERAL])}, or any FLIGHT[SCHEME] of "
-                f"the flights {', '.join(_FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
-            )
-        name = flight
-    for label, part, known in (("flight", name, _FLIGHTS), ("scheme", scheme, SCHEMES)):
+        flight, bracket, rest = name.partition("[")
+        if name in _FLIGHTS:
+            raise ValueError(f"{name!r} is a flight; add a scheme, as in '{name}[EA]', of {', '.join(SCHEMES)}.")
+        if not bracket:
+            more = [f"{flight}[{scheme}]" for flight in _FLIGHTS for scheme in SCHEMES]
+            raise unknown("method", name, [*_METHODS, *_GENERAL], more=more, note=_ANY)
+        name, scheme = flight, rest.removesuffix("]")
+    for kind, part, known in (("flight", name, _FLIGHTS), ("scheme", scheme, SCHEMES)):
         if isinstance(part, str) and part not in known:
-            raise ValueError(f"unknown {label} {part!r}; choose from {', '.join(known)}.")
+            raise unknown(kind, part, known)
     flight = _FLIGHTS[name] if isinstance(name, str) else name
     table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
     made = Splitting(flight, table, f"{flight.name}[{table.name}]")

@@ -1,5 +1,6 @@
 """Where a satellite is: orbits about a point mass, for the gravity-gradient torque."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -100,6 +101,38 @@ class KeplerOrbit(Orbit):
         f = 1 - versine * axis / radius
         g = (mean - change + s) / motion
         return cp.pack(cp.add(cp.scale(f, position), cp.scale(g, velocity)))
+
+
+class DipoleField(eqx.Module):
+    """The field of a magnetic dipole along an orbit, B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r / |r|.
+
+    A first approximation to the Earth's has a moment of 7.7e22 A m^2 along the geomagnetic axis, towards the south, for
+    orbits in metres (J. R. Wertz, Spacecraft Attitude Determination and Control (1978), appendix H).
+
+    Attributes:
+        orbit: the place in space, `orbit(t) -> (3,)`, length.
+        moment: dipole moment in space, (3,).
+        constant: mu_0 / 4 pi in the units of the scene, (); 1e-7 T m/A in SI units.
+    """
+
+    orbit: Callable[[Any], Array]
+    moment: Float[Array, "*batch 3"]
+    constant: Float[Array, "*batch"]
+
+    def __init__(self, orbit: Callable[[Any], Array], moment: Any, constant: Any = 1e-7):
+        self.orbit = orbit
+        self.moment = as_floats("moment", moment, (3,))
+        self.constant = as_floats("constant", constant)
+        require_finite("moment", self.moment)
+        require_finite("constant", self.constant)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        place, moment = cp.unpack(self.orbit(t)), cp.unpack(self.moment)
+        square = cp.dot(place, place)
+        inverse = 1 / jnp.sqrt(square)
+        e = cp.scale(inverse, place)
+        field = cp.subtract(cp.scale(3 * cp.dot(moment, e), e), moment)
+        return cp.pack(cp.scale(self.constant * inverse / square, field))
 
 
 def _newton(change: Array, mean: Array, sine_part: Array, cosine_part: Array) -> Array:

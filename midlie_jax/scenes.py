@@ -15,8 +15,9 @@ from jax import Array
 from jaxtyping import Float
 
 from . import so3
-from .bodies import RigidBody, RigidState
+from .bodies import RigidBody
 from .orbits import KeplerOrbit
+from .states import RigidState
 from .torques import GravityGradient, HeavyTop, Prescribed, TorqueLike
 
 

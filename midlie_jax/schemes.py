@@ -1,124 +1,20 @@
-"""Schemes: which kicks and flights make a step, with which coefficients.
+"""The tables: schemes by name, each with its source.
 
-A scheme is a table of numbers, and `run` is the one function that runs a table. It does not know what flies:
-the same tables drive rigid bodies and particles.
+To make one of your own: `midlie_jax.schemes.Scheme`, then `measured_order` to be sure of its digits.
 """
 
-from collections.abc import Callable
-from itertools import accumulate, pairwise
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any
 
-KICK, FLIGHT = "kick", "flight"
-
-
-class Scheme(NamedTuple):
-    """A splitting scheme.
-
-    Attributes:
-        name: its name in method names.
-        order: order of accuracy when the flight's own order is no less, or the scheme is `composed`.
-        symmetric: whether the table reads the same backwards, so that a step of -h undoes a step of h.
-        stages: (KICK | FLIGHT, coefficient) in the order in which they act; coefficients of each sum to 1.
-        source: where the table is from.
-        composed: whether it is a composition of whole symmetric steps, which raises the flight's own order as well.
-        gradients: for each kick g, if any: the kick is that of the potential V - g h^2 T . I^-1 T, h the step and T
-            the torque (for forces f . M^-1 f).
-        small: for forces of a small size e, as on a fast top: the global error is e h^small + e^2 h^(order at least).
-    """
-
-    name: str
-    order: int
-    symmetric: bool
-    stages: tuple[tuple[str, float], ...]
-    source: str
-    composed: bool = False
-    gradients: tuple[float, ...] = ()
-    small: int | None = None
-
-    @property
-    def reuses_force(self) -> bool:
-        """Whether a step begins and ends with a kick, so that the last force is the next step's first."""
-        ends = self.stages[0][0] == KICK and self.stages[-1][0] == KICK
-        return ends and (not self.gradients or self.gradients[0] == self.gradients[-1] == 0)
-
-    def merged(self) -> "Scheme":
-        """The scheme with neighbouring stages of one kind made one: the same method where the flight is exact."""
-        stages = [self.stages[0]]
-        for kind, coefficient in self.stages[1:]:
-            if kind == stages[-1][0]:
-                stages[-1] = (kind, stages[-1][1] + coefficient)
-            else:
-                stages.append((kind, coefficient))
-        return self._replace(stages=tuple(stages))
-
-    @property
-    def flights(self) -> int:
-        """Flights a step."""
-        return sum(kind == FLIGHT for kind, _ in self.stages)
-
-    @property
-    def alternates(self) -> bool:
-        """Whether kicks and flights take turns, and it begins and ends with the same."""
-        return all(a[0] != b[0] for a, b in pairwise(self.stages)) and self.stages[0][0] == self.stages[-1][0]
-
-    def columns(self) -> tuple[list[float], list[float], list[float]]:
-        """Kicks, flights, and the times between flights from 0 to 1, of a scheme that alternates."""
-        kicks = [c for kind, c in self.stages if kind == KICK]
-        flights = [c for kind, c in self.stages if kind == FLIGHT]
-        # Coefficients are rounded; the last flight ends at the end of the step all the same.
-        return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
-
-    @property
-    def evaluations(self) -> int:
-        """Force evaluations a step, once under way."""
-        return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force
-
-
-def run(
-    scheme: Scheme,
-    fly: Callable[[float, Any], Any],
-    kick: Callable[[float, float, Any, Any], Any],
-    evaluate: Callable[[float, float, Any], Any],
-    motion: Any,
-    force: Any = None,
-) -> tuple[Any, Any]:
-    """One step.
-
-    Args:
-        fly: `fly(a, motion)`, the flight for a times the step.
-        kick: `kick(b, c, motion, force)`, the impulse of b times the step, c steps after its start.
-        evaluate: `evaluate(c, g, motion)`, the force there, of the potential with gradient weight g (see `gradients`).
-        motion: anything.
-        force: the force at the start, where the caller keeps it from the last step (see `reuses_force`).
-
-    Returns:
-        The new motion, and the force of the last kick (None where there was no kick).
-    """
-    elapsed, flights_left = 0.0, scheme.flights
-    weights = iter(scheme.gradients)
-    for kind, coefficient in scheme.stages:
-        if kind == FLIGHT:
-            motion = fly(coefficient, motion)
-            flights_left -= 1
-            # Coefficients are rounded; the last flight ends at the end of the step all the same.
-            elapsed = elapsed + coefficient if flights_left else 1.0
-            force = None
-        else:
-            weight = next(weights, 0.0)
-            force = evaluate(elapsed, weight, motion) if force is None else force
-            motion = kick(coefficient, elapsed, motion, force)
-    return motion, force
-
-
-def _splitting(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str) -> Scheme:
-    return Scheme(name, order, stages == stages[::-1], stages, source)
-
+from .scheme import FLIGHT, KICK, Scheme
+from .scheme import run as run
+from .scheme_order import measured_order as measured_order
 
 _KRYSL = "Krysl, Explicit time integrators for nonlinear dynamics derived from the midpoint rule, 2004"
-E1 = _splitting("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL)
-E2 = _splitting("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL)
-EA = _splitting("EA", 2, ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)), _KRYSL)
-EA_STAR = _splitting("EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL)
+E1 = Scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL)
+E2 = Scheme("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL)
+EA = Scheme("EA", 2, ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)), _KRYSL)
+EA_STAR = Scheme("EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL)
 
 
 def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
@@ -129,18 +25,24 @@ def _composed(name: str, order: int, factors: tuple[float, ...], source: str) ->
     """Steps of Verlet (half kick, flight, half kick) of these lengths, whose sum is 1, neighbouring kicks merged."""
     ends = (0.0, *factors, 0.0)
     kicks = tuple((left + right) / 2 for left, right in pairwise(ends))
-    return _alternating(name, order, KICK, kicks, factors, source)._replace(composed=True)
+    return _alternating(name, order, KICK, kicks, factors, source, composed=True)
 
 
 def _alternating(
-    name: str, order: int, first: str, outer: tuple[float, ...], inner: tuple[float, ...], source: str
+    name: str,
+    order: int,
+    first: str,
+    outer: tuple[float, ...],
+    inner: tuple[float, ...],
+    source: str,
+    **options: Any,
 ) -> Scheme:
     """outer[0], inner[0], outer[1], ..., outer[-1], beginning with `first`."""
     second = FLIGHT if first == KICK else KICK
     stages = [(first, outer[0])]
     for a, b in zip(inner, outer[1:], strict=True):
         stages += [(second, a), (first, b)]
-    return _splitting(name, order, tuple(stages), source)
+    return Scheme(name, order, tuple(stages), source, **options)
 
 
 def _closed(half: tuple[float, ...]) -> tuple[float, ...]:
@@ -256,12 +158,13 @@ SRKN14A = _alternating(
     _BLANES_MOAN,
 )
 # With the gradient of T . I^-1 T, by one derivative of the torque in one direction.
-TAKAHASHI_IMADA = _splitting(
+TAKAHASHI_IMADA = Scheme(
     "TI",
     2,
     ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)),
     "Takahashi & Imada, J. Phys. Soc. Japan 53 (1984) 3765; effective order 4 between `TAKAHASHI_IMADA_PROCESSOR`s",
-)._replace(gradients=(1 / 24,))
+    gradients=(1 / 24,),
+)
 _STRIDE = 48**-0.5
 # Once before the first step, and undone after the last, these stages make of a run with "TI" one of order 4. An even
 # function of the step, exp(h^2 [A, B] / 24) up to h^4. Without it the error is of second order but the motion that
@@ -270,12 +173,13 @@ TAKAHASHI_IMADA_PROCESSOR = (
     *((FLIGHT, -_STRIDE), (KICK, _STRIDE), (FLIGHT, _STRIDE), (KICK, -_STRIDE)),
     *((FLIGHT, _STRIDE), (KICK, -_STRIDE), (FLIGHT, -_STRIDE), (KICK, _STRIDE)),
 )
-CHIN4A = _splitting(
+CHIN4A = Scheme(
     "CHIN4A",
     4,
     ((KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)),
     "Chin, Phys. Lett. A 226 (1997) 344, scheme A; Koseleff 1993",
-)._replace(gradients=(0.0, 1 / 48, 0.0))
+    gradients=(0.0, 1 / 48, 0.0),
+)
 
 # For motion that is nearly free: fast tops, slow fields.
 _FAR, _NEAR = (525 + 70 * 30**0.5) ** 0.5 / 70, (525 - 70 * 30**0.5) ** 0.5 / 70  # half of Gauss's points on [-1, 1]
@@ -286,7 +190,8 @@ ABA82 = _alternating(
     _mirrored((0.5 - _FAR, _FAR - _NEAR), 2 * _NEAR),
     _even((0.25 - 30**0.5 / 72,)),
     "McLachlan, BIT 35 (1995) 258: Gauss's quadrature; Laskar & Robutel, Celest. Mech. 80 (2001) 39, SABA4",
-)._replace(small=8)
+    small=8,
+)
 ABA1064 = _alternating(
     "ABA1064",
     4,
@@ -294,7 +199,8 @@ ABA1064 = _alternating(
     _closed((0.03809449742241219546, 0.14529871611691374940, 0.20762769572554125072, 0.43590970365152615922)),
     _even((0.09585888083707521061, 0.20444615314299878068, 0.21707034797899110171)),
     "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58: ABA1064",
-)._replace(small=10)
+    small=10,
+)
 SCHEMES = {
     s.name: s
     for s in (

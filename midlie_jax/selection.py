@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bodies import RigidBody, RigidState
+from .bodies import RigidBody
 from .convergence import Reference, Row, by_halving, measure
 from .scenes import Scene
+from .states import RigidState
 from .torques import TorqueLike, velocity_dependent
 
 _TURNS = 10  # that a motion is watched for, unless told

@@ -6,8 +6,10 @@ map, attitude q takes body components to space components, `rotate(q, v_body) = 
 """
 
 from math import factorial
+from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -127,6 +129,37 @@ def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     sign = jnp.where(best[0] < 0, -jnp.ones_like(a), jnp.ones_like(a))
     factor = sign / (2 * jnp.sqrt(diagonal))
     return cp.pack((factor * best[0], factor * best[1], factor * best[2], factor * best[3]))
+
+
+def slerp(
+    start: Float[Array, "*#batch 4"], end: Float[Array, "*#batch 4"], share: Float[Array, "*#batch"] | float
+) -> Float[Array, "*#batch 4"]:
+    """Between two unit quaternions, at constant angular velocity and the short way round; `share` is 0 at the start."""
+    turn = log(multiply(conjugate(start), end))
+    return multiply(start, exp(jnp.asarray(share, turn.dtype)[..., None] * turn))
+
+
+def from_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """A quaternion with the scalar last, as SciPy and ROS write it, in the order of this package."""
+    return jnp.roll(quaternion, 1, axis=-1)
+
+
+def to_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """The inverse of `from_xyzw`."""
+    return jnp.roll(quaternion, -1, axis=-1)
+
+
+def to_scipy(quaternion: Float[Array, "*batch 4"]) -> Any:
+    """The same rotations as a `scipy.spatial.transform.Rotation`, for Euler angles and the rest of what it can do.
+
+    Of concrete arrays, with at most one batch axis. `Rotation.as_quat(scalar_first=True)` leads back.
+
+    Raises:
+        ImportError: SciPy is missing.
+    """
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(np.asarray(quaternion), scalar_first=True)
 
 
 def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:

@@ -17,9 +17,12 @@ from . import _components as cp
 from . import schemes
 from ._fuse import seam, together
 from ._scalars import Packed, by_components, traits
-from .bodies import Particles, RigidBody, State
+from .bodies import Body, RigidBody, TensorBody, principal_of
 from .flights import Flight, Inertia
-from .torques import TorqueLike, velocity_dependent
+from .states import State
+from .torques import TorqueLike, on_body, velocity_dependent
+
+_NEEDS_NUMBERS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
 
 
 class Motion(NamedTuple):
@@ -37,28 +40,59 @@ class System(NamedTuple):
     kind: type[State]
     reads_momentum: bool  # whether the torque does: damping, control
     joint: Callable[[Any], Any]  # what a motion goes through between two parts of a step
+    axes: cp.Quaternion | None = None  # principal components to those of states and torques, where these differ
 
     @classmethod
-    def of(cls, body: RigidBody | Particles, torque: TorqueLike | None, start: State, t: Array) -> "System":
+    def of(cls, body: Body, torque: TorqueLike | None, start: State, t: Array) -> "System":
         """Ready to step from the state `start`.
 
         A torque with a division, root or exponential in it is kept in loops of its own: XLA counts these as too dear
         to repeat, and would cut the loop around them at every value used twice.
         """
-        inertia = Inertia.of(body) if isinstance(body, RigidBody) else body
+        axes = cp.unpack(body.axes) if isinstance(body, TensorBody) else None
+        principal = principal_of(body)
+        inertia = Inertia.of(principal) if isinstance(principal, RigidBody) else principal
         if torque is None:
-            return cls(inertia, None, type(start), False, seam)
-        found = traits(torque, t, start)
+            return cls(inertia, None, type(start), False, seam, axes)
+        torque = on_body(torque, body)
+        try:
+            found = traits(torque, t, start)
+        except (jax.errors.ConcretizationTypeError, *_NEEDS_NUMBERS) as error:
+            raise ValueError(
+                "the torque needs numbers where JAX has none yet: write jnp.where(condition, a, b) for an `if`, and "
+                f"jax.numpy for numpy (jnp.cross for np.cross). JAX says: {str(error).splitlines()[0]}"
+            ) from error
         reads = velocity_dependent(torque) or found.reads[1].momentum
-        return cls(inertia, torque, type(start), reads, together if found.dear else seam)
+        return cls(inertia, torque, type(start), reads, together if found.dear else seam, axes)
+
+    def motion(self, state: State) -> Motion:
+        """The motion of a state, in principal components."""
+        motion = Motion(*state.parts())
+        if self.axes is None:
+            return motion
+        return Motion(cp.rotate_back(self.axes, motion.momentum), self.kind.rotate(motion.pose, self.axes))
+
+    def state(self, motion: Motion) -> State:
+        """The inverse of `motion`."""
+        return self.kind.join(*self.shown_motion(motion))
+
+    def shown_motion(self, motion: Motion) -> Motion:
+        """The motion in the components of states and torques."""
+        if self.axes is None:
+            return motion
+        pose = self.kind.rotate(motion.pose, cp.conjugate(self.axes))
+        return Motion(self.shown(motion.momentum), pose)
+
+    def shown(self, vector: Any) -> Any:
+        """A vector of principal components in those of states and torques."""
+        return vector if self.axes is None else cp.rotate(self.axes, vector)
 
     def force(self, t: Array, motion: Motion) -> Any:
         """The torque's components, or the force on particles; zero where there is none."""
         if self.torque is None:
             return _like(motion.momentum, 0.0)
-        torque, kind = self.torque, self.kind
         motion = motion if self.joint is seam else together(motion)
-        force = self._evaluate(torque, kind, t, motion)
+        force = self._evaluate(self.torque, t, motion)
         return force if self.joint is seam else together(force)
 
     def gradient_force(self, t: Array, weight: Array, motion: Motion) -> Any:
@@ -71,29 +105,29 @@ class System(NamedTuple):
             return _like(motion.momentum, 0.0)
         if self.reads_momentum:
             raise ValueError("a scheme with force gradients needs a torque from a potential, not one of the momentum.")
-        torque, kind = self.torque, self.kind
+        torque = self.torque
         motion = motion if self.joint is seam else together(motion)
 
         def at(pose: Any) -> Any:
-            return self._evaluate(torque, kind, t, Motion(motion.momentum, pose))
+            return self._evaluate(torque, t, Motion(motion.momentum, pose))
 
         force = at(motion.pose)
         velocity = self.velocity(force)
-        _, change = jax.jvp(at, (motion.pose,), (kind.rate(motion.pose, velocity),))
+        _, change = jax.jvp(at, (motion.pose,), (self.kind.rate(motion.pose, velocity),))
         if isinstance(self.inertia, Inertia):
             change = cp.add(change, cp.cross(velocity, force))
         force = _add(force, 2 * weight, change)
         return force if self.joint is seam else together(force)
 
-    @staticmethod
-    def _evaluate(torque: TorqueLike, kind: type[State], t: Array, motion: Motion) -> Any:
+    def _evaluate(self, torque: TorqueLike, t: Array, motion: Motion) -> Any:
         if not isinstance(motion.momentum, tuple):
-            value = torque(t, kind.join(*motion))
+            value = torque(t, self.kind.join(*motion))
             _check(value, motion.momentum)
             return value
-        entries, out = on_arrays(torque, kind, t, motion)
+        entries, out = on_arrays(torque, self.kind, t, self.shown_motion(motion))
         _check(out, jax.ShapeDtypeStruct((len(motion.momentum),), motion.momentum[0].dtype))
-        return tuple(entries)
+        force = tuple(entries)
+        return force if self.axes is None else cp.rotate_back(self.axes, (force[0], force[1], force[2]))
 
     def velocity(self, momentum: Any) -> Any:
         """Angular velocity as components, I^-1 times a vector; of particles their velocity."""
@@ -136,7 +170,7 @@ class Method(eqx.Module):
         """Steps a turn of the loop over steps: two spare it the copy of every array, and compile for twice as long."""
         return 1
 
-    def fitted(self, body: RigidBody | Particles) -> "Method":
+    def fitted(self, body: Body) -> "Method":
         """This method made for a body, or a batch of them; a ValueError if the body is known and it cannot move it."""
         del body
         return self
@@ -191,10 +225,11 @@ class Splitting(Method):
     def unroll(self) -> int:
         return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
 
-    def fitted(self, body: RigidBody | Particles) -> "Method":
-        if not isinstance(body, RigidBody) or cp.is_traced(body.moments):
+    def fitted(self, body: Body) -> "Method":
+        principal = principal_of(body)
+        if not isinstance(principal, RigidBody) or cp.is_traced(principal.moments):
             return self
-        flight = self.flight.fitted(body.moments)
+        flight = self.flight.fitted(principal.moments)
         return self if flight == self.flight else Splitting(flight, self.scheme, self.name)
 
     def keeps_force(self, system: System) -> bool:
@@ -313,8 +348,12 @@ def _like(momentum: Any, value: float) -> Any:
 
 
 def _check(value: Any, like: Any) -> None:
-    if jnp.shape(value) != jnp.shape(like) or jnp.result_type(value) != like.dtype:
-        raise ValueError(
-            f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got "
-            f"{jnp.result_type(value)}{list(jnp.shape(value))}; use jnp.stack([...]) and cast its parameters."
-        )
+    shape, dtype = tuple(jnp.shape(value)), jnp.result_type(value)
+    if shape == tuple(like.shape) and dtype == like.dtype:
+        return
+    cure = "use jnp.stack([...]) and cast its parameters."
+    if len(shape) > len(like.shape) and shape[len(shape) - len(like.shape) :] == tuple(like.shape):
+        cure = "a parameter with one row a body needs midlie_jax.ensemble, or jax.vmap over the torque."
+    raise ValueError(
+        f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got {dtype}{list(shape)}; {cure}"
+    )

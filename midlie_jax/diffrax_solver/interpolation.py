@@ -9,7 +9,7 @@ from jax import Array
 
 from .. import _components as cp
 from .. import so3
-from ..bodies import DirectionState, RigidState
+from ..states import DirectionState, RigidState
 from .term import ambient_rate, like, unpacked
 
 

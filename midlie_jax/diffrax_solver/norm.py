@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..bodies import RigidState
+from ..states import RigidState
 
 
 class RotationNorm(eqx.Module):

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._fuse import seam, together
-from ..methods import method as find_method
+from ..arguments import as_method
+from ..checks import described
 from ..schemes import KICK
 from ..stepper import Method, Motion, Splitting, System
 from ..torques import velocity_dependent
@@ -70,10 +71,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
     interpolation_cls: ClassVar = LieInterpolation
 
     def __init__(self, method: Any = "LIEMID[EA]"):
-        found = find_method(method) if isinstance(method, str) else method
-        if not isinstance(found, Method):
-            raise ValueError(f"method must come from midlie_jax.method(name), got {type(method).__name__}.")
-        self.method = found
+        self.method = as_method(method)
 
     def order(self, terms: Any) -> int:
         """That of the method; at most 2 for flights and kicks under a torque declared `VelocityDependent`."""
@@ -88,14 +86,14 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         """The torque at t0, and no history."""
         del t1
         system, clock = self._system(terms, t0, y0, args)
-        return self._fresh(system, clock(t0), Motion(*y0.parts()))
+        return self._fresh(system, clock(t0), system.motion(y0))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Memory, made_jump: Any
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
         system, clock = self._system(terms, t0, y0, args)
         here, there, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
-        motion = Motion(*y0.parts())
+        motion = system.motion(y0)
         keeps, begins = self.method.keeps_force(system), self._begins_with_force(system)
         memory = solver_state
         if made_jump is not False:
@@ -108,19 +106,20 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         end, last, fine = self.method.step(system, here, there, h, motion, force)
         end, last, fine = together((end, last, jnp.asarray(fine)))
         # A controller passes over NaN, but not over an infinity.
-        y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), type(y0).join(*end))
+        y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
         # What follows is computed where something asks for it, and else removed by the compiler.
         after = last if keeps else system.force(there, end)
         start = force if begins else system.force(here, motion)
-        dense = {"y0": y0, "y1": y1, "h": h, "torque0": packed(start), "torque1": packed(after)}
-        for i, momentum in enumerate((motion.momentum, end.momentum)):
-            dense[f"velocity{i}"] = packed(system.velocity(momentum))
+        dense = {"y0": y0, "y1": y1, "h": h}
+        for i, (momentum, torque) in enumerate(((motion.momentum, start), (end.momentum, after))):
+            dense[f"velocity{i}"] = packed(system.shown(system.velocity(momentum)))
+            dense[f"torque{i}"] = packed(system.shown(torque))
         for leaf in jax.tree.leaves(y1):
             fine = fine & jnp.all(jnp.isfinite(leaf))
         seen = jax.lax.stop_gradient((system.inertia, h, motion, end, (before, after), memory.history))
         target, history, known = companion(system._replace(inertia=seen[0]), *seen[1:])
-        error = jax.tree.map(jnp.subtract, y1, like(y1, packed(target.momentum), packed(target.pose)))
+        error = jax.tree.map(jnp.subtract, y1, like(y1, *map(packed, system.shown_motion(target))))
         error = jax.tree.map(
             lambda e: jnp.where(fine & known, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
         )
@@ -152,12 +151,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         """The system, and the clock that turns diffrax's time, which always grows, into the term's."""
         term = _only(terms)
         torque = term.torque_at(args)
-        check(term.body, torque, y)
-        if not isinstance(term.body, self.method.bodies):
-            raise ValueError(
-                f"method {self.method.name!r} moves {self.method.bodies.__name__}, but body is "
-                f"{type(term.body).__name__}; midlie_jax.methods() lists all."
-            )
+        check(term.body, torque, y, self.method)
 
         def clock(t: Any) -> Array:
             return as_time(terms.contr(jnp.zeros_like(t), jnp.asarray(t)), y)
@@ -167,13 +161,13 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
 
 def _only(terms: Any) -> RigidBodyTerm:
     """The term, out of the wrapper in which diffrax hands it over when time runs backwards."""
-    kinds = (RigidBodyTerm, diffrax.MultiTerm)
+    kinds = (RigidBodyTerm, diffrax.MultiTerm, diffrax.ODETerm, diffrax.ControlTerm)
     found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
     term = found[0] if len(found) == 1 else None
     if not isinstance(term, RigidBodyTerm):
         raise ValueError(
             "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
-            f"{' and '.join(type(x).__name__ for x in found) or 'none'}; add torques with midlie_jax.torques.Sum. "
-            "diffrax's own solvers take the same term."
+            f"{' and '.join(type(x).__name__ for x in found) or described(terms)}; add torques with "
+            "midlie_jax.torques.Sum. diffrax's own solvers take the same term."
         )
     return term

@@ -12,9 +12,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import _components as cp
-from ..bodies import Particles, RigidBody, State
-from ..checks import same_dtype
-from ..stepper import Motion, System
+from ..arguments import check_batch, check_body
+from ..bodies import Body, RigidBody
+from ..checks import described, same_dtype
+from ..states import State
+from ..stepper import Method, System
 from ..torques import TorqueLike
 
 
@@ -49,18 +51,18 @@ class RigidBodyTerm(diffrax.AbstractTerm):
         ValueError: both torques given, a torque that cannot be called, a body that is none.
     """
 
-    body: RigidBody | Particles
+    body: Body
     torque: TorqueLike | None
     torque_of_args: Callable[[Any], TorqueLike | None] | None
 
     def __init__(self, body: Any, torque: Any = None, *, torque_of_args: Any = None):
-        if not isinstance(body, (RigidBody, Particles)):
-            raise ValueError(f"body must be a midlie_jax.RigidBody or Particles, got {type(body).__name__}.")
+        if not isinstance(body, Body):
+            raise ValueError(f"body must be a midlie_jax.RigidBody, TensorBody or Particles, got {described(body)}.")
         if torque is not None and torque_of_args is not None:
             raise ValueError("give torque or torque_of_args, not both; add torques with midlie_jax.torques.Sum.")
         for name, value, form in (("torque", torque, "(t, state)"), ("torque_of_args", torque_of_args, "args")):
             if value is not None and not callable(value):
-                raise ValueError(f"{name} must be None or a callable of {form}, got {type(value).__name__}.")
+                raise ValueError(f"{name} must be None or a callable of {form}, got {described(value)}.")
         self.body, self.torque, self.torque_of_args = body, torque, torque_of_args
 
     def torque_at(self, args: Any) -> TorqueLike | None:
@@ -71,9 +73,10 @@ class RigidBodyTerm(diffrax.AbstractTerm):
         """The rates of one state at a time ()."""
         torque = self.torque_at(args)
         check(self.body, torque, y)
-        motion, system = Motion(*y.parts()), System.of(self.body, torque, y, as_time(t, y))
-        force = system.force(as_time(t, y), motion)
-        velocity = system.velocity(motion.momentum)
+        system = System.of(self.body, torque, y, as_time(t, y))
+        motion = system.motion(y)
+        force = system.shown(system.force(as_time(t, y), motion))
+        velocity = system.shown(system.velocity(motion.momentum))
         return Rates(ambient_rate(y, velocity, force), packed(velocity), packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
@@ -116,19 +119,15 @@ def as_time(t: Any, y: Any) -> Array:
     return jnp.asarray(t).astype(y.momentum.dtype)
 
 
-def check(body: Any, torque: Any, y: Any) -> None:
-    """Raises a ValueError unless state, body and torque belong together, one body at a time."""
+def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
+    """Raises a ValueError unless state, body, torque and method belong together, one body at a time."""
     if not isinstance(y, State):
         raise ValueError(
-            f"the state must be one such as midlie_jax.RigidState, got {type(y).__name__}; for the way back of "
+            f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for the way back of "
             "BacksolveAdjoint name a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
         )
-    if not isinstance(body, y.body):
-        raise ValueError(f"a {type(y).__name__} belongs to {y.body.__name__}, but body is {type(body).__name__}.")
-    if isinstance(body, RigidBody):
-        for name, array in (("body.moments", body.moments), ("y0.momentum", y.momentum)):
-            if array.ndim != 1:
-                raise ValueError(f"{name} must be (3,), got {array.shape}; map diffeqsolve over a batch with jax.vmap.")
+    check_body(method, body, y)
+    check_batch("y0", body, y)
     try:
         same_dtype("the state", y.momentum, body=body, torque=torque)
     except ValueError as error:

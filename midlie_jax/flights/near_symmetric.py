@@ -32,16 +32,17 @@ class NearSymmetric(Flight):
         # 1/I1 - 1/I2, from the difference of the moments themselves.
         gap = -inertia.gaps[2] * inertia.per_unit
 
-        def about_first(momentum: cp.Vector) -> tuple[Array, Array, Array]:
+        def about_first(momentum: cp.Vector) -> tuple[Array, tuple[Array, Array]]:
+            """The square of half the angle, and its cosine and sine."""
             half = h / 4 * gap * momentum[0]
-            return *spin(half), half * half
+            return half * half, spin(half)
 
         zero = h * 0
-        *before, first = about_first(momentum)
+        first, before = about_first(momentum)
         turned = cp.rotate_back_about(0, *before, momentum)
         increment, about_third, ok = symmetric_turn(h, inertia.inverses[1], inertia.inverses[2], turned)
         turned = cp.rotate_back_about(2, *about_third, turned)
-        *after, last = about_first(turned)
-        increment = cp.multiply((before[0], before[1], zero, zero), cp.multiply_about(increment, 0, *after))
+        last, after = about_first(turned)
+        increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))
         # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
         return increment, cp.turned_back(increment, momentum), ok & (first + last <= LARGEST_SQUARE)

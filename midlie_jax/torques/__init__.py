@@ -1,0 +1,24 @@
+"""Torques: any callable of (t, state) that returns the body-frame torque (3,), and the ones that are ready made.
+
+`base` has what a torque may be told of (its potential, the body it acts on) and how torques are combined; `fields` has
+those that depend on the attitude, `spacecraft` those that control or disturb a satellite.
+"""
+
+from .base import BodyTorque as BodyTorque
+from .base import FromPotential as FromPotential
+from .base import Prescribed as Prescribed
+from .base import Sum as Sum
+from .base import Torque as Torque
+from .base import TorqueLike as TorqueLike
+from .base import VelocityDependent as VelocityDependent
+from .base import on_body as on_body
+from .base import potential_of as potential_of
+from .base import velocity_dependent as velocity_dependent
+from .fields import DipoleInField as DipoleInField
+from .fields import GravityGradient as GravityGradient
+from .fields import HeavyTop as HeavyTop
+from .spacecraft import Damping as Damping
+from .spacecraft import Drag as Drag
+from .spacecraft import PDControl as PDControl
+from .spacecraft import ReactionWheels as ReactionWheels
+from .spacecraft import Rotors as Rotors
