@@ -100,6 +100,7 @@ def test_a_wrong_line_is_refused_without_jax(arguments):
         (["run", "P1", "--dt", "0"], ["midlie: dt must be finite and not zero, got 0", "write for example --dt 0.005"]),
         (["run", "P1", "--dt", "nan"], ["midlie: dt must be finite and not zero, got nan"]),
         (["run", "P1", "--dt", "1e-60", "--float32"], ["dt must be finite and not zero", "1e-60, in float32"]),
+        (["run", "P1", "--dt", "1e300", "--float32"], ["dt must be finite and not zero", "got inf (from 1e+300"]),
         (["run", "P1", "--dt", "1e-12"], ["1e-12 asks for 1.0e+13 steps", "give a larger --dt"]),
         (["run", "P1", "--dt", "small"], ["--dt", "must be a number, got 'small'", "write for example"]),
         (["run", "P1", "--steps", "-3"], ["--steps", "a whole number, at least 1", "write for example 1000 or 1e3"]),

@@ -51,7 +51,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _steps(options: argparse.Namespace, scene: Scene, dtype: Any) -> tuple[float, int]:
     """The step, as the dtype holds it, and how many."""
-    dt = float(np.asarray(scene.dt if options.dt is None else options.dt, dtype))
+    with np.errstate(over="ignore"):  # an infinity is refused below
+        dt = float(np.asarray(scene.dt if options.dt is None else options.dt, dtype))
     if not (math.isfinite(dt) and dt != 0):
         given = "" if options.dt is None or dt == options.dt else f" (from {options.dt:g}, in {dtype})"
         raise ValueError(f"dt must be finite and not zero, got {dt:g}{given}; write for example --dt {scene.dt:g}.")
@@ -114,7 +115,7 @@ def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) 
     many = len(record.ok)
     failed = int(np.sum(~record.ok))
     print(f"{record.headline}, on the {jax.default_backend().upper()}")
-    spread = f", ±{timing.spread:.0%}" if math.isfinite(timing.spread) else ""
+    runs = f"median, ±{timing.spread:.0%}" if math.isfinite(timing.spread) else "one run"
     clock = user_clock().name + (f" on {cores()} cores" if cores() > 1 else " on one core")
     warning = load.warning()
     for name, value in (
@@ -122,7 +123,7 @@ def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) 
         ("momentum error, largest relative", momentum_change(record).in_words),
         ("ok", "yes" if not failed else f"NO: failed for {failed} of {many}"),
         ("compile time", f"{compile_seconds:.2f} s"),
-        ("run time", f"{timing.seconds:.3g} s of {clock} (median{spread})"),
+        ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
         ("throughput", f"{many * record.steps / timing.seconds:.3g} body-steps/s"),
         *([("note", warning)] if warning else []),
     ):
