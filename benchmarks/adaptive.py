@@ -8,7 +8,6 @@ cost    a step beside one of `ml.integrate`, vmapped; and what a batch waits for
 """
 
 import sys
-import time
 
 import diffrax
 import equinox as eqx
@@ -21,6 +20,7 @@ jax.config.update("jax_enable_x64", True)
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import scenes  # noqa: E402
 from midlie_jax.stepper import Motion, System  # noqa: E402  (the control that is not reversible is not in the package)
+from midlie_jax.timing import timed  # noqa: E402
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
@@ -187,14 +187,8 @@ def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
 
 
 def seconds(function, *arguments):
-    """The least of some runs, compiled before."""
-    jax.block_until_ready(function(*arguments))
-    times = []
-    for _ in range(7):
-        begin = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(time.perf_counter() - begin)
-    return min(times)
+    """The median of some runs after the first, which compiles."""
+    return timed(lambda: jax.block_until_ready(function(*arguments)), most=8)[1].seconds
 
 
 def cost(count=2048, steps=128):

@@ -16,7 +16,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax import scenes
-from midlie_jax.rivals.problem import pin
+from midlie_jax.timing import pin
 
 jax.config.update("jax_enable_x64", True)
 pin()
@@ -57,44 +57,30 @@ def measured(steps):
 
 def draw(results, path):
     """How far the mean of each fortieth of the run has gone from that of the first."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from midlie_jax.figures import heading, new_figure, panel, write
+    from midlie_jax.line_labels import End, label_ends
 
-    from midlie_jax.charts import _apart
-
-    figure = Figure(figsize=(13, 5), dpi=110)
-    FigureCanvasAgg(figure)
-    figure.subplots_adjust(left=0.07, right=0.89, bottom=0.12, top=0.92, wspace=0.55)
+    figure = new_figure(13.0, 5.6)
+    heading(figure, "Energy over a long run", f"Means over each of {PARTS} equal parts, against that of the first.")
+    figure.subplots_adjust(bottom=0.11, wspace=0.2)
+    colours = ("#D55E00", "#0072B2", "#009E73", "#56B4E9", "#CC79A7")
     for axes, scene_name in zip(figure.subplots(1, 2), METHODS, strict=True):
-        axes.set(yscale="log", xlabel="Time t  [time]")
-        axes.set_ylabel("Shift of the mean energy error  [of E at the start]")
-        axes.set_title(f"{scene_name}, step {STEP[scene_name]:g}", loc="left", weight="bold")
-        axes.grid(which="major", color="#e3e3e3")
-        axes.spines[["top", "right"]].set_visible(False)
+        axes.set(yscale="log")
+        title = f"{scene_name}, step {STEP[scene_name]:g}"
+        panel(axes, title, "Time t  [time]", "Shift of the mean energy error  [of E at the start]")
         ends = []
         mine = [r for r in results if r[0] == scene_name]
-        colours = ("#D55E00", "#0072B2", "#009E73", "#56B4E9", "#CC79A7")
         for colour, (_, name, times, error, _, _) in zip(colours, mine, strict=True):
             means = np.array([part.mean() for part in np.array_split(error, PARTS)])
             middles = np.array([part.mean() for part in np.array_split(times, PARTS)])
             shift = np.maximum(np.abs(means - means[0])[1:], 1e-16)
             axes.plot(middles[1:], shift, color=colour, linewidth=2)
-            ends.append((name, colour, middles[-1], shift[-1]))
+            ends.append(End(name, colour, middles[-1], shift[-1], True))
         axes.set_xlim(0, times[-1])
         axes.ticklabel_format(axis="x", style="sci", scilimits=(5, 5))
         axes.set_ylim(*axes.get_ylim())
-        figure.draw_without_rendering()  # which settles the scales
-        points = 72 / figure.dpi
-        places = [axes.transData.transform((x, y))[1] * points for *_, x, y in ends]
-        low, high = axes.bbox.y0 * points, axes.bbox.y1 * points
-        for (name, colour, x, y), place in zip(ends, _apart(places, 13, low, high), strict=True):
-            height = axes.transData.inverted().transform((0, place / points))[1]
-            right = axes.get_xlim()[1] * 1.03
-            line = {"arrowstyle": "-", "color": colour, "linewidth": 0.7}
-            axes.annotate(
-                name, (x, y), xytext=(right, height), color=colour, va="center", arrowprops=line, annotation_clip=False
-            )
-    figure.savefig(path)
+        label_ends(axes, ends)
+    write(figure, path)
 
 
 def main():

@@ -17,7 +17,7 @@ import jax
 
 from midlie_jax import frontier, rivals, work_precision
 from midlie_jax.frontier_chart import work_precision_chart
-from midlie_jax.rivals.problem import pin
+from midlie_jax.timing import cost_clock, pin
 
 jax.config.update("jax_enable_x64", True)
 pin()
@@ -31,14 +31,14 @@ PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 HEAD = """# Error against time
 
 Written by `make rivals`. One core, float64, {bodies} bodies that start a little apart. Times are of the processor, per
-body, the quickest of some runs, compiling not counted: on one core that is wall time, less what other processes take
-of it. Errors are of the attitude at the end, root mean square over the first {judged} bodies. A ratio below 1 is ours
-quicker; "-" where one of the two does not reach the error. Costs between two points of a method are interpolated in
-logarithms; at an error larger than that of a method's coarsest run that run counts. heyoka: `taylor_adaptive_batch`,
-without the time that its loop over batches takes in Python. diffrax: the better of a constant step and a PID
-controller. SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked for the satellite, whose torque it would
-need from Python. NO_SQUISH is DLM with other names (`tests/test_work_precision.py`). Methods that are not symplectic
-are dashed on the charts. {versions}; {machine}.
+body, medians of some runs, compiling not counted: on one core that is wall time, less what other processes take of it;
+± is half the distance between the quartiles of the runs. Errors are of the attitude at the end, root mean square over
+the first {judged} bodies. A ratio below 1 is ours quicker; "-" where one of the two does not reach the error. Costs
+between two points of a method are interpolated in logarithms; at an error larger than that of a method's coarsest run
+that run counts. heyoka: `taylor_adaptive_batch`, without the time that its loop over batches takes in Python. diffrax:
+the better of a constant step and a PID controller. SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked
+for the satellite, whose torque it would need from Python. NO_SQUISH is DLM with other names
+(`tests/test_work_precision.py`). Methods that are not symplectic are dashed on the charts. {versions}; {machine}.
 """
 
 
@@ -88,19 +88,21 @@ def into_readme(text: str) -> None:
 
 def one(name: str, out: Path, quick: bool) -> tuple[str, str]:
     """Measures and draws a scene; its section of the file, and its row of the summary."""
-    given, rows, mine, theirs = work_precision.compared(name, quick=quick)
+    found = work_precision.compared(name, quick=quick)
+    given, rows = found.problem, found.ratios
     picture = out / f"work-precision-{name}.png"
     work_precision_chart(
-        *(mine, theirs, work_precision.symplectic(mine), str(picture)),
+        *(found.ours, found.rivals, work_precision.symplectic(found.ours), str(picture)),
         title=work_precision.title(given),
-        note=work_precision.note(given),
+        note=work_precision.note(found),
+        clock=cost_clock().name,
     )
     curve = "\n".join(
-        f"| {p.setting[4:]} | {p.error:.1e} | {1e6 * p.seconds:.3g} |" for p in theirs if p.method == "heyoka"
+        f"| {p.setting[4:]} | {p.error:.1e} | {1e6 * p.seconds:.3g} |" for p in found.rivals if p.method == "heyoka"
     )
     section = f"""## {work_precision.title(given)}
 
-Errors against the {given.source}, good to {given.uncertainty:.0e}.
+Errors against the {given.source}, good to {given.uncertainty:.0e}. {work_precision.timing_note(found)}
 
 ![error against cost]({picture.name})
 

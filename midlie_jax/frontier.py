@@ -14,10 +14,17 @@ DECADES = tuple(10.0**-n for n in range(3, 13))
 
 
 class Best(NamedTuple):
-    """The cheapest way to an error: its cost, and whose it is; infinity and "" where there is none."""
+    """The cheapest way to an error: its cost, and whose it is; infinity and "" where there is none.
+
+    Attributes:
+        cost: as in the points.
+        method: whose it is.
+        spread: of the times that it was found from, the larger of two; NaN where unknown.
+    """
 
     cost: float
     method: str
+    spread: float = math.nan
 
 
 def by_method(points: Iterable[Point]) -> dict[str, list[Point]]:
@@ -41,22 +48,31 @@ def cost_at(line: Sequence[tuple[float, float]], error: float) -> float:
     """What an envelope asks for an error: interpolated in logarithms, that of its first point for any larger error,
     infinity for a smaller one than its last.
     """
-    for index, (cost, reached) in enumerate(line):
-        if reached <= error:
-            if index == 0 or reached == error:
-                return cost
-            before, coarser = line[index - 1]
-            part = math.log(coarser / error) / math.log(coarser / max(reached, 1e-300))
-            return math.exp(math.log(before) + part * (math.log(cost) - math.log(before)))
-    return math.inf
+    about = _about(line, error)
+    if len(about) < 2:
+        return about[0][0] if about else math.inf
+    (before, coarser), (cost, reached) = about
+    part = math.log(coarser / error) / math.log(coarser / max(reached, 1e-300))
+    return math.exp(math.log(before) + part * (math.log(cost) - math.log(before)))
+
+
+def _about(line: Sequence[tuple[float, float]], error: float) -> Sequence[tuple[float, float]]:
+    """The points of an envelope from which the cost of an error is found: none, one or two."""
+    index = next((i for i, (_, reached) in enumerate(line) if reached <= error), None)
+    if index is None:
+        return []
+    return line[index : index + 1] if index == 0 or line[index][1] == error else line[index - 1 : index + 1]
 
 
 def best_at(points: Iterable[Point], error: float, cost: str = "seconds") -> Best:
     """The cheapest method at an error, among those whose points are given."""
     best = Best(math.inf, "")
     for name, line in by_method(points).items():
-        here = cost_at(envelope([getattr(p, cost) for p in line], [p.error for p in line]), error)
-        best = min(best, Best(here, name))
+        edge = envelope([getattr(p, cost) for p in line], [p.error for p in line])
+        here = cost_at(edge, error)
+        if here < best.cost:
+            about = _about(edge, error)
+            best = Best(here, name, max(p.spread for p in line if (getattr(p, cost), p.error) in about))
     return best
 
 
@@ -147,12 +163,15 @@ def cells(row: Ratio) -> list[str]:
     def show(value: float) -> str:
         return "-" if not math.isfinite(value) else f"{value:.3g}"
 
+    def time(best: Best) -> str:
+        return show(1e6 * best.cost) + (f" ±{best.spread:.0%}" if math.isfinite(best.spread) else "")
+
     return [
         f"{row.error:.0e}",
         row.ours.method or "-",
-        show(1e6 * row.ours.cost),
+        time(row.ours),
         row.rival.method or "-",
-        show(1e6 * row.rival.cost),
+        time(row.rival),
         show(row.over_rival),
         show(row.over_heyoka),
         show(row.over_diffrax),

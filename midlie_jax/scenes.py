@@ -6,6 +6,7 @@ asked for, in the dtype asked for; nothing here runs on import.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from typing import Any
 
 import equinox as eqx
@@ -55,6 +56,12 @@ class Scene:
         """Steps of `dt` in `duration`."""
         return round(self.duration / self.dt)
 
+    @property
+    def time_unit(self) -> str:
+        """The unit of time, as in "s"; "" for any."""
+        units = self.units.partition(";")[0].split(",")  # mass, length, time
+        return units[-1].strip() if len(units) == 3 else ""
+
 
 class Pulse(eqx.Module):
     """A constant torque switched on and off, for `Prescribed`.
@@ -95,10 +102,14 @@ def scene(name: str, dtype: Any = None) -> Scene:
         dtype: of every array in it; by default float64 where JAX has it on (`jax_enable_x64`), else float32.
 
     Raises:
-        ValueError: unknown name, with a list of all; or a dtype that is not floating or that JAX has not on.
+        ValueError: unknown name, with the nearest and a list of all; or a dtype that is not floating or that JAX has
+            not on.
     """
     if name not in _SCENES:
-        raise ValueError(f"unknown scene {name!r}; choose from {', '.join(_SCENES)}.")
+        lower = {known.lower(): known for known in _SCENES}
+        close = get_close_matches(name.lower(), lower, n=1)
+        meant = f" Did you mean {lower[close[0]]!r}?" if close else ""
+        raise ValueError(f"unknown scene {name!r}; choose from {', '.join(_SCENES)}.{meant}")
     widest = jnp.result_type(float)
     dtype = jnp.dtype(widest if dtype is None else dtype)
     if not jnp.issubdtype(dtype, jnp.floating):

@@ -6,7 +6,7 @@ to the same result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,11 +22,13 @@ from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
 from .scenes import Scene
 from .stepper import Method, Motion, Splitting, System
+from .timing import Load, Timing, cost_clock, spread_in_words
 
 BODIES, JUDGED, SIZE = 1024, 16, 1e-3
 SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
 _FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step tells nothing
 _ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
+_ROUGH = 0.1  # an attitude error above which a method has not begun to converge
 _GROWTH = 1.6  # from one rung of a ladder to the next
 # Bodies moved at once. Most steps do not care; one whose stages all stay alive, as those of DOP853, runs four times as
 # fast where they fit the first cache.
@@ -126,7 +128,7 @@ def ladder(method: Method, given: Problem) -> Iterator[Point]:
     best, worse = np.inf, 0
     while worse < 3:
         steps = made.whole(count)
-        ends, ok, seconds = made.run(steps)
+        ends, ok, timing = made.run(steps)
         error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
         if ok and np.isfinite(error):
             evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
@@ -134,14 +136,15 @@ def ladder(method: Method, given: Problem) -> Iterator[Point]:
                 method.name,
                 f"step {given.scene.duration / steps:.2e}",
                 error,
-                seconds / given.bodies,
+                timing.seconds / given.bodies,
                 evaluations,
                 steps,
+                timing.spread,
             )
-            # Past the floor, and past three rungs that gain nothing, there is rounding alone.
-            worse = worse + 1 if error > 0.7 * best or error < _FLOOR else 0
+            # Past the floor, and past three rungs that gain nothing on a good one, there is rounding alone.
+            worse = worse + 1 if error < _FLOOR or (best < _ROUGH and error > 0.7 * best) else 0
             best = min(best, error)
-        if seconds > given.longest:
+        if timing.seconds > given.longest:
             return
         count = max(count + 1, round(count * _GROWTH))
 
@@ -158,10 +161,10 @@ class _Ladder:
         """The nearest number of steps that the loop can do."""
         return self.method.unroll * max(1, round(steps / self.method.unroll))
 
-    def run(self, steps: int) -> tuple[np.ndarray, bool, float]:
-        """The attitudes at the end, whether all went well, and the seconds for all bodies."""
-        (ends, ok), seconds = self.given.quickest(lambda: self._go(steps))
-        return np.asarray(ends), bool(np.all(ok)), seconds
+    def run(self, steps: int) -> tuple[np.ndarray, bool, Timing]:
+        """The attitudes at the end, whether all went well, and the timing for all bodies."""
+        (ends, ok), timing = self.given.timed(lambda: self._go(steps))
+        return np.asarray(ends), bool(np.all(ok)), timing
 
     def _go(self, steps: int) -> Any:
         step = jnp.asarray(self.given.scene.duration / steps, jnp.float64)
@@ -202,14 +205,32 @@ def advanced(method: Method, scene: Scene, momentum: Any, attitude: Any, dt: Any
     return jnp.stack(motion.pose), ok
 
 
+class Comparison(NamedTuple):
+    """What was measured on a scene.
+
+    Attributes:
+        problem: the bodies.
+        ratios: our times over others'.
+        ours, rivals: points.
+        warning: what the user must know of the machine, or nothing.
+    """
+
+    problem: Problem
+    ratios: list[Ratio]
+    ours: list[Point]
+    rivals: list[Point]
+    warning: str
+
+
 def compared(
     name: str, ours: Sequence[str] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
-) -> tuple[Problem, list[Ratio], list[Point], list[Point]]:
-    """A scene's problem, ratios, our points and the rivals'."""
+) -> Comparison:
+    """Measures a scene."""
+    load = Load()
     given = problem(name, quick=quick)
     chosen = methods_for(given.scene) if ours is None else ours
     mine, theirs = measure(given, chosen, said=said)
-    return given, ratios(mine, theirs, symplectic(mine)), mine, theirs
+    return Comparison(given, ratios(mine, theirs, symplectic(mine)), mine, theirs, load.warning())
 
 
 def symplectic(points: Sequence[Point]) -> list[str]:
@@ -223,10 +244,20 @@ def title(given: Problem) -> str:
     return f"{given.scene.name}: {given.scene.title}, T = {given.scene.duration:g}"
 
 
-def note(given: Problem) -> str:
+def note(found: Comparison) -> str:
     """How it was measured, for a chart."""
+    given = found.problem
     return (
         f"{given.bodies} bodies side by side, one core, float64. Errors against the {given.source}, good to "
-        f"{given.uncertainty:.0e}.\nWide line: the frontier of our methods (filled marks; dashed if not symplectic). "
-        "Hollow marks: other programs and methods."
+        f"{given.uncertainty:.0e}. Wide line: the frontier of our methods (filled marks; dashed if not symplectic). "
+        f"Hollow marks: other programs and methods. {timing_note(found)}"
     )
+
+
+def timing_note(found: Comparison) -> str:
+    """How times were taken, how far they spread, and whether the machine was busy."""
+    spread = spread_in_words([point.spread for point in found.ours + found.rivals])
+    said = (
+        f"Times: medians of {cost_clock().name}; ± or bars either way: half the distance between quartiles ({spread})"
+    )
+    return f"{said}. {found.warning}".strip()

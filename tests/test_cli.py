@@ -2,21 +2,26 @@
 
 import contextlib
 import io
-import itertools
 import math
+import re
 import struct
+import subprocess
+import sys
+import tomllib
 from collections import defaultdict
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 
 import midlie_jax as ml
-from midlie_jax import charts, cli, convergence, scenes
+from midlie_jax import cli, convergence, scenes
+from midlie_jax.commands import output
 
 BROKEN = "SW"
+ROOT = Path(__file__).resolve().parent.parent
 
 
 class Outcome(NamedTuple):
@@ -46,21 +51,83 @@ def test_scenes_lists_every_scene():
     assert [line.split()[0] for line in outcome.out.splitlines()[2:]] == scenes.scenes()
 
 
+def without_jax(*arguments: str) -> subprocess.CompletedProcess:
+    """The command as it is installed, in a process of its own that fails if JAX or NumPy was imported at the end."""
+    module, _, name = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["midlie"].partition(
+        ":"
+    )
+    program = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+from {module} import {name}
+try:
+    code = {name}({list(arguments)!r})
+except SystemExit as stop:
+    code = stop.code
+print("imported:", sorted({{"jax", "numpy", "matplotlib"}} & set(sys.modules)))
+sys.exit(code)
+"""
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], *([name, "--help"] for name in ("chart", "run", "methods", "scenes"))]
+)
+def test_help_comes_without_jax(arguments):
+    outcome = without_jax(*arguments)
+    assert outcome.returncode == 0, outcome.stderr
+    assert f"usage: midlie{' ' + arguments[0] if len(arguments) > 1 else ''} " in outcome.stdout
+    assert outcome.stdout.endswith("imported: []\n")
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["chrat"], ["run", "P1", "--steps", "many"], ["run", "P1", "--out", "x.txt"]]
+)
+def test_a_wrong_line_is_refused_without_jax(arguments):
+    outcome = without_jax(*arguments)
+    assert outcome.returncode == 2
+    assert outcome.stderr.startswith("midlie: ")
+    assert outcome.stdout == "imported: []\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["run", "nowhere"], ["unknown scene 'nowhere'", "P1"]),
+        (["run", "nowhere"], ["unknown scene 'nowhere'", "P1", "see midlie run --help"]),
+        (["run", "p1-tited"], ["unknown scene 'p1-tited'", "Did you mean 'P1-tilted'?"]),
         (["run", "P1", "--method", "nobody"], ["unknown method 'nobody'", "LIEMID[EA]"]),
         (["run", "P1", "--method", "Verlet"], ["moves Particles"]),
-        (["run", "P1", "--dt", "0"], ["dt must be finite and not zero"]),
-        (["run", "P1", "--steps", "-3"], ["--steps", "must be positive"]),
-        (["run", "P1", "--steps", "many"], ["--steps", "many"]),
+        (["run", "P1", "--dt", "0"], ["midlie: dt must be finite and not zero, got 0", "write for example --dt 0.005"]),
+        (["run", "P1", "--dt", "nan"], ["midlie: dt must be finite and not zero, got nan"]),
+        (["run", "P1", "--dt", "1e-60", "--float32"], ["dt must be finite and not zero", "1e-60, in float32"]),
+        (["run", "P1", "--dt", "1e300", "--float32"], ["dt must be finite and not zero", "got inf (from 1e+300"]),
+        (["run", "P1", "--dt", "1e-12"], ["1e-12 asks for 1.0e+13 steps", "give a larger --dt"]),
+        (["run", "P1", "--dt", "small"], ["--dt", "must be a number, got 'small'", "write for example"]),
+        (["run", "P1", "--steps", "-3"], ["--steps", "a whole number, at least 1", "write for example 1000 or 1e3"]),
+        (["run", "P1", "--steps", "many"], ["--steps", "'many'", "write for example 1000", "see midlie run --help"]),
+        (["run", "P1", "--steps", "1.5"], ["--steps", "a whole number", "'1.5'"]),
+        (["run", "P1", "--steps", "inf"], ["--steps", "a whole number", "'inf'"]),
+        (["run", "P1", "--steps", "1e30"], ["--steps", "at most 2147483647"]),
+        (["run", "P1", "--bodies", "0"], ["--bodies", "at least 1"]),
+        (["run", "P1", "--seed", "-1"], ["--seed", "at least 0"]),
+        (["run", "P1", "--stpes", "3"], ["--stpes", "did you mean --steps?", "see midlie run --help"]),
+        (["run", "P1", "P2"], ["unrecognized arguments: P2", "see midlie run --help"]),
+        (["run"], ["SCENE", "see midlie run --help"]),
+        (["run", "P1", "--out", "no/such/folder/x.npz"], ["cannot write no/such/folder/x.npz", "no such folder"]),
+        (["run", "P1", "--out", "x.txt"], ["cannot write x.txt", "must end in .npz or .csv"]),
+        (["run", "P1", "--plot", "x.pdf"], ["cannot write x.pdf", "must end in .png"]),
+        (["run", "P1", "--plot", "no/such/folder/x.png"], ["cannot write no/such/folder/x.png", "no such folder"]),
         (["chart", "nowhere"], ["unknown scene 'nowhere'"]),
         (["chart", "--methods", "nobody"], ["unknown method 'nobody'"]),
         (["chart", "--methods", "Verlet"], ["'Verlet' does not move a rigid body"]),
         (["chart", "--out", "no/such/folder/x.png"], ["no such folder"]),
-        (["paint"], ["paint", "chart"]),
-        ([], ["COMMAND"]),
+        (["chart", "--out", "x.svg"], ["must end in .png", "see midlie chart --help"]),
+        (["chart", "--levels", "40"], ["40 levels from 500 steps", "ask for fewer"]),
+        (["chart", "--level", "no"], ["--levels", "a whole number", "see midlie chart --help"]),
+        (["methods", "all"], ["unrecognized arguments: all", "see midlie methods --help"]),
+        (["paint"], ["paint", "chart", "see midlie --help"]),
+        (["chrat"], ["unknown command 'chrat'", "did you mean chart?"]),
+        ([], ["COMMAND", "see midlie --help"]),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(arguments, words):
@@ -73,11 +140,17 @@ def test_a_mistake_is_one_line_and_exit_code_2(arguments, words):
         assert word in outcome.err
 
 
-@pytest.mark.parametrize("package", ["matplotlib", "tqdm", "mpmath"])
-def test_a_missing_extra_is_named_before_anything_is_measured(package, monkeypatch):
-    find_spec = cli.find_spec
-    monkeypatch.setattr(cli, "find_spec", lambda name: None if name == package else find_spec(name))
-    outcome = midlie("chart")
+@pytest.mark.parametrize(
+    ("package", "arguments"),
+    [
+        *((package, ["chart"]) for package in ("matplotlib", "tqdm", "mpmath")),
+        ("matplotlib", ["run", "P1", "--plot", "x.png"]),
+    ],
+)
+def test_a_missing_extra_is_named_before_anything_is_measured(package, arguments, monkeypatch):
+    find_spec = output.find_spec
+    monkeypatch.setattr(output, "find_spec", lambda name: None if name == package else find_spec(name))
+    outcome = midlie(*arguments)
     assert outcome.code == 2
     assert package in outcome.err
     assert "midlie_jax[cli]" in outcome.err
@@ -92,7 +165,7 @@ def facts(outcome: Outcome) -> dict[str, str]:
 
 
 def test_run_reports_the_conservation_laws_of_a_batch_of_tops():
-    outcome = midlie("run", "P1", "--bodies", "3", "--steps", "100", "--dt", "0.01", "--method", "LIEMID[E2]")
+    outcome = midlie("run", "P1", "--bodies", "3", "--steps", "1e2", "--dt", "0.01", "--method", "LIEMID[E2]")
     seen = facts(outcome)
     assert "3 perturbed bodies, LIEMID[E2], 100 steps of 0.01, float64" in outcome.out
     # LIEMID[E2] is symplectic of order 1 up to third order in the step: its energy error is seen, and small.
@@ -103,6 +176,7 @@ def test_run_reports_the_conservation_laws_of_a_batch_of_tops():
     assert seen["ok"] == "yes"
     assert seen["throughput"].endswith("body-steps/s")
     assert float(seen["throughput"].split()[0]) > 0
+    assert re.fullmatch(r"\S+ s of (processor|wall) time on .+ \(median, ±\d+%\)", seen["run time"])
 
 
 def test_run_of_a_free_body_keeps_all_of_the_spatial_momentum():
@@ -140,7 +214,10 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     outcome = midlie("chart", "slow-top", "--out", str(png), "--steps", "64", "--levels", "3", "--methods", *methods)
     assert outcome.code == 0, outcome.out + outcome.err
     assert "closed form of Lagrange's top" in outcome.out
-    assert "run/s" in outcome.err or "s/run" in outcome.err  # the progress bar
+    assert outcome.err == ""  # no progress bar but on a terminal
+    assert re.search(r"Processor time, per body in a batch of 256: medians of (one|[23]) round.* ±\d+%", outcome.out)
+    heads = next(line for line in outcome.out.splitlines() if line.startswith("method"))
+    assert "time [s]  +- [%]" in heads
 
     failed = [line for line in outcome.out.splitlines() if line.startswith(BROKEN)]
     assert len(failed) == 3
@@ -148,7 +225,7 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
 
     slopes = defaultdict(list)
     for cells in map(str.split, outcome.out.splitlines()):
-        if cells and cells[0] in methods and cells[-1] == "yes" and len(cells) == 10:
+        if cells and cells[0] in methods and cells[-1] == "yes" and len(cells) == 11:
             slopes[cells[0]] += [float(cells[3]), float(cells[5])]
     # The next term of the error bends the lines by about .01 on the first pair of rungs; the table shows two digits.
     assert slopes["LIEMID[EA]"] == pytest.approx([2] * 4, abs=0.021)
@@ -163,56 +240,13 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     assert f"wrote {png}" in outcome.out
 
 
-def made_up_rows(names: list[str]) -> list[convergence.Row]:
-    """Lines that all but coincide at their fine ends: the hardest to label."""
-    return [
-        convergence.Row(
-            method=name,
-            dt=0.02 / 2**level,
-            steps=500 * 2**level,
-            momentum_error=(1 + 0.01 * i) * 0.1 / 4**level,
-            attitude_error=(1 + 0.01 * i) * 0.01 / 4**level,
-            evaluations=500 * 2**level * (1 + i // 4),
-            seconds=1e-4 * 2**level * (1 + i / 10),
-            ok=True,
-        )
-        for i, name in enumerate(names)
-        for level in range(4)
-    ]
-
-
-def test_labels_never_overlap():
-    names = [*convergence.body_methods(), "LIEMID[new]", "rival A", "rival B"]
-    figure = charts.convergence_figure(made_up_rows(names), title="made up", reference="nothing")
-    figure.canvas.draw()
-    for panel in figure.axes:
-        labels = [text for text in panel.texts if text.get_text() in names]
-        assert sorted(label.get_text() for label in labels) == sorted(names)
-        # An annotation's own extent includes its leader line; that of the text alone does not.
-        boxes = [Text.get_window_extent(label, figure.canvas.get_renderer()) for label in labels]
-        for one, other in itertools.combinations(boxes, 2):
-            assert not one.overlaps(other)
-        for box in boxes:
-            assert figure.bbox.containsx(box.x0)
-            assert figure.bbox.containsx(box.x1)
-
-
-def test_free_bodies_are_charted_against_steps():
-    rows = [row._replace(evaluations=0) for row in made_up_rows(["LIEMID[EA]", "NMB"])]
-    figure = charts.convergence_figure(rows, title="free", reference="nothing")
-    assert "Steps" in figure.axes[3].get_xlabel()
-
-
-def test_nothing_to_draw_is_said():
-    with pytest.raises(ValueError, match="no method gave a finite result"):
-        charts.convergence_figure([convergence.Row("SW", 0.1, 10, failure="x")], title="", reference="")
-
-
 def test_ladder_doubles_and_follows_the_figure_for_p1():
     assert convergence.ladder(scenes.scene("P1")) == [500, 1000, 2000, 4000, 8000]
     assert convergence.ladder(scenes.scene("slow-top"), levels=2)[0] * 2 == scenes.scene("slow-top").steps
     with pytest.raises(ValueError, match="must be positive"):
         convergence.ladder(scenes.scene("P1"), coarsest=0)
+    with pytest.raises(ValueError, match="ask for fewer"):
+        convergence.ladder(scenes.scene("P1"), coarsest=2**20, levels=12)
 
 
 def test_reference_of_a_top_about_another_axis():

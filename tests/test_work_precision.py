@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from matplotlib.text import Text
 
 import midlie_jax as ml
 from midlie_jax import cli, closed_form, convergence, frontier, rivals, scenes, work_precision
@@ -20,6 +19,7 @@ from midlie_jax.frontier_chart import work_precision_figure
 from midlie_jax.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
 from midlie_jax.rivals.lie_group import CF4, RKMK4
 from midlie_jax.rivals.problem import Point
+from midlie_jax.timing import Timing
 
 
 def line(method: str, order: int, unit: float, counts=(1, 10, 100)) -> list[Point]:
@@ -274,19 +274,65 @@ def test_a_verdict_hides_no_loss():
     assert frontier.verdict(values[2:], 1.0).startswith("not compared")
 
 
-def test_names_on_the_chart_never_overlap():
-    """Lines that all but coincide at their ends."""
-    ours = [p for i, one in enumerate(work_precision.OURS["three moments"]) for p in line(one, 4, 1 + i / 50)]
-    others = [p for i, rival in enumerate(rivals.RIVALS) for p in line(rival.label, 4, 1 + i / 40)]
+def test_a_chart_names_all_and_leaves_a_taylor_series_out_where_evaluations_are_counted():
+    ours = [p for one in work_precision.OURS["three moments"] for p in line(one, 4, 1.0)]
+    others = [p for rival in rivals.RIVALS for p in line(rival.label, 4, 1.0)]
     true = work_precision.symplectic(ours)
     assert {"DLM[SU8]", "JACOBI[EA]"} <= set(true)
     assert not {"LIEMID[EA]", "DOP853"} & set(true)
-    figure = work_precision_figure(ours, others, true, title="made up", note="of nothing")
-    figure.canvas.draw()
+    figure = work_precision_figure(ours, others, true, title="made up", note="of nothing", clock="processor time")
     names = {p.method for p in ours + others}
-    for panel in figure.axes:
-        labels = [text for text in panel.texts if text.get_text() in names]
-        assert {label.get_text() for label in labels} == names - ({"heyoka"} if panel is figure.axes[1] else set())
-        boxes = [Text.get_window_extent(label, figure.canvas.get_renderer()) for label in labels]
-        assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
-        assert all(figure.bbox.containsx(box.x0) and figure.bbox.containsx(box.x1) for box in boxes)
+    for panel, missing in zip(figure.axes, (set(), {"heyoka"}), strict=True):
+        assert {text.get_text() for text in panel.texts} == names - missing
+    assert figure.axes[0].get_xlabel().startswith("Processor time")
+
+
+def test_a_time_in_the_table_carries_the_spread_of_the_runs_that_it_comes_from():
+    """Between two points the larger one; at a point its own."""
+    spreads = (0.01, 0.02, 0.3)
+    ours = [p._replace(spread=spread) for p, spread in zip(line("A", 4, 1.0), spreads, strict=True)]
+    for error, spread in ((ours[0].error, 0.01), (ours[1].error, 0.02), (1e-2, 0.02), (1e-6, 0.3), (1e-99, math.nan)):
+        assert frontier.best_at(ours, error).spread == pytest.approx(spread, nan_ok=True)
+    (row,) = frontier.ratios(ours, line("CF4", 4, 0.25), ["A"], [1e-6])
+    assert frontier.cells(row)[2].endswith(" ±30%")
+    assert "±" not in frontier.cells(row)[4]
+
+
+def test_our_points_and_the_note_tell_the_spread_and_a_busy_machine(monkeypatch):
+    monkeypatch.setattr(work_precision.Load, "warning", lambda self: "The machine was busy.")
+    monkeypatch.setattr(work_precision, "RIVALS", ())
+    given = work_precision.problem("P1", bodies=2, judged=2, quick=True)._replace(longest=0.005)
+    monkeypatch.setattr(work_precision, "problem", lambda name, quick: given)
+    monkeypatch.setattr(
+        work_precision, "measure", lambda given, ours, said: (list(work_precision.ladder(RK4, given)), [])
+    )
+    found = work_precision.compared("P1", ["RK4"])
+    assert found.ours
+    assert all(math.isfinite(point.spread) for point in found.ours)
+    for said in (work_precision.note(found), work_precision.timing_note(found)):
+        assert "medians of processor time" in said
+        assert "spread ±" in said
+        assert said.endswith("The machine was busy.")
+
+
+def test_a_ladder_goes_on_where_steps_are_too_coarse_to_gain(monkeypatch):
+    """Four rungs of an error as large as can be, then order 2 down to rounding, and three rungs there."""
+    errors = [2.4, 2.5, 2.4, 2.6, 1e-2, 1e-6, 2e-14, 2e-14, 2e-14, 2e-14]
+    asked = []
+
+    class Ladder(work_precision._Ladder):
+        def __init__(self, method, given, chunk):
+            pass
+
+        def whole(self, steps):
+            return steps
+
+        def run(self, steps):
+            asked.append(steps)
+            return np.full((1, 4), 0.5), True, Timing(0.0, 0.0)
+
+    monkeypatch.setattr(work_precision, "_Ladder", Ladder)
+    monkeypatch.setattr(problem.Problem, "error", lambda self, ends: errors[len(asked) - 1])
+    scene = scenes.scene("P1", "float64")
+    given = problem.Problem(scene, np.zeros((1, 3)), np.zeros((1, 4)), np.zeros((1, 3, 3)), "", 0.0)
+    assert [point.error for point in work_precision.ladder(RK4, given)] == errors[:9]

@@ -59,18 +59,19 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
             def run(value: float = value, made: Any = made) -> Any:
                 return jax.block_until_ready(made(states, jnp.asarray(value)))
 
-            (ends, steps), seconds = problem.quickest(run)
+            (ends, steps), timing = problem.timed(run)
             if np.all(np.isfinite(ends)):
                 taken = float(np.mean(steps))
                 yield Point(
                     name,
                     f"{label} {value:.1e}",
                     problem.error(ends),
-                    seconds / problem.bodies,
+                    timing.seconds / problem.bodies,
                     stages * taken,
                     taken,
+                    timing.spread,
                 )
-            if seconds > _PATIENCE * problem.longest:
+            if timing.seconds > _PATIENCE * problem.longest:
                 break
 
 

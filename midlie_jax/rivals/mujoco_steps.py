@@ -61,17 +61,18 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
                 states, _ = loop.rollout(made, data, starts, nstep=steps, skip_checks=False)
                 return np.asarray(states)[:, -1, 1:5]
 
-            ends, seconds = problem.quickest(run)
+            ends, timing = problem.timed(run)
             if np.all(np.isfinite(ends)):
                 yield Point(
                     name,
                     f"step {made.opt.timestep:.2e}",
                     problem.error(ends),
-                    seconds / _BODIES,
+                    timing.seconds / _BODIES,
                     float("nan") if scene.torque is None else evaluations * steps,
                     steps,
+                    timing.spread,
                 )
-            if seconds > _LONGEST:
+            if timing.seconds > _LONGEST:
                 break
             steps *= 2
     mujoco.set_mju_user_warning(None)

@@ -5,8 +5,6 @@ another program: Pi' = Pi x I^-1 Pi + T, q' = q (0, I^-1 Pi)/2. Momentum in the 
 """
 
 import math
-import os
-import time
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -16,6 +14,7 @@ import numpy as np
 from .. import torques
 from ..orbits import KeplerOrbit
 from ..scenes import Scene
+from ..timing import Timing, timed
 
 
 class Point(NamedTuple):
@@ -25,9 +24,10 @@ class Point(NamedTuple):
         method: its name.
         setting: the tolerance or step, as in "tol 1e-06".
         error: |R - R*| at the end, Frobenius norm, root mean square over the bodies judged.
-        seconds: of the whole run for one body, compiling not counted; see `clock`.
+        seconds: median time of the whole run for one body, compiling not counted (`timing.cost_clock`).
         evaluations: torque evaluations for one body; NaN where the word does not apply.
         steps: steps for one body.
+        spread: half the distance between the quartiles of the timings, relative to the median.
     """
 
     method: str
@@ -36,6 +36,7 @@ class Point(NamedTuple):
     seconds: float
     evaluations: float
     steps: float
+    spread: float = math.nan
 
 
 class Problem(NamedTuple):
@@ -47,7 +48,7 @@ class Problem(NamedTuple):
         ends: rotation matrices at the end of the first k bodies, (k, 3, 3), by which a program is judged.
         source: how the ends were found.
         uncertainty: what they may be wrong by.
-        repeats: runs timed, of which the quickest counts.
+        repeats: runs timed at most, whose median counts.
         longest: seconds for all bodies; a program is not asked for a finer step once a run takes longer.
     """
 
@@ -76,18 +77,9 @@ class Problem(NamedTuple):
         change = np.stack([matrix(q) for q in quaternions]) - self.ends[: len(quaternions)]
         return float(np.sqrt(np.mean(np.sum(change**2, axis=(1, 2)))))
 
-    def quickest(self, run: Callable[[], Any]) -> tuple[Any, float]:
-        """The result of `run`, and the seconds of the quickest of some runs.
-
-        Runs differ only by what else the machine did meanwhile, so the quickest is the truest (as in `timeit`).
-        """
-        spent: list[float] = []
-        while True:
-            began = clock()
-            result = run()
-            spent.append(clock() - began)
-            if len(spent) >= self.repeats or sum(spent) > self.longest:
-                return result, min(spent)
+    def timed(self, run: Callable[[], Any]) -> tuple[Any, Timing]:
+        """The result of `run`, which waits for it, and the timing of a few runs."""
+        return timed(run, most=self.repeats, longest=self.longest)
 
 
 def program(name: str) -> Any:
@@ -96,21 +88,6 @@ def program(name: str) -> Any:
         return import_module(name)
     except ImportError as error:
         raise ImportError(f"the rivals need {name.split('.')[0]}: pip install 'midlie_jax[bench]'.") from error
-
-
-def clock() -> float:
-    """Seconds: of the processor where the process has one core, of the wall where it has more.
-
-    On one core the two are the same but for the time that other processes take from it.
-    """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
-    return time.process_time() if cores == 1 else time.perf_counter()
-
-
-def pin() -> None:
-    """Leaves the process one core, so that every program has the same; before JAX starts, which counts them then."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
 def matrix(quaternion: Any) -> np.ndarray:

@@ -1,0 +1,181 @@
+"""The `midlie` command up to the point where JAX is needed: its options, its help, and what is wrong with a line.
+
+It stands beside the package because whatever lies in the package imports JAX first, which takes a second. What the
+commands do is in `midlie_jax.commands`.
+
+Everything a user can get wrong ends as one line on stderr and exit code 2; tracebacks are for bugs.
+"""
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import NoReturn
+
+COMMANDS = ("chart", "run", "methods", "scenes")
+_MOST = 2**31 - 1  # steps are counted in 32 bits
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Args:
+        arguments: as on the command line, without the program's name; those of the process if None.
+
+    Returns:
+        The exit code: 0, or 2 after an error of the user's, which has been printed.
+    """
+    try:
+        options = _read(sys.argv[1:] if arguments is None else arguments)
+    except ValueError as error:
+        return _failed(str(error))
+    try:
+        from midlie_jax.commands import act
+
+        act(options)
+    except ValueError as error:
+        return _failed(f"{error} (see midlie {options.command} --help)")
+    except (ImportError, OSError) as error:
+        return _failed(str(error))
+    return 0
+
+
+def _failed(message: str) -> int:
+    print(f"midlie: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a wrong command line like every other error."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message} (see {self.prog} --help)")
+
+
+def _read(arguments: Sequence[str]) -> argparse.Namespace:
+    parser, commands = _parsers()
+    if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
+        parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], COMMANDS)}")
+    options, rest = parser.parse_known_args(arguments)
+    if rest:
+        # argparse itself would blame the parent for what a subcommand does not know.
+        command = commands[options.command]
+        known = [option for action in command._actions for option in action.option_strings]
+        hint = f"; {_choice(rest[0].split('=')[0], known)}" if rest[0].startswith("-") else ""
+        command.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
+    return options
+
+
+def _choice(name: str, known: Sequence[str]) -> str:
+    """What to write instead of a name: the one meant, or all."""
+    close = get_close_matches(name, known, n=1)
+    return f"did you mean {close[0]}?" if close else f"choose from {', '.join(known)}"
+
+
+def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The parser, and that of each command."""
+    parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
+    commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
+    _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
+    commands.add_parser("methods", help="list the methods")
+    commands.add_parser("scenes", help="list the scenes")
+    return parser, dict(commands.choices)
+
+
+def _add_chart(chart: argparse.ArgumentParser) -> None:
+    chart.description = (
+        "Runs every method over a ladder of steps and writes the errors and the times as a table and a picture. "
+        "Times are of one core, to which the command keeps."
+    )
+    chart.add_argument("scene", nargs="?", default="P1", metavar="SCENE", help="see `midlie scenes` (default: P1)")
+    chart.add_argument("--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
+    chart.add_argument("--methods", nargs="+", metavar="NAME", help="only these (default: all that move a rigid body)")
+    chart.add_argument("--steps", type=_whole(1, _MOST), metavar="N", help="steps on the coarsest rung of the ladder")
+    chart.add_argument("--levels", type=_whole(1), metavar="K", help="rungs, each half the step before (default: 5)")
+    chart.add_argument(
+        "--rivals", action="store_true", help="error against cost instead, beside other programs (the extra bench)"
+    )
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.description = (
+        "Integrates a scene and prints how well energy and momentum are kept and how long it takes. --out keeps "
+        "the states in a file, --plot draws them."
+    )
+    run.add_argument("scene", metavar="SCENE", help="see `midlie scenes`")
+    run.add_argument("--method", default="LIEMID[EA]", metavar="NAME", help="default: LIEMID[EA]")
+    run.add_argument("--dt", type=_number, metavar="H", help="step (default: the scene's)")
+    run.add_argument(
+        "--steps", type=_whole(1, _MOST), metavar="N", help="number of steps (default: the scene's duration)"
+    )
+    run.add_argument(
+        "--bodies", type=_whole(1), default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)"
+    )
+    run.add_argument("--size", type=_number, default=1e-3, help="relative size of the perturbations (default: 1e-3)")
+    run.add_argument("--seed", type=_whole(0), default=0, help="of the perturbations (default: 0)")
+    run.add_argument("--float32", action="store_true", help="integrate in single precision")
+    run.add_argument(
+        "--out", type=_file(".npz", ".csv"), metavar="FILE", help="save times, momenta and attitudes: .npz or .csv"
+    )
+    run.add_argument(
+        "--plot",
+        type=_file(".png"),
+        metavar="FILE",
+        help="draw energy, momentum, angular velocity and the path of an axis, as a PNG (needs the extra cli)",
+    )
+
+
+def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """Reads a whole number, also one that is written as 1e3."""
+    span = f"at least {least}" + (f" and at most {most}" if math.isfinite(most) else "")
+
+    def read(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = _integer(text)
+        if value is None or not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f"must be a whole number, {span}, got {text!r}; write for example 1000 or 1e3"
+            )
+        return value
+
+    return read
+
+
+def _integer(text: str) -> int | None:
+    """The whole number that is written as a float, if it is one."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return int(number) if number.is_integer() else None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number, got {text!r}; write for example 0.005 or 5e-3") from None
+
+
+def _file(*endings: str) -> Callable[[str], str]:
+    """Reads the name of a file to write, and says at once why it cannot be written."""
+
+    def read(text: str) -> str:
+        path = Path(text)
+        if path.suffix.lower() not in endings:
+            raise argparse.ArgumentTypeError(f"cannot write {text}: its name must end in {' or '.join(endings)}")
+        if not path.absolute().parent.is_dir():
+            raise argparse.ArgumentTypeError(f"cannot write {text}: there is no such folder; make it first")
+        if path.is_dir():
+            raise argparse.ArgumentTypeError(f"cannot write {text}: it is a folder; name a file")
+        if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+            raise argparse.ArgumentTypeError(f"cannot write {text}: permission denied; choose another folder")
+        return text
+
+    return read

@@ -1,0 +1,123 @@
+"""What `midlie run` did, as plain NumPy arrays: to judge, to draw and to save."""
+
+import csv
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..scenes import Scene
+
+MOMENTUM = ("momentum_1", "momentum_2", "momentum_3")
+ATTITUDE = ("attitude_w", "attitude_x", "attitude_y", "attitude_z")
+COLUMNS = ("body", "time", *MOMENTUM, *ATTITUDE, "ok")
+_MOMENTUM_FRAME = "angular momentum along the principal axes of the body, about its fixed point or centre of mass"
+_ATTITUDE_FRAME = "unit quaternion, scalar first, that takes components in the body frame to components in space"
+
+
+class Record(NamedTuple):
+    """A run of one body or many.
+
+    Attributes:
+        scene: what moved.
+        method: its name.
+        dt: step.
+        steps: how many.
+        size, seed: of the perturbations, see `scenes.perturbed`; the first body is the scene's own.
+        times: of the states that were kept, (n,).
+        momenta: body frame, (bodies, n, 3).
+        attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4).
+        ok: whether all went well, (bodies,).
+    """
+
+    scene: Scene
+    method: str
+    dt: float
+    steps: int
+    size: float
+    seed: int
+    times: np.ndarray
+    momenta: np.ndarray
+    attitudes: np.ndarray
+    ok: np.ndarray
+
+    @classmethod
+    def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
+        """From a path of `integrate` with a leading axis of bodies."""
+        arrays = (path.times[0], path.states.momentum, path.states.attitude, path.ok)
+        return cls(scene, method, dt, steps, size, seed, *map(np.asarray, arrays))
+
+    @property
+    def dtype(self) -> str:
+        return self.momenta.dtype.name
+
+    @property
+    def headline(self) -> str:
+        """What ran, on one line."""
+        many = len(self.ok)
+        bodies = f"{many} perturbed bodies" if many > 1 else "one body"
+        return (
+            f"{self.scene.name}: {self.scene.title}; {bodies}, {self.method}, {self.steps} steps of {self.dt:g}, "
+            f"{self.dtype}"
+        )
+
+
+def save(record: Record, path: str) -> None:
+    """Writes a .npz or .csv.
+
+    The .npz holds the arrays and all that identifies the run, and is read without pickle. The .csv has a line for each
+    body and time, with the columns `COLUMNS`.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    (_save_csv if path.lower().endswith(".csv") else _save_npz)(record, path)
+
+
+def _save_npz(record: Record, path: str) -> None:
+    scene = record.scene
+    parts: dict[str, Any] = {
+        "times": record.times,
+        "momenta": record.momenta,
+        "attitudes": record.attitudes,
+        "ok": record.ok,
+        "moments": np.asarray(scene.body.moments),
+        "scene": scene.name,
+        "title": scene.title,
+        "source": scene.source,
+        "units": scene.units,
+        "method": record.method,
+        "dt": record.dt,
+        "steps": record.steps,
+        "dtype": record.dtype,
+        "bodies": len(record.ok),
+        "perturbation_size": record.size,
+        "perturbation_seed": record.seed,
+        "momentum_frame": _MOMENTUM_FRAME,
+        "momentum_components": MOMENTUM,
+        "attitude_frame": _ATTITUDE_FRAME,
+        "attitude_components": ATTITUDE,
+        "version": _version("midlie_jax"),
+        "jax_version": _version("jax"),
+    }
+    if scene.axes is not None:
+        parts["axes"] = np.asarray(scene.axes)
+    with open(path, "wb") as file:  # an open file keeps its name; NumPy would add an ending to some
+        np.savez(file, **parts)
+
+
+def _save_csv(record: Record, path: str) -> None:
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for body, (momenta, attitudes, ok) in enumerate(zip(record.momenta, record.attitudes, record.ok, strict=True)):
+            for t, momentum, attitude in zip(record.times, momenta, attitudes, strict=True):
+                # The text of a NumPy scalar has the digits that give it back, and no more.
+                writer.writerow([body, t, *momentum, *attitude, int(ok)])
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,85 @@
+"""The frame of every picture: a figure that needs no display, its heading, and panels that keep clear of it.
+
+matplotlib comes with an extra and is imported when a picture is asked for.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+INK, FAINT, GRID = "#222222", "#8a8a8a", "#e3e3e3"
+_LEFT, _RIGHT = 0.06, 0.985  # edges of what is drawn, as parts of the width
+_EDGE = 12.0  # points between the heading and the top of the picture
+_TITLE, _NOTE = 15.0, 10.0  # font sizes, points
+PANEL_TITLE = 11.5
+_CLEAR = 36.0  # points from the heading to the panels: a panel's title and a gap on either side of it
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty matplotlib figure of a size in inches.
+
+    Raises:
+        ImportError: matplotlib is missing.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("pictures need matplotlib: pip install 'midlie_jax[cli]'.") from error
+    figure = Figure(figsize=(width, height), dpi=110)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def heading(figure: Any, title: str, note: str) -> None:
+    """Title and note at the top, broken into lines that fit, and the panels' upper edge below them."""
+    renderer, points = figure.canvas.get_renderer(), 72 / figure.dpi
+    height = figure.bbox.height * points
+    top = height - _EDGE
+    figure.subplots_adjust(left=_LEFT, right=_RIGHT)
+    for text, size, weight in ((title, _TITLE, "bold"), (note, _NOTE, "normal")):
+        style = {"fontsize": size, "weight": weight, "color": INK, "va": "top", "linespacing": 1.3}
+        drawn = figure.text(_LEFT, top / height, "", **style)
+        _break_lines(drawn, text, (_RIGHT - _LEFT) * figure.bbox.width, renderer)
+        top = drawn.get_window_extent(renderer).y0 * points - 0.4 * size
+    figure.subplots_adjust(top=(top - _CLEAR) / height)
+
+
+def panel(axes: Any, title: str, x_label: str, y_label: str) -> None:
+    """Title, labels and grid, alike in all pictures."""
+    axes.set_title(title, loc="left", fontsize=PANEL_TITLE, weight="bold", color=INK)
+    axes.set_xlabel(x_label, color=INK)
+    axes.set_ylabel(y_label, color=INK)
+    axes.grid(which="major", color=GRID, linewidth=0.8)
+    axes.tick_params(which="both", colors=INK, labelsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_axisbelow(True)
+
+
+def write(figure: Any, path: str) -> None:
+    """Writes a PNG.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure.savefig(path, format="png", metadata={"Software": "midlie_jax"})
+
+
+def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:
+    """Writes a text in lines no wider than so many pixels."""
+    lines: list[str] = []
+    for word in text.split():
+        longer = f"{lines[-1]} {word}" if lines else word
+        drawn.set_text(longer)
+        if lines and drawn.get_window_extent(renderer).width <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    drawn.set_text("\n".join(lines))
+
+
+def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Sequence[float], colour: str) -> None:
+    """Bars along x from x (1 - spread) to x (1 + spread); a spread that is not known, NaN, draws none."""
+    bars = [(h, a * max(1 - s, 0.01), a * (1 + s)) for a, h, s in zip(x, y, spread, strict=True) if math.isfinite(s)]
+    if bars:
+        axes.hlines(*zip(*bars, strict=True), color=colour, linewidth=3.0, alpha=0.45, zorder=2.5)

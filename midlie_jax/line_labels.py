@@ -1,0 +1,115 @@
+"""The names of lines, in one column beside a panel's lines, each joined to its line's end by a thin leader.
+
+All ends lie on one side of the column and all leaders stop at its edge, so no leader crosses a name.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+_SIZE = 8.5  # points, of the names
+_GAP = 1.3  # from one name's middle to the next, of the size
+_LEADER = 26.0  # points from the last end to the names
+_INSET = 4.0  # points from the names to the panel's edges
+
+
+class End(NamedTuple):
+    """Attributes:
+    name: of the line.
+    colour: of its name.
+    x, y: where it ends.
+    bold: whether its name is.
+    """
+
+    name: str
+    colour: str
+    x: float
+    y: float
+    bold: bool = False
+
+
+def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float = _SIZE) -> None:
+    """Widens a panel on one side, and names the lines there.
+
+    The panel's limits, which must hold all of its lines, and its place in the figure must be final.
+
+    Args:
+        axes: matplotlib's, of a figure with an Agg canvas.
+        ends: of the lines.
+        side: "left" or "right".
+        size: of the names, points; smaller where they are many.
+    """
+    if not ends:
+        return
+    from matplotlib.patheffects import withStroke
+    from matplotlib.text import Text
+
+    renderer, points = axes.figure.canvas.get_renderer(), 72 / axes.figure.dpi
+    low, high = axes.bbox.y0 * points + size, axes.bbox.y1 * points - size
+    gap = min(_GAP * size, (high - low) / max(len(ends) - 1, 1))
+    size = min(size, gap / _GAP)
+    texts = [
+        axes.annotate(
+            end.name,
+            (end.x, end.y),
+            fontsize=size,
+            color=end.colour,
+            weight="bold" if end.bold else "normal",
+            va="center",
+            ha="left" if side == "right" else "right",
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            # The leader aims at the edge of the name; to its middle, it would pass under the names beside it.
+            arrowprops={
+                "arrowstyle": "-",
+                "color": end.colour,
+                "linewidth": 0.7,
+                "alpha": 0.8,
+                "shrinkA": 2,
+                "shrinkB": 5,
+                "relpos": (0.0 if side == "right" else 1.0, 0.5),
+            },
+            zorder=6,
+        )
+        for end in ends
+    ]
+    # Of the text alone: an annotation's own extent includes its leader.
+    wide = max(Text.get_window_extent(text, renderer).width for text in texts) * points
+    _make_room(axes, side, (wide + _INSET + _LEADER) / (axes.bbox.width * points))
+    places = [axes.transData.transform((end.x, end.y)) * points for end in ends]
+    edge = axes.bbox.x1 * points - wide - _INSET if side == "right" else axes.bbox.x0 * points + wide + _INSET
+    back = axes.transData.inverted()
+    for text, height in zip(texts, apart([place[1] for place in places], gap, low, high), strict=True):
+        text.set_position(back.transform((edge / points, height / points)))
+
+
+def _make_room(axes: Any, side: str, part: float) -> None:
+    """Widens the panel's limits, so that what it held leaves that part of its width free."""
+    scale = axes.xaxis.get_transform()
+    low, high = scale.transform(np.array(axes.get_xlim()))
+    room = (high - low) * min(part, 0.8) / (1 - min(part, 0.8))
+    limits = (low - room, high) if side == "left" else (low, high + room)
+    axes.set_xlim(*scale.inverted().transform(np.array(limits)))
+
+
+def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """The nearest heights, in the sense of least squares, that are `gap` apart and in the same order.
+
+    With the gaps subtracted this is isotonic regression: neighbours out of order are pooled at their mean.
+    """
+    order = sorted(range(len(heights)), key=lambda i: heights[i])
+    pools: list[list[float]] = []  # (mean, members)
+    for rank, i in enumerate(order):
+        pools.append([heights[i] - rank * gap, 1])
+        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
+            mean, members = pools.pop()
+            pools[-1] = [
+                (pools[-1][0] * pools[-1][1] + mean * members) / (pools[-1][1] + members),
+                pools[-1][1] + members,
+            ]
+    room = max(low, high - (len(heights) - 1) * gap)
+    placed = [min(max(mean, low), room) for mean, members in pools for _ in range(int(members))]
+    result = [0.0] * len(heights)
+    for rank, i in enumerate(order):
+        result[i] = placed[rank] + rank * gap
+    return result

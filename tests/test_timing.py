@@ -1,0 +1,177 @@
+"""The clock, the median and the spread behind every table and chart of times, under clocks that are made up."""
+
+import math
+import os
+import time
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+
+from midlie_jax import convergence, scenes, timing
+from midlie_jax.timing import Load, Stopwatch, Timing, timed
+
+
+class Machine:
+    """Two clocks that go on by one at every reading; the wall's by `busy` times as much, both by `slow` times."""
+
+    def __init__(self):
+        self.busy = self.slow = 1.0
+        self.wall = self.processor = 0.0
+
+    def perf_counter(self) -> float:
+        self.wall += self.busy * self.slow
+        return self.wall
+
+    def process_time(self) -> float:
+        self.processor += self.slow
+        return self.processor
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    made = Machine()
+    monkeypatch.setattr(time, "perf_counter", made.perf_counter)
+    monkeypatch.setattr(time, "process_time", made.process_time)
+    return made
+
+
+def trials(monkeypatch, laps):
+    """`measure` and `survey` without a body that moves: each lap is one reading of the clock."""
+
+    class Chain(convergence._Chain):
+        def __init__(self, name, scene, steps, copies):
+            self.name, self.steps = name, steps  # and nothing is compiled
+            self.method = SimpleNamespace(name=name, evaluations=2)
+
+        def run(self, dt, steps, watch):
+            for _ in range(min(5, steps // self.steps)):
+                self.time(dt, 1, watch)
+            end = SimpleNamespace(momentum=np.zeros(3), attitude=np.array([1.0, 0, 0, 0]))
+            return end, True
+
+        def time(self, dt, count, watch):
+            for _ in range(count):
+                laps.append(self.name)
+                watch.time(lambda: None)
+
+    monkeypatch.setattr(convergence, "_Chain", Chain)
+    reference = convergence.Reference(np.zeros(3), np.eye(3), "none", 0.0)
+    return scenes.scene("P1"), ["LIEMID[E1]", "LIEMID[E2]"], [4, 8], reference
+
+
+def test_a_busy_machine_does_not_change_a_time(machine):
+    """The wall clock of the second method runs at twice the speed; its chunks cost what those of the first do."""
+    scene = scenes.scene("P1")
+    reference = convergence.Reference(np.ones(3), np.eye(3), "none", 0.0)
+    found = []
+    for row in convergence.measure(scene, ["LIEMID[E1]", "LIEMID[E1]"], [4], reference):
+        assert not row.failure
+        found.append(row.seconds)
+        machine.busy = 2.0
+    assert found[1] == found[0] == pytest.approx(1 / convergence.COPIES)
+
+
+def test_a_while_of_slowness_is_seen_in_the_spread_of_all_and_in_the_median_of_none(machine, monkeypatch):
+    """While the second method is measured the processor itself is slow by half: its first five laps of a rung take
+    longer, those of the later rounds do not, and the median is one of these.
+    """
+    laps = []
+
+    def seen(row):
+        machine.slow = 1.5 if row.method == "LIEMID[E1]" and row.steps == 8 else 1.0
+        machine.slow = 1.5 if row.method == "LIEMID[E2]" and row.steps == 4 else machine.slow
+
+    monkeypatch.setattr(convergence, "_ROUND_SECONDS", math.inf)
+    arguments = trials(monkeypatch, laps)
+    found, rounds = convergence.survey(*arguments, seen)
+    assert rounds == 3
+    turns = [name for i, name in enumerate(laps) if i == 0 or laps[i - 1] != name]
+    assert turns == ["LIEMID[E1]", "LIEMID[E2]"] * 3
+    first, second = ([row for row in found if row.method == name] for name in arguments[1])
+    for quiet, slow in zip(first, second, strict=True):
+        assert slow.seconds == quiet.seconds == pytest.approx(quiet.steps / 4 / convergence.COPIES)
+        assert quiet.spread == 0
+        assert slow.spread == pytest.approx(0.25)
+    alone = {row.steps: row.seconds for row in convergence.measure(*arguments)}
+    assert alone == {row.steps: row.seconds for row in first}
+
+
+def test_rounds_that_would_take_long_are_left_out(machine, monkeypatch):
+    monkeypatch.setattr(convergence, "_ROUND_SECONDS", 13.5)  # a round of 2 methods, 2 rungs, 3 laps takes 12
+    rows, rounds = convergence.survey(*trials(monkeypatch, []))
+    assert not any(row.failure for row in rows)
+    assert rounds == 2
+    assert all(math.isfinite(row.spread) for row in rows)
+
+
+def test_a_timing_is_the_median_and_half_the_middle_half():
+    watch = Stopwatch()
+    watch.laps = [10.0, 1.0, 2.0, 3.0, 4.0]
+    assert watch.timing() == Timing(3.0, pytest.approx((4 - 2) / 2 / 3))
+    watch.laps = [5.0]
+    assert watch.timing().seconds == 5.0
+    assert math.isnan(watch.timing().spread)
+    assert Timing(2.0, 0.1).scaled(3.0) == Timing(6.0, 0.1)
+
+
+def test_the_first_of_many_runs_is_left_out(machine):
+    def run():
+        machine.processor += 10.0 if not done else 0.0
+        done.append(1)
+        return len(done)
+
+    done = []
+    result, found = timed(run, most=4)
+    assert (result, found) == (4, Timing(1.0, 0.0))
+    done.clear()
+    result, found = timed(run, most=4, longest=0.5)
+    assert (result, found.seconds) == (2, 6.0)
+    assert timed(run, least=1, longest=0.5)[1].seconds == 1.0
+
+
+def test_the_clock_is_the_processors_on_the_cpu_and_the_walls_where_an_accelerator_works(machine, monkeypatch):
+    machine.busy = 5.0
+    assert timed(lambda: None)[1].seconds == 1.0
+    assert timing.cost_clock().name == "processor time"
+    monkeypatch.setattr(timing, "cores", lambda: 1)
+    assert timing.user_clock().name == "processor time"
+    monkeypatch.setattr(timing, "cores", lambda: 2)
+    assert timing.user_clock().name == "wall time"
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert timing.cost_clock().name == "wall time"
+    assert timed(lambda: None)[1].seconds == 5.0
+
+
+@pytest.mark.parametrize(("busy", "said"), [(1.0, ""), (2.0, "had 50% of the processor time")])
+def test_a_user_is_told_that_the_machine_was_busy(machine, monkeypatch, busy, said):
+    monkeypatch.setattr(timing, "cores", lambda: 1)
+    load = Load()
+    machine.busy = busy
+    for _ in range(100):
+        time.perf_counter()
+        time.process_time()
+    assert said in load.warning()
+    assert bool(said) == bool(load.warning())
+
+
+@pytest.mark.parametrize(("load", "busy"), [(0.5, False), (4.0, False), (8.0, True)])
+def test_on_several_cores_the_load_that_the_system_reports_tells(monkeypatch, load, busy):
+    monkeypatch.setattr(timing, "cores", lambda: 4)
+    monkeypatch.setattr(os, "cpu_count", lambda: 4)
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
+    assert bool(Load().warning()) == busy
+
+
+def test_spreads_in_words():
+    assert timing.spread_in_words([0.01, 0.02, 0.4, math.nan]) == "spread ±2% typically, ±40% at most"
+    assert timing.spread_in_words([math.nan]) == "of unknown spread"
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system pins no processes")
+def test_one_core_is_let_go_again():
+    before = os.sched_getaffinity(0)
+    with timing.one_core():
+        assert timing.cores() == 1
+    assert os.sched_getaffinity(0) == before
