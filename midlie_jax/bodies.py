@@ -62,23 +62,18 @@ class RigidBody(eqx.Module):
 
     def __init__(self, moments: Any, *, physical: bool = True):
         self.moments = as_floats("moments", moments, (3,))
-        square = self.moments.shape[-2:] == (3, 3)
-        cure = "check units and order."
-        if square:
-            cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor."
-        require("moments", self.moments, _positive, "must be positive and finite", cure)
+        # Three rows of moments have the shape of a tensor; a physical tensor breaks one of the rules for moments.
+        tensor = self.moments.shape[-2:] == (3, 3)
+        cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor else ""
+        require("moments", self.moments, _positive, "must be positive and finite", cure or "check units and order.")
         require("moments", self.moments, _within_range, "are out of range", "take other units of mass or length.")
-        if square:
-            what = "are a symmetric matrix, a full tensor or three bodies:"
-            cure = "take midlie_jax.TensorBody or RigidBody.from_tensor for the one, jax.vmap(RigidBody) for the other."
-            require("moments", self.moments, lambda m: not _like_a_tensor(m), what, cure)
         if physical:
             require(
                 "moments",
                 self.moments,
                 _triangle,
                 "are unphysical: the largest must not exceed the sum of the other two",
-                "check the tensor, or pass physical=False for a body that exists on paper alone.",
+                cure or "check the tensor, or pass physical=False for a body that exists on paper alone.",
             )
 
     @classmethod
@@ -106,24 +101,16 @@ class RigidBody(eqx.Module):
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular velocity I^-1 Pi, body frame."""
-        return momentum / self.moments
+        return cp.pack(tuple(p / i for p, i in zip(cp.unpack(momentum), cp.unpack(self.moments), strict=True)))
 
     def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular momentum I Omega, body frame."""
-        return self.moments * velocity
+        return cp.pack(cp.times(cp.unpack(self.moments), cp.unpack(velocity)))
 
     @property
     def trace(self) -> Float[Array, "*batch"]:
         """I1 + I2 + I3."""
         return jnp.sum(self.moments, axis=-1)
-
-
-def _like_a_tensor(matrix: np.ndarray) -> bool:
-    """Whether it could be an inertia tensor: symmetric, with positive moments that satisfy the triangle inequality."""
-    if matrix.ndim != 2 or not _symmetric(matrix):
-        return False
-    moments = np.linalg.eigvalsh(matrix.astype(np.float64))
-    return bool(moments.min() > _SYMMETRIC_SLACK * moments.max() and _triangle(moments))
 
 
 class TensorBody(eqx.Module):

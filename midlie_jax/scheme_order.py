@@ -43,7 +43,7 @@ def pendulums(
 
     def apply(stages: tuple[tuple[str, float], ...], motion: Any) -> Any:
         for kind, x in stages:
-            motion = fly(x, motion) if kind == FLIGHT else kick(x, 0, motion, evaluate(0, 0, motion))
+            motion = fly(x, motion) if kind == FLIGHT else kick(x, 0.0, motion, evaluate(0.0, 0.0, motion))
         return motion
 
     motion, force = apply(before, _START), None

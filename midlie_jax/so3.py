@@ -135,8 +135,9 @@ def slerp(
     start: Float[Array, "*#batch 4"], end: Float[Array, "*#batch 4"], share: Float[Array, "*#batch"] | float
 ) -> Float[Array, "*#batch 4"]:
     """Between two unit quaternions, at constant angular velocity and the short way round; `share` is 0 at the start."""
-    turn = log(multiply(conjugate(start), end))
-    return multiply(start, exp(jnp.asarray(share, turn.dtype)[..., None] * turn))
+    x, y, z = cp.unpack(log(multiply(conjugate(start), end)))
+    share = jnp.asarray(share, x.dtype)
+    return multiply(start, exp(cp.pack((share * x, share * y, share * z))))
 
 
 def from_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:

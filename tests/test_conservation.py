@@ -95,7 +95,7 @@ def test_energy_of_a_symmetric_free_body(name, dtype):
 def flight_only(parts):
     """The method whose step is `parts` flights and nothing else."""
     stages = ((schemes.FLIGHT, 1 / parts),) * parts
-    return Splitting(flights.LieMidpoint(), schemes.Scheme("flight", 2, True, stages, "this test"), "flight")
+    return Splitting(flights.LieMidpoint(), schemes.Scheme("flight", 2, stages, "this test"), "flight")
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

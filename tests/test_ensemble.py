@@ -53,7 +53,6 @@ def together(dtype, save_every, chunk):
         t0=jnp.asarray(T0S, dtype),
         steps=STEPS,
         save_every=save_every,
-        torque_axes=0,
         chunk=chunk,
     )
 
@@ -79,9 +78,9 @@ def test_the_cut_changes_nothing_and_the_end_is_the_end():
         for mine, its in zip(jax.tree.leaves(together("float64", 4, chunk)), jax.tree.leaves(whole), strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=4 * STEPS * epsilon("float64"))
     end = together("float64", None, 3)
-    assert end.states.attitude.shape == (COUNT, 1, 4)
-    assert end.times.shape == (COUNT, 1)
-    last = jax.tree.map(lambda x: x[:, -1:], (whole.times, whole.states))
+    assert end.states.attitude.shape == (COUNT, 4)
+    assert end.times.shape == (COUNT,)
+    last = jax.tree.map(lambda x: x[:, -1], (whole.times, whole.states))
     for mine, its in zip(jax.tree.leaves((end.times, end.states)), jax.tree.leaves(last), strict=True):
         np.testing.assert_allclose(mine, its, rtol=0, atol=4 * STEPS * epsilon("float64"))
 
@@ -92,7 +91,7 @@ def test_shared_arguments_and_the_gradient():
 
     def cut(weight):
         path = ml.ensemble(METHOD, body, ml.torques.HeavyTop(weight), START, dt=dt, steps=STEPS, chunk=2)
-        assert path.times.shape == (1,)
+        assert path.times.shape == ()
         return jnp.sum(path.states.momentum**2)
 
     def mapped(weight):
@@ -117,11 +116,13 @@ def test_failures_are_those_of_the_bodies():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"start": row(START, 0)}, "start.momentum must be .n, 3."),
-        ({"body": ml.RigidBody(jnp.asarray(MOMENTS[:3]))}, "body.moments has 3 rows, but start.momentum has 7"),
+        ({"start": row(START, 0)}, "start.momentum must be .n, 3..*midlie_jax.integrate"),
+        ({"body": ml.RigidBody(jnp.asarray(MOMENTS[:3]))}, "body.moments has 3 rows, but there are 7 bodies in start"),
         ({"dt": jnp.ones(3)}, "dt has 3 rows"),
         ({"t0": jnp.ones((7, 2))}, "t0 must be"),
         ({"chunk": 0}, "chunk must be a positive"),
+        ({"dt": jnp.zeros(7)}, "dt must be finite and not zero"),
+        ({"steps": 2**31}, "count beyond"),
         ({"save_every": 5}, "divisible"),
         ({"dt": jnp.nan}, "dt must"),
     ],
@@ -131,3 +132,82 @@ def test_bad_arguments_are_named(changes, message):
     given |= changes
     with pytest.raises(ValueError, match=message):
         ml.ensemble(METHOD, given.pop("body"), given.pop("torque"), given.pop("start"), **given)
+
+
+MANY = jax.tree.map(lambda x: jnp.concatenate([x, x, x[:2]]), START)  # 16 bodies, in two chunks of 8
+BODY = ml.RigidBody(jnp.asarray(MOMENTS[0]))
+
+
+def pulled(strengths, table, t, state):
+    """One strength a body, and a table that all share."""
+    del t
+    return strengths * table[3] * ml.so3.rotate(ml.so3.conjugate(state.attitude), jnp.array([0.0, 1.0, 0.0]))
+
+
+def unchecked(**arrays):
+    """A state that its class would refuse."""
+    return jax.tree.unflatten(jax.tree.structure(START), arrays.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"torque": ml.torques.HeavyTop(jnp.ones(10))}, "acts on 10 bodies at once.*10 rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(10)), "torque_axes": 0}, "torque.weight has 10 rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(20)), "torque_axes": 0}, "torque.weight has 20 rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(1.0), "torque_axes": 0}, "torque.weight has no rows.*16 bodies"),
+        ({"body": ml.RigidBody(jnp.ones((10, 3)))}, "body.moments has 10 rows.*16 bodies"),
+        (
+            {"start": unchecked(momentum=MANY.momentum, attitude=MANY.attitude[:10])},
+            r"momentum \(16, 3\) and attitude \(10, 4\) must have the same leading axes",
+        ),
+        (
+            {"start": unchecked(momentum=MANY.momentum, attitude=jnp.concatenate([MANY.attitude, MANY.attitude[:4]]))},
+            r"attitude \(20, 4\) must have the same leading axes",
+        ),
+        ({"dt": jnp.full(10, 0.1)}, "dt has 10 rows.*16 bodies"),
+        ({"t0": jnp.ones(20)}, "t0 has 20 rows.*16 bodies"),
+    ],
+)
+def test_sizes_are_compared_whatever_the_chunks(changes, message):
+    given = {"body": BODY, "torque": None, "start": MANY, "dt": 0.02, "steps": STEPS, "chunk": 8} | changes
+    with pytest.raises(ValueError, match=message):
+        ml.ensemble(METHOD, given.pop("body"), given.pop("torque"), given.pop("start"), **given)
+
+
+STRENGTHS, FIELDS = jnp.asarray(RNG.uniform(size=16)), jnp.asarray(RNG.normal(size=(16, 3)))
+TABLE = jnp.arange(16.0)
+MIXED = {
+    "all": (ml.torques.HeavyTop(STRENGTHS), lambda i: ml.torques.HeavyTop(STRENGTHS[i])),
+    "one of two": (
+        ml.torques.DipoleInField(FIELDS[0], FIELDS),
+        lambda i: ml.torques.DipoleInField(FIELDS[0], FIELDS[i]),
+    ),
+    "one of a sum": (
+        ml.torques.HeavyTop(2.0) + ml.torques.DipoleInField(FIELDS, FIELDS[1]),
+        lambda i: ml.torques.HeavyTop(2.0) + ml.torques.DipoleInField(FIELDS[i], FIELDS[1]),
+    ),
+    "none though it could": (ml.torques.HeavyTop(2.0), lambda i: ml.torques.HeavyTop(2.0)),
+    "beside a table as long": (
+        jax.tree_util.Partial(pulled, STRENGTHS, TABLE),
+        lambda i: jax.tree_util.Partial(pulled, STRENGTHS[i], TABLE),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_parameters_with_a_row_a_body_are_found(name):
+    torque, alone = MIXED[name]
+    path = ml.ensemble(METHOD, BODY, torque, MANY, dt=0.02, steps=STEPS, chunk=8)
+    assert path.ok.all()
+    for i in (0, 15):
+        solo = ml.integrate(METHOD, BODY, alone(i), row(MANY, i), dt=0.02, steps=STEPS, save_every=STEPS)
+        np.testing.assert_allclose(path.states.momentum[i], solo.states.momentum[-1], rtol=0, atol=1e-14)
+
+
+def test_mixed_axes_may_be_said():
+    torque = ml.torques.HeavyTop(2.0) + ml.torques.DipoleInField(FIELDS, FIELDS[1])
+    axes = jax.tree.unflatten(jax.tree.structure(torque), [None, 0, None])  # weight, dipole moment, field
+    said = ml.ensemble(METHOD, BODY, torque, MANY, dt=0.02, steps=STEPS, torque_axes=axes)
+    found = ml.ensemble(METHOD, BODY, torque, MANY, dt=0.02, steps=STEPS)
+    np.testing.assert_array_equal(said.states.momentum, found.states.momentum)

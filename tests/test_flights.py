@@ -1,12 +1,14 @@
 """The flights: which are symplectic and which not, and that a solve converges or says that it did not."""
 
+from functools import partial
 from itertools import pairwise
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon, quick
+from cases import DTYPES, at, epsilon, quick
 
 import midlie_jax as ml
 from midlie_jax import _components as cp
@@ -201,7 +203,95 @@ def test_says_false_where_it_turned_too_far(flight):
 
 
 def test_symmetric_flight_says_false_for_an_asymmetric_body():
+    """Where the moments are traced; where they are known a run refuses them (test_inputs.py)."""
     assert not fly(jnp.array([1.0, 2.0, 3.0]), jnp.asarray(0.1), jnp.array([1.0, 0.8, -1.3]), flights.Symmetric())[2]
+
+
+UNEQUAL = {2: [1.4, 1.4, 0.8], 0: [0.8, 1.4, 1.4], 1: [1.4, 0.8, 1.4]}
+
+
+@pytest.mark.parametrize("axis", UNEQUAL)
+def test_symmetric_flight_is_about_whichever_axis_it_is(axis):
+    """Found from moments that are known, by `integrate`, `ensemble` and diffrax alike; the motion is JACOBI's."""
+    moments = jnp.array(UNEQUAL[axis])
+    body, start = ml.RigidBody(moments), ml.RigidState(jnp.array([0.4, -0.7, 0.9]), jnp.array([0.5, 0.5, -0.5, 0.5]))
+    top = ml.torques.HeavyTop(0.7, (0.48, 0.6, 0.64))
+    assert ml.method("SYMMETRIC[EA]").fitted(body).flight == flights.Symmetric(axis)
+    ours, theirs = (ml.integrate(f"{f}[EA]", body, top, start, dt=0.2, steps=10) for f in ("SYMMETRIC", "JACOBI"))
+    assert ours.ok
+    for x, y in zip(at(ours.states), at(theirs.states), strict=True):
+        np.testing.assert_allclose(x, y, atol=2e-15 * 10)
+    many = ml.ensemble("SYMMETRIC[EA]", body, top, jax.tree.map(lambda x: x[None], start), dt=0.2, steps=10)
+    assert many.ok.all()
+    term, solver = ml.RigidBodyTerm(body, top), ml.LieSolver("SYMMETRIC[EA]")
+    solution = diffrax.diffeqsolve(term, solver, 0.0, 2.0, 0.2, start)
+    np.testing.assert_allclose(solution.ys.momentum[-1], ours.states.momentum[-1], atol=1e-14)
+
+
+def test_symmetric_flight_of_a_batch():
+    """About one axis where all bodies have it, else about each one's own."""
+    method = ml.method("SYMMETRIC[EA]")
+    balls = ml.RigidBody(jnp.array([UNEQUAL[0], [1.0, 1.0, 1.0]]))
+    assert method.fitted(balls).flight == flights.Symmetric(0)
+    mixed = ml.RigidBody(jnp.array([UNEQUAL[2], UNEQUAL[0], UNEQUAL[1]]))
+    assert method.fitted(mixed).flight == flights.Symmetric()
+    starts = ml.RigidState(jnp.tile(jnp.array([0.4, -0.7, 0.9]), (3, 1)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (3, 1)))
+    ours, theirs = (ml.ensemble(f"{f}[EA]", mixed, None, starts, dt=0.2, steps=10) for f in ("SYMMETRIC", "JACOBI"))
+    assert ours.ok.all()
+    np.testing.assert_allclose(ours.states.attitude, theirs.states.attitude, atol=2e-15 * 10)
+    with pytest.raises(ValueError, match="two equal moments"):
+        method.fitted(ml.RigidBody(jnp.array([UNEQUAL[2], [1.0, 1.1, 1.2]])))
+
+
+def in_parts(flight, moments, h, momentum):
+    increment, new, _ = fly(moments, h, momentum, flight)
+    return jnp.concatenate([increment, new])
+
+
+@pytest.mark.parametrize("axis", UNEQUAL)
+def test_symmetric_flight_has_the_derivative_of_the_motion(axis):
+    """In each moment by itself, which parts the two equal ones; in time and momentum; forward and reverse."""
+    point = jnp.array(UNEQUAL[axis]), jnp.asarray(0.6), jnp.array([0.4, -0.7, 0.9])
+    ours, theirs = (partial(in_parts, flight) for flight in (flights.Symmetric(axis), flights.Jacobi()))
+    for which in range(3):
+        exact = quick(jax.jacfwd(theirs, which))(*point)
+        for mode in (jax.jacfwd, jax.jacrev):
+            np.testing.assert_allclose(quick(mode(ours, which))(*point), exact, atol=2e-15)
+    second = [quick(jax.jacfwd(jax.jacrev(f, 2), 2))(*point) for f in (ours, theirs)]
+    np.testing.assert_allclose(*second, atol=2e-15)
+    for twice in (jax.jacfwd(jax.jacrev(ours, 0), 0), jax.jacfwd(jax.jacrev(ours, 2), 0)):
+        with pytest.raises(ValueError, match="first order only in the moments; take JACOBI"):
+            twice(*point)
+
+
+PROPORTIONS = 10.0 ** np.arange(-6.0, 0.5)
+
+
+@pytest.mark.parametrize("flight", [FLIGHT, *SYMPLECTIC, flights.MoserVeselov6()], ids=lambda f: f.name)
+def test_increments_and_their_derivatives_are_right_in_proportion(flight):
+    """In float32, for turns from a millionth to one: errors are a few units in the last place of the turn itself."""
+    rng = np.random.default_rng(3)
+    masses = rng.uniform(0.3, 1, (len(PROPORTIONS), 3))
+    masses[:, 1] = masses[:, 0]
+    moments = (masses.sum(1, keepdims=True) - masses).astype(np.float32)
+    momentum = rng.normal(size=moments.shape)
+    momentum = (0.9 * momentum / np.linalg.norm(momentum / moments, axis=1, keepdims=True)).astype(np.float32)
+
+    def both(moments, h, momentum):
+        def vector(momentum):
+            return fly(moments, h, momentum, flight)[0][1:]
+
+        return vector(momentum), jax.jacfwd(vector)(momentum)
+
+    made = quick(jax.vmap(both))
+    found, exact = (
+        [np.asarray(x, float) for x in made(*(x.astype(d) for x in (moments, np.float32(PROPORTIONS), momentum)))]
+        for d in ("float32", "float64")
+    )
+    for value, right in zip(found, exact, strict=True):
+        axes = tuple(range(1, value.ndim))
+        error = np.abs(value - right).max(axes) / np.abs(right).max(axes)
+        assert error.max() <= 8 * epsilon("float32"), error / epsilon("float32")
 
 
 # ---- the exact flight of any body ----

@@ -46,8 +46,19 @@ BAD = {
     "unphysical moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0, 4.0])), "unphysical.*physical=False"),
     "one of a batch": (lambda: ml.RigidBody(jnp.array([[1.0, 1.0, 1.0], [1.0, 2.0, 4.0]])), "unphysical"),
     "two moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0])), r"moments must have shape \(3,\).*\(2,\)"),
-    "integer moments": (lambda: ml.RigidBody(jnp.array([1, 2, 2])), "moments must be floating point.*int.*1.0"),
     "moments of text": (lambda: ml.RigidBody("abc"), "moments must be an array of numbers, got str"),
+    "moments of booleans": (lambda: ml.RigidBody([True, True, True]), "moments must be float32 or float64, got bool"),
+    "moments of half precision": (lambda: ml.RigidBody(jnp.ones(3, jnp.float16)), "float16; cast it"),
+    "moments too large": (lambda: ml.RigidBody(jnp.full(3, 1e300)), "moments are out of range.*units"),
+    "moments too small": (lambda: ml.RigidBody(jnp.full(3, 1e-35, jnp.float32)), "moments are out of range.*units"),
+    "a tensor for moments": (
+        lambda: ml.RigidBody(jnp.diag(jnp.array([1.0, 2.0, 2.5])).at[0, 1].set(-0.1)),
+        "full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor",
+    ),
+    "a tensor of positive numbers": (
+        lambda: ml.RigidBody(jnp.array([[2.0, 0.5, 0.4], [0.5, 3.0, 0.3], [0.4, 0.3, 2.5]])),
+        "unphysical.*from_tensor",
+    ),
     "tensor shape": (lambda: ml.RigidBody.from_tensor(jnp.ones((3, 2))), r"tensor must have shape \(3, 3\)"),
     "tensor not symmetric": (
         lambda: ml.RigidBody.from_tensor(jnp.eye(3).at[0, 1].set(0.5)),
@@ -64,11 +75,17 @@ BAD = {
     "mass of three axes": (lambda: ml.Particles(jnp.ones((2, 2, 2))), r"mass must be a scalar.*vmap"),
     "mass not symmetric": (lambda: ml.Particles(jnp.array([[2.0, 1.0], [0.0, 2.0]])), "mass must be symmetric"),
     "mass indefinite": (lambda: ml.Particles(jnp.array([[1.0, 2.0], [2.0, 1.0]])), "positive definite"),
-    "mass integer": (lambda: ml.Particles(1), "mass must be floating point"),
     # states
     "momentum shape": (lambda: ml.MomentumState(jnp.ones(4)), r"momentum must have shape \(3,\)"),
     "momentum NaN": (lambda: ml.MomentumState(jnp.array([NAN, 0.0, 0.0])), "momentum must be finite"),
-    "momentum integer": (lambda: ml.MomentumState(jnp.array([1, 2, 3])), "momentum must be floating point"),
+    "momentum of complex numbers": (
+        lambda: ml.MomentumState(jnp.ones(3, complex)),
+        "momentum must be float32 or float64",
+    ),
+    "momentum and attitude of two batches": (
+        lambda: ml.RigidState(jnp.ones(3), jnp.tile(START.attitude, (5, 1))),
+        r"momentum \(3,\) and attitude \(5, 4\) must have the same leading axes",
+    ),
     "momentum a scalar": (lambda: ml.MomentumState(1.0), r"momentum must have shape \(3,\).*\(\)"),
     "attitude not unit": (
         lambda: ml.RigidState(jnp.ones(3), jnp.array([1.0, 1.0, 0.0, 0.0])),
@@ -107,11 +124,15 @@ BAD = {
     ),
     "spatial momentum": (lambda: ml.spatial_momentum(ml.MomentumState(jnp.ones(3))), "needs the attitude.*RigidState"),
     # integrate
-    "unknown method": (lambda: ml.method("LIEMID"), "unknown method 'LIEMID'; choose from LIEMID.E1., .*Verlet"),
-    "unknown name": (lambda: go("RK5"), "unknown method 'RK5'"),
-    "method a number": (lambda: go(3), "method must come from midlie_jax.method.name., got int"),
+    "unknown method": (lambda: ml.method("nobody"), "unknown method 'nobody'; choose from LIEMID.E1., .*Verlet"),
+    "unknown name": (lambda: go("AKV"), "unknown method 'AKV'; did you mean 'AKW'"),
+    "other case": (lambda: go("verlet"), "did you mean 'Verlet'"),
+    "flight alone": (lambda: ml.method("JACOBI"), r"'JACOBI' is a flight; add a scheme, as in 'JACOBI\[EA\]'"),
+    "unknown flight": (lambda: ml.method("JACOBY[EA]"), "unknown flight 'JACOBY'; did you mean 'JACOBI'"),
+    "unknown scheme": (lambda: ml.method("JACOBI[SRKN14]"), "unknown scheme 'SRKN14'; did you mean 'SRKN14a'"),
+    "method a number": (lambda: go(3), "method must be a name or come from midlie_jax.method.name., got int"),
     "start not a state": (lambda: go(start=jnp.ones(3)), "start must be a state"),
-    "body of another kind": (lambda: go(body=PARTICLES), "RigidState belongs to RigidBody, but body is Particles"),
+    "body of another kind": (lambda: go(body=PARTICLES), "RigidState belongs to a RigidBody, but body is Particles"),
     "particles' method": (lambda: go("Verlet"), "'Verlet' moves Particles.*RigidBody.*methods"),
     "rotations' method": (lambda: go("SW", PARTICLES, None, PLACES), "'SW' moves RigidBody.*Particles"),
     "batch without vmap": (
@@ -119,6 +140,38 @@ BAD = {
         r"start.momentum must be \(3,\), got \(5, 3\).*vmap",
     ),
     "bodies without vmap": (lambda: go(body=ml.RigidBody(jnp.ones((5, 3)))), r"body.moments must be \(3,\).*vmap"),
+    "body an array": (
+        lambda: go(body=jnp.ones(3)),
+        r"body is an array of shape \(3,\); make one with midlie_jax.RigidBody",
+    ),
+    "start an array of jax": (lambda: go(start=jnp.ones(3)), r"start must be a state.*an array of shape \(3,\)"),
+    "symmetric flight of another body": (
+        lambda: go("SYMMETRIC[EA]"),
+        "SYMMETRIC needs bodies with two equal moments.*take JACOBI",
+    ),
+    "torque of python": (
+        lambda: go(torque=lambda t, state: jnp.ones(3) if state.momentum[0] > 0 else jnp.zeros(3)),
+        "the torque needs numbers.*jnp.where",
+    ),
+    "torque of numpy": (
+        lambda: go(torque=lambda t, state: np.cross(state.momentum, np.ones(3))),
+        "the torque needs numbers.*jnp.cross",
+    ),
+    "torque of many bodies": (
+        lambda: go(torque=ml.torques.HeavyTop(jnp.ones(5))),
+        r"got float64\[5, 3\].*midlie_jax.ensemble",
+    ),
+    "axis of a top not unit": (lambda: ml.torques.HeavyTop(1.0, (0.0, 0.0, 2.0)), "axis must be a unit vector"),
+    "dt text": (lambda: go(dt="0.1"), "dt must be an array of numbers, got str"),
+    "dt zero": (lambda: go(dt=0), "dt must be finite and not zero, got 0"),
+    "dt zero in the dtype": (
+        lambda: go(
+            body=ml.RigidBody(BODY.moments.astype(jnp.float32)),
+            start=jax.tree.map(lambda x: x.astype(jnp.float32), START),
+            dt=1e-60,
+        ),
+        "dt must be finite and not zero",
+    ),
     "dt array": (lambda: go(dt=jnp.ones(3)), r"dt must be a scalar, got shape \(3,\).*vmap"),
     "dt NaN": (lambda: go(dt=NAN), "dt must be finite"),
     "t0 infinite": (lambda: go(t0=float("inf")), "t0 must be finite"),
@@ -131,6 +184,12 @@ BAD = {
     "save_every float": (lambda: go(save_every=1.0), "save_every must be a positive Python int"),
     "not divisible": (lambda: go(steps=10, save_every=3), r"steps \(10\) must be divisible by save_every \(3\)"),
     "first_step float": (lambda: go(first_step=0.5), "first_step must be an integer, got 0.5"),
+    "first_step of floats": (lambda: go(first_step=jnp.array(2.7)), r"first_step must be one integer, got float64"),
+    "first_step of many": (lambda: go(first_step=jnp.array([2, 3])), r"first_step must be one integer, got int64\[2\]"),
+    "steps beyond 32 bits": (lambda: go(steps=2**31), "count beyond 2147483647"),
+    "index beyond 32 bits": (lambda: go(first_step=2**31 - 2, steps=2), "count beyond 2147483647.*first_step 0"),
+    "index of 64 bits": (lambda: go(first_step=jnp.array(2**31)), "count beyond 2147483647"),
+    "steps of jax": (lambda: go(steps=jnp.array(2)), "steps must be a positive Python int"),
     "state of two dtypes": (
         lambda: go(start=ml.RigidState(START.momentum, START.attitude.astype(jnp.float32))),
         "all of start must have one dtype",
@@ -161,7 +220,40 @@ def test_what_is_good_passes():
     assert go(dt=-0.1, t0=1, torque=returns(jnp.ones(3)), first_step=jnp.array(3)).ok
     assert go(dt=np.float32(0.1), torque=ml.torques.HeavyTop(2.0)).ok
     ml.RigidBody(jnp.array([1.0, 2.0, 4.0]), physical=False)
+    ml.RigidBody(jnp.ones((3, 3)))  # three balls
     ml.RigidBody(jnp.array([1.0, 2.0, 3.0 * (1 + 1e-7)]))  # flat, but for rounding
+
+
+def test_integers_are_numbers():
+    """Lists of them for arrays, and NumPy's own for counts."""
+    body, start = ml.RigidBody([1, 2, 2]), ml.RigidState([1, 0, 0], [1, 0, 0, 0])
+    assert body.moments.dtype == start.momentum.dtype == jnp.float64
+    path = go(body=body, start=start, torque=ml.torques.HeavyTop(2), dt=1, steps=np.int64(2), save_every=np.int32(1))
+    assert path.ok
+    assert path.times.shape == (3,)
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), START)
+    body = ml.RigidBody(jnp.array([1, 2, 2], jnp.float32))
+    assert go(body=body, start=single, torque=ml.torques.HeavyTop(2), dt=1).ok  # a plain number fits either dtype
+
+
+def test_an_index_of_32_bits_is_counted_to_its_end_and_not_beyond():
+    last = 2**31 - 1
+    path = go(first_step=last - 2, steps=2, t0=-1.0, dt=0.5)
+    assert path.ok
+    np.testing.assert_array_equal(path.times, -1.0 + 0.5 * (last - 2 + np.arange(3)))
+    traced = jax.jit(lambda n: go(first_step=n, steps=2).ok)
+    assert traced(jnp.array(last - 2))
+    assert not traced(jnp.array(last - 1))
+    assert not traced(jnp.array(2**33))
+
+
+def test_a_long_time_in_float32_is_right_to_its_last_place():
+    """Where a float32 does not hold the index of a step."""
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), (BODY, START))
+    for first in (2**24 - 1, 2**24 + 1, 123_456_789, 2**31 - 5):
+        path = go(body=single[0], start=single[1], dt=0.3, t0=5.0, first_step=first, steps=4)
+        exact = 5.0 + float(np.float32(0.3)) * (first + np.arange(5))
+        np.testing.assert_allclose(np.asarray(path.times, float), exact, rtol=np.finfo(np.float32).eps)
 
 
 def test_values_are_not_read_inside_jit():

@@ -158,7 +158,7 @@ def test_no_squish_is_dlm():
         return 3.0 * np.array([up[1], -up[0], 0.0])
 
     verlet = ml.schemes.Scheme(
-        *("Verlet", 2, True, (("kick", 0.5), ("flight", 1.0), ("kick", 0.5)), "for NO_SQUISH"),
+        *("Verlet", 2, (("kick", 0.5), ("flight", 1.0), ("kick", 0.5)), "for NO_SQUISH"),
     )
     method = ml.method(ml.flights.ThreeAxis(), verlet)
     path = ml.integrate(method, scene.body, scene.torque, scene.start, dt=0.05, steps=40)

@@ -11,7 +11,7 @@ K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    sinc(b) = sin(b)/
 a turn by e grad K, which takes the momentum along.
 """
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -33,15 +33,14 @@ Flown = tuple[cp.Quaternion, cp.Vector, Array]
 class Symmetric(Flight):
     """Exact where two moments are equal; symplectic, keeps energy and spatial momentum to rounding.
 
-    The axis of symmetry is found where the moments are known before tracing, and else taken to be the third. Says False
-    where the two moments differ by more than 8 eps, or a flight turned by more than 2.4 radians in one of its parts.
+    Says False where no two moments are equal to 8 eps, or a flight turned by more than 2.4 radians in one of its parts.
     The derivatives are those of the motion, in the moments of first order only (a ValueError beyond: take JACOBI).
 
     Attributes:
-        axis: the axis of symmetry, 0, 1 or 2.
+        axis: the axis of symmetry, 0, 1 or 2; None to find it in every flight, which costs a little.
     """
 
-    axis: int = eqx.field(static=True, default=2)
+    axis: int | None = eqx.field(static=True, default=None)
 
     name: ClassVar[str] = "SYMMETRIC"
     order: ClassVar[int | None] = None
@@ -50,38 +49,63 @@ class Symmetric(Flight):
     per_loop: ClassVar[int] = 4
 
     def fitted(self, moments: Array) -> "Symmetric":
-        """This flight about the axis of symmetry of bodies with these moments, (..., 3), all known.
+        """This flight about the axis of symmetry of bodies with these moments, (..., 3), if they have the same one.
 
         Raises:
-            ValueError: two moments of each body are not equal, or not about the same axis in all.
+            ValueError: no two moments of a body are equal.
         """
-        inverses = 1 / np.asarray(moments)
-        slack = _SLACK * np.finfo(inverses.dtype).eps
-        apart = [np.abs(inverses[..., (k + 1) % 3] / inverses[..., (k + 2) % 3] - 1) for k in range(3)]
-        # The third first: a ball has every axis.
-        for axis in (2, 0, 1):
-            if np.all(apart[axis] <= slack):
-                return Symmetric(axis)
-        raise ValueError(
-            "method SYMMETRIC needs bodies with two equal moments, about the same axis in a whole batch, got moments "
-            f"{np.array2string(np.asarray(moments), threshold=12)}; take JACOBI, which moves any body."
-        )
+        a, b, c = (1 / np.asarray(moments)[..., k] for k in range(3))
+        equal = {2: _equal(a, b), 0: _equal(b, c), 1: _equal(c, a)}  # the third first: a ball has every axis
+        if not np.all(equal[0] | equal[1] | equal[2]):
+            raise ValueError(
+                "method SYMMETRIC needs bodies with two equal moments, got moments "
+                f"{np.array2string(np.asarray(moments), threshold=12)}; take JACOBI, which moves any body."
+            )
+        return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        inverses, momentum = self._third(inertia.inverses), self._third(momentum)
-        (w, *u), momentum, ok = _fly(h, inverses, momentum)
-        equal = abs(inverses[0] - inverses[1]) <= _SLACK * cp.epsilon(h) * inverses[0]
-        return (w, *self._back((u[0], u[1], u[2]))), self._back(momentum), ok & equal
+        numbering = _Numbering.of(inertia.inverses, self.axis)
+        inverses = numbering.third(inertia.inverses)
+        (w, *u), turned, ok = _fly(h, inverses, numbering.third(momentum))
+        return (w, *numbering.back((u[0], u[1], u[2]))), numbering.back(turned), ok & _equal(inverses[0], inverses[1])
 
-    def _third(self, v: cp.Vector) -> cp.Vector:
-        """The components with the axis of symmetry named the third, in the same cyclic order."""
-        k = self.axis
-        return v[(k + 1) % 3], v[(k + 2) % 3], v[k]
 
-    def _back(self, v: cp.Vector) -> cp.Vector:
-        """The inverse of `_third`."""
-        k = self.axis
-        return v[(2 - k) % 3], v[-k % 3], v[(1 - k) % 3]
+def _equal(a: Any, b: Any) -> Any:
+    return abs(a - b) <= _SLACK * float(np.finfo(a.dtype).eps) * a
+
+
+class _Numbering(NamedTuple):
+    """The axes renamed in their cyclic order so that the axis of symmetry is the third: it was the first, the second.
+
+    Each of the two is a Python bool, or an array where the axis is not known before tracing.
+    """
+
+    first: Any
+    second: Any
+
+    @classmethod
+    def of(cls, inverses: cp.Vector, axis: int | None) -> "_Numbering":
+        if axis is not None:
+            return cls(axis == 0, axis == 1)
+        a, b, c = inverses
+        third, first = _equal(a, b), _equal(b, c)
+        return cls(~third & first, ~third & ~first & _equal(c, a))
+
+    def third(self, v: cp.Vector) -> cp.Vector:
+        """The components in the new order."""
+        return self._chosen((v[1], v[2], v[0]), (v[2], v[0], v[1]), v)
+
+    def back(self, v: cp.Vector) -> cp.Vector:
+        """The inverse of `third`."""
+        return self._chosen((v[2], v[0], v[1]), (v[1], v[2], v[0]), v)
+
+    def _chosen(self, first: cp.Vector, second: cp.Vector, third: cp.Vector) -> cp.Vector:
+        if isinstance(self.first, bool):
+            return first if self.first else second if self.second else third
+        x, y, z = (
+            jnp.where(self.first, a, jnp.where(self.second, b, c)) for a, b, c in zip(first, second, third, strict=True)
+        )
+        return x, y, z
 
 
 def symmetric_turn(

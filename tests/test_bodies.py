@@ -1,0 +1,238 @@
+"""Bodies in frames of their own, and what is read off a motion."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, epsilon, quick
+
+import midlie_jax as ml
+from midlie_jax import so3
+
+RNG = np.random.default_rng(7)
+MOMENTS = np.array([1.0, 1.8, 2.3])
+AXES = so3.exp(jnp.array([0.4, -1.1, 0.7]))  # principal components to those of the frame of the tensor
+TURN = so3.to_matrix(AXES)
+TENSOR = TURN @ jnp.diag(jnp.asarray(MOMENTS)) @ TURN.T
+BODY = ml.TensorBody(TENSOR)
+START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
+TOP = ml.torques.HeavyTop(1.3, (0.48, 0.6, 0.64))
+
+
+def damped(t, state, body):
+    del t
+    return -0.2 * body.velocity(state.momentum)
+
+
+def tipped(t, state):
+    return jnp.sin(t) * jnp.sum(so3.to_matrix(state.attitude)[2] * jnp.array([0.3, 0.5, -0.2]))
+
+
+TORQUES = {
+    "none": None,
+    "top": TOP,
+    "of the momentum and the body": TOP + ml.torques.BodyTorque(damped),
+    "from a potential": ml.torques.FromPotential(tipped),
+}
+
+
+def in_principal(torque, start):
+    """Torque and start seen from the principal frame, by matrices: what `TensorBody` saves its user."""
+    axes = so3.from_matrix(jnp.linalg.eigh(TENSOR)[1] * jnp.linalg.det(jnp.linalg.eigh(TENSOR)[1]))
+    turn = so3.to_matrix(axes)
+
+    def seen(t, state):
+        own = ml.RigidState(turn @ state.momentum, so3.multiply(state.attitude, so3.conjugate(axes)))
+        field = torque.on(BODY) if isinstance(torque, ml.torques.Torque) else torque
+        return turn.T @ field(t, own)
+
+    moved = ml.RigidState(turn.T @ start.momentum, so3.multiply(start.attitude, axes))
+    return turn, (None if torque is None else seen), moved
+
+
+def close(a, b, slack=1e-12):
+    """Momenta, and attitudes up to the sign of their quaternions."""
+    np.testing.assert_allclose(a.momentum, b.momentum, rtol=0, atol=slack)
+    np.testing.assert_allclose(so3.to_matrix(a.attitude), so3.to_matrix(b.attitude), rtol=0, atol=slack)
+
+
+@pytest.mark.parametrize("name", TORQUES)
+@pytest.mark.parametrize("method", ["JACOBI[EA]", "AKW", "DOP853"])
+def test_a_body_keeps_the_frame_of_its_tensor(method, name):
+    torque = TORQUES[name]
+    path = ml.integrate(method, BODY, torque, START, dt=0.05, steps=20, save_every=10)
+    turn, seen, moved = in_principal(torque, START)
+    body, _ = ml.RigidBody.from_tensor(TENSOR)
+    other = ml.integrate(method, body, seen, moved, dt=0.05, steps=20, save_every=10)
+    assert path.ok
+    back = jax.vmap(lambda p, q: ml.RigidState(turn @ p, so3.multiply(q, so3.conjugate(so3.from_matrix(turn)))))
+    close(path.states, back(other.states.momentum, other.states.attitude))
+
+
+def test_tensor_velocity_and_momentum_are_those_of_the_matrix():
+    np.testing.assert_allclose(BODY.tensor, TENSOR, atol=1e-14)
+    momentum = jnp.asarray(RNG.normal(size=(5, 3)))
+    velocity = BODY.velocity(momentum)
+    np.testing.assert_allclose(velocity, np.linalg.solve(np.asarray(TENSOR), momentum.T).T, atol=1e-13)
+    np.testing.assert_allclose(BODY.momentum(velocity), momentum, atol=1e-13)
+    np.testing.assert_allclose(BODY.trace, np.trace(TENSOR), atol=1e-13)
+
+
+def test_tensors_of_many_bodies():
+    """A batch of tensors, in `from_tensor`, `TensorBody` and `ensemble`."""
+    turns = so3.to_matrix(so3.exp(jnp.asarray(RNG.normal(size=(4, 3)))))
+    tensors = turns @ jnp.diag(jnp.asarray(MOMENTS)) @ jnp.swapaxes(turns, -1, -2)
+    body, axes = ml.RigidBody.from_tensor(tensors)
+    np.testing.assert_allclose(np.linalg.det(axes), 1)
+    np.testing.assert_allclose((axes * body.moments[:, None]) @ jnp.swapaxes(axes, 1, 2), tensors, atol=1e-13)
+    starts = jax.tree.map(lambda x: jnp.tile(x, (4, 1)), START)
+    path = ml.ensemble("JACOBI[EA]", ml.TensorBody(tensors), TOP, starts, dt=0.05, steps=10, chunk=2)
+    assert path.ok.all()
+    solo = ml.integrate("JACOBI[EA]", ml.TensorBody(tensors[2]), TOP, START, dt=0.05, steps=10, save_every=10)
+    close(jax.tree.map(lambda x: x[2], path.states), jax.tree.map(lambda x: x[-1], solo.states))
+
+
+def test_other_states_and_drivers_know_the_frame():
+    """A direction, a momentum alone, an adaptive step, diffrax: all as the full state under `integrate`."""
+    path = ml.integrate("JACOBI[EA]", BODY, TOP, START, dt=0.02, steps=20, save_every=20)
+    end = jax.tree.map(lambda x: x[-1], path.states)
+    top = ml.DirectionState(START.momentum, so3.to_matrix(START.attitude)[2])
+    short = ml.integrate("JACOBI[EA]", BODY, TOP, top, dt=0.02, steps=20, save_every=20).states
+    np.testing.assert_allclose(short.momentum[-1], end.momentum, atol=1e-13)
+    np.testing.assert_allclose(short.direction[-1], so3.to_matrix(end.attitude)[2], atol=1e-13)
+
+    def density(t, state):
+        del t
+        return 1 + 0.1 * state.momentum[0] ** 2
+
+    own, principal = (
+        ml.integrate_adaptive("LIEMID[EA*]", body, None, start, density=density, dt=0.05, steps=8, save_every=8)
+        for body, start in ((BODY, START), (ml.TensorBody(jnp.diag(jnp.asarray(MOMENTS))), START))
+    )
+    assert own.ok
+    assert principal.ok
+    assert own.times[-1] != principal.times[-1]  # the density saw another momentum
+
+    solution = diffrax.diffeqsolve(
+        ml.RigidBodyTerm(BODY, TOP),
+        ml.LieSolver("JACOBI[EA]"),
+        0.0,
+        0.4,
+        0.02,
+        START,
+        saveat=diffrax.SaveAt(t1=True, dense=True),
+    )
+    close(jax.tree.map(lambda x: x[-1], solution.ys), end)
+    between = solution.evaluate(0.211)
+    np.testing.assert_allclose(ml.spatial_momentum(between)[2], ml.spatial_momentum(START)[2], atol=1e-4)
+    theirs = diffrax.diffeqsolve(
+        ml.RigidBodyTerm(BODY, TOP), diffrax.Dopri8(), 0.0, 0.4, 0.01, START, adjoint=diffrax.ForwardMode()
+    )
+    close(jax.tree.map(lambda x: x[-1], theirs.ys), end, 1e-3)
+
+
+def test_energy_and_momentum_are_kept_in_any_frame():
+    path = ml.integrate("JACOBI[SRKN14a]", BODY, TOP, START, dt=0.05, steps=200)
+    energy = ml.energy(BODY, TOP, path)
+    assert energy.shape == (201,)
+    np.testing.assert_allclose(energy, energy[0], atol=1e-9)
+    np.testing.assert_allclose(energy[3], ml.energy(BODY, TOP, jax.tree.map(lambda x: x[3], path.states)), atol=1e-15)
+    np.testing.assert_allclose(ml.spatial_momentum(path.states)[:, 2], ml.spatial_momentum(START)[2], atol=1e-13)
+
+
+# ---- what is read off a motion ----
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_angular_velocities(dtype):
+    """The attitude turns by them: R' = R skew(Omega) = skew(omega) R, by differences of the closed flight."""
+    body = ml.RigidBody(jnp.asarray(MOMENTS, dtype))
+    start = jax.tree.map(lambda x: x.astype(dtype), START)
+    own, space = ml.angular_velocity(body, start), ml.spatial_angular_velocity(body, start)
+    np.testing.assert_allclose(own, start.momentum / MOMENTS.astype(dtype), rtol=4 * epsilon(dtype))
+    np.testing.assert_allclose(space, so3.rotate(start.attitude, own), atol=4 * epsilon(dtype))
+    if dtype == "float64":
+        h = 1e-4
+        ahead, behind = (
+            ml.integrate("JACOBI[E1]", body, None, start, dt=dt, steps=1).states.attitude[-1] for dt in (h, -h)
+        )
+        turned = so3.log(so3.multiply(ahead, so3.conjugate(behind))) / (2 * h)
+        np.testing.assert_allclose(turned, space, atol=1e-8)
+    many = jax.tree.map(lambda x: jnp.tile(x, (2, 4, 1)), start)
+    assert ml.angular_velocity(body, many).shape == ml.spatial_angular_velocity(body, many).shape == (2, 4, 3)
+    with pytest.raises(ValueError, match="needs the attitude"):
+        ml.spatial_angular_velocity(body, ml.MomentumState(start.momentum))
+
+
+def orbiting(eccentricity):
+    speed = (1 - eccentricity) ** 0.5
+    orbit = ml.orbits.KeplerOrbit(jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, speed, 0.0]), 1.0)
+    return ml.torques.GravityGradient(None, orbit, 1.0)
+
+
+def test_energy_asks_for_the_time_that_it_depends_on():
+    """On an eccentric orbit; a path brings its own times, and a state must be given one."""
+    body, torque = ml.RigidBody(jnp.asarray(MOMENTS)), orbiting(0.3)
+    path = ml.integrate("JACOBI[EA]", body, torque, START, dt=0.05, steps=40, save_every=10)
+    curve = ml.energy(body, torque, path)
+    each = [ml.energy(body, torque, jax.tree.map(lambda x, i=i: x[i], path.states), path.times[i]) for i in range(5)]
+    np.testing.assert_allclose(curve, each, rtol=1e-15)
+    np.testing.assert_allclose(ml.energy(body, torque, path.states, path.times), each, rtol=1e-15)
+    assert np.ptp(np.asarray(curve) - ml.energy(body, torque, path.states, 0.0)) > 1e-3
+    for motion in (path.states, START):
+        with pytest.raises(ValueError, match="depends on time: give t"):
+            ml.energy(body, torque, motion)
+    with pytest.raises(ValueError, match="a path has its own times"):
+        ml.energy(body, torque, path, 0.0)
+    with pytest.raises(ValueError, match="motion must be a state or a path, got an array"):
+        ml.energy(body, torque, jnp.ones(3))
+    with pytest.raises(ValueError, match="one body"):
+        ml.energy(ml.RigidBody(jnp.ones((5, 3))), None, path)
+
+
+def test_energy_of_an_ensemble_and_of_particles():
+    body = ml.RigidBody(jnp.asarray(MOMENTS))
+    starts = jax.tree.map(lambda x: jnp.tile(x, (3, 1)), START)
+    kept = ml.ensemble("JACOBI[EA]", body, orbiting(0.3), starts, dt=0.05, steps=4, save_every=2)
+    ends = ml.ensemble("JACOBI[EA]", body, orbiting(0.3), starts, dt=jnp.array([0.05, 0.04, 0.03]), steps=4)
+    assert ml.energy(body, orbiting(0.3), kept).shape == (3, 3)
+    assert ml.energy(body, orbiting(0.3), ends).shape == (3,)
+    spring = ml.torques.FromPotential(lambda t, state: jnp.sum(state.position**2))
+    mass = ml.Particles(jnp.array([1.0, 2.0]))
+    path = ml.integrate("Verlet", mass, spring, ml.ParticleState(jnp.ones(2), jnp.ones(2)), dt=0.01, steps=50)
+    energy = ml.energy(mass, spring, path)
+    assert energy.shape == (51,)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
+
+
+def test_energies_of_large_numbers_do_not_overflow():
+    body, state = ml.RigidBody(jnp.full(3, 1e25, jnp.float32)), ml.MomentumState(jnp.full(3, 1e25, jnp.float32))
+    assert ml.kinetic_energy(body, state) == pytest.approx(1.5e25, rel=1e-6)
+
+
+def test_quaternions_of_other_programs():
+    from scipy.spatial.transform import Rotation, Slerp
+
+    ours = so3.exp(jnp.asarray(RNG.normal(size=(6, 3))))
+    theirs = so3.to_scipy(ours)
+    np.testing.assert_allclose(theirs.as_matrix(), so3.to_matrix(ours), atol=1e-15)
+    np.testing.assert_allclose(so3.to_xyzw(ours), np.asarray(ours)[:, [1, 2, 3, 0]])
+    np.testing.assert_array_equal(so3.from_xyzw(so3.to_xyzw(ours)), ours)
+    np.testing.assert_allclose(Rotation.from_quat(so3.to_xyzw(ours)).as_matrix(), so3.to_matrix(ours), atol=1e-15)
+    shares = np.linspace(0, 1, 5)
+    between = jax.vmap(lambda s: so3.slerp(ours[0], -ours[1], s))(jnp.asarray(shares))  # the sign does not matter
+    exact = Slerp([0, 1], theirs[:2])(shares).as_matrix()
+    np.testing.assert_allclose(so3.to_matrix(between), exact, atol=1e-14)
+    assert so3.slerp(ours, ours[::-1], 0.5).shape == (6, 4)
+
+
+def test_gradient_in_a_tensor_equals_differences():
+    def end(entry):
+        tensor = TENSOR.at[0, 1].add(entry).at[1, 0].add(entry)
+        path = ml.integrate("JACOBI[EA]", ml.TensorBody(tensor), TOP, START, dt=0.05, steps=4, save_every=4)
+        return path.states.momentum[-1] @ jnp.array([0.3, -1.0, 0.7]) + path.states.attitude[-1, 0]
+
+    both = quick(jax.value_and_grad(end))
+    slope, h = float(both(jnp.asarray(0.0))[1]), 1e-5
+    assert float(both(jnp.asarray(h))[0] - both(jnp.asarray(-h))[0]) / (2 * h) == pytest.approx(slope, rel=1e-7)
