@@ -149,3 +149,30 @@ def time_of(t0: Array, dt: Array, n: Array) -> Array:
     high = n >> _EXACT_BITS
     low = n - (high << _EXACT_BITS)
     return t0 + (high.astype(dt.dtype) * (2**_EXACT_BITS * dt) + low.astype(dt.dtype) * dt)
+
+
+def end_state(
+    method: Method, body: Body, torque: TorqueLike | None, start: State, dt: Array, turns: Array
+) -> tuple[State, Array]:
+    """The state after so many turns of the loop of `integrate`, of `method.unroll` steps each; whether all went well.
+
+    For programs that are compiled before the number of steps is known: it is an argument here, at the price of a
+    reverse derivative. Nothing is checked. `tests/test_work_precision.py` holds it to the result of `integrate`.
+    """
+    zero = jnp.zeros((), start.momentum.dtype)
+    system = System.of(body, torque, start, zero)
+    constants, functions = eqx.partition(system, eqx.is_array)
+    motion = system.motion(start)
+    force = system.force(zero, motion) if method.keeps_force(system) else None
+
+    def turn(i: Array, carry: Any) -> Any:
+        for k in range(method.unroll):
+            (motion, force, ok), h, given = seam((carry, dt, constants))
+            n = i * method.unroll + k
+            here, there = time_of(zero, h, n), time_of(zero, h, n + 1)
+            motion, force, fine = method.step(eqx.combine(given, functions), here, there, h, motion, force)
+            carry = together((motion, force, ok & fine))
+        return carry
+
+    motion, _, ok = jax.lax.fori_loop(0, turns, turn, (motion, force, jnp.array(True)))
+    return system.state(motion), ok

@@ -6,22 +6,22 @@ to the same result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from . import scenes
-from ._fuse import seam, together
 from .closed_form import axis_third, exact_ends, symmetry_axis
 from .frontier import Ratio, ratios
+from .integrate import end_state
 from .methods import method as find_method
 from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
 from .scenes import Scene
-from .stepper import Method, Motion, Splitting, System
+from .states import RigidState
+from .stepper import Method, Splitting
 from .timing import Load, Timing, cost_clock, spread_in_words
 
 BODIES, JUDGED, SIZE = 1024, 16, 1e-3
@@ -153,7 +153,7 @@ class _Ladder:
     """One method on one problem, compiled once for any number of steps."""
 
     def __init__(self, method: Method, given: Problem, chunk: int):
-        self.method, self.given = method, given
+        self.method, self.given = method.fitted(given.scene.body), given
         self.start = (jnp.asarray(given.momentum), jnp.asarray(given.attitude))
         self.made = self._compiled(chunk if given.bodies % chunk == 0 else given.bodies)
 
@@ -174,7 +174,7 @@ class _Ladder:
         bodies = self.given.bodies
 
         def run(momentum: Any, attitude: Any, dt: Any, turns: Any) -> Any:
-            one = jax.vmap(lambda p, q: advanced(self.method, self.given.scene, p, q, dt, turns))
+            one = jax.vmap(lambda p, q: self._end(p, q, dt, turns))
             parts = (momentum.reshape(-1, chunk, 3), attitude.reshape(-1, chunk, 4))
             ends, ok = jax.lax.map(lambda part: one(*part), parts)
             return ends.reshape(bodies, 4), ok
@@ -182,27 +182,12 @@ class _Ladder:
         shapes = (*self.start, jnp.asarray(0.0, jnp.float64), jnp.asarray(1, jnp.int32))
         return jax.jit(run).lower(*shapes).compile()
 
-
-def advanced(method: Method, scene: Scene, momentum: Any, attitude: Any, dt: Any, turns: Any) -> tuple[Any, Any]:
-    """The attitude after so many turns of the loop of `integrate`, `method.unroll` steps each; whether all is well."""
-    start = type(scene.start).of(momentum, attitude)
-    zero = jnp.zeros((), momentum.dtype)
-    system = System.of(scene.body, scene.torque, start, zero)
-    constants, functions = eqx.partition(system, eqx.is_array)
-    motion = Motion(*start.parts())
-    force = system.force(zero, motion) if method.keeps_force(system) else None
-
-    def turn(i: Any, carry: Any) -> Any:
-        for k in range(method.unroll):
-            (motion, force, ok), h, given = seam((carry, dt, constants))
-            n = i * method.unroll + k
-            here, there = n.astype(h.dtype) * h, (n + 1).astype(h.dtype) * h
-            motion, force, fine = method.step(eqx.combine(given, functions), here, there, h, motion, force)
-            carry = together((motion, force, ok & fine))
-        return carry
-
-    motion, _, ok = jax.lax.fori_loop(0, turns, turn, (motion, force, jnp.array(True)))
-    return jnp.stack(motion.pose), ok
+    def _end(self, momentum: Any, attitude: Any, dt: Any, turns: Any) -> tuple[Any, Any]:
+        """The attitude of one body, and whether all went well."""
+        scene = self.given.scene
+        start = type(scene.start).of(momentum, attitude)
+        end, ok = end_state(self.method, scene.body, scene.torque, start, dt, turns)
+        return cast(RigidState, end).attitude, ok
 
 
 class Comparison(NamedTuple):
