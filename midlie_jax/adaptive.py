@@ -44,6 +44,8 @@ from .torques import TorqueLike
 
 # A last step may be longer than the density asks for by this share, lest rounding leave a step of no length.
 _SLACK = 1e-3
+# A factor between rho and the density beyond which the steps no longer follow the density.
+_STRAYED = 2.0
 # Steps between two looks at whether every body has arrived.
 _BLOCK = 32
 
@@ -58,7 +60,8 @@ class AdaptivePath(NamedTuple):
             in a run that goes on, or back, from there.
         taken: steps taken, (); fewer than asked for where t1 or a failure came before.
         ok: (), False when a solve failed, a number stopped being finite, rho or the density stopped being positive,
-            or t1 was not reached.
+            the two came to differ by more than a factor of 2 (the density jumped, or its steps are too large to follow
+            it), or t1 was not reached.
     """
 
     times: Float[Array, "*batch n"]
@@ -181,7 +184,7 @@ def _run(
         # The step is one loop, the control, with its divisions, another.
         motion, force, ok, there, lost = together((motion, force, ok & fine, there, lost))
         value, slope = _along(system, density, there, motion, force)
-        clock, ok = _next(clock, there, lost, dt, t1, slope, ok & (value > 0))
+        clock, ok = _next(clock, there, lost, dt, t1, value, slope, ok)
         return together((motion, force, clock, ok)), None
 
     motion = system.motion(start)
@@ -202,7 +205,7 @@ def _run(
         motion, _, clock, _ = carry
         return carry, (system.state(motion), clock.t, clock.rho)
 
-    begin = (motion, force, clock, (value > 0) & (clock.half > 0))
+    begin = (motion, force, clock, _near(clock.rho, value) & (clock.half > 0))
     (motion, _, clock, ok), kept = jax.lax.scan(leap, begin, length=steps // save_every)
     first = (start, t0, begin[2].rho)
     states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
@@ -228,14 +231,20 @@ def _later(clock: _Clock, t1: Array | None) -> tuple[Array, Array]:
 
 
 def _next(
-    clock: _Clock, there: Array, lost: Array, dt: Array, t1: Array | None, slope: Array, ok: Array
+    clock: _Clock, there: Array, lost: Array, dt: Array, t1: Array | None, value: Array, slope: Array, ok: Array
 ) -> tuple[_Clock, Array]:
-    """The clock after a step, with d(log Q)/dt there."""
+    """The clock after a step, with Q and d(log Q)/dt there."""
     moved = clock.h != 0
     rho = jnp.where(moved, clock.half + dt / 2 * slope, clock.rho)
+    ok = ok & _near(rho, value)
     taken = clock.taken + moved.astype(jnp.int32)
     clock = _planned(clock._replace(t=there, lost=lost, rho=rho, taken=taken), dt, t1, slope, ok)
     return clock, ok & (clock.half > 0)
+
+
+def _near(rho: Array, value: Array) -> Array:
+    """Whether the density is positive and rho has kept to it; it has not where the density jumped."""
+    return (value > 0) & (rho <= _STRAYED * value) & (value <= _STRAYED * rho)
 
 
 def _planned(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array) -> _Clock:

@@ -277,6 +277,30 @@ def test_failures_show_in_ok():
     assert np.all(np.isfinite(paths.states.position))
 
 
+def jumping(height, t, state):
+    """1, and after half a unit of time more or less; its derivative tells nothing of the jump."""
+    del state
+    return jnp.where(t > 0.5, height, 1.0)
+
+
+def test_a_density_that_jumps_is_noticed():
+    """rho follows the derivative of the density, and would go on as if nothing had happened."""
+    heights = jnp.array([1.0, 1.9, 3.0, 1000.0, jnp.inf, 0.3, 1e-3])
+    start = planet(jnp.array(0.5))
+
+    def run(height):
+        density = jax.tree_util.Partial(jumping, height)
+        return orbit(start, density=density, steps=64, save_every=64), orbit(
+            start, density=density, steps=9, save_every=9
+        )
+
+    whole, before = jax.jit(jax.vmap(run))(heights)
+    np.testing.assert_array_equal(whole.ok, [True, True, False, False, False, False, False])
+    assert before.ok.all()
+    # Who has strayed waits where it happened.
+    np.testing.assert_array_less(whole.times[2:, -1], 0.6)
+
+
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
