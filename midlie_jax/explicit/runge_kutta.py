@@ -112,8 +112,13 @@ _DOP853 = Table(
 )
 
 
+_REACH = 2.4  # radians of h |Omega| at the start of a step, as of the other methods
+
+
 class RungeKutta(Method):
-    """One step of a tableau; the pose is brought back to unit length at its end, once.
+    """One step of a tableau; the pose is brought back to unit length at its end, by one step of Newton's.
+
+    Says False where the step begins with more than 2.4 radians: a long way before that the result is of no use.
 
     Attributes:
         table: the tableau.
@@ -145,6 +150,7 @@ class RungeKutta(Method):
     ) -> tuple[Motion, Any, Array | bool]:
         del force
         changes: list[Motion] = []
+        turn = cp.scale(h, system.velocity(motion.momentum))
 
         def total(weights: dict[int, float]) -> Motion:
             """The sum of the changes found so far, with these weights."""
@@ -166,7 +172,8 @@ class RungeKutta(Method):
                 done = len(changes)
         whole = total(self.table.weights)
         pose = system.kind.shift(motion.pose, whole.pose, h == 0)
-        return Motion(cp.accumulate(motion.momentum, whole.momentum), pose), None, True
+        ok = cp.dot(turn, turn) <= _REACH**2
+        return Motion(cp.accumulate(motion.momentum, whole.momentum), pose), None, ok
 
 
 def _change(system: System, t: Array, h: Array, motion: Motion) -> Motion:

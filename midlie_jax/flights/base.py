@@ -11,6 +11,9 @@ from .. import _components as cp
 from ..bodies import Particles, RigidBody
 
 
+_LARGEST_START = 12.0  # radians of h |Omega| at the start of a flight
+
+
 class Inertia(NamedTuple):
     """A rigid body's principal moments as components, made ready once a run rather than once a step.
 
@@ -52,6 +55,15 @@ class Inertia(NamedTuple):
         x, y, z = (jnp.where(here, one, zero) for here in (first, second, ~first & ~second))
         inverses, relative = (1 / a, 1 / b, 1 / c), cp.scale(per_unit, moments)
         return cls(moments, inverses, per_unit, relative, spins, bends, gaps, (x, y, z))
+
+    def on_first_root(self, y: cp.Vector) -> Array:
+        """Whether a flight of travel y begins slowly enough for its equation to have one small root.
+
+        The momentum of a slender body may lie so near its thin axis that it begins with many turns about it, and has
+        more than one rotation by which a midpoint rule is satisfied: from 30 radians on, as a search found.
+        """
+        turn = cp.times(self.spins, y)
+        return cp.dot(turn, turn) <= _LARGEST_START**2
 
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
         """h times the momentum, in units of the largest moment: the turn of a ball of that moment."""

@@ -34,7 +34,7 @@ _NEAR = 1e-4  # the share of |Pi| below which residuals are trusted to shrink as
 class LieMidpoint(Flight):
     """I Psi = h exp(-Psi/2) Pi0, order 2 (Krysl 2004; Krysl & Endres 2005).
 
-    Says False where the solve did not settle, or the flight turned by more than 2.4 radians.
+    Says False where the solve did not settle, or the flight turned by more than 2.4 radians or began with more than 12.
     """
 
     name: ClassVar[str] = "LIEMID"
@@ -45,11 +45,13 @@ class LieMidpoint(Flight):
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)
-        u, settled = _tangent(quadruple, inertia.travel(h, momentum))
+        y = inertia.travel(h, momentum)
+        u, settled = _tangent(quadruple, y)
         x = cp.dot(u, u)
         share = share_of_one(x)
         increment = ((1 - x) * share, *cp.scale(2 * share, u))
-        return increment, cp.turned_back(increment, momentum), settled & (x <= LARGEST_TANGENT_SQUARE)
+        ok = settled & (x <= LARGEST_TANGENT_SQUARE) & inertia.on_first_root(y)
+        return increment, cp.turned_back(increment, momentum), ok
 
 
 @jax.custom_jvp

@@ -26,6 +26,8 @@ from .base import Flight, Inertia
 # Pairs of steps from the explicit guess; enough for h |Omega| <= 0.7, where the roots come close to each other.
 _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
+# The terms of s and d cancel on a slender body that spins about a thick axis; their rounding is that of their size.
+_LARGEST_TERMS = 4.0
 
 
 class _Preprocessed(Flight):
@@ -50,7 +52,10 @@ class MoserVeselov(_Preprocessed):
 
 
 class MoserVeselov4(_Preprocessed):
-    """Preprocessed to order 4. Says False like the plain map, or where the series of s and d are of no use."""
+    """Preprocessed to order 4.
+
+    Says False like the plain map, or where the series of s and d are of no use, or lose digits because terms cancel.
+    """
 
     name: ClassVar[str] = "DMV4"
     order: ClassVar[int | None] = 4
@@ -58,7 +63,10 @@ class MoserVeselov4(_Preprocessed):
 
 
 class MoserVeselov6(_Preprocessed):
-    """Preprocessed to order 6. Says False like the plain map, or where the series of s and d are of no use."""
+    """Preprocessed to order 6.
+
+    Says False like the plain map, or where the series of s and d are of no use, or lose digits because terms cancel.
+    """
 
     name: ClassVar[str] = "DMV6"
     order: ClassVar[int | None] = 6
@@ -67,7 +75,7 @@ class MoserVeselov6(_Preprocessed):
 
 def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
     spins, y = inertia.spins, inertia.travel(h, momentum)
-    speed, extra = _preprocessed(inertia.relative, spins, y, order)
+    speed, extra, terms = _preprocessed(inertia.relative, spins, y, order)
     moments = (
         cp.reciprocal(speed * spins[0] + extra),
         cp.reciprocal(speed * spins[1] + extra),
@@ -81,39 +89,42 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     error = _residual(moments, gaps, y, c)
     limit = _RESIDUAL_LIMIT * cp.epsilon(h)
     ok = cp.dot(error, error) <= limit * limit * cp.dot(y, y)
-    # On a root beyond the first the map would be another one; on it, a <= 2.
-    ok = ok & (cp.dot(c, c) <= 1) & (abs(speed - 1) <= 0.5) & (abs(extra) <= 0.5)
+    # On a root beyond the first, where a > 2, the map would be another one.
+    ok = ok & (cp.dot(c, c) <= 1) & (abs(speed - 1) <= 0.5) & (abs(extra) <= 0.5) & (terms <= _LARGEST_TERMS)
     factor = cp.inverse_root(1 + cp.dot(c, c))
     increment = (factor, factor * c[0], factor * c[1], factor * c[2])
     return increment, cp.turned_back(increment, momentum), ok
 
 
-def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | None) -> tuple[Array, Array]:
-    """s and d, for a unit of time and a body of moments i."""
+def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | None) -> tuple[Array, Array, Array]:
+    """s and d, for a unit of time and a body of moments i; and the sizes of their terms, which may cancel, summed."""
     squares = cp.times(y, y)
     n, energy = 0.5 * (squares[0] + squares[1] + squares[2]), 0.5 * cp.dot(squares, spins)
     one, zero = 1 + 0 * n, 0 * n
     if order == 2:
-        return one, zero
+        return one, zero, zero
     per = spins[0] * spins[1] * spins[2]  # 1 / (I1 I2 I3)
     sum_1, inverse_1 = i[0] + i[1] + i[2], spins[0] + spins[1] + spins[2]
-    s = one + sum_1 * n * per / 6 - inverse_1 * energy / 3
-    d = sum_1 * energy * per / 6 - n * per / 3
-    if order == 4:
-        return s, d
-    sum_2, inverse_2 = cp.dot(i, i), cp.dot(spins, spins)
-    ratios = sum_1 * inverse_1 - 3
-    s = s + (
-        (sum_2 * per - inverse_1) * n * n * per / 30
-        + (1 - ratios) * n * energy * per / 30
-        + (3 * sum_1 * per + 2 * inverse_2) * energy * energy / 60
-    )
-    d = d + (
-        -sum_1 * n * n * per * per / 60
-        + (inverse_1 * per / 10 - sum_2 * per * per / 60) * n * energy
-        - (9 + ratios) * energy * energy * per / 60
-    )
-    return s, d
+    for_s = [sum_1 * n * per / 6, -inverse_1 * energy / 3]
+    for_d = [sum_1 * energy * per / 6, -n * per / 3]
+    if order == 6:
+        sum_2, inverse_2 = cp.dot(i, i), cp.dot(spins, spins)
+        ratios = sum_1 * inverse_1 - 3
+        for_s += [
+            sum_2 * per * n * n * per / 30,
+            -inverse_1 * n * n * per / 30,
+            (1 - ratios) * n * energy * per / 30,
+            3 * sum_1 * per * energy * energy / 60,
+            2 * inverse_2 * energy * energy / 60,
+        ]
+        for_d += [
+            -sum_1 * n * n * per * per / 60,
+            inverse_1 * per / 10 * n * energy,
+            -sum_2 * per * per / 60 * n * energy,
+            -(9 + ratios) * energy * energy * per / 60,
+        ]
+    sizes = [abs(term) for term in (*for_s, *for_d)]
+    return sum(for_s, start=one), sum(for_d, start=zero), sum(sizes, start=zero)
 
 
 @jax.custom_jvp

@@ -41,7 +41,8 @@ class _Generated(Flight):
 class SymplecticMidpoint(_Generated):
     """I Psi = h dexp(-Psi) Pi0: order 2, symplectic.
 
-    Says False where the residual exceeds 8 eps |Pi|, or the flight turned by more than 2.4 radians.
+    Says False where the residual exceeds 8 eps |Pi|, or the flight turned by more than 2.4 radians or began with more
+    than 12.
     """
 
     name: ClassVar[str] = "SLIEMID"
@@ -52,7 +53,7 @@ class SymplecticMidpoint(_Generated):
 class SymplecticMidpoint4(_Generated):
     """I Psi - (1/12) (I Psi x d + I (d x Psi)) = h dexp(-Psi) Pi0, d = I^-1 (Psi x I Psi): order 4, symplectic.
 
-    Says False where the residual exceeds 8 eps |Pi|, or the flight turned by more than 2.4 radians.
+    Says False like SLIEMID, or where the second term of the series outweighs the first, as on slender bodies.
     """
 
     name: ClassVar[str] = "SLIEMID4"
@@ -67,6 +68,11 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     limit = _RESIDUAL_LIMIT * cp.epsilon(h)
     half = half_turn(cp.scale(0.5, turn))
     ok = (cp.dot(error, error) <= limit * limit * cp.dot(y, y)) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
+    ok = ok & inertia.on_first_root(y)
+    if order == 4:
+        # Where its second term outweighs the first, the series tells nothing, and other roots appear.
+        a, b, c = stiffness(order, inertia, turn)
+        ok = ok & (a > 0) & (b > 0) & (c > 0)
     increment = cp.square(half)
     return increment, cp.turned_back(increment, momentum), ok
 

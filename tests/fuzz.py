@@ -1,0 +1,262 @@
+"""A random search for wrong results: `make fuzz`, or `python tests/fuzz.py --minutes 60`.
+
+Bodies, states, scales, steps, methods, dtypes and batch shapes are drawn by hypothesis, which also simplifies what it
+finds. Every run is held against the method's own equations in extended precision (`extended.py`): no body may be wrong
+by more than its bound while `ok` is True, and nothing may be raised from inside jit.
+
+A program is compiled once for each method, dtype, kind of torque and batch; all else is data, many bodies at a time.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from functools import cache
+from typing import NamedTuple
+
+import conftest  # noqa: F401  (float64 on, strict promotion)
+import extended
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+
+import midlie_jax as ml
+
+ROWS, STEPS = 192, 2
+FLIGHTS = list(extended.FLIGHTS)
+METHODS = [f"{flight}[{scheme}]" for flight in FLIGHTS for scheme in ("EA", "E1", "SRKN6b")] + list(extended.OTHERS)
+TORQUES = ("none", "top", "swing")
+BATCHES = ("one", "vmap", "ensemble")
+# Units in the last place, for each step, of the condition number below.
+BOUND = 16
+
+
+class Case(NamedTuple):
+    """What hypothesis chooses; `bodies` makes the numbers from it."""
+
+    method: str
+    dtype: str
+    torque: str
+    batch: str
+    numbers: int  # seed
+    spread: float  # decades between the masses that make the moments
+    equal: str  # none, two, nearly, three
+    mass: float  # decades of the unit of mass
+    rate: float  # decades of the angular velocity
+    turn: float  # decades of the radians a step
+    lean: str  # direction of the momentum: any, axis, near an axis, separatrix, by velocity
+    pull: float  # decades of torque times step over momentum
+
+
+class Numbers(NamedTuple):
+    """Arrays for ROWS bodies, in the dtype of the case."""
+
+    moments: np.ndarray
+    momentum: np.ndarray
+    attitude: np.ndarray
+    dt: np.ndarray
+    weight: np.ndarray
+
+
+CASES = st.builds(
+    Case,
+    method=st.sampled_from(METHODS),
+    dtype=st.sampled_from(["float64", "float32"]),
+    torque=st.sampled_from(TORQUES),
+    batch=st.sampled_from(BATCHES),
+    numbers=st.integers(0, 2**32 - 1),
+    spread=st.sampled_from([0.0, 0.3, 1.0, 3.0, 6.0]),
+    equal=st.sampled_from(["none", "two", "nearly", "three"]),
+    mass=st.integers(-20, 20).map(float),
+    rate=st.integers(-8, 8).map(float),
+    turn=st.floats(-9, 1.5),
+    lean=st.sampled_from(["any", "axis", "near an axis", "separatrix", "by velocity"]),
+    pull=st.floats(-8, 0.5),
+)
+
+
+def bodies(case: Case) -> Numbers:
+    """ROWS bodies of a case, each a little different."""
+    rng = np.random.default_rng(case.numbers)
+    masses = 10 ** rng.uniform(-case.spread, 0, (ROWS, 3))
+    eps = np.finfo(case.dtype).eps
+    if case.equal in ("two", "nearly") or case.method.startswith("SYMMETRIC"):
+        masses[:, 1] = masses[:, 0]
+    if case.equal == "nearly" and not case.method.startswith("SYMMETRIC"):
+        masses[:, 1] *= 1 + eps * 10 ** rng.uniform(0, 8, ROWS)
+    if case.equal == "three":
+        masses[:] = masses[:, :1]
+    moments = masses.sum(1, keepdims=True) - masses
+    order = rng.permuted(np.tile(np.arange(3), (ROWS, 1)), axis=1)
+    if case.method.startswith(("SYMMETRIC", "NEARSYM")):
+        order = np.tile(np.arange(3), (ROWS, 1))
+    moments = np.take_along_axis(moments, order, 1)
+    momentum = rng.normal(size=(ROWS, 3))
+    if case.lean == "axis":
+        momentum *= np.eye(3)[rng.integers(0, 3, ROWS)]
+    if case.lean == "near an axis":
+        momentum *= np.where(np.eye(3)[rng.integers(0, 3, ROWS)] == 1, 1, 10 ** rng.uniform(-12, -1, (ROWS, 1)))
+    if case.lean == "by velocity":
+        momentum *= moments
+    if case.lean == "separatrix":
+        low, middle, high = np.argsort(moments, axis=1).T
+        rows = np.arange(ROWS)
+        i, j, k = moments[rows, low], moments[rows, middle], moments[rows, high]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.sqrt(k * (j - i) / (i * (k - j)))
+        momentum[rows, high] = momentum[rows, low] * np.where(np.isfinite(share), share, 1)
+    momentum /= np.linalg.norm(momentum / moments, axis=1, keepdims=True)
+    rate, mass = 10**case.rate, 10 ** (case.mass * (1 if case.dtype == "float32" else 5))
+    dt = 10 ** (case.turn + rng.uniform(-0.3, 0.3, ROWS)) / rate
+    size = np.linalg.norm(momentum, axis=1) * rate * mass
+    weight = size / dt * 10 ** (case.pull + rng.uniform(-0.5, 0.5, ROWS))
+    weight *= weight > 1e6 * np.finfo(case.dtype).tiny  # XLA takes what is not a normal number for zero
+    attitude = rng.normal(size=(ROWS, 4))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    numbers = (moments * mass, momentum * rate * mass, attitude, dt, weight)
+    return Numbers(*(x.astype(case.dtype) for x in numbers))
+
+
+def swing(weight, dt, t, state):
+    """A torque written on arrays, of the attitude and the time."""
+    turn = 0.3 * t / dt
+    field = jnp.stack([jnp.cos(turn), jnp.sin(turn), jnp.ones_like(turn)])
+    return weight * jnp.cross(jnp.array([0.3, -0.5, 0.4], field.dtype), ml.so3.to_matrix(state.attitude).T @ field)
+
+
+def torque_of(case: Case, weight, dt):
+    if case.torque == "none":
+        return None
+    return ml.torques.HeavyTop(weight) if case.torque == "top" else jax.tree_util.Partial(swing, weight, dt)
+
+
+@cache
+def program(method: str, dtype: str, torque: str, batch: str):
+    """Momentum, attitude and flag of every body after STEPS steps."""
+    case = Case(method, dtype, torque, batch, 0, 0, "none", 0, 0, 0, "any", 0)
+
+    def one(moments, momentum, attitude, dt, weight):
+        start, field = ml.RigidState(momentum, attitude), torque_of(case, weight, dt)
+        body = ml.RigidBody(moments, physical=False)
+        path = ml.integrate(method, body, field, start, dt=dt, steps=STEPS, save_every=STEPS)
+        return path.states.momentum[-1], path.states.attitude[-1], path.ok
+
+    def many(moments, momentum, attitude, dt, weight):
+        start, field = ml.RigidState(momentum, attitude), torque_of(case, weight, dt)
+        body = ml.RigidBody(moments, physical=False)
+        path = ml.ensemble(method, body, field, start, dt=dt, steps=STEPS, chunk=80)
+        return path.states.momentum, path.states.attitude, path.ok
+
+    return jax.jit({"one": one, "vmap": jax.vmap(one), "ensemble": many}[batch])
+
+
+def run(case: Case, numbers: Numbers):
+    """What the package makes of the bodies; of the first few alone where the batch is one."""
+    made = program(case.method, case.dtype, case.torque, case.batch)
+    if case.batch != "one":
+        return [np.asarray(x) for x in made(*numbers)]
+    solo = [made(*(x[k] for x in numbers)) for k in range(4)]
+    return [np.stack([np.asarray(s[k]) for s in solo]) for k in range(3)]
+
+
+def reference(case: Case, numbers: Numbers):
+    """Momentum, attitude and whether they were found, in extended precision."""
+    moments, momentum, attitude = (x.astype(extended.LONG) for x in numbers[:3])
+    dt, weight = (x.astype(extended.LONG)[:, None] for x in numbers[3:])
+
+    def seen(q, v):
+        """R^T v as the package has it inside a Runge-Kutta step, where the quaternion is not quite unit."""
+        return extended.dot(q, q) * extended.back(q, v)
+
+    def torque(t, q):
+        if case.torque == "none":
+            return 0 * moments
+        if case.torque == "top":
+            up = np.array([0, 0, 1], extended.LONG)
+            return weight * np.cross(seen(q, up + 0 * moments), up)
+        turn = extended.LONG(np.asarray(0.3, case.dtype)) * t / dt
+        field = np.concatenate([np.cos(turn), np.sin(turn), 1 + 0 * turn], axis=1)
+        lever = np.array([0.3, -0.5, 0.4], case.dtype).astype(extended.LONG)
+        return weight * np.cross(lever, seen(q, field))
+
+    step = extended.composed(extended.step_of(case.method), STEPS)
+    end, found = step(moments, torque, 0 * dt, dt, extended.Motion(momentum, attitude))
+    return end.momentum, end.attitude, found
+
+
+def condition(numbers: Numbers) -> np.ndarray:
+    """How much an error of eps in the momentum, of the size of the largest entry, turns the body in the steps."""
+    size = (
+        np.linalg.norm(numbers.momentum.astype(float), axis=1) + abs(numbers.weight.astype(float) * numbers.dt) * STEPS
+    )
+    return 1 + STEPS * numbers.dt.astype(float) * size / numbers.moments.astype(float).min(axis=1)
+
+
+TALLY: Counter[str] = Counter()
+
+
+def check(case: Case) -> None:
+    """Raises AssertionError where a body is wrong by more than its bound and `ok` is True."""
+    numbers = bodies(case)
+    momentum, attitude, ok = run(case, numbers)
+    TALLY["bodies"] += len(ok)
+    TALLY["ok"] += int(ok.sum())
+    if not ok.any():
+        return
+    numbers = Numbers(*(x[: len(ok)][ok] for x in numbers))
+    exact, turned, found = reference(case, numbers)
+    TALLY["judged"] += int(found.sum())
+    size = np.linalg.norm(exact.astype(float), axis=1)
+    size = np.maximum(size, np.linalg.norm(numbers.momentum.astype(float), axis=1))
+    off = np.linalg.norm((momentum[ok] - exact).astype(float), axis=1) / size
+    ours, theirs = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in (attitude[ok].astype(extended.LONG), turned))
+    away = np.linalg.norm((np.sign(np.sum(ours * theirs, axis=1, keepdims=True)) * ours - theirs).astype(float), axis=1)
+    limit = BOUND * STEPS * np.finfo(case.dtype).eps * condition(numbers)
+    bad = found & ~((off <= limit) & (away <= limit))
+    if bad.any():
+        worst = int(np.argmax(np.where(bad, np.maximum(off, away) / limit, 0)))
+        raise AssertionError(
+            f"{case}\n{int(bad.sum())} of {len(bad)} bodies are wrong with ok True; momentum by {off[worst]:.2e}, "
+            f"attitude by {away[worst]:.2e}, bound {limit[worst]:.2e}; moments {numbers.moments[worst].tolist()}, "
+            f"momentum {numbers.momentum[worst].tolist()}, attitude {numbers.attitude[worst].tolist()}, "
+            f"dt {numbers.dt[worst]}, weight {numbers.weight[worst]}"
+        )
+
+
+def search(minutes: float, first: int, methods: list[str] | None = None) -> int:
+    """Rounds of hypothesis until the time is up; the number of failures, each of which is printed."""
+    end, failures, turn = time.monotonic() + 60 * minutes, 0, first
+    cases = CASES if methods is None else CASES.filter(lambda case: case.method in methods)
+    while time.monotonic() < end:
+
+        @seed(turn)
+        @settings(
+            max_examples=100,
+            deadline=None,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+            phases=[Phase.generate, Phase.shrink],
+        )
+        @given(cases)
+        def one(case: Case) -> None:
+            check(case)
+
+        try:
+            one()
+        except Exception as error:  # whatever it is, it is what the search is for
+            failures += 1
+            print(f"seed {turn}: {type(error).__name__}: {error}\n", flush=True)
+        turn += 1
+        print(f"{(end - time.monotonic()) / 60:.1f} minutes left, {dict(TALLY)}, {failures} failures", flush=True)
+    return failures
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--methods", nargs="+", choices=METHODS)
+    chosen = parser.parse_args()
+    sys.exit(search(chosen.minutes, chosen.seed, chosen.methods) > 0)
