@@ -1,0 +1,51 @@
+"""Inside `jax.shard_map`: the axes of the mesh along which a value varies from one device to the next.
+
+JAX makes these axes part of a value's type. Its functions promote their operands to the axes of all of them; the carry
+of a loop, a primitive bound directly and one of our own are left to us. A promotion costs nothing, but its transpose
+sums over the devices. So a run promotes all its arguments before its loop, which then holds no such sum.
+
+The one name here that JAX does not document is `mat`, the attribute of a type that holds the axes. Tried with JAX
+0.10.1 and 0.12.0.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax import Array
+
+Axes = frozenset[str]
+NONE: Axes = frozenset()
+
+
+def axes_of(*values: Any) -> Axes:
+    """The axes along which any of these varies, arrays or types of arrays; other values vary along none."""
+    if not jax.sharding.get_abstract_mesh().manual_axes:
+        return NONE
+    types = (jax.typeof(value) if isinstance(value, Array) else value for value in values)
+    return NONE.union(*(kind.mat.varying for kind in types if hasattr(kind, "mat")))
+
+
+def promoted(value: Any, axes: Axes) -> Any:
+    """The number or array, varying along these axes too."""
+    missing = axes - axes_of(value)
+    return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
+
+
+def all_promoted(tree: Any, axes: Axes) -> Any:
+    """The tree with its arrays promoted."""
+    return jax.tree.map(lambda leaf: promoted(leaf, axes) if eqx.is_array(leaf) else leaf, tree)
+
+
+def axes_of_run(arguments: Any, *calls: tuple[Callable[..., Any] | None, Any, Any]) -> Axes:
+    """The axes along which any array among the arguments varies, or any result: the functions may hold arrays, too.
+
+    Args:
+        arguments: a tree.
+        calls: functions, each with the arguments that it will be called with, or None for no function.
+    """
+    if not jax.sharding.get_abstract_mesh().manual_axes:
+        return NONE
+    results = [jax.make_jaxpr(f)(*given).out_avals for f, *given in calls if f is not None]
+    return axes_of(*jax.tree.leaves(arguments), *(kind for kinds in results for kind in kinds))
