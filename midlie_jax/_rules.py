@@ -20,7 +20,7 @@ from jax.core import ShapedArray, Tracer
 from jax.extend.core import ClosedJaxpr
 
 from ._moves import INDEXED, MOVES, Places
-from ._varying import axes_of, promoted
+from ._types import axes_of, is_number, promoted
 
 # Arrays of more entries than this stay arrays.
 _LARGEST = 64
@@ -85,9 +85,7 @@ def body_of(equation: Any) -> ClosedJaxpr | None:
 
 def fits(kind: Any) -> bool:
     """Whether values of this type are taken apart: small arrays of numbers, not keys, references and the like."""
-    if not isinstance(kind, ShapedArray) or math.prod(kind.shape) > _LARGEST:
-        return False
-    return jnp.issubdtype(kind.dtype, np.number) or kind.dtype == np.bool_
+    return isinstance(kind, ShapedArray) and is_number(kind) and math.prod(kind.shape) <= _LARGEST
 
 
 def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:

@@ -23,7 +23,7 @@ from jax.extend.core import ClosedJaxpr, Literal
 from jax.interpreters import partial_eval
 
 from ._rules import Pool, bind, body_of, fits, rule_for
-from ._varying import axes_of, promoted
+from ._types import axes_of, promoted
 
 
 class Traits(NamedTuple):

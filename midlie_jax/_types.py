@@ -1,8 +1,9 @@
-"""Inside `jax.shard_map`: the axes of the mesh along which a value varies from one device to the next.
+"""What JAX knows of a value besides its numbers: whether it has any, and along which axes of a mesh it varies.
 
-JAX makes these axes part of a value's type. Its functions promote their operands to the axes of all of them; the carry
-of a loop, a primitive bound directly and one of our own are left to us. A promotion costs nothing, but its transpose
-sums over the devices. So a run promotes all its arguments before its loop, which then holds no such sum.
+Inside `jax.shard_map` a value may vary from one device to the next along some axes of the mesh, which JAX makes part of
+its type. JAX's functions promote their operands to the axes of all of them; the carry of a loop, a primitive bound
+directly and one of our own are left to us. A promotion costs nothing, but its transpose sums over the devices. So a run
+promotes all its arguments before its loop, which then holds no such sum.
 
 The one name here that JAX does not document is `mat`, the attribute of a type that holds the axes. Tried with JAX
 0.10.1 and 0.12.0.
@@ -13,16 +14,21 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 Axes = frozenset[str]
 NONE: Axes = frozenset()
 
 
+def is_number(kind: Any) -> bool:
+    """Whether arrays of this type hold numbers or truth values; typed keys of random numbers, for one, do not."""
+    return jnp.issubdtype(kind.dtype, np.number) or kind.dtype == np.bool_
+
+
 def axes_of(*values: Any) -> Axes:
     """The axes along which any of these varies, arrays or types of arrays; other values vary along none."""
-    if not jax.sharding.get_abstract_mesh().manual_axes:
-        return NONE
     types = (jax.typeof(value) if isinstance(value, Array) else value for value in values)
     return NONE.union(*(kind.mat.varying for kind in types if hasattr(kind, "mat")))
 
