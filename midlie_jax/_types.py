@@ -9,10 +9,8 @@ The one name here that JAX does not document is `mat`, the attribute of a type t
 0.10.1 and 0.12.0.
 """
 
-from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +18,7 @@ from jax import Array
 
 Axes = frozenset[str]
 NONE: Axes = frozenset()
+_ARRAYS = (Array, np.ndarray, np.generic)
 
 
 def is_number(kind: Any) -> bool:
@@ -40,18 +39,18 @@ def promoted(value: Any, axes: Axes) -> Any:
 
 
 def all_promoted(tree: Any, axes: Axes) -> Any:
-    """The tree with its arrays promoted."""
-    return jax.tree.map(lambda leaf: promoted(leaf, axes) if eqx.is_array(leaf) else leaf, tree)
+    """The tree with its arrays promoted; what else it holds stays as it is."""
+    return jax.tree.map(lambda leaf: promoted(leaf, axes) if isinstance(leaf, _ARRAYS) else leaf, tree)
 
 
-def axes_of_run(arguments: Any, *calls: tuple[Callable[..., Any] | None, Any, Any]) -> Axes:
-    """The axes along which any array among the arguments varies, or any result: the functions may hold arrays, too.
+def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
+    """The axes along which any array varies that a run is given, or that one of its functions has closed over.
 
     Args:
         arguments: a tree.
-        calls: functions, each with the arguments that it will be called with, or None for no function.
+        calls: functions with what they are called with, or None instead of a function.
     """
     if not jax.sharding.get_abstract_mesh().manual_axes:
         return NONE
-    results = [jax.make_jaxpr(f)(*given).out_avals for f, *given in calls if f is not None]
-    return axes_of(*jax.tree.leaves(arguments), *(kind for kinds in results for kind in kinds))
+    held = [jax.make_jaxpr(function)(*given).consts for function, *given in calls if function is not None]
+    return axes_of(*jax.tree.leaves((arguments, held)))
