@@ -85,7 +85,7 @@ def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list
     for leaf in leaves:
         vector = isinstance(leaf, Packed)
         # The type of the whole array, with all that JAX counts as a part of it.
-        kind = jax.eval_shape(lambda x=leaf, v=vector: jnp.stack(x.entries) if v else jnp.asarray(x))
+        (kind,) = jax.make_jaxpr(lambda x=leaf, v=vector: jnp.stack(x.entries) if v else jnp.asarray(x))().out_avals
         inputs.append(_Entries(pool.store(leaf.entries if vector else [leaf], kind.shape)))
         kinds.append(kind)
     closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, kinds))

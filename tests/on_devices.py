@@ -81,8 +81,14 @@ def slope(method, spread):
     return jax.grad(total, (0, 1, 2))
 
 
-def on_mesh(function, specs, out):
-    return jax.shard_map(function, mesh=MESH, in_specs=specs, out_specs=out)
+def on_mesh(function, specs, out, **options):
+    return jax.shard_map(function, mesh=MESH, in_specs=specs, out_specs=out, **options)
+
+
+def on_rows(function):
+    """The other axis of the mesh is left to the compiler."""
+    rows = P("rows")
+    return on_mesh(function, rows, ml.Path(ALL, rows, rows), axis_names={"rows"})
 
 
 def mapped(function, *axes):
@@ -100,7 +106,9 @@ def sharded(function, arguments, out):
     return function, on_mesh(function, specs, out), arguments
 
 
+EVERYTHING = mapped(partial(run, "LIEMID[E2]", leaf), 0, 0, 0)
 CHECKS = {
+    "rows": (EVERYTHING, on_rows(EVERYTHING), EVERY),
     **{name: sharded(mapped(partial(run, name, leaf), 0, 0, 0), EVERY, PATH) for name in METHODS},
     "closure": sharded(mapped(partial(run, "LIEMID[EA]", closure), None, 0, None), STARTED, PATH),
     "adaptive": sharded(jax.vmap(adaptive, (None, 0, None)), STARTED, EACH),

@@ -29,7 +29,9 @@ TANGENT = fails(
 )
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "LIEMID[I]", STAGES, "closure", "adaptive", "ensemble", "typed"])
+@pytest.mark.parametrize(
+    "name", ["LIEMID[EA]", "LIEMID[I]", STAGES, "rows", "closure", "adaptive", "ensemble", "typed"]
+)
 def test_runs_are_those_of_one_device_without_a_message(name):
     found = results()[name]
     assert "error" not in found, found["error"]
