@@ -1,8 +1,8 @@
 """How single operations are replayed on scalars: the rules of `_scalars.py`, one for each primitive of JAX.
 
 A rule says which parameters of its primitive it understands, and with which values. An operation with any other
-parameter or value has no rule, and is replayed as it is: a parameter that a later JAX adds is never ignored. Written
-for the primitives of JAX 0.10.1 and 0.12.0.
+parameter or value has no rule, and is replayed as it is: a parameter that a later JAX adds is never ignored. Tried with
+JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
 
 The results are those of the primitive but for the sign of a zero, which XLA does not keep either, and the order in
 which a sum is taken.

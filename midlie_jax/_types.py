@@ -6,7 +6,7 @@ directly and one of our own are left to us. A promotion costs nothing, but its t
 promotes all its arguments before its loop, which then holds no such sum.
 
 The one name here that JAX does not document is `mat`, the attribute of a type that holds the axes. Tried with JAX
-0.10.1 and 0.12.0.
+0.10.0, 0.10.1, 0.11.2 and 0.12.0.
 """
 
 from typing import Any

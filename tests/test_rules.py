@@ -374,8 +374,8 @@ def equations():
 
 
 def test_every_rule_is_put_to_the_test():
-    """But that for what only a mesh of devices brings into a jaxpr: see test_shard_map.py."""
-    assert set(equations()) == set(RULES) - {"pvary"}
+    """But those for what only a mesh of devices brings into a jaxpr, or only a JAX later than 0.10.0."""
+    assert set(RULES) - set(equations()) <= {"pvary", "stack", "unstack"}
 
 
 @pytest.mark.parametrize("value", [None, False, (), "novel"])
