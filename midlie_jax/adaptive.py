@@ -34,6 +34,7 @@ from jaxtyping import Bool, Float, Int
 
 from . import _components as cp
 from ._fuse import seam, together
+from ._types import all_promoted, axes_of_run
 from .arguments import as_method, as_scalar, check_saving, check_step, check_system
 from .bodies import Body
 from .checks import as_count, described, require_finite, same_dtype
@@ -173,6 +174,9 @@ def _run(
     save_every: int,
     reverse: bool,
 ) -> AdaptivePath:
+    arguments = (body, torque, start, density, dt, t0, t1, rho)
+    axes = axes_of_run(arguments, (torque, t0, start), (density, t0, start))
+    body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
     system = System.of(body, torque, start, t0)
     constants, functions = eqx.partition((system, density, dt, t1), eqx.is_array)
 
@@ -185,7 +189,7 @@ def _run(
         motion, force, ok, there, lost = together((motion, force, ok & fine, there, lost))
         value, slope = _along(system, density, there, motion, force)
         clock, ok = _next(clock, there, lost, dt, t1, value, slope, ok)
-        return together((motion, force, clock, ok)), None
+        return together(all_promoted((motion, force, clock, ok), axes)), None
 
     motion = system.motion(start)
     force = system.force(t0, motion) if method.keeps_force(system) else None
@@ -205,7 +209,7 @@ def _run(
         motion, _, clock, _ = carry
         return carry, (system.state(motion), clock.t, clock.rho)
 
-    begin = (motion, force, clock, _near(clock.rho, value) & (clock.half > 0))
+    begin = all_promoted((motion, force, clock, _near(clock.rho, value) & (clock.half > 0)), axes)
     (motion, _, clock, ok), kept = jax.lax.scan(leap, begin, length=steps // save_every)
     first = (start, t0, begin[2].rho)
     states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
@@ -215,9 +219,10 @@ def _run(
 
 
 def _first(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:
-    zero = jnp.zeros_like(t0)
-    clock = _Clock(t0, zero, rho, rho, zero, jnp.array(False), jnp.array(0, jnp.int32))
-    return _planned(clock, dt, t1, slope, jnp.array(True))
+    # Made from one number of the motion, so that they have its type on a mesh of devices, too.
+    zero = jnp.zeros_like(rho)
+    clock = _Clock(t0 + zero, zero, rho, rho, zero, jnp.zeros_like(rho, bool), jnp.zeros_like(rho, jnp.int32))
+    return _planned(clock, dt, t1, slope, jnp.ones_like(rho, bool))
 
 
 def _later(clock: _Clock, t1: Array | None) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from ._fuse import seam, together
+from ._types import all_promoted, axes_of_run, promoted
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 from .bodies import Body
 from .checks import as_count
@@ -93,6 +94,9 @@ def _run(
     steps: int,
     save_every: int,
 ) -> Path:
+    axes = axes_of_run((body, torque, start, dt, t0, first), (torque, t0, start))
+    uniform = t0, dt
+    body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
     system = System.of(body, torque, start, t0)
     counted, first = counts(first, steps), first.astype(jnp.int32)
 
@@ -103,10 +107,10 @@ def _run(
         system, t0, dt = eqx.combine(given, functions)
         here, there = time_of(t0, dt, n), time_of(t0, dt, n + 1)
         motion, force, fine = method.step(system, here, there, h, motion, force)
-        return together((motion, force, ok & fine)), None
+        return together(all_promoted((motion, force, ok & fine), axes)), None
 
-    motion = system.motion(start)
-    force = _first_force(method, system, motion, advance, time_of(t0, dt, first), first)
+    motion, ok = system.motion(start), promoted(jnp.asarray(counted), axes)
+    force = _first_force(method, system, motion, ok, advance, time_of(t0, dt, first), first)
     # Twice, because each order of reverse mode takes one off: a gradient of a gradient keeps one state a step, too.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
@@ -115,14 +119,16 @@ def _run(
         return carry, system.state(carry[0])
 
     kept = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
-    (motion, _, ok), states = jax.lax.scan(leap, (motion, force, jnp.asarray(counted)), kept)
+    (motion, _, ok), states = jax.lax.scan(leap, (motion, force, ok), kept)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(motion)]
-    times = time_of(t0, dt, jnp.concatenate([first[None], kept + save_every]))
+    times = time_of(*uniform, jnp.concatenate([first[None], kept + save_every]))
     return Path(times, states, ok & jnp.all(jnp.stack(finite)))
 
 
-def _first_force(method: Method, system: System, motion: Motion, advance: Any, t: Array, first: Array) -> Any:
+def _first_force(
+    method: Method, system: System, motion: Motion, ok: Array, advance: Any, t: Array, first: Array
+) -> Any:
     """The force at the start, from two steps of no length.
 
     Evaluating the torque here directly would be shorter, but compiled in another place it may round otherwise
@@ -135,7 +141,7 @@ def _first_force(method: Method, system: System, motion: Motion, advance: Any, t
     zeros = jax.tree.map(jnp.zeros_like, motion.momentum)
     here = jnp.stack([first - 1, first - 1])
     still = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
-    loop = jax.lax.stop_gradient((motion, zeros, jnp.array(True)))
+    loop = jax.lax.stop_gradient((motion, zeros, ok))
     (_, force, _), _ = jax.lax.scan(partial(advance, still), loop, here)
     direct = system.force(t, motion)
     return jax.tree.map(lambda f, d: jax.lax.stop_gradient(f) + (d - jax.lax.stop_gradient(d)), force, direct)

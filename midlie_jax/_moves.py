@@ -1,0 +1,120 @@
+"""Moving the entries of arrays: what JAX's primitives do that compute nothing, done by NumPy on places in a pool.
+
+A move is called with the places of its operands, the parameters of the primitive and the shape of its (first) result,
+and gives the places of the result, or a list of them for several results. The tables at the end say for each move
+which parameters it reads.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Places = np.ndarray
+Shape = tuple[int, ...]
+
+
+def _broadcast(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    expanded = [1] * len(shape)
+    for axis, size in zip(parameters["broadcast_dimensions"], operands[0].shape, strict=True):
+        expanded[axis] = size
+    return np.broadcast_to(operands[0].reshape(expanded), shape)
+
+
+def _reshape(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    order = parameters["dimensions"]
+    return (operands[0] if order is None else operands[0].transpose(order)).reshape(shape)
+
+
+def _slice(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    strides = parameters["strides"] or (None,) * len(shape)
+    return operands[0][tuple(map(slice, parameters["start_indices"], parameters["limit_indices"], strides))]
+
+
+def _pad(operands: list[Places], parameters: Any, shape: Shape) -> Places:
+    """Negative padding cuts off, interior padding comes between."""
+    source, filling = operands
+    inside, kept = [], []
+    for (low, _, interior), size, out in zip(parameters["padding_config"], source.shape, shape, strict=True):
+        places = low + (interior + 1) * np.arange(size)
+        kept.append(np.flatnonzero((places >= 0) & (places < out)))
+        inside.append(places[kept[-1]])
+    result = np.full(shape, filling)
+    result[np.ix_(*inside)] = source[np.ix_(*kept)]
+    return result
+
+
+def _split(operands: list[Places], parameters: Any, shape: Shape) -> list[Places]:
+    del shape
+    return list(np.split(operands[0], np.cumsum(parameters["sizes"])[:-1], axis=parameters["axis"]))
+
+
+def _unstack(operands: list[Places], parameters: Any, shape: Shape) -> list[Places]:
+    del shape
+    return [np.asarray(part) for part in np.moveaxis(operands[0], parameters["axis"], 0)]
+
+
+# By indices: `move(operands, indices, parameters, shape)`.
+
+
+def _window(source: Places, starts: list[Any], shape: Shape) -> tuple[slice, ...]:
+    """XLA moves a window that would stick out back inside."""
+    begin = [min(max(int(s), 0), n - m) for s, n, m in zip(starts, source.shape, shape, strict=True)]
+    return tuple(slice(b, b + m) for b, m in zip(begin, shape, strict=True))
+
+
+def _dynamic_slice(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
+    del parameters
+    return operands[0][_window(operands[0], indices, shape)]
+
+
+def _dynamic_update_slice(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
+    del parameters, shape
+    result = operands[0].copy()
+    result[_window(result, indices, operands[1].shape)] = operands[1]
+    return result
+
+
+def _gather(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places | None:
+    del shape
+    # Numbered from one, so that a place filled in from out of bounds shows as none of them.
+    order = np.arange(1, operands[0].size + 1, dtype=np.int32).reshape(operands[0].shape)
+    with jax.ensure_compile_time_eval():
+        taken = jax.lax.gather_p.bind(jnp.asarray(order), jnp.asarray(indices[0]), **{**parameters, "fill_value": 0})
+        taken = np.asarray(taken)
+    return None if np.any(taken == 0) else operands[0].reshape(-1)[taken - 1]
+
+
+def _scatter(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places:
+    del shape
+    with jax.ensure_compile_time_eval():
+        source, update = (jnp.asarray(operands[i].astype(np.int32)) for i in (0, 2))
+        return np.asarray(jax.lax.scatter_p.bind(source, jnp.asarray(indices[0]), update, **parameters))
+
+
+# The moves by the names of their primitives, and the parameters that they read.
+MOVES: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "broadcast_in_dim": (_broadcast, ("shape", "broadcast_dimensions")),
+    "concatenate": (lambda operands, p, shape: np.concatenate(operands, axis=p["dimension"]), ("dimension",)),
+    "pad": (_pad, ("padding_config",)),
+    "reshape": (_reshape, ("new_sizes", "dimensions")),
+    "rev": (lambda operands, p, shape: np.flip(operands[0], p["dimensions"]), ("dimensions",)),
+    "slice": (_slice, ("start_indices", "limit_indices", "strides")),
+    "split": (_split, ("sizes", "axis")),
+    "squeeze": (lambda operands, p, shape: operands[0].reshape(shape), ("dimensions",)),
+    "stack": (lambda operands, p, shape: np.stack(operands, axis=p["axis"]), ("axis",)),
+    "transpose": (lambda operands, p, shape: operands[0].transpose(p["permutation"]), ("permutation",)),
+    "unstack": (_unstack, ("axis",)),
+}
+
+_LOOKUP = ("dimension_numbers", "unique_indices", "indices_are_sorted", "mode")
+
+# Those by indices, with which of the operands are indices.
+INDEXED: dict[str, tuple[Callable[..., Any], slice, tuple[str, ...]]] = {
+    "dynamic_slice": (_dynamic_slice, slice(1, None), ("slice_sizes",)),
+    "dynamic_update_slice": (_dynamic_update_slice, slice(2, None), ()),
+    "gather": (_gather, slice(1, 2), ("slice_sizes", "fill_value", *_LOOKUP)),
+    "scatter": (_scatter, slice(1, 2), _LOOKUP),
+}

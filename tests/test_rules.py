@@ -1,0 +1,399 @@
+"""Every rule by which a function is replayed on scalars, with every parameter of its primitive away from its default.
+
+What is replayed is compiled, all of it as one program. What it must give comes from JAX, operation by operation, or for
+programs drawn at random, that are many, from another compiled program.
+"""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import quick
+from jax import lax
+from test_scalars import FUNCTIONS
+
+from midlie_jax._rules import RULES, rule_for
+from midlie_jax._scalars import Packed, by_components
+
+TIME = np.float64(0.7)
+MOMENTUM = np.array([0.3, -1.2, 0.7])
+POSE = np.array([0.1, -0.9, 0.4, 1.3])
+WHOLE = np.array([100, -77, 53])  # of which small integers overflow
+
+
+def table(p, q):
+    return jnp.outer(p, q)
+
+
+def whole(p, dtype=jnp.int32):
+    """Integers that are not known while tracing."""
+    return (p > 9).astype(dtype) + WHOLE.astype(dtype)
+
+
+def small(p):
+    return p.astype(jnp.float32)
+
+
+@jax.custom_vjp
+def with_derivative(x):
+    return jnp.sin(x)
+
+
+with_derivative.defvjp(lambda x: (jnp.sin(x), x), lambda x, slope: (2 * slope * x,))
+
+
+def with_reference(t, p, q):
+    kept = jax.new_ref(p)
+    kept[0] = t
+    kept[1] += q[1]
+    return kept[...]
+
+
+OF_ONE = (
+    *(lax.acos, lax.asin, lax.asinh, lax.atan, lax.atanh, lax.cbrt, lax.ceil, lax.cosh, lax.erf, lax.erf_inv, lax.erfc),
+    *(lax.exp2, lax.expm1, lax.floor, lax.is_finite, lax.lgamma, lax.log1p, lax.logistic, lax.rsqrt, lax.sinh),
+    *(lax.square, lax.tan, lax.tanh),
+)
+OF_TWO = (lax.atan2, lax.eq, lax.ge, lax.gt, lax.le, lax.lt, lax.max, lax.min, lax.ne, lax.nextafter, lax.rem)
+
+
+def of_one(function):
+    return lambda t, p, q: function(jnp.sin(p))
+
+
+def of_two(function):
+    return lambda t, p, q: function(p, q[1:])
+
+
+ROWS = lax.ScatterDimensionNumbers((1,), (0,), (0,))
+
+
+CASES = {
+    # Moving entries.
+    "ravel_by_columns": lambda t, p, q: jnp.outer(p, q).ravel(order="F")[3:6],
+    "reshape_by_columns": lambda t, p, q: jnp.reshape(table(p, q), (2, 6), order="F"),
+    "reshape_permuted": lambda t, p, q: lax.reshape(table(p, q).reshape(3, 2, 2), (4, 3), (2, 0, 1)),
+    "broadcast_between": lambda t, p, q: lax.broadcast_in_dim(table(p, q), (3, 2, 4), (0, 2)),
+    "broadcast_of_one": lambda t, p, q: lax.broadcast_in_dim(p[:1], (2, 3), (1,)),
+    "concatenate_columns": lambda t, p, q: lax.concatenate([table(p, q), table(p, q[:2])], 1),
+    "pad_negative": lambda t, p, q: lax.pad(q, t, ((-1, -2, 0),)),
+    "pad_interior": lambda t, p, q: lax.pad(table(p, q), t, ((1, 0, 2), (0, 2, 1))),
+    "pad_interior_negative": lambda t, p, q: lax.pad(q, t, ((-2, -1, 3),)),
+    "pad_to_nothing": lambda t, p, q: lax.pad(p, t, ((-3, 0, 0),)),
+    "rev_all": lambda t, p, q: lax.rev(table(p, q), (0, 1)),
+    "rev_none": lambda t, p, q: lax.rev(table(p, q), ()),
+    "slice_strided": lambda t, p, q: lax.slice(table(p, q), (0, 1), (3, 4), (2, 2)),
+    "slice_to_nothing": lambda t, p, q: p[:0],
+    "split_columns": lambda t, p, q: lax.split(table(p, q), (1, 0, 3), 1)[2],
+    "stack_columns": lambda t, p, q: jnp.stack([p, q[:3]], axis=1),
+    "unstack_columns": lambda t, p, q: jnp.unstack(table(p, q), axis=1)[2],
+    "squeeze_some": lambda t, p, q: lax.squeeze(p[None, :, None, None], (0, 2)),
+    "transpose_cyclic": lambda t, p, q: table(p, q).reshape(3, 2, 2).transpose(2, 0, 1),
+    "iota_columns": lambda t, p, q: lax.broadcasted_iota(jnp.uint8, (2, 3), 1),
+    "iota_floats": lambda t, p, q: p + lax.iota(jnp.float32, 3).astype(p.dtype),
+    "nothing": lambda t, p, q: jnp.zeros((0, 3)) @ p,
+    "concatenate_nothing": lambda t, p, q: jnp.concatenate([jnp.zeros(0), p, q[4:]]),
+    # By indices.
+    "dynamic_slice_beyond": lambda t, p, q: lax.dynamic_slice(table(p, q), (jnp.int8(100), jnp.int8(-3)), (2, 3)),
+    "dynamic_slice_unsigned": lambda t, p, q: lax.dynamic_slice(q, (jnp.uint8(200),), (2,)),
+    "dynamic_slice_far": lambda t, p, q: lax.dynamic_slice(q, (jnp.int64(2**40),), (2,)),
+    "dynamic_slice_traced": lambda t, p, q: lax.dynamic_slice(q, (whole(p)[0],), (2,)),
+    "dynamic_update_beyond": lambda t, p, q: lax.dynamic_update_slice(table(p, q), p[None, :2], (7, -9)),
+    "dynamic_update_traced": lambda t, p, q: lax.dynamic_update_slice(q, p[:2], (whole(p)[1],)),
+    "gather_fill": lambda t, p, q: q.at[jnp.array([2, -1, 4, -5])].get(mode="fill", fill_value=7),
+    "gather_fill_by_default": lambda t, p, q: q.at[jnp.array([2, 9])].get(mode="fill"),
+    "gather_fill_integers": lambda t, p, q: whole(p).at[jnp.array([2, 9])].get(mode="fill"),
+    "gather_clip": lambda t, p, q: q.at[jnp.array([2, 99, -99])].get(mode="clip"),
+    "gather_unsigned": lambda t, p, q: q.at[jnp.array([2, 255], jnp.uint8)].get(mode="fill", fill_value=7),
+    "gather_flagged": lambda t, p, q: q.at[jnp.array([0, 2])].get(unique_indices=True, indices_are_sorted=True),
+    "gather_not_wrapped": lambda t, p, q: q.at[jnp.array([-1])].get(wrap_negative_indices=False, mode="clip"),
+    "gather_rows": lambda t, p, q: jnp.take_along_axis(table(p, q), jnp.array([[3], [0], [1]]), 1),
+    "gather_mapped": lambda t, p, q: jax.vmap(lambda row, i: row[i])(table(p, q), jnp.array([3, 0, 1])),
+    "gather_windows": lambda t, p, q: table(p, q)[jnp.array([2, 0]), 1:3],
+    "gather_nothing": lambda t, p, q: q[jnp.zeros(0, jnp.int32)],
+    "gather_traced": lambda t, p, q: q[whole(p) % 4],
+    "scatter_drop": lambda t, p, q: q.at[jnp.array([1, 9])].set(p[:2], mode="drop"),
+    "scatter_clip": lambda t, p, q: q.at[jnp.array([1, 9])].set(p[:2], mode="clip"),
+    "scatter_wrapped": lambda t, p, q: q.at[jnp.array([-1, -4])].set(p[:2], unique_indices=True),
+    "scatter_rows": lambda t, p, q: table(p, q).at[jnp.array([2, 0])].set(jnp.stack([q, 2 * q])),
+    "scatter_mapped": lambda t, p, q: jax.vmap(lambda row, i, x: row.at[i].set(x))(
+        table(p, q), jnp.array([3, 0, 1]), p
+    ),
+    "scatter_windows": lambda t, p, q: lax.scatter(table(p, q), jnp.array([[2], [0]]), table(q[:2], q), ROWS),
+    "scatter_traced": lambda t, p, q: q.at[whole(p) % 4].set(p),
+    "scatter_apply": lambda t, p, q: q.at[1:3].apply(jnp.exp),
+    "scatter_apply_at_index": lambda t, p, q: q.at[jnp.array([3, 0])].apply(jnp.sin),
+    "scatter_multiply": lambda t, p, q: q.at[jnp.array([3, 3])].multiply(p[:2]),
+    # Entry by entry.
+    **{function.__name__: of_one(function) for function in OF_ONE},
+    **{function.__name__: of_two(function) for function in OF_TWO},
+    "acosh": lambda t, p, q: lax.acosh(1 + p * p),
+    "log": lambda t, p, q: lax.log(p * p),
+    "stop_gradient": lambda t, p, q: lax.stop_gradient(p) + jnp.copy(q[1:]),
+    "integers_wrap": lambda t, p, q: whole(p, jnp.int8) + whole(p, jnp.int8) * jnp.int8(3),
+    "integers_divide": lambda t, p, q: lax.div(whole(p), jnp.int32(-7)) + lax.rem(whole(p), jnp.int32(-7)),
+    "integers_divide_by_zero": lambda t, p, q: lax.div(whole(p), 0 * whole(p)) + lax.rem(whole(p), 0 * whole(p)),
+    "integers_floor_divide": lambda t, p, q: whole(p) // 7 + whole(p) % -7,
+    "integers_unsigned": lambda t, p, q: whole(p, jnp.uint8) - jnp.uint8(101),
+    "integers_power": lambda t, p, q: whole(p, jnp.int16) ** 3,
+    "bits": lambda t, p, q: (whole(p) & 12) | (whole(p) ^ 5) | ~whole(p) | (whole(p) << 2) | (whole(p) >> 1),
+    "bits_counted": lambda t, p, q: lax.population_count(whole(p)) + lax.clz(whole(p)),
+    "bits_of_floats": lambda t, p, q: lax.bitcast_convert_type(p, jnp.int64),
+    "truth": lambda t, p, q: (p > 0) & ~(q[:3] > 0) | (p == q[1:]) ^ (t > 0),
+    "convert_to_integers": lambda t, p, q: (3 * p).astype(jnp.int8) + jnp.int8(1),
+    "convert_to_truth": lambda t, p, q: (p - p[0]).astype(bool),
+    "convert_weakly": lambda t, p, q: small(p) * jnp.where(t > 0, 2.0, 3.0),
+    "convert_narrower": lambda t, p, q: small(p).astype(jnp.float16) * jnp.float16(3),
+    "reduce_precision": lambda t, p, q: lax.reduce_precision(p, 5, 3),
+    "round_away": lambda t, p, q: lax.round(3 * p + 0.5, lax.RoundingMethod.AWAY_FROM_ZERO),
+    "round_to_even": lambda t, p, q: lax.round(jnp.round(p) + 0.5, lax.RoundingMethod.TO_NEAREST_EVEN),
+    "powers": lambda t, p, q: lax.integer_pow(p, -3) + lax.pow(p, whole(p) % 3) + lax.integer_pow(p, 0),
+    "accuracy": lambda t, p, q: lax.exp(p, accuracy=lax.AccuracyMode.DEFAULT) + lax.sin(p, accuracy=None),
+    "select_by_scalar": lambda t, p, q: lax.select_n(t > 0, p, q[:3]),
+    "select_of_three": lambda t, p, q: lax.select_n(whole(p) % 3, p, q[:3], q[1:]),
+    "clamp_by_scalars": lambda t, p, q: lax.clamp(-t, p, t),
+    "clamp_by_arrays": lambda t, p, q: lax.clamp(-jnp.abs(q[:3]), p, jnp.abs(q[1:])),
+    "not_a_number": lambda t, p, q: jnp.stack([jnp.max(jnp.sqrt(p)), jnp.min(jnp.sqrt(p)), jnp.nanmax(jnp.sqrt(p))]),
+    "infinities": lambda t, p, q: jnp.stack([jnp.max(1 / (p - p)), jnp.sum(p / jnp.abs(p - p)), jnp.min(1 / (p * 0))]),
+    "complex": lambda t, p, q: jnp.abs(lax.complex(p, q[:3]) * (1 + 2j)) + lax.conj(lax.complex(p, p)).imag,
+    # Sums and their like.
+    "dot_of_bytes": lambda t, p, q: lax.dot(whole(p, jnp.int8), whole(p, jnp.int8)),
+    "dot_of_bytes_widened": lambda t, p, q: lax.dot(
+        whole(p, jnp.int8), whole(p, jnp.int8), preferred_element_type=jnp.int32
+    ),
+    "dot_widened": lambda t, p, q: lax.dot(small(p), small(q[:3]), preferred_element_type=jnp.float64),
+    "matmul_widened": lambda t, p, q: jnp.matmul(
+        small(table(p, q)), small(table(q, p)), preferred_element_type=jnp.float64
+    ),
+    "dot_of_halves": lambda t, p, q: lax.dot(
+        p.astype(jnp.bfloat16), p.astype(jnp.bfloat16), preferred_element_type=jnp.float32
+    ),
+    "dot_of_truth": lambda t, p, q: lax.dot(table(p, q) > 0, table(q, p) > 0),
+    "dot_batched": lambda t, p, q: lax.dot_general(
+        table(p, q).reshape(3, 2, 2), table(q, p).reshape(2, 3, 2), (((2,), (0,)), ((0,), (1,)))
+    ),
+    "dot_precise": lambda t, p, q: jnp.dot(table(p, q), q, precision="highest"),
+    "dot_by_algorithm": lambda t, p, q: jnp.dot(
+        small(table(p, q)), small(q), precision=lax.DotAlgorithmPreset.F32_F32_F32
+    ),
+    "dot_of_nothing": lambda t, p, q: jnp.zeros((2, 0)) @ jnp.zeros((0, 3)) @ p,
+    "dot_complex": lambda t, p, q: jnp.vdot(lax.complex(p, q[:3]), lax.complex(q[1:], p)),
+    "dot_outer": lambda t, p, q: lax.dot_general(p, q, (((), ()), ((), ()))),
+    "sum_of_bytes": lambda t, p, q: lax.reduce_sum_p.bind(whole(p, jnp.int8), axes=(0,), out_sharding=None),
+    "sum_of_halves": lambda t, p, q: jnp.sum(jnp.full(64, 0.1, jnp.float16) + 0 * p[0].astype(jnp.float16)),
+    "sum_over_none": lambda t, p, q: lax.reduce_sum_p.bind(p, axes=(), out_sharding=None),
+    "sum_of_nothing": lambda t, p, q: jnp.sum(p[:0]) + jnp.prod(q[:0]),
+    "sum_complex": lambda t, p, q: jnp.sum(lax.complex(p, q[:3])),
+    "sum_middle": lambda t, p, q: jnp.sum(table(p, q).reshape(3, 2, 2), axis=(0, 2)),
+    "max_over_axes": lambda t, p, q: jnp.max(table(p, q).reshape(3, 2, 2), axis=(2, 0)),
+    "max_of_truth": lambda t, p, q: jnp.stack([jnp.max(p > 0), jnp.min(p > 0)]),
+    "product_of_bytes": lambda t, p, q: jnp.prod(whole(p, jnp.int8), dtype=jnp.int8),
+    "all_any_xor": lambda t, p, q: jnp.stack([jnp.all(p > 0), jnp.any(p > 0), lax.reduce_xor(p > 0, (0,))]),
+    "argmax_typed": lambda t, p, q: lax.argmax(table(p, q), 1, jnp.int8),
+    "cumulative_reversed": lambda t, p, q: lax.cumsum(q, reverse=True) + lax.cummax(table(p, q), 1)[0],
+    "reduce_by_function": lambda t, p, q: lax.reduce(q, t, lambda x, y: x * y + y, (0,)),
+    # Calls, loops and whatever else is replayed as it is.
+    "jit_static": lambda t, p, q: jax.jit(lambda x, n: x * n, static_argnums=1)(p, 3),
+    "jit_donating": lambda t, p, q: jax.jit(lambda x: x + 1, donate_argnums=0)(2 * p),
+    "jit_inlined": lambda t, p, q: jax.jit(lambda x: x + q[0], inline=True, keep_unused=True)(2 * p),
+    "jit_closing_over": lambda t, p, q: jax.jit(lambda: t * p @ jnp.asarray(MOMENTUM))(),
+    "jit_in_jit": lambda t, p, q: jax.jit(lambda x: jax.jit(jnp.sin)(x).ravel(order="F"))(table(p, q)),
+    "jit_sharded": lambda t, p, q: jax.jit(lambda x: 2 * x, in_shardings=one_device(), out_shardings=one_device())(p),
+    "sharding_constraint": lambda t, p, q: lax.with_sharding_constraint(2 * p, one_device()),
+    "custom_vjp": lambda t, p, q: jax.grad(lambda x: jnp.sum(with_derivative(x)))(p) + with_derivative(p),
+    "checkpoint": lambda t, p, q: jax.grad(lambda x: jnp.sum(jax.checkpoint(jnp.sin)(x) ** 2))(p),
+    "cond_closing_over": lambda t, p, q: lax.cond(t > 9, lambda: p, lambda: q[1:] * jnp.asarray(MOMENTUM)),
+    "while_with_integers": lambda t, p, q: lax.while_loop(lambda c: c[0] < 3, lambda c: (c[0] + 1, c[1] * t), (0, p))[
+        1
+    ],
+    "scan_backwards": lambda t, p, q: lax.scan(
+        lambda x, y: (x * y[0], x + y[1]), p, (q, jnp.arange(4.0)), reverse=True
+    )[1],
+    "barrier": lambda t, p, q: lax.optimization_barrier((p, t))[0],
+    "reference": with_reference,
+    "random_key": lambda t, p, q: p + jax.random.normal(jax.random.key(3), (3,)),
+    "random_key_traced": lambda t, p, q: jax.random.uniform(jax.random.fold_in(jax.random.key(3), whole(p)[0]), (3,)),
+    "random_raw_key": lambda t, p, q: p + jax.random.normal(jax.random.split(jax.random.PRNGKey(3))[1], (3,)),
+    "gradient_by_integer": lambda t, p, q: jax.grad(
+        lambda n, x: jnp.sum(x * n.astype(x.dtype)), (0, 1), allow_int=True
+    )(whole(p), p)[1],
+}
+
+
+def one_device():
+    return jax.sharding.SingleDeviceSharding(jax.devices()[0])
+
+
+# Programs of operations drawn at random. None of them jumps, so that rounding stays rounding.
+
+
+def some_axes(rng, x):
+    return tuple(np.flatnonzero(rng.random(x.ndim) < 0.5))
+
+
+def random_reshape(rng, x):
+    sizes = [n for n in range(1, x.size + 1) if x.size % n == 0] or [1]
+    first = int(rng.choice(sizes))
+    shape = (first, x.size // first) if rng.random() < 0.5 else (x.size // first, 1, first)
+    return lax.reshape(x, shape, tuple(int(a) for a in rng.permutation(x.ndim)) if rng.random() < 0.5 else None)
+
+
+def random_pad(rng, x):
+    config = [(int(rng.integers(-1, 2)), int(rng.integers(-1, 2)), int(rng.integers(0, 2))) for _ in x.shape]
+    return lax.pad(x, jnp.ones((), x.dtype), config)
+
+
+def random_slice(rng, x):
+    return x[tuple(slice(*sorted(rng.integers(0, n + 1, 2)), rng.integers(1, 3)) for n in x.shape)]
+
+
+def random_indices(rng, x):
+    return jnp.asarray(rng.integers(-x.shape[0] - 2, x.shape[0] + 2, 3), rng.choice(["int32", "int8", "int64"]))
+
+
+def random_gather(rng, x):
+    return x.at[random_indices(rng, x)].get(mode=rng.choice(["fill", "clip"]), fill_value=1)
+
+
+def random_scatter(rng, x):
+    # No place twice: the order would be anyone's guess.
+    rows = jnp.asarray(rng.permutation(x.shape[0] + 2)[:2] - 1)
+    return x.at[rows].set(2 * x[:1].repeat(2, axis=0), mode=rng.choice(["drop", "fill"]))
+
+
+def random_window(rng, x):
+    starts = [jnp.asarray(s) for s in rng.integers(-2, max(x.shape) + 2, x.ndim)]
+    window = lax.dynamic_slice(x, starts, [int(rng.integers(0, n + 1)) for n in x.shape])
+    return lax.dynamic_update_slice(x, 2 * window, starts[::-1])
+
+
+def random_dot(rng, x):
+    axis, wide = int(rng.integers(x.ndim)), {"int8": "int32", "float32": "float64"}.get(str(x.dtype))
+    kind = wide if rng.random() < 0.5 else None
+    batch = [a for a in range(x.ndim) if a != axis][: int(rng.integers(2))]
+    return lax.dot_general(x, x, (([axis], [axis]), (batch, batch)), preferred_element_type=kind)
+
+
+STEPS = [
+    lambda rng, x: -x,
+    lambda rng, x: jnp.sin(x) if jnp.issubdtype(x.dtype, np.floating) else x * x,
+    lambda rng, x: jnp.maximum(x, jnp.flip(x, some_axes(rng, x))),
+    lambda rng, x: x + jnp.full_like(x, rng.integers(0, 2)),
+    lambda rng, x: x * jnp.full_like(x, rng.integers(0, 3)),
+    lambda rng, x: jnp.where(jnp.asarray(rng.random(x.shape) < 0.5), x, 2 * x),
+    lambda rng, x: jax.jit(lambda y: y - 2 * jnp.roll(y, 1))(x),
+    lambda rng, x: jnp.transpose(x, rng.permutation(x.ndim)),
+    lambda rng, x: jnp.concatenate([x, 3 * x], rng.integers(x.ndim)),
+    lambda rng, x: jnp.stack([x, 3 * x], rng.integers(x.ndim + 1)),
+    lambda rng, x: jnp.split(x, [1], rng.integers(x.ndim))[rng.integers(2)],
+    lambda rng, x: jnp.unstack(x, axis=rng.integers(x.ndim))[0],
+    lambda rng, x: lax.broadcast_in_dim(x, (2, *x.shape), range(1, x.ndim + 1)),
+    lambda rng, x: jnp.sum(x, some_axes(rng, x)),
+    lambda rng, x: jnp.max(x, some_axes(rng, x), initial=None if x.size else 0),
+    lambda rng, x: jnp.prod(x, some_axes(rng, x), dtype=x.dtype),
+    lambda rng, x: jnp.cumsum(x, rng.integers(x.ndim), dtype=x.dtype),
+    random_reshape,
+    random_pad,
+    random_slice,
+    random_gather,
+    random_scatter,
+    random_window,
+    random_dot,
+]
+
+
+def random_program(seed):
+    def program(t, p, q):
+        rng = np.random.default_rng(seed)
+        start = [jnp.outer(p, q), t * q, small(jnp.outer(p, q[:2])), whole(p, jnp.int8), whole(jnp.outer(q, p)[0])]
+        x = start[rng.integers(len(start))]
+        for _ in range(8):
+            if x.ndim and x.size:
+                y = STEPS[rng.integers(len(STEPS))](rng, x)
+                x = y if 0 < y.size <= 48 else x
+        return x
+
+    return program
+
+
+PROGRAMS = {f"program_{seed}": random_program(seed) for seed in range(64)}
+
+
+def replayed(function, t, p, q):
+    entries, out = by_components(function, t, Packed(tuple(p)), Packed(tuple(q)))
+    return jnp.stack(entries).reshape(out.shape) if entries else jnp.zeros(out.shape, out.dtype)
+
+
+@cache
+def results(replay=True):
+    """Of all of them, in one program on numbers that are not known while compiling."""
+
+    def run(*given):
+        return {name: replayed(f, *given) if replay else f(*given) for name, f in (CASES | PROGRAMS).items()}
+
+    return quick(run)(TIME, MOMENTUM, POSE)
+
+
+def assert_same(found, truth, units=64):
+    """But for so many units of rounding."""
+    assert (found.shape, found.dtype) == (truth.shape, truth.dtype)
+    if jnp.issubdtype(truth.dtype, jnp.inexact):
+        slack = units * float(jnp.finfo(truth.dtype).eps)
+        size = np.max(np.abs(truth), initial=0, where=np.isfinite(truth))
+        np.testing.assert_allclose(found, truth, rtol=slack, atol=slack * size)
+    else:
+        np.testing.assert_array_equal(found, truth)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gives_what_the_primitive_gives(name):
+    assert_same(results()[name], CASES[name](jnp.asarray(TIME), jnp.asarray(MOMENTUM), jnp.asarray(POSE)))
+
+
+def test_programs_drawn_at_random_give_what_they_give():
+    for name in PROGRAMS:
+        assert_same(results()[name], results(replay=False)[name], 4096)
+
+
+@cache
+def equations():
+    """One equation of each primitive that has a rule, out of all the functions."""
+
+    def of(jaxpr):
+        for equation in jaxpr.eqns:
+            yield equation
+            if equation.primitive.name == "jit":
+                yield from of(equation.params["jaxpr"].jaxpr)
+
+    functions = (FUNCTIONS | CASES | PROGRAMS).values()
+    traced = (jax.make_jaxpr(f)(TIME, MOMENTUM, POSE).jaxpr for f in functions)
+    found = (equation for jaxpr in traced for equation in of(jaxpr) if rule_for(equation))
+    return {equation.primitive.name: equation for equation in found}
+
+
+def test_every_rule_is_put_to_the_test():
+    """But those for what only a mesh of devices brings into a jaxpr, or only a JAX later than 0.10.0."""
+    assert set(RULES) - set(equations()) <= {"pvary", "stack", "unstack"}
+
+
+@pytest.mark.parametrize("value", [None, False, (), "novel"])
+def test_a_parameter_that_no_rule_knows_is_not_ignored(value):
+    for equation in equations().values():
+        assert rule_for(equation.replace(params={**equation.params, "novel": value})) is None
+
+
+def test_effects_are_kept():
+    """Whatever a function shows or calls besides, it does once, and in order."""
+    seen = []
+
+    def function(t, p, q):
+        jax.debug.callback(lambda x: seen.append(float(x)), t, ordered=True)
+        jax.debug.callback(lambda x: seen.append(float(x)), jax.jit(jnp.sum)(p), ordered=True)
+        return p
+
+    found = quick(lambda *given: replayed(function, *given))(TIME, MOMENTUM, POSE)
+    jax.effects_barrier()
+    np.testing.assert_array_equal(found, MOMENTUM)
+    np.testing.assert_allclose(seen, [TIME, MOMENTUM.sum()])
