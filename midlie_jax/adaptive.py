@@ -41,7 +41,7 @@ from .checks import as_count, described, require_finite, same_dtype
 from .densities import DensityLike
 from .states import State
 from .stepper import Method, Motion, System, on_arrays
-from .torques import TorqueLike
+from .torques import TorqueLike, on_body
 
 # A last step may be longer than the density asks for by this share, lest rounding leave a step of no length.
 _SLACK = 1e-3
@@ -175,7 +175,7 @@ def _run(
     reverse: bool,
 ) -> AdaptivePath:
     arguments = (body, torque, start, density, dt, t0, t1, rho)
-    axes = axes_of_run(arguments, (torque, t0, start), (density, t0, start))
+    axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
     system = System.of(body, torque, start, t0)
     constants, functions = eqx.partition((system, density, dt, t1), eqx.is_array)

@@ -16,7 +16,7 @@ from .bodies import Body
 from .checks import as_count
 from .states import State
 from .stepper import Method, Motion, System
-from .torques import TorqueLike
+from .torques import TorqueLike, on_body
 
 _EXACT_BITS = 24  # a float32 holds every integer of so many bits
 
@@ -94,7 +94,7 @@ def _run(
     steps: int,
     save_every: int,
 ) -> Path:
-    axes = axes_of_run((body, torque, start, dt, t0, first), (torque, t0, start))
+    axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
     body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
     system = System.of(body, torque, start, t0)

@@ -285,7 +285,8 @@ class Splitting(Method):
         rows = [kicks, flights, times[:-1], times[1:]]
         count = min(len(kicks), len(flights))
         rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
-        (motion, force, ok), _ = jax.lax.scan(turn, (motion, force, jnp.array(True)), rows, unroll=2 if light else 1)
+        begin = motion, force, jnp.ones_like(stages.h, bool)
+        (motion, force, ok), _ = jax.lax.scan(turn, begin, rows, unroll=2 if light else 1)
         if kicks_first:
             return stages.kick(kicks[-1], 1.0, motion, force), force, ok
         motion, fine = stages.fly(flights[-1], motion)

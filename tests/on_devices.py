@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from cases import QUICK
+from extended import FLIGHTS
 from jax.sharding import AxisType, NamedSharding
 from jax.sharding import PartitionSpec as P
 
@@ -46,6 +47,11 @@ def leaf(weight):
 def closure(weight):
     """Which the run cannot see among its arguments; nor what its derivative would be summed over."""
     return ml.torques.FromPotential(lambda t, state: weight * ml.so3.to_matrix(state.attitude)[2, 2])
+
+
+def damping(weight):
+    """A torque that reads the body."""
+    return ml.torques.BodyTorque(lambda t, state, body: -weight * body.velocity(state.momentum))
 
 
 def run(method, torque, body, weight, start):
@@ -97,7 +103,8 @@ def mapped(function, *axes):
 
 PATH = ml.Path(ALL, EACH, EACH)
 EVERY, SHARED, STARTED = (BODIES, WEIGHTS, STARTS), (BODY, WEIGHT, STARTS), (BODY, WEIGHTS, START)
-METHODS = ["LIEMID[EA]", "LIEMID[I]", "JACOBI[SRKN6b]"]
+METHODS = ["LIEMID[I]", "JACOBI[SRKN6b]", "RK4", *(f"{flight}[EA]" for flight in FLIGHTS)]
+SLOPES = ["LIEMID[EA]", "LIEMID[I]", "SYMMETRIC[EA]"]
 
 
 def sharded(function, arguments, out):
@@ -110,10 +117,11 @@ EVERYTHING = mapped(partial(run, "LIEMID[E2]", leaf), 0, 0, 0)
 CHECKS = {
     "rows": (EVERYTHING, on_rows(EVERYTHING), EVERY),
     **{name: sharded(mapped(partial(run, name, leaf), 0, 0, 0), EVERY, PATH) for name in METHODS},
+    "damping": sharded(mapped(partial(run, "LIEMID[EA]", damping), None, 0, None), STARTED, PATH),
     "closure": sharded(mapped(partial(run, "LIEMID[EA]", closure), None, 0, None), STARTED, PATH),
     "adaptive": sharded(jax.vmap(adaptive, (None, 0, None)), STARTED, EACH),
     "ensemble": sharded(ensemble, SHARED, PATH),
-    **{f"slope {name}": (slope(name, False), slope(name, True), SHARED) for name in ("LIEMID[EA]", "LIEMID[I]")},
+    **{f"slope {name}": (slope(name, False), slope(name, True), SHARED) for name in SLOPES},
 }
 
 

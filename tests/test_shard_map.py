@@ -6,8 +6,6 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 
 @cache
 def results():
@@ -17,33 +15,18 @@ def results():
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def fails(name, why):
-    return pytest.param(name, marks=pytest.mark.xfail(reason=why, strict=True))
+def test_runs_are_those_of_one_device_without_a_message():
+    runs = {name: found for name, found in results().items() if not name.startswith("slope")}
+    assert len(runs) > 15
+    for name, found in runs.items():
+        assert "error" not in found, (name, found["error"])
+        assert (name, found["gap"] < 1e-13, found["messages"]) == (name, True, 0)
 
 
-STAGES = fails(
-    "JACOBI[SRKN6b]", "the loop over stages begins with a constant, which does not vary, and ends with what does"
-)
-TANGENT = fails(
-    "LIEMID[EA]", "the derivative of a flight that says whether it settled has a constant, which does not vary"
-)
-
-
-@pytest.mark.parametrize(
-    "name", ["LIEMID[EA]", "LIEMID[I]", STAGES, "rows", "closure", "adaptive", "ensemble", "typed"]
-)
-def test_runs_are_those_of_one_device_without_a_message(name):
-    found = results()[name]
-    assert "error" not in found, found["error"]
-    assert found["gap"] < 1e-13
-    assert found["messages"] == 0
-
-
-@pytest.mark.parametrize("name", [TANGENT, "LIEMID[I]"])
-def test_a_gradient_is_summed_over_the_devices_once(name):
+def test_a_gradient_is_summed_over_the_devices_once():
     """By what all devices share, after the loop over steps and not within it."""
-    found = results()[f"slope {name}"]
-    assert "error" not in found, found["error"]
-    assert found["gap"] < 1e-12
-    assert found["messages"] > 0
-    assert found["in loops"] == 0
+    slopes = {name: found for name, found in results().items() if name.startswith("slope")}
+    assert len(slopes) > 2
+    for name, found in slopes.items():
+        assert "error" not in found, (name, found["error"])
+        assert (name, found["gap"] < 1e-12, found["messages"] > 0, found["in loops"]) == (name, True, True, 0)

@@ -10,7 +10,6 @@ from jax import Array
 from .. import _components as cp
 from ..bodies import Particles, RigidBody
 
-
 _LARGEST_START = 12.0  # radians of h |Omega| at the start of a flight
 
 

@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from .. import _components as cp
@@ -46,7 +45,8 @@ class LieMidpoint(Flight):
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)
         y = inertia.travel(h, momentum)
-        u, settled = _tangent(quadruple, y)
+        u, settled = _solve(*jax.lax.stop_gradient((quadruple, y)))
+        u = _root(quadruple, y, u)
         x = cp.dot(u, u)
         share = share_of_one(x)
         increment = ((1 - x) * share, *cp.scale(2 * share, u))
@@ -55,8 +55,27 @@ class LieMidpoint(Flight):
 
 
 @jax.custom_jvp
-def _tangent(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
-    """The root u, with the derivative of the implicit function, of any order; and whether the solve settled."""
+def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector) -> cp.Vector:
+    """The root u, with the derivative of the implicit function, of any order."""
+    del quadruple, y
+    return u
+
+
+@_root.defjvp
+def _root_jvp(primals: Any, tangents: Any) -> tuple[cp.Vector, cp.Vector]:
+    """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
+    quadruple, y, _ = primals
+    u = together(_root(*primals))
+    x = cp.dot(u, u)
+    share = arctangent(x, exact=True)
+    inverse = cp.Inverse3.of(_columns(quadruple, y, u, share, arctangent_slope(x, exact=True)))
+    dv = cp.scale(share, cp.times(tangents[0], u))
+    right = cp.subtract(cp.subtract(tangents[1], dv), cp.cross(u, cp.add(tangents[1], dv)))
+    return u, inverse.times(right)
+
+
+def _solve(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
+    """The root u, and whether the solve settled."""
     u = cp.scale(0.5, free_start(cp.scale(0.5, quadruple), y))
     first, more = _STEPS[str(y[0].dtype)]
     u, settled = _improve(quadruple, y, u, _plain_columns(quadruple, y, u), first, exact=False)
@@ -65,19 +84,6 @@ def _tangent(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
         columns = _columns(quadruple, y, u, arctangent(x, exact), arctangent_slope(x, exact=False))
         u, settled = _improve(quadruple, y, u, columns, steps, exact)
     return u, settled
-
-
-@_tangent.defjvp
-def _tangent_jvp(primals: tuple[cp.Vector, cp.Vector], tangents: tuple[cp.Vector, cp.Vector]) -> Any:
-    """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
-    quadruple, y = primals
-    u, settled = together(_tangent(quadruple, y))
-    x = cp.dot(u, u)
-    share = arctangent(x, exact=True)
-    inverse = cp.Inverse3.of(_columns(quadruple, y, u, share, arctangent_slope(x, exact=True)))
-    dv = cp.scale(share, cp.times(tangents[0], u))
-    right = cp.subtract(cp.subtract(tangents[1], dv), cp.cross(u, cp.add(tangents[1], dv)))
-    return (u, settled), (inverse.times(right), np.zeros(jnp.shape(settled), jax.dtypes.float0))
 
 
 def _improve(

@@ -12,7 +12,7 @@ from .. import _components as cp
 from .._half_turn import LARGEST_SQUARE, spin
 from ..bodies import RigidBody
 from .base import Flight, Inertia
-from .symmetric import symmetric_turn
+from .symmetric import symmetric_turn, within_reach
 
 
 class NearSymmetric(Flight):
@@ -40,7 +40,9 @@ class NearSymmetric(Flight):
         zero = h * 0
         first, before = about_first(momentum)
         turned = cp.rotate_back_about(0, *before, momentum)
-        increment, about_third, ok = symmetric_turn(h, inertia.inverses[1], inertia.inverses[2], turned)
+        _, b, c = inertia.inverses
+        increment, about_third = symmetric_turn(h, b, c, turned)
+        ok = within_reach(h, b, c, turned)
         turned = cp.rotate_back_about(2, *about_third, turned)
         last, after = about_first(turned)
         increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))

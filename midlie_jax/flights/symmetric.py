@@ -27,7 +27,7 @@ from .base import Flight, Inertia
 
 _SLACK = 8  # units of eps by which inverse moments may differ and still count as equal
 
-Flown = tuple[cp.Quaternion, cp.Vector, Array]
+Flown = tuple[cp.Quaternion, cp.Vector]
 
 
 class Symmetric(Flight):
@@ -63,11 +63,13 @@ class Symmetric(Flight):
             )
         return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
+    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         numbering = _Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.third(inertia.inverses)
-        (w, *u), turned, ok = _fly(h, inverses, numbering.third(momentum))
-        return (w, *numbering.back((u[0], u[1], u[2]))), numbering.back(turned), ok & _equal(inverses[0], inverses[1])
+        seen = numbering.third(momentum)
+        (w, *u), turned = _fly(h, inverses, seen)
+        ok = within_reach(h, inverses[0], inverses[2], seen) & _equal(inverses[0], inverses[1])
+        return (w, *numbering.back((u[0], u[1], u[2]))), numbering.back(turned), ok
 
 
 def _equal(a: Any, b: Any) -> Any:
@@ -108,47 +110,53 @@ class _Numbering(NamedTuple):
         return x, y, z
 
 
-def symmetric_turn(
-    h: Array, a: Array, c: Array, momentum: cp.Vector
-) -> tuple[cp.Quaternion, tuple[Array, Array], Array]:
+def _rotations(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
+    """Half of the rotation about the momentum, and of the angle about axis 3."""
+    return cp.scale(h / 2, cp.scale(a, momentum)), h / 2 * ((c - a) * momentum[2])
+
+
+def symmetric_turn(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, tuple[Array, Array]]:
     """The turn of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
 
     Returns:
         The increment; the cosine and sine of half the angle about axis 3 by which the momentum turns back, seen from
-        the body; and whether both rotations are within reach.
+        the body.
     """
-    turn = cp.scale(h / 2, cp.scale(a, momentum))
-    half = half_turn(turn)
-    angle = h / 2 * ((c - a) * momentum[2])
+    turn, angle = _rotations(h, a, c, momentum)
     cosine, sine = spin(angle)
-    increment = cp.multiply_about(cp.square(half), 2, cosine, sine)
-    return increment, (cosine, sine), (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
+    return cp.multiply_about(cp.square(half_turn(turn)), 2, cosine, sine), (cosine, sine)
+
+
+def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:
+    """Whether both rotations of `symmetric_turn` are."""
+    turn, angle = _rotations(h, a, c, momentum)
+    return (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
 
 
 @jax.custom_jvp
 def _fly(h: Array, inverses: cp.Vector, momentum: cp.Vector) -> Flown:
     """The flight about the third axis, with the derivative of a body whose moments need not stay equal."""
-    increment, about_third, ok = symmetric_turn(h, inverses[0], inverses[2], momentum)
-    return increment, cp.turn_back_about(2, *about_third, momentum), ok
+    increment, about_third = symmetric_turn(h, inverses[0], inverses[2], momentum)
+    return increment, cp.turn_back_about(2, *about_third, momentum)
 
 
 def _fly_jvp(primals: Any, tangents: Any) -> tuple[Flown, Flown]:
     h, inverses, momentum = primals
     a, _, c = _for_first_derivatives(inverses)
-    dh, (da, db, dc), dp = jax.tree.map(_number, tangents, is_leaf=_is_zero)
+    dh, (da, db, dc), dp = _numbers(tangents, primals)
 
     def flown(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Flown:
         return _fly.fun(h, (a, a, c), momentum)
 
-    (increment, _, _), (turning, moving, ok) = jax.jvp(flown, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
+    (increment, _), (turning, moving) = jax.jvp(flown, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
     if not all(map(_is_zero, tangents[1])):
         # A turn by grad K first, which takes the momentum along, and then the flight.
         turn = cp.scale((da - db) / 2, _gradient(h, c - a, momentum))
-        _, (onward, moved, _) = jax.jvp(lambda p: flown(h, a, c, p), (momentum,), (cp.cross(momentum, turn),))
+        _, (onward, moved) = jax.jvp(lambda p: flown(h, a, c, p), (momentum,), (cp.cross(momentum, turn),))
         before = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
         turning = tuple(x + y + z for x, y, z in zip(turning, before, onward, strict=True))
         moving = cp.add(moving, moved)
-    return _fly(*primals), (turning, moving, ok)
+    return _fly(*primals), (turning, moving)
 
 
 _fly.defjvp(_fly_jvp, symbolic_zeros=True)
@@ -162,7 +170,7 @@ def _for_first_derivatives(inverses: cp.Vector) -> cp.Vector:
 
 def _refuse(primals: Any, tangents: Any) -> Any:
     if all(map(_is_zero, tangents[0])):
-        return primals[0], jax.tree.map(_number, tangents[0], is_leaf=_is_zero)
+        return primals[0], _numbers(tangents[0], primals[0])
     raise ValueError(
         "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all."
     )
@@ -188,5 +196,5 @@ def _is_zero(tangent: Any) -> bool:
     return isinstance(tangent, SymbolicZero)
 
 
-def _number(tangent: Any) -> Array:
-    return jnp.zeros(tangent.aval.shape, tangent.aval.dtype) if _is_zero(tangent) else tangent
+def _numbers(tangents: Any, primals: Any) -> Any:
+    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if _is_zero(t) else t, tangents, primals, is_leaf=_is_zero)
