@@ -2,15 +2,17 @@
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
 #   make test               the tests
 #   make lint               formatting, lint, types
+#   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
 #   make rivals             error against time beside other programs: docs/work-precision.md and its charts
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
+MINUTES ?= 5
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test lint bench rivals
+.PHONY: chart test lint fuzz bench rivals
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -23,6 +25,9 @@ lint: .venv/.lint
 	.venv/bin/ruff format --check
 	.venv/bin/ruff check
 	.venv/bin/pyright
+
+fuzz: .venv/.fuzz
+	.venv/bin/python tests/fuzz.py --minutes $(MINUTES)
 
 bench: .venv/.bench
 	.venv/bin/python benchmarks/run.py

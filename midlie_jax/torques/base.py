@@ -6,7 +6,7 @@ particles are callables of the same kind, returning an array of the shape of the
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, overload
 
 import equinox as eqx
 import jax
@@ -52,8 +52,12 @@ def velocity_dependent(torque: TorqueLike | None) -> bool:
     return isinstance(torque, Torque) and torque.velocity_dependent
 
 
-def on_body(torque: TorqueLike, body: Any) -> TorqueLike:
-    """A torque as it acts on a body."""
+@overload
+def on_body(torque: TorqueLike, body: Any) -> TorqueLike: ...
+@overload
+def on_body(torque: None, body: Any) -> None: ...
+def on_body(torque: TorqueLike | None, body: Any) -> TorqueLike | None:
+    """A torque, or None, as it acts on a body."""
     return torque.on(body) if isinstance(torque, Torque) else torque
 
 
