@@ -102,11 +102,6 @@ def rotate_back(q: Quaternion, v: Vector) -> Vector:
     return rotate(conjugate(q), v)
 
 
-def turned_back(q: Quaternion, v: Vector) -> Vector:
-    """`rotate_back`, for a vector that is turned at every step: see `accumulate`."""
-    return accumulate(v, rotation_change(conjugate(q), v))
-
-
 def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quaternion:
     """q (cosine + sine e_axis): half of the products of `multiply`."""
     j, k = (axis + 1) % 3 + 1, (axis + 2) % 3 + 1
@@ -128,46 +123,56 @@ def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vecto
     return (result[0], result[1], result[2])
 
 
-def turn_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """The same for a vector that is turned at every step, perhaps always by the same angle; see `accumulate`.
+def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
+    """What `rotate_back_about` adds to v, for a vector that is turned at every step, perhaps always by the same angle.
 
     By three shears, which keep areas whatever the rounding of their coefficients. A rotation matrix that is wrong in
     its last place would change the length of v by the same share at every step.
     """
     j, k = (axis + 1) % 3, (axis + 2) % 3
     tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
-    result = list(v)
-    result[j] = accumulate(result[j], tangent * result[k])
-    result[k] = accumulate(result[k], -double * result[j])
-    result[j] = accumulate(result[j], tangent * result[k])
+    first = tangent * v[k]
+    result = [jnp.zeros_like(part) for part in v]
+    # Each shear takes up what those before it have added as a term of its own, which a sum with v would round off.
+    result[k] = -double * v[j] - double * first
+    result[j] = 2 * first + tangent * result[k]
     return (result[0], result[1], result[2])
 
 
-# Multiplied by this, as integers, the bits of a float32 become a number that depends on the significand alone (the
-# factor is a multiple of 2^9, which drops sign and exponent) and differs much where they differ little (golden ratio).
-_SHUFFLE = np.uint32(0x9E3779B1 << 9 & 0xFFFFFFFF).view(np.int32)
+# Multiplied by these, as integers, the bits of a float32 become numbers that depend on the significand alone (the
+# factors are multiples of 2^9, which drops sign and exponent) and differ much where it differs little.
+_SHUFFLES = tuple(np.uint32(n << 9 & 0xFFFFFFFF).view(np.int32) for n in (0x9E3779B1, 0x85EBCA77))
+_MIX = np.uint32(0x85EBCA6B).view(np.int32)  # this and the two above: of MurmurHash3 and xxHash, A. Appleby, Y. Collet
 _EXPONENT = np.int32(0x7F800000)
 
 
-def accumulate(x: Any, change: Any) -> Any:
-    """x + change, of numbers or tuples of numbers, where x takes up a small change at every step.
+def accumulate(x: Any, change: Any, t: Array) -> Any:
+    """x + change, of numbers or tuples of numbers, where x takes up a small change at every step, this one at time t.
 
     In float32 the last place is rounded up or down at random, with the probability that makes the mean right
     (stochastic rounding; Croci et al., R. Soc. Open Sci. 9 (2022) 211631). A slow motion changes x by nearly the same
     amount at every step, and rounding to the nearest would err in the same direction thousands of times in a row. The
-    bits of the change are the source of chance, so that equal arguments give equal results; no change is no change.
-    float64 needs no such help: above 1e-8 radians a step, successive changes differ by more than the last place of x.
+    bits of the change and of the time are the source of chance, so that equal arguments give equal results. The time
+    serves while the change is the same at every step: that of a constant torque, or of a momentum that has not moved
+    yet. A change of zero changes nothing.
+
+    float64 needs no such help: above 1e-6 radians a step, successive changes differ by more than the last place of x.
     """
-    return jax.tree.map(_accumulate, x, change)
+    return jax.tree.map(lambda x, change: _accumulate(x, change, t), x, change)
 
 
-def _accumulate(x: Array, change: Array) -> Array:
+def _accumulate(x: Array, change: Array, t: Array) -> Array:
     if x.dtype != "float32":
         return x + change
-    bits = jax.lax.bitcast_convert_type(change, jnp.int32)
-    chance = (bits * _SHUFFLE).astype(
-        x.dtype
-    ) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
+    shuffled = (
+        jax.lax.bitcast_convert_type(y.astype(x.dtype), jnp.int32) * factor
+        for y, factor in zip((change, t), _SHUFFLES, strict=True)
+    )
+    bits = sum(shuffled)
+    # In a steady motion the bits grow evenly, which could keep step with what is rounded; the upper half breaks that up.
+    mixed = (bits ^ jax.lax.shift_right_logical(bits, np.int32(16))) * _MIX
+    chance = mixed.astype(x.dtype) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
+    chance = jnp.where(change == 0, jnp.zeros_like(chance), chance)
     power = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT, x.dtype)
     return x + (change + chance * power)
 

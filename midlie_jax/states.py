@@ -52,15 +52,15 @@ class State(eqx.Module):
 
     @staticmethod
     @abstractmethod
-    def turn(pose: Any, increment: cp.Quaternion, still: Array) -> Any:
-        """The same for a pose that takes up a rotation at every step: see `_components.accumulate`.
+    def turn(pose: Any, increment: cp.Quaternion, still: Array, t: Array) -> Any:
+        """The same for a pose that takes up a rotation at every step, this one at time t: see `_components.accumulate`.
 
         What rounding has changed of its length before is taken off. Where `still`, not a bit is changed.
         """
 
     @staticmethod
     @abstractmethod
-    def shift(pose: Any, change: Any, still: Array) -> Any:
+    def shift(pose: Any, change: Any, still: Array, t: Array) -> Any:
         """pose + change, brought to the length of a pose, to second order; where `still`, not a bit is changed."""
 
     @staticmethod
@@ -102,13 +102,13 @@ class MomentumState(State):
         return pose
 
     @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, still: Array) -> Any:
-        del increment, still
+    def turn(pose: Any, increment: cp.Quaternion, still: Array, t: Array) -> Any:
+        del increment, still, t
         return pose
 
     @staticmethod
-    def shift(pose: Any, change: Any, still: Array) -> Any:
-        del change, still
+    def shift(pose: Any, change: Any, still: Array, t: Array) -> Any:
+        del change, still, t
         return pose
 
     @staticmethod
@@ -162,16 +162,16 @@ class DirectionState(State):
         return cp.rotate_back(increment, pose)
 
     @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion, still: Array) -> cp.Vector:
+    def turn(pose: cp.Vector, increment: cp.Quaternion, still: Array, t: Array) -> cp.Vector:
         share = _missing(cp.dot(pose, pose), still)
         change = cp.rotation_change(cp.conjugate(increment), pose)
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, pose)))
+        return cp.accumulate(pose, cp.add(change, cp.scale(share, pose)), t)
 
     @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, still: Array) -> cp.Vector:
+    def shift(pose: cp.Vector, change: cp.Vector, still: Array, t: Array) -> cp.Vector:
         there = cp.add(pose, change)
         share = _missing(cp.dot(there, there), still)
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, there)))
+        return cp.accumulate(pose, cp.add(change, cp.scale(share, there)), t)
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
@@ -221,21 +221,21 @@ class RigidState(State):
         return cp.multiply(pose, increment)
 
     @staticmethod
-    def turn(pose: cp.Quaternion, increment: cp.Quaternion, still: Array) -> cp.Quaternion:
+    def turn(pose: cp.Quaternion, increment: cp.Quaternion, still: Array, t: Array) -> cp.Quaternion:
         # As a change of the pose, so that it is rounded once. Rounding the product, and then the length, would turn the
         # attitude a little, and at every step the same way. The share is that of both factors' lengths.
         share = _missing(_square(pose), still) + 0.5 * cp.missing(increment)
         w, x, y, z = increment
         factor = 1 + share
         change = cp.multiply(pose, ((w - 1) * factor + share, factor * x, factor * y, factor * z))
-        return cp.accumulate(pose, change)
+        return cp.accumulate(pose, change, t)
 
     @staticmethod
-    def shift(pose: cp.Quaternion, change: cp.Quaternion, still: Array) -> cp.Quaternion:
+    def shift(pose: cp.Quaternion, change: cp.Quaternion, still: Array, t: Array) -> cp.Quaternion:
         w, x, y, z = (p + c for p, c in zip(pose, change, strict=True))
         share = _missing(_square((w, x, y, z)), still)
         a, b, c, d = change
-        return cp.accumulate(pose, (a + share * w, b + share * x, c + share * y, d + share * z))
+        return cp.accumulate(pose, (a + share * w, b + share * x, c + share * y, d + share * z), t)
 
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
@@ -291,14 +291,14 @@ class ParticleState(State):
         return pose + increment
 
     @staticmethod
-    def turn(pose: Any, increment: Any, still: Array) -> Any:
+    def turn(pose: Any, increment: Any, still: Array, t: Array) -> Any:
         del still
-        return cp.accumulate(pose, increment)
+        return cp.accumulate(pose, increment, t)
 
     @staticmethod
-    def shift(pose: Any, change: Any, still: Array) -> Any:
+    def shift(pose: Any, change: Any, still: Array, t: Array) -> Any:
         del still
-        return cp.accumulate(pose, change)
+        return cp.accumulate(pose, change, t)
 
     @staticmethod
     def rate(pose: Any, velocity: Any) -> Any:

@@ -135,9 +135,9 @@ class System(NamedTuple):
             return cp.times(self.inertia.inverses, momentum)
         return self.inertia.velocity(momentum)
 
-    def turned(self, pose: Any, increment: Any, h: Array) -> Any:
-        """The pose after a flight in a step of h."""
-        return self.kind.turn(pose, increment, h == 0)
+    def turned(self, pose: Any, increment: Any, t: Array, h: Array) -> Any:
+        """The pose after a flight in a step of h from time t."""
+        return self.kind.turn(pose, increment, h == 0, t)
 
 
 def on_arrays(
@@ -309,8 +309,9 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: Motion) -> tuple[Motion, Array | bool]:
-        increment, momentum, ok = _fly(self.flight, self.system.inertia, a * self.h, motion.momentum)
-        return Motion(momentum, self.system.turned(motion.pose, increment, self.h)), ok
+        increment, change, ok = _fly(self.flight, self.system.inertia, a * self.h, motion.momentum)
+        momentum = cp.accumulate(motion.momentum, change, self.t0)
+        return Motion(momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
 
     def evaluate(self, c: Any, g: float, motion: Motion) -> Any:
         if self.system.torque is None:
@@ -326,7 +327,7 @@ class _Stages(NamedTuple):
             half_way = Motion(_add(motion.momentum, b * self.h / 2, force), motion.pose)
             force = self.system.force(self._time(c), half_way)
         change = jax.tree.map(lambda f: b * self.h * f, force)
-        return Motion(cp.accumulate(motion.momentum, change), motion.pose)
+        return Motion(cp.accumulate(motion.momentum, change, self.t0), motion.pose)
 
 
 @eqx.filter_jit

@@ -21,8 +21,8 @@ FLIGHT = flights.LieMidpoint()
 def fly(moments, h, momentum, flight=FLIGHT):
     """Increment, new momentum and flag, on arrays."""
     inertia = flights.Inertia.of(ml.RigidBody(moments, physical=False))
-    increment, new, ok = flight(inertia, h, cp.unpack(momentum))
-    return cp.pack(increment), cp.pack(new), ok
+    increment, change, ok = flight(inertia, h, cp.unpack(momentum))
+    return cp.pack(increment), momentum + cp.pack(change), ok
 
 
 def canonical(momentum):

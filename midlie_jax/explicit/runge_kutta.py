@@ -171,9 +171,9 @@ class RungeKutta(Method):
                 changes[done:] = together(changes[done:])
                 done = len(changes)
         whole = total(self.table.weights)
-        pose = system.kind.shift(motion.pose, whole.pose, h == 0)
+        pose = system.kind.shift(motion.pose, whole.pose, h == 0, t0)
         ok = cp.dot(turn, turn) <= _REACH**2
-        return Motion(cp.accumulate(motion.momentum, whole.momentum), pose), None, ok
+        return Motion(cp.accumulate(motion.momentum, whole.momentum, t0), pose), None, ok
 
 
 def _change(system: System, t: Array, h: Array, motion: Motion) -> Motion:

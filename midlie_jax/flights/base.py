@@ -97,6 +97,6 @@ class Flight(eqx.Module):
         """Flies for time h.
 
         Returns:
-            The increment (for a rigid body a unit quaternion in the body frame), the new momentum, and a
+            The increment (for a rigid body a unit quaternion in the body frame), the change of the momentum, and a
             boolean: False where the result is not to be trusted.
         """

@@ -67,7 +67,7 @@ class Jacobi(Flight):
         large, fine = _turn(inertia, spins, _where(still, cp.times(inertia.middle, inertia.relative), y))
         little = cp.square(little)
         increment = (jnp.where(still, little[0], large[0]), *_where(still, little[1:], large[1:]))
-        return increment, cp.turned_back(increment, momentum), fine & (size <= _REACH**2)
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), fine & (size <= _REACH**2)
 
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaternion, Array]:

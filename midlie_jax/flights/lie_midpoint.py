@@ -51,7 +51,7 @@ class LieMidpoint(Flight):
         share = share_of_one(x)
         increment = ((1 - x) * share, *cp.scale(2 * share, u))
         ok = settled & (x <= LARGEST_TANGENT_SQUARE) & inertia.on_first_root(y)
-        return increment, cp.turned_back(increment, momentum), ok
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 @jax.custom_jvp

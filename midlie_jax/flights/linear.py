@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
 from jax import Array
 
 from ..bodies import Particles
@@ -18,4 +19,4 @@ class Linear(Flight):
     per_loop: ClassVar[int] = 64
 
     def __call__(self, inertia: Particles, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
-        return h * inertia.velocity(momentum), momentum, True
+        return h * inertia.velocity(momentum), jnp.zeros_like(momentum), True

@@ -93,7 +93,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     ok = ok & (cp.dot(c, c) <= 1) & (abs(speed - 1) <= 0.5) & (abs(extra) <= 0.5) & (terms <= _LARGEST_TERMS)
     factor = cp.inverse_root(1 + cp.dot(c, c))
     increment = (factor, factor * c[0], factor * c[1], factor * c[2])
-    return increment, cp.turned_back(increment, momentum), ok
+    return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | None) -> tuple[Array, Array, Array]:

@@ -47,4 +47,4 @@ class NearSymmetric(Flight):
         last, after = about_first(turned)
         increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))
         # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
-        return increment, cp.turned_back(increment, momentum), ok & (first + last <= LARGEST_SQUARE)
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (first + last <= LARGEST_SQUARE)

@@ -67,9 +67,9 @@ class Symmetric(Flight):
         numbering = _Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.third(inertia.inverses)
         seen = numbering.third(momentum)
-        (w, *u), turned = _fly(h, inverses, seen)
+        (w, *u), change = _fly(h, inverses, seen)
         ok = within_reach(h, inverses[0], inverses[2], seen) & _equal(inverses[0], inverses[1])
-        return (w, *numbering.back((u[0], u[1], u[2]))), numbering.back(turned), ok
+        return (w, *numbering.back((u[0], u[1], u[2]))), numbering.back(change), ok
 
 
 def _equal(a: Any, b: Any) -> Any:
@@ -137,7 +137,7 @@ def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:
 def _fly(h: Array, inverses: cp.Vector, momentum: cp.Vector) -> Flown:
     """The flight about the third axis, with the derivative of a body whose moments need not stay equal."""
     increment, about_third = symmetric_turn(h, inverses[0], inverses[2], momentum)
-    return increment, cp.turn_back_about(2, *about_third, momentum)
+    return increment, cp.rotation_change_about(2, *about_third, momentum)
 
 
 def _fly_jvp(primals: Any, tangents: Any) -> tuple[Flown, Flown]:
@@ -152,10 +152,11 @@ def _fly_jvp(primals: Any, tangents: Any) -> tuple[Flown, Flown]:
     if not all(map(_is_zero, tangents[1])):
         # A turn by grad K first, which takes the momentum along, and then the flight.
         turn = cp.scale((da - db) / 2, _gradient(h, c - a, momentum))
-        _, (onward, moved) = jax.jvp(lambda p: flown(h, a, c, p), (momentum,), (cp.cross(momentum, turn),))
+        taken = cp.cross(momentum, turn)
+        _, (onward, moved) = jax.jvp(lambda p: flown(h, a, c, p), (momentum,), (taken,))
         before = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
         turning = tuple(x + y + z for x, y, z in zip(turning, before, onward, strict=True))
-        moving = cp.add(moving, moved)
+        moving = cp.add(moving, cp.add(taken, moved))
     return _fly(*primals), (turning, moving)
 
 

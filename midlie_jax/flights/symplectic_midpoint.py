@@ -74,7 +74,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
         a, b, c = stiffness(order, inertia, turn)
         ok = ok & (a > 0) & (b > 0) & (c > 0)
     increment = cp.square(half)
-    return increment, cp.turned_back(increment, momentum), ok
+    return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -40,4 +40,4 @@ class ThreeAxis(Flight):
             increment = cp.multiply_about(increment, axis, cosine, sine)
             turned = cp.rotate_back_about(axis, cosine, sine, turned)
         # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
-        return increment, cp.turned_back(increment, momentum), largest <= LARGEST_SQUARE
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), largest <= LARGEST_SQUARE

@@ -20,13 +20,13 @@ def converged(residual: Array, *terms: cp.Vector) -> Array:
     return residual <= _RESIDUAL_LIMIT * cp.epsilon(size) * size
 
 
-def carried(momentum: cp.Vector, half: cp.Quaternion, impulse: cp.Vector) -> cp.Vector:
-    """The momentum at the end of a step that turns by twice `half`.
+def carried(momentum: cp.Vector, half: cp.Quaternion, impulse: cp.Vector, t: Array) -> cp.Vector:
+    """The momentum at the end of a step from time t that turns by twice `half`.
 
     The impulse acts in the middle of the step, and is given in the body's frame there.
     """
     turned = cp.rotation_change(cp.conjugate(cp.square(half)), momentum)
-    return cp.accumulate(momentum, cp.add(turned, cp.rotate_back(half, impulse)))
+    return cp.accumulate(momentum, cp.add(turned, cp.rotate_back(half, impulse)), t)
 
 
 def middle(system: System, motion: Motion, h: Array, w: cp.Vector, half: cp.Quaternion) -> Motion:

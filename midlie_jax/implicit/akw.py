@@ -48,8 +48,8 @@ class AKW(Method):
         rate = cp.add(cp.cross(*middle(tuple(p * 0 for p in motion.momentum))), cp.scale(h, force))
         half, left = solve.newton(residual, cp.scale(0.5, rate), ITERATIONS)
         turn = middle(half)[1]
-        momentum = cp.accumulate(motion.momentum, cp.scale(2, half))
-        end = Motion(momentum, system.turned(motion.pose, _cayley(turn), h))
+        momentum = cp.accumulate(motion.momentum, cp.scale(2, half), t0)
+        end = Motion(momentum, system.turned(motion.pose, _cayley(turn), t0, h))
         ok = converged(left, momentum, motion.momentum) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
         return end, system.force(t1, end), ok
 

@@ -50,7 +50,7 @@ class LieMidpointImplicit(Method):
         guess = free_start(double, inertia.travel(h, motion.momentum))
         w, left = solve.newton(residual, guess, ITERATIONS)
         half, kick = impulse(w)
-        momentum = carried(motion.momentum, half, cp.scale(2, kick))
-        pose = system.turned(motion.pose, cp.square(half), h)
+        momentum = carried(motion.momentum, half, cp.scale(2, kick), t0)
+        pose = system.turned(motion.pose, cp.square(half), t0, h)
         ok = converged(left, cp.times(double, w)) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(momentum, pose), None, ok

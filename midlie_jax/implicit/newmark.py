@@ -43,10 +43,10 @@ class NewmarkBody(Method):
         ahead = cp.add(motion.momentum, cp.scale(0.5, impulse))
         w = cp.scale(h / 2, cp.times(inertia.inverses, ahead))
         half = half_turn(w)
-        pose = system.turned(motion.pose, cp.square(half), h)
+        pose = system.turned(motion.pose, cp.square(half), t0, h)
 
         def kicked(new: cp.Vector) -> cp.Vector:
-            return cp.accumulate(motion.momentum, cp.scale(0.5, cp.add(impulse, new)))
+            return cp.accumulate(motion.momentum, cp.scale(0.5, cp.add(impulse, new)), t0)
 
         # One evaluation serves all iterations, unless the torque reads the momentum that is being solved for.
         torque = None if system.reads_momentum else system.force(t1, Motion(motion.momentum, pose))

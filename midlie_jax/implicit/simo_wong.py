@@ -51,7 +51,7 @@ class SW(Method):
         y = inertia.travel(h, motion.momentum)
         w, left = solve.newton(residual, free_start(double, y), ITERATIONS)
         half, kick = impulse(w)
-        momentum = carried(motion.momentum, half, kick)
-        pose = system.turned(motion.pose, cp.square(half), h)
+        momentum = carried(motion.momentum, half, kick, t0)
+        pose = system.turned(motion.pose, cp.square(half), t0, h)
         ok = converged(left, cp.times(double, w), y) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(momentum, pose), None, ok

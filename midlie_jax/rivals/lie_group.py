@@ -86,7 +86,7 @@ class RKMK4(_OnTheGroup):
                 here = cp.multiply(pose, _exp(u)[0])
         increment, size = _exp(_weighted(turns))
         momentum = cp.add(start, _weighted(pushes))
-        turned = system.turned(pose, increment, h)
+        turned = system.turned(pose, increment, t0, h)
         return Motion(cp.rotate_back(turned, momentum), turned), None, size <= LARGEST_SQUARE
 
 
@@ -118,7 +118,7 @@ class CF4(_OnTheGroup):
         inner, one = _exp(_sum((0.25, v1), (1 / 6, v2), (1 / 6, v3), (-1 / 12, v4)))
         outer, two = _exp(_sum((-1 / 12, v1), (1 / 6, v2), (1 / 6, v3), (0.25, v4)))
         momentum = cp.add(start, _weighted([f1, f2, f3, f4]))
-        turned = system.turned(cp.multiply(pose, inner), outer, h)
+        turned = system.turned(cp.multiply(pose, inner), outer, t0, h)
         ok = (one <= LARGEST_SQUARE) & (two <= LARGEST_SQUARE)
         return Motion(cp.rotate_back(turned, momentum), turned), None, ok
 

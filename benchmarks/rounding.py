@@ -1,0 +1,115 @@
+"""How rounding grows over many free steps: its constants, written to docs/rounding.md.
+
+    python benchmarks/rounding.py [--steps 1000000] [--write]
+
+A free flight keeps the spatial momentum R Pi, the length of Pi and, if it is exact, the energy. What it loses of these
+is rounding alone. Each figure is the root mean square over 16 bodies of the relative change, in units of eps times the
+square root of the number of steps, at the worst of six turns a step, 1e-5 to 1 radian. A figure that stays the same for
+any number of steps says that rounding grows as a random walk.
+"""
+
+import argparse
+from pathlib import Path
+
+import jax
+import numpy as np
+
+import midlie_jax as ml
+from midlie_jax import flights
+from midlie_jax.timing import pin
+
+jax.config.update("jax_enable_x64", True)
+pin()
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "rounding.md"
+FLIGHTS = [
+    kind()
+    for kind in vars(flights).values()
+    if isinstance(kind, type) and issubclass(kind, flights.Flight) and getattr(kind, "body", None) is ml.RigidBody
+]
+TURNS, BODIES = 10.0 ** np.arange(-5.0, 0.5), 16
+QUANTITIES = ("R Pi", "length of Pi", "energy")
+
+
+def bodies(symmetric, dtype):
+    """Moments, momenta with angular velocities of .45 to .9, attitudes and steps: BODIES for each of TURNS."""
+    rng, count = np.random.default_rng(2), BODIES * len(TURNS)
+    masses = rng.uniform(0.3, 1, (count, 3))
+    if symmetric:
+        masses[:, 1] = masses[:, 0]
+    moments = masses.sum(1, keepdims=True) - masses
+    momentum, attitude = rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
+    momentum *= rng.uniform(0.45, 0.9, (count, 1)) / np.linalg.norm(momentum / moments, axis=1, keepdims=True)
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    return [x.astype(dtype) for x in (moments, momentum, attitude, np.repeat(TURNS, BODIES))]
+
+
+def spatial(attitude, momentum):
+    """R Pi, R the rotation that the attitude stands for."""
+    w, u = attitude[..., :1], attitude[..., 1:]
+    square = np.sum(attitude**2, axis=-1, keepdims=True)
+    return momentum + 2 * np.cross(u, w * momentum + np.cross(u, momentum)) / square
+
+
+def constants(flight, dtype, steps):
+    """One for each of QUANTITIES; None for the energy of a flight that does not keep it."""
+    given = bodies(flight.name == "SYMMETRIC", dtype)
+
+    def run(moments, momentum, attitude, dt):
+        start = ml.RigidState(momentum, attitude)
+        method, body = ml.method(flight, "E1"), ml.RigidBody(moments)
+        return ml.integrate(method, body, None, start, dt=dt, steps=steps, save_every=steps)
+
+    path = jax.jit(jax.vmap(run))(*given)
+    if not path.ok.all():
+        raise RuntimeError(f"{flight.name} failed")
+    moments, momentum, attitude = (
+        np.asarray(x, np.longdouble) for x in (given[0], path.states.momentum, path.states.attitude)
+    )
+    space, square = spatial(attitude, momentum), np.sum(momentum**2, axis=-1)
+    energy = np.sum(momentum**2 / moments[:, None], axis=-1)
+    changes = (
+        np.linalg.norm(space[:, 1] - space[:, 0], axis=-1) / np.sqrt(square[:, 0]),
+        np.sqrt(square[:, 1] / square[:, 0]) - 1,
+        energy[:, 1] / energy[:, 0] - 1 if flight.order is None else None,
+    )
+    unit = np.finfo(dtype).eps * steps**0.5
+    return [None if c is None else float(worst(c / unit)) for c in changes]
+
+
+def worst(change):
+    return np.sqrt(np.mean(change.reshape(len(TURNS), BODIES) ** 2, axis=1)).max()
+
+
+ABOUT = """# Rounding
+
+Written by `python benchmarks/rounding.py --write`. Free bodies, {steps:.0e} steps of 1e-5 to 1 radian: the relative
+change of what the motion keeps, root mean square over 16 bodies, at the worst of six turns a step, in units of eps
+times the square root of the number of steps (eps is 2.2e-16 in float64 and 1.2e-7 in float32). A figure of 0.5 is an
+error of 1.1e-13 after a million steps in float64, and of 6.0e-5 in float32. The energy is listed for the flights that
+keep it.
+
+In float32 sums are rounded up or down at random (stochastic rounding), from a hash of the time and of what is added: the
+same run gives the same numbers. In float64 they are rounded to the nearest, which serves down to 1e-6 radians a step.
+"""
+
+
+def page(steps):
+    heads = [f"{q}, {d}" for d in ("float64", "float32") for q in QUANTITIES]
+    lines = [ABOUT.format(steps=steps), "| flight | " + " | ".join(heads) + " |", "|---" * 7 + "|"]
+    print("\n".join(lines), flush=True)
+    for flight in FLIGHTS:
+        found = [c for dtype in ("float64", "float32") for c in constants(flight, dtype, steps)]
+        lines.append(f"| `{flight.name}` | " + " | ".join("" if c is None else f"{c:.2f}" for c in found) + " |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--steps", type=int, default=1_000_000)
+    parser.add_argument("--write", action="store_true")
+    chosen = parser.parse_args()
+    text = page(chosen.steps)
+    if chosen.write:
+        PAGE.write_text(text)
