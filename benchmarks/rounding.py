@@ -89,8 +89,9 @@ times the square root of the number of steps (eps is 2.2e-16 in float64 and 1.2e
 error of 1.1e-13 after a million steps in float64, and of 6.0e-5 in float32. The energy is listed for the flights that
 keep it.
 
-In float32 sums are rounded up or down at random (stochastic rounding), from a hash of the time and of what is added: the
-same run gives the same numbers. In float64 they are rounded to the nearest, which serves down to 1e-6 radians a step.
+In float32 sums are rounded up or down at random (stochastic rounding), from a hash of the time and of what is added:
+the same run gives the same numbers. In float64 they are rounded to the nearest, which is enough down to 1e-6 radians
+a step.
 """
 
 

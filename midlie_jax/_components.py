@@ -169,7 +169,7 @@ def _accumulate(x: Array, change: Array, t: Array) -> Array:
         for y, factor in zip((change, t), _SHUFFLES, strict=True)
     )
     bits = sum(shuffled)
-    # In a steady motion the bits grow evenly, which could keep step with what is rounded; the upper half breaks that up.
+    # In a steady motion the bits grow evenly, and might keep step with what is rounded but for their upper half.
     mixed = (bits ^ jax.lax.shift_right_logical(bits, np.int32(16))) * _MIX
     chance = mixed.astype(x.dtype) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
     chance = jnp.where(change == 0, jnp.zeros_like(chance), chance)

@@ -1,0 +1,48 @@
+"""The Python of README and docs runs as it is written, block after block, and what they name is there."""
+
+import re
+from pathlib import Path
+
+import jax
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page):
+    """Python blocks, each preceded by empty lines so that an error names the line of the page."""
+    text = page.read_text()
+    return ["\n" * text[: m.start(2)].count("\n") + m[2] for m in BLOCK.finditer(text) if m[1] == "python"]
+
+
+def test_there_is_something_to_run():
+    assert len(blocks(PAGES[0])) > 5
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.name)
+def test_python_runs_as_written(page):
+    """In one namespace, in order, as a reader would copy them; and no path or solution of theirs has failed."""
+    names = {}
+    with jax.numpy_dtype_promotion("standard"):  # as readers have it
+        for block in blocks(page):
+            exec(compile(block, page, "exec"), names)
+            for name, value in names.items():
+                ok = getattr(value, "ok", True)
+                assert bool(jax.numpy.all(ok)), name
+    assert names["solution"].result == names["diffrax"].RESULTS.successful
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_and_commands_that_are_named_exist(page):
+    text = page.read_text()
+    files = re.findall(r"\]\((?!http)([^)#]+)\)", text)
+    assert all((page.parent / file).exists() for file in files), files
+    paths = re.findall(r"`?((?:benchmarks|tests|midlie_jax|docs)/[\w/]+\.(?:py|c|md|png))", text)
+    assert all((ROOT / path).exists() for path in paths), paths
+    named = set(re.findall(r"\b([a-z_]+\.py)\b", text))
+    assert all(any(ROOT.glob(f"[bmt]*/**/{name}")) for name in named), named
+    targets = set(re.findall(r"`(?:make) (\w+)", text)) | set(re.findall(r"^make (\w+)", text, re.MULTILINE))
+    known = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    assert targets <= known, targets - known
