@@ -28,6 +28,8 @@ _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 # The terms of s and d cancel on a slender body that spins about a thick axis; their rounding is that of their size.
 _LARGEST_TERMS = 4.0
+# Beyond this, about 1.5 radians of a slender body about its thin axis, s and d lead to a root that is another motion's.
+_LARGEST_SUM = 0.3
 
 
 class _Preprocessed(Flight):
@@ -90,7 +92,8 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     limit = _RESIDUAL_LIMIT * cp.epsilon(h)
     ok = cp.dot(error, error) <= limit * limit * cp.dot(y, y)
     # On a root beyond the first, where a > 2, the map would be another one.
-    ok = ok & (cp.dot(c, c) <= 1) & (abs(speed - 1) <= 0.5) & (abs(extra) <= 0.5) & (terms <= _LARGEST_TERMS)
+    ok = ok & (cp.dot(c, c) <= 1) & (terms <= _LARGEST_TERMS)
+    ok = ok & (abs(speed - 1) <= _LARGEST_SUM) & (abs(extra) <= _LARGEST_SUM)
     factor = cp.inverse_root(1 + cp.dot(c, c))
     increment = (factor, factor * c[0], factor * c[1], factor * c[2])
     return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
