@@ -2,12 +2,29 @@
 
 from functools import cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, OTHER, ROTATION, STEPS, at, continued, epsilon, gap, rows, run, setup, true_motion
+from cases import (
+    DTYPES,
+    NAMED,
+    OTHER,
+    ROTATION,
+    STEPS,
+    at,
+    continued,
+    epsilon,
+    gap,
+    quick,
+    rows,
+    run,
+    setup,
+    true_motion,
+)
 
 import midlie_jax as ml
-from midlie_jax import schemes
+from midlie_jax import flights, schemes
 
 # Two bodies at halving steps; row r reaches time 1 at step 16 << r % 4. Then a row for each law that needs one.
 LEVELS = 4
@@ -102,3 +119,24 @@ def test_times_come_from_the_integer():
     found = run("LIEMID[E1]", "float32", rows(setup(dt=0.1, t0=7.0, first_step=first)))
     exact = 7.0 + (first + np.arange(STEPS + 1)) * float(np.float32(0.1))
     np.testing.assert_allclose(found.times[0].astype(np.float64), exact, rtol=epsilon("float32"))
+
+
+RIGID_FLIGHTS = [kind() for kind in vars(flights).values() if getattr(kind, "body", None) is ml.RigidBody]
+
+
+@pytest.mark.parametrize("name", [*(f"{flight.name}[EA]" for flight in RIGID_FLIGHTS), *NAMED])
+def test_thirty_radians_a_step_are_refused(name):
+    """By every method: none has a step of which such a turn is a part of the truth."""
+    rng = np.random.default_rng(0)
+    masses = rng.uniform(0.3, 1, (1000, 3))
+    if name.startswith("SYMMETRIC"):
+        masses[:, 1] = masses[:, 0]
+    moments = masses.sum(1, keepdims=True) - masses
+    momentum = rng.normal(size=(1000, 3))
+    momentum *= 30 / np.linalg.norm(momentum / moments, axis=1, keepdims=True)
+
+    def run(moments, momentum):
+        start = ml.RigidState(momentum, jnp.array([1.0, 0, 0, 0]))
+        return ml.integrate(name, ml.RigidBody(moments), None, start, dt=1.0, steps=1).ok
+
+    assert not np.any(quick(jax.vmap(run))(moments, momentum))
