@@ -422,7 +422,7 @@ def test_bad_input_names_the_cure():
     particles = ml.Particles(jnp.array([1.0, 2.0]))
     dots = ml.ParticleState(jnp.array([0.3, -0.2]), jnp.array([1.0, 0.4]))
     wrong = [
-        (lambda: ml.LieSolver("RK5"), "choose from"),
+        (lambda: ml.LieSolver("RK5"), "did you mean 'RK4'"),
         (lambda: ml.LieSolver(3), "midlie_jax.method"),
         (lambda: ml.RigidBodyTerm(1.0), "must be a midlie_jax.RigidBody"),
         (lambda: ml.RigidBodyTerm(BODY, 1.0), "callable of"),

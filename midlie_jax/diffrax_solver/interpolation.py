@@ -78,7 +78,7 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
         if isinstance(y0, RigidState):
             turn = so3.exp(_at(self.turn, s))
             momentum = so3.rotate(so3.conjugate(turn), _at(self.rest, s))
-            attitude = RigidState.turn(cp.unpack(y0.attitude), cp.unpack(turn), jnp.array(False), t0)
+            attitude = RigidState.turn(cp.unpack(y0.attitude), cp.unpack(turn), jnp.array(False), s)
             return like(y0, momentum, cp.pack(attitude))
         leaves = [_at(cubic, s) for cubic in self.rest]
         if isinstance(y0, DirectionState):
