@@ -431,11 +431,11 @@ def test_bad_input_names_the_cure():
         (lambda: solve("NMB", start(), term=diffrax.MultiTerm(TERM, TERM)), "got MultiTerm; add torques with"),
         (lambda: solve("NMB", start().momentum), "must be one such as midlie_jax.RigidState"),
         (lambda: solve("NMB", batch), "jax.vmap"),
-        (lambda: solve("NMB", dots), "belongs to Particles"),
+        (lambda: solve("NMB", dots), "belongs to a Particles, but body is RigidBody"),
         (lambda: solve("NMB", dots, term=ml.RigidBodyTerm(particles)), "midlie_jax.methods"),
         (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
         (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: [t, t, t])), "return one array"),
-        (lambda: solve(diffrax.Tsit5(), start(), term=ml.RigidBodyTerm(particles)), "belongs to RigidBody"),
+        (lambda: solve(diffrax.Tsit5(), start(), term=ml.RigidBodyTerm(particles)), "belongs to a RigidBody, but body is Particles"),
     ]
     for call, message in wrong:
         with pytest.raises(ValueError, match=message):
