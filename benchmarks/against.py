@@ -1,0 +1,96 @@
+"""This checkout beside another of its commits, in one run: what a change costs or gains.
+
+    git worktree add --detach ../before COMMIT
+    python benchmarks/against.py ../before
+
+Speed of the methods on the fast top P1, batch 4096, on one core in processor time, float64 and float32. A process for
+each checkout holds all programs compiled; the two are timed in turn, so that the machine's changes of pace strike both.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent.parent
+METHODS = [
+    f"{flight}[EA]"
+    for flight in ["LIEMID", "SLIEMID", "SLIEMID4", "JACOBI", "SYMMETRIC", "NEARSYM", "DLM", "DMV", "DMV6"]
+]
+METHODS += ["LIEMID[I]", "AKW", "SW", "NMB", "JACOBI[SRKN6b]", "JACOBI[CHIN4A]", "DOP853"]
+BATCH, STEPS, REPEATS = 4096, 100, 7
+
+
+def serve():
+    """Times the program that each line of the input names, and prints seconds a body-step. Runs in either checkout."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+
+    import midlie_jax as ml
+    from midlie_jax import scenes
+
+    ready = {}
+    print(Path(ml.__file__).parent.parent, flush=True)
+    for line in sys.stdin:
+        name, dtype = key = tuple(line.rstrip("\n").split("\t"))
+        if key not in ready:
+            scene = scenes.scene("P1", jax.numpy.dtype(dtype))
+            many = scenes.perturbed(scene, BATCH, 1e-3)
+
+            def run(start, name=name, scene=scene):
+                options = {"dt": 0.005, "steps": STEPS, "save_every": STEPS}
+                return ml.integrate(name, scene.body, scene.torque, start, **options)
+
+            ready[key] = jax.jit(jax.vmap(run)), many
+            jax.block_until_ready(ready[key][0](many))
+        program, many = ready[key]
+        began = time.process_time()
+        jax.block_until_ready(program(many))
+        print((time.process_time() - began) / (BATCH * STEPS), flush=True)
+
+
+class Checkout:
+    def __init__(self, folder):
+        environment = {**os.environ, "PYTHONPATH": str(folder)}
+        command = [sys.executable, __file__, "--serve"]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+        self.process = subprocess.Popen(command, env=environment, cwd=folder, **pipes)
+        found = Path(self.process.stdout.readline().strip())
+        if found != Path(folder).resolve():
+            raise SystemExit(f"{folder} is no checkout of midlie_jax: Python found {found}")
+
+    def seconds(self, name, dtype):
+        self.process.stdin.write(f"{name}\t{dtype}\n")
+        self.process.stdin.flush()
+        return float(self.process.stdout.readline())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("other", nargs="?", type=Path, help="a folder with another commit checked out")
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.serve:
+        serve()
+        return
+    if options.other is None:
+        parser.error("name the folder of another checkout")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    before, after = Checkout(options.other), Checkout(HERE)
+    print("| method | dtype | before | after, M body-steps/s | time after / before |\n|---|---|---|---|---|")
+    for name in METHODS:
+        for dtype in ("float64", "float32"):
+            before.seconds(name, dtype), after.seconds(name, dtype)
+            pairs = [(before.seconds(name, dtype), after.seconds(name, dtype)) for _ in range(REPEATS)]
+            old, new = (statistics.median(column) for column in zip(*pairs, strict=True))
+            ratio = statistics.median(b / a for a, b in pairs)
+            print(f"| {name} | {dtype} | {1e-6 / old:.1f} | {1e-6 / new:.1f} | {ratio:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
