@@ -435,7 +435,10 @@ def test_bad_input_names_the_cure():
         (lambda: solve("NMB", dots, term=ml.RigidBodyTerm(particles)), "midlie_jax.methods"),
         (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: jnp.ones(2))), "must return"),
         (lambda: solve("NMB", start(), term=ml.RigidBodyTerm(BODY, lambda t, y: [t, t, t])), "return one array"),
-        (lambda: solve(diffrax.Tsit5(), start(), term=ml.RigidBodyTerm(particles)), "belongs to a RigidBody, but body is Particles"),
+        (
+            lambda: solve(diffrax.Tsit5(), start(), term=ml.RigidBodyTerm(particles)),
+            "belongs to a RigidBody, but body is Particles",
+        ),
     ]
     for call, message in wrong:
         with pytest.raises(ValueError, match=message):
