@@ -51,6 +51,13 @@ def dot(a: Vector, b: Vector) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def norm(a: Vector) -> Array:
+    """|a|, with the derivative zero at zero."""
+    square = dot(a, a)
+    some = square > 0
+    return jnp.where(some, jnp.sqrt(jnp.where(some, square, jnp.ones_like(square))), jnp.zeros_like(square))
+
+
 def cross(a: Vector, b: Vector) -> Vector:
     return (
         a[1] * b[2] - a[2] * b[1],
@@ -88,7 +95,7 @@ def rotation_change(q: Quaternion, v: Vector) -> Vector:
 
 
 def missing(q: Quaternion) -> Array:
-    """1 - |q|^2, which is 0 but for rounding: to the rounding of the vector part, for turns of less than a half."""
+    """1 - |q|^2, which is 0 but for rounding, without the cancellation of a sum of squares that is nearly 1."""
     return (1 - q[0]) * (1 + q[0]) - dot((q[1], q[2], q[3]), (q[1], q[2], q[3]))
 
 
@@ -152,9 +159,9 @@ def accumulate(x: Any, change: Any, t: Array) -> Any:
     In float32 the last place is rounded up or down at random, with the probability that makes the mean right
     (stochastic rounding; Croci et al., R. Soc. Open Sci. 9 (2022) 211631). A slow motion changes x by nearly the same
     amount at every step, and rounding to the nearest would err in the same direction thousands of times in a row. The
-    bits of the change and of the time are the source of chance, so that equal arguments give equal results. The time
-    serves while the change is the same at every step: that of a constant torque, or of a momentum that has not moved
-    yet. A change of zero changes nothing.
+    bits of the change and of the time are the source of chance, so that equal arguments give equal results. The time is
+    mixed in because equal changes, those of a constant torque for one, would otherwise always be rounded the same way.
+    A change of zero changes nothing.
 
     float64 needs no such help: above 1e-6 radians a step, successive changes differ by more than the last place of x.
     """

@@ -17,7 +17,6 @@ LARGEST_SQUARE = 1.5
 _TERMS = {"float64": 9, "float32": 5}
 _SPIN_TERMS = {"float64": 11, "float32": 7}
 _STUMPFF_TERMS = {"float64": 11, "float32": 6}
-_FEW_TERMS = {"float64": 4, "float32": 3}
 
 
 def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
@@ -45,12 +44,6 @@ def half_angle(x: Array) -> tuple[Array, Array]:
     terms = _TERMS[str(x.dtype)]
     sine = tuple(0.5 * c for c in _taylor(1, 0.5, terms))
     return cp.polynomial(_taylor(0, 0.5, terms), x), cp.polynomial(sine, x)
-
-
-def dexp_weights(x: Array, exact: bool) -> tuple[Array, Array]:
-    """(1 - cos a)/a^2 and (a - sin a)/a^3 at a^2 = x <= LARGEST_SQUARE; unless exact, to six digits (float32: four)."""
-    terms = (_TERMS if exact else _FEW_TERMS)[str(x.dtype)]
-    return cp.polynomial(_taylor(2, 1.0, terms), x), cp.polynomial(_taylor(3, 1.0, terms), x)
 
 
 def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:

@@ -87,8 +87,9 @@ def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     array = as_floats(name, value)
     if array.ndim:
         raise ValueError(f"{name} must be a scalar, got shape {array.shape}; map over a batch with jax.vmap.")
-    require_finite(name, array)
-    return array.astype(dtype)
+    array = array.astype(dtype)
+    require_finite(name, array)  # in the dtype of the run, which may be narrower
+    return array
 
 
 def check_step(dt: Array) -> None:
@@ -115,7 +116,7 @@ def as_first_step(first_step: Any, steps: int) -> Array:
     index = jnp.asarray(first_step)
     if index.ndim or not jnp.issubdtype(index.dtype, jnp.integer):
         raise ValueError(f"first_step must be one integer, got {index.dtype}{list(index.shape)}.")
-    return index
+    return index.astype(jnp.int32) if index.dtype.itemsize < 4 else index
 
 
 def counts(first_step: Any, steps: int) -> Any:

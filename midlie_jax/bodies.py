@@ -118,7 +118,8 @@ class TensorBody(eqx.Module):
 
     Momentum, attitude, torque and angular velocity are all in this frame, whatever the principal axes are:
     `midlie_jax.integrate` and its kin change to the principal frame and back. A run that is continued from a kept
-    state changes frames twice more than one that was never stopped, and differs from it by rounding.
+    state changes frames twice more than one that was never stopped, and differs from it by rounding. Where two moments
+    are equal the principal axes have no derivative in the tensor, and gradients in it are NaN; a `RigidBody` has them.
 
     Attributes:
         principal: the same body in its principal frame, a `RigidBody`.

@@ -47,6 +47,11 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
     return array
 
 
+def require_function(name: str, value: Any, arguments: str) -> None:
+    if not callable(value):
+        raise ValueError(f"{name} must be a function of ({arguments}), got {described(value)}.")
+
+
 def as_count(name: str, value: Any) -> int:
     """`value` as a Python int of at least 1: a Python or NumPy integer, but no boolean and no traced number."""
     try:

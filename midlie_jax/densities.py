@@ -86,7 +86,7 @@ class Spin(eqx.Module):
     """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: steps of like angles.
 
     Attributes:
-        moments: principal moments of the body, (3,).
+        moments: principal moments of a `RigidBody`, (3,); the states of a `TensorBody` are in other axes.
         reference: the angular velocity at which the density is about 1, ().
         floor: added so that the step stays bounded, and the density smooth, where the body rests, ().
     """

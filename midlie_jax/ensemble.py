@@ -58,8 +58,10 @@ def ensemble(
         dt, t0: (), or one for each body, (n,).
         save_every: keep every so many steps, the start first, as `integrate` does; `None` keeps the end alone, and
             memory for it alone.
-        torque_axes: says itself which parameters of the torque are one a body, where a torque could be called either
-            way: 0 for all, or a prefix of the torque's tree with 0 and None, as for the `in_axes` of `jax.vmap`.
+        torque_axes: says which parameters of the torque have one row a body, where shapes do not tell: with three
+            bodies, (3,) may be one vector for all or one number for each. 0 for all of them, or a tree like the
+            torque's with 0 and None, as for the `in_axes` of `jax.vmap`; `jax.tree.map(lambda leaf: 0, torque)` makes
+            one.
         chunk: bodies in the cache at once.
 
     Returns:
@@ -76,13 +78,15 @@ def ensemble(
     check_state("start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     method = check_system(as_method(method), body, torque, start, batch=1)
-    dt, t0 = (_one_or_many(name, value, count).astype(dtype) for name, value in (("dt", dt), ("t0", t0)))
+    if count == 0:
+        raise ValueError(f"start holds no bodies: its momentum has shape {start.momentum.shape}.")
+    dt, t0 = (_one_or_many(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(dt)
     principal = principal_of(body)
     own_body = isinstance(principal, RigidBody) and principal.moments.ndim == 2
     rows = (
         jax.tree.map(lambda _: own_body, body),
-        torque_rows(torque, torque_axes, start, count),
+        torque_rows(torque, torque_axes, body, own_body, start, count),
         jax.tree.map(lambda _: True, start),
         dt.ndim == 1,
         t0.ndim == 1,
@@ -93,8 +97,8 @@ def ensemble(
     return _run(method, mapped, shared, first, steps, save_every, chunk)
 
 
-def _one_or_many(name: str, value: Any, count: int) -> Array:
-    array = as_floats(name, value)
+def _one_or_many(name: str, value: Any, count: int, dtype: Any) -> Array:
+    array = as_floats(name, value).astype(dtype)
     require_finite(name, array)
     if array.ndim > 1:
         raise ValueError(f"{name} must be one for all, or ({count},), got {array.shape}.")

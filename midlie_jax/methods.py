@@ -1,7 +1,7 @@
 """Every method by name. A new one is a line here, and every law test, chart and benchmark picks it up."""
 
 from . import flights, schemes
-from .checks import unknown
+from .checks import described, unknown
 from .explicit import DOP853, RK4
 from .flights import Flight, LieMidpoint, Linear
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
@@ -70,15 +70,19 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     Raises:
         ValueError: unknown name; the message has the nearest and all.
     """
+    for what, given, kinds in (("name", name, (str, Flight)), ("scheme", scheme, (str, Scheme, type(None)))):
+        if not isinstance(given, kinds):
+            choose = " or ".join(f"a midlie_jax {kind.__name__}" if kind is not str else "a name" for kind in kinds[:2])
+            raise ValueError(f"{what} must be {choose}, got {described(given)}.")
     if scheme is None:
-        name = str(name)
+        name = name if isinstance(name, str) else name.name
         for known in (_METHODS, _GENERAL):
             if name in known:
                 return known[name]
         flight, bracket, rest = name.partition("[")
         if name in _FLIGHTS:
             raise ValueError(f"{name!r} is a flight; add a scheme, as in '{name}[EA]', of {', '.join(SCHEMES)}.")
-        if not bracket:
+        if not bracket or not rest.endswith("]"):
             more = [f"{flight}[{scheme}]" for flight in _FLIGHTS for scheme in SCHEMES]
             raise unknown("method", name, [*_METHODS, *_GENERAL], more=more, note=_ANY)
         name, scheme = flight, rest.removesuffix("]")

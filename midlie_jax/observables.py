@@ -9,15 +9,16 @@ from jaxtyping import Float
 
 from . import so3
 from ._scalars import traits
-from .bodies import Body, Particles, RigidBody, TensorBody
-from .checks import described
-from .states import ParticleState, RigidState, State
+from .arguments import check_body, check_state
+from .bodies import Body, Particles, RigidBody, TensorBody, principal_of
+from .checks import as_floats, described
+from .states import ParticleState, State, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
 def kinetic_energy(body: Body, state: State) -> Float[Array, "*batch"]:
     """Pi . I^-1 Pi / 2, or p . M^-1 p / 2. Shapes (..., 3) give (...), particles one number."""
-    work = state.momentum * body.velocity(state.momentum)
+    work = state.momentum * _velocity(body, state)
     return jnp.sum(work, axis=None if isinstance(body, Particles) else -1) / 2
 
 
@@ -45,10 +46,16 @@ def energy(
         if t is not None:
             raise ValueError("a path has its own times; leave out t.")
         state, t, of_path = motion.states, motion.times, motion.times.shape
+        if isinstance(state, ParticleState) and len(of_path) != motion.ok.ndim + 1:
+            raise ValueError("of an ensemble of particles map energy over the states with jax.vmap, and give t.")
     else:
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
+    check_body(None, body, state)
+    if torque is not None and not callable(torque):
+        raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
     if any(leaf.ndim > most for leaf, most in _axes(body)):
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
+    t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
     batch = _batch(state, of_path)
     if torque is None:
         potential = None
@@ -58,7 +65,7 @@ def energy(
             one = jax.tree.map(lambda x: x[(0,) * len(batch)], state)
             if traits(lambda t, s: jnp.asarray(potential(t, s)), jnp.zeros((), one.momentum.dtype), one).reads[0]:
                 raise ValueError("the potential depends on time: give t, or the path rather than its states.")
-    times = jnp.broadcast_to(jnp.asarray(0.0 if t is None else t, state.momentum.dtype), batch)
+    times = jnp.broadcast_to(jnp.zeros((), state.momentum.dtype) if t is None else t, batch)
 
     def one_energy(state: State, t: Array) -> Array:
         kinetic = kinetic_energy(body, state)
@@ -85,7 +92,7 @@ def _batch(state: State, times: tuple[int, ...]) -> tuple[int, ...]:
 
 def angular_velocity(body: RigidBody | TensorBody, state: State) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time; shapes as the state's momentum."""
-    return body.velocity(state.momentum)
+    return _velocity(body, state)
 
 
 def spatial_angular_velocity(body: RigidBody | TensorBody, state: State) -> Float[Array, "*batch 3"]:
@@ -94,7 +101,7 @@ def spatial_angular_velocity(body: RigidBody | TensorBody, state: State) -> Floa
     Raises:
         ValueError: for a state without attitude.
     """
-    return so3.rotate(_attitude(state), body.velocity(state.momentum))
+    return so3.rotate(attitude_of(state), _velocity(body, state))
 
 
 def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
@@ -103,10 +110,17 @@ def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
     Raises:
         ValueError: for a state without attitude.
     """
-    return so3.rotate(_attitude(state), state.momentum)
+    return so3.rotate(attitude_of(state), state.momentum)
 
 
-def _attitude(state: State) -> Array:
-    if not isinstance(state, RigidState):
-        raise ValueError(f"this needs the attitude; {type(state).__name__} has none: use a RigidState.")
-    return state.attitude
+def _velocity(body: Body, state: State) -> Array:
+    """The velocity of a state, or of one state for each body."""
+    check_state("state", state)
+    check_body(None, body, state)
+    principal = principal_of(body)
+    if isinstance(principal, RigidBody) and 1 < principal.moments.ndim < state.momentum.ndim:
+        raise ValueError(
+            f"moments {principal.moments.shape} are of several bodies, and momentum {state.momentum.shape} of several "
+            "states of each; map over the bodies with jax.vmap."
+        )
+    return body.velocity(state.momentum)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from .states import State
+from .torques import on_body
 
 _MOST_TRIED = 6  # parameters whose every choice is tried
 
@@ -27,29 +28,27 @@ def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any],
                 )
 
 
-def torque_rows(torque: Any, axes: Any, start: State, count: int) -> Any:
+def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: State, count: int) -> Any:
     """The torque's tree with True for each array that has one row a body.
 
     Args:
         axes: None, 0, or a prefix of the torque's tree with these. Where it is None throughout, the arrays are those
             which the torque cannot do without: as few as will do, tried on shapes alone.
+        body, own_body: the body on which it acts, and whether its arrays have one row a body.
 
     Raises:
-        ValueError: whatever the choice, the torque acts on a number of bodies that is not `count`.
+        ValueError: the axes are others, or do not fit the torque; whatever the choice, the torque acts on a number of
+            bodies that is not `count`.
     """
     if jax.tree.leaves(axes):
-        return jax.tree.map(
-            lambda axis, part: jax.tree.map(lambda leaf: axis == 0 and eqx.is_array(leaf), part),
-            axes,
-            torque,
-            is_leaf=lambda axis: axis is None,
-        )
+        return _said(torque, axes)
     leaves, structure = jax.tree.flatten(torque)
     able = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf) and leaf.ndim and leaf.shape[0] == count]
     wanted = start.momentum.shape[1:]
-    alone = _shape(leaves, structure, (), start)
+    others = start, jax.tree.map(lambda leaf: _one(leaf, own_body), body)
+    alone = _shape(leaves, structure, (), *others)
     for chosen in ((), *_choices(able)):
-        if (_shape(leaves, structure, chosen, start) if chosen else alone) == wanted:
+        if (_shape(leaves, structure, chosen, *others) if chosen else alone) == wanted:
             return structure.unflatten([i in chosen for i in range(len(leaves))])
     if alone is not None and alone[-len(wanted) :] == wanted:
         sizes = sorted({leaf.shape[0] for leaf in leaves if eqx.is_array(leaf) and leaf.ndim})
@@ -60,25 +59,43 @@ def torque_rows(torque: Any, axes: Any, start: State, count: int) -> Any:
     return structure.unflatten([False] * len(leaves))
 
 
+def _said(torque: Any, axes: Any) -> Any:
+    prefix = "torque_axes must be None, 0, or a prefix of the torque's tree with these"
+    if any(isinstance(axis, bool) or axis != 0 for axis in jax.tree.leaves(axes)):
+        raise ValueError(f"{prefix}, got {axes!r}.")
+
+    def marked(axis: Any, part: Any) -> Any:
+        return jax.tree.map(lambda leaf: axis == 0 and eqx.is_array(leaf), part)
+
+    try:
+        return jax.tree.map(marked, axes, torque, is_leaf=lambda axis: axis is None)
+    except ValueError as error:
+        raise ValueError(f"{prefix}; it does not fit the torque: {error}") from error
+
+
+def _one(leaf: Any, row: bool) -> Any:
+    """The shape of an array, or of one row of it."""
+    return jax.ShapeDtypeStruct(leaf.shape[1:] if row else leaf.shape, leaf.dtype) if eqx.is_array(leaf) else leaf
+
+
 def _choices(able: list[int]) -> list[tuple[int, ...]]:
     """Some or all of these, fewest first."""
     some = [c for k in range(1, len(able)) for c in combinations(able, k)] if len(able) <= _MOST_TRIED else []
     return [*some, tuple(able)] if able else []
 
 
-def _shape(leaves: list[Any], structure: Any, chosen: tuple[int, ...], start: State) -> tuple[int, ...] | None:
+def _shape(
+    leaves: list[Any], structure: Any, chosen: tuple[int, ...], start: State, body: Any
+) -> tuple[int, ...] | None:
     """The shape of the torque on one body, called with one row of the leaves chosen; None if it cannot be called so."""
-
-    def one(leaf: Any, row: bool) -> Any:
-        return jax.ShapeDtypeStruct(leaf.shape[1:] if row else leaf.shape, leaf.dtype) if eqx.is_array(leaf) else leaf
-
-    parts = [one(leaf, i in chosen) for i, leaf in enumerate(leaves)]
-    state = jax.tree.map(lambda leaf: one(leaf, True), start)
-    arrays, rest = eqx.partition((structure.unflatten(parts), state), lambda x: isinstance(x, jax.ShapeDtypeStruct))
+    parts = [_one(leaf, i in chosen) for i, leaf in enumerate(leaves)]
+    state = jax.tree.map(lambda leaf: _one(leaf, True), start)
+    given = structure.unflatten(parts), state, body
+    arrays, rest = eqx.partition(given, lambda x: isinstance(x, jax.ShapeDtypeStruct))
 
     def called(arrays: Any) -> Any:
-        torque, state = eqx.combine(arrays, rest)
-        return torque(jnp.zeros((), start.momentum.dtype), state)
+        torque, state, body = eqx.combine(arrays, rest)
+        return on_body(torque, body)(jnp.zeros((), start.momentum.dtype), state)
 
     try:
         return getattr(jax.eval_shape(called, arrays), "shape", None)

@@ -44,6 +44,9 @@ class Scheme:
         place = f"scheme {self.name!r}"
         if not isinstance(self.stages, tuple):
             raise ValueError(f"{place}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
+        for stage in self.stages:
+            if not (isinstance(stage, tuple) and len(stage) == 2 and isinstance(stage[1], (int, float))):
+                raise ValueError(f"{place}: each stage must be a pair (kind, coefficient), got {stage!r}.")
         kinds = [kind for kind, _ in self.stages]
         if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT}:
             raise ValueError(f"{place} must be made of {KICK!r} and {FLIGHT!r}, got {', '.join(map(repr, kinds))}.")
@@ -55,8 +58,8 @@ class Scheme:
             raise ValueError(
                 f"{place} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one each."
             )
-        if self.order < 1:
-            raise ValueError(f"{place}: its order must be at least 1, got {self.order}.")
+        if not isinstance(self.order, int) or self.order < 1:
+            raise ValueError(f"{place}: its order must be a whole number of at least 1, got {self.order!r}.")
         if self.order > 1 and KICK in kinds and not abs(self._first_moment() - 0.5) <= _ROUNDING:
             raise ValueError(
                 f"{place} is declared of order {self.order}, but the kicks, each times the flights before it, sum to "

@@ -52,7 +52,9 @@ def pendulums(
     return np.concatenate(apply(after, motion))
 
 
-def measured_order(scheme: Scheme, **processor: tuple[tuple[str, float], ...]) -> float:
+def measured_order(
+    scheme: Scheme, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
+) -> float:
     """The order of a table as two pendulums show it: the slope of the error at the smallest steps above rounding.
 
     Without JAX and in NumPy's longdouble, by differences of runs with steps h, h/2 and h/4. For a table of your own, to
@@ -61,12 +63,12 @@ def measured_order(scheme: Scheme, **processor: tuple[tuple[str, float], ...]) -
 
     Args:
         scheme: the table.
-        processor: `before` and `after`, stages to apply once before and after a run.
+        before, after: stages to apply once before and after a run: a processor.
     """
     slope, count = np.nan, _FEWEST
-    ends = [pendulums(scheme, count * factor, **processor) for factor in (1, 2)]
+    ends = [pendulums(scheme, count * factor, before, after) for factor in (1, 2)]
     while 4 * count <= _MOST:
-        ends.append(pendulums(scheme, 4 * count, **processor))
+        ends.append(pendulums(scheme, 4 * count, before, after))
         coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends[-3:]))
         if np.isfinite(slope) and fine < 1e4 * np.finfo(np.longdouble).eps:
             break

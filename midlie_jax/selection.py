@@ -19,7 +19,7 @@ import numpy as np
 from . import so3
 from .arguments import as_scalar, check_system
 from .bodies import RigidBody, TensorBody, principal_of
-from .checks import described
+from .checks import described, shown
 from .diffrax_solver import RigidBodyTerm
 from .integrate import end_state
 from .methods import method as find_method
@@ -113,6 +113,10 @@ def recommend(
     """
     if not isinstance(start, RigidState):
         raise ValueError(f"start must be a midlie_jax.RigidState, whose attitude is judged, got {described(start)}.")
+    try:
+        tolerance = float(tolerance)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"tolerance must be a number, got {shown(tolerance)}.") from error
     least = _LEAST * float(jnp.finfo(start.momentum.dtype).eps)
     if not least <= tolerance <= 1:
         raise ValueError(

@@ -31,6 +31,17 @@ class State(eqx.Module):
         """Raises a ValueError unless all arrays have the same batch axes."""
         same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
 
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """A space vector in body components; a ValueError where the state knows no direction."""
+        del vector
+        raise ValueError(
+            f"a {type(self).__name__} knows no direction; start from a DirectionState or a RigidState instead."
+        )
+
+    def vertical(self) -> cp.Vector:
+        """The space z axis in body components; a ValueError where the state knows no direction."""
+        return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
+
     @abstractmethod
     def parts(self) -> tuple[Any, Any]:
         """(momentum, pose) as the steps hold them."""
@@ -116,15 +127,6 @@ class MomentumState(State):
         del velocity
         return pose
 
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """Always a ValueError: no direction is known."""
-        del vector
-        raise ValueError("a MomentumState knows no direction; start from a DirectionState or a RigidState instead.")
-
-    def vertical(self) -> cp.Vector:
-        """Always a ValueError: no direction is known."""
-        return self.seen_from_body(cp.unpack(self.momentum))
-
 
 class DirectionState(State):
     """A body in a field that depends on one space direction only: six numbers.
@@ -165,7 +167,8 @@ class DirectionState(State):
     def turn(pose: cp.Vector, increment: cp.Quaternion, still: Array, t: Array) -> cp.Vector:
         share = _missing(cp.dot(pose, pose), still)
         change = cp.rotation_change(cp.conjugate(increment), pose)
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, pose)), t)
+        # Along the pose as it will be: what is missing of its length would grow if it were added along another.
+        return cp.accumulate(pose, cp.add(change, cp.scale(share, cp.add(pose, change))), t)
 
     @staticmethod
     def shift(pose: cp.Vector, change: cp.Vector, still: Array, t: Array) -> cp.Vector:
@@ -179,7 +182,7 @@ class DirectionState(State):
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """A space vector along the field's direction, in body components."""
-        return cp.scale(jnp.sqrt(cp.dot(vector, vector)), cp.unpack(self.direction))
+        return cp.scale(cp.norm(vector), cp.unpack(self.direction))
 
     def vertical(self) -> cp.Vector:
         """The space z axis in body components, which the direction then is."""
@@ -304,6 +307,13 @@ class ParticleState(State):
     def rate(pose: Any, velocity: Any) -> Any:
         del pose
         return velocity
+
+
+def attitude_of(state: State) -> Array:
+    """The attitude (..., 4); a ValueError for a state without one."""
+    if not isinstance(state, RigidState):
+        raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
+    return state.attitude
 
 
 def _square(q: cp.Quaternion) -> Array:

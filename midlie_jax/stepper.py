@@ -167,7 +167,7 @@ class Method(eqx.Module):
 
     @property
     def unroll(self) -> int:
-        """Steps a turn of the loop over steps: two spare it the copy of every array, and compile for twice as long."""
+        """Steps a turn of the loop over steps. With two XLA need not copy the arrays, but compiles twice as long."""
         return 1
 
     def fitted(self, body: Body) -> "Method":
@@ -355,7 +355,7 @@ def _check(value: Any, like: Any) -> None:
         return
     cure = "use jnp.stack([...]) and cast its parameters."
     if len(shape) > len(like.shape) and shape[len(shape) - len(like.shape) :] == tuple(like.shape):
-        cure = "a parameter with one row a body needs midlie_jax.ensemble, or jax.vmap over the torque."
+        cure = "a parameter with one row a body needs midlie_jax.ensemble (and there torque_axes=0), or jax.vmap."
     raise ValueError(
         f"the torque must return {like.dtype}{list(like.shape)} like the momentum, got {dtype}{list(shape)}; {cure}"
     )

@@ -14,11 +14,17 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax import flights
 
 # The methods with a name of their own, and one for each way in which the others are built: an exact flight whose
 # neighbours merge, and schemes run as a loop over their stages that begin with a kick and with a flight.
 NAMED = [name for name in ml.methods() if ml.method(name).bodies is ml.RigidBody]
 ROTATION = [*NAMED, "JACOBI[EA]", "DLM[KL6]", "NEARSYM[SRKN14a]"]
+RIGID_FLIGHTS = [
+    kind()
+    for kind in vars(flights).values()
+    if isinstance(kind, type) and issubclass(kind, flights.Flight) and getattr(kind, "body", None) is ml.RigidBody
+]
 PARTICLE = [name for name in ml.methods() if ml.method(name).bodies is ml.Particles]
 LIEMID = [name for name in ROTATION if name.startswith("LIEMID[E")]
 DTYPES = ["float32", "float64"]

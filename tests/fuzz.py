@@ -30,7 +30,8 @@ import midlie_jax as ml
 ROWS, STEPS = 192, 2
 FLIGHTS = list(extended.FLIGHTS)
 METHODS = [f"{flight}[{scheme}]" for flight in FLIGHTS for scheme in ("EA", "E1", "SRKN6b")] + list(extended.OTHERS)
-TORQUES = ("none", "top", "swing")
+# The last two move a DirectionState, the vertical seen from the body, instead of an attitude.
+TORQUES = ("none", "top", "swing", "direction, none", "direction, top")
 BATCHES = ("one", "vmap", "ensemble")
 # Units in the last place, for each step, of the condition number below, or of the growth.
 BOUND = 16
@@ -132,34 +133,45 @@ def swing(weight, dt, t, state):
 
 
 def torque_of(case: Case, weight, dt):
-    if case.torque == "none":
+    if case.torque.endswith("none"):
         return None
-    return ml.torques.HeavyTop(weight) if case.torque == "top" else jax.tree_util.Partial(swing, weight, dt)
+    return ml.torques.HeavyTop(weight) if case.torque.endswith("top") else jax.tree_util.Partial(swing, weight, dt)
 
 
 @cache
 def program(method: str, dtype: str, torque: str, batch: str):
     """Momentum, attitude and flag of every body after STEPS steps."""
     case = Case(method, dtype, torque, batch, 0, 0, "none", 0, 0, 0, "any", 0)
+    kind = ml.DirectionState if torque.startswith("direction") else ml.RigidState
 
     def one(moments, momentum, attitude, dt, weight):
-        start, field = ml.RigidState(momentum, attitude), torque_of(case, weight, dt)
+        start, field = kind(momentum, attitude), torque_of(case, weight, dt)
         body = ml.RigidBody(moments, physical=False)
         path = ml.integrate(method, body, field, start, dt=dt, steps=STEPS, save_every=STEPS)
-        return path.states.momentum[-1], path.states.attitude[-1], path.ok
+        momentum, pose = jax.tree.leaves(path.states)
+        return momentum[-1], pose[-1], path.ok
 
     def many(moments, momentum, attitude, dt, weight):
-        start, field = ml.RigidState(momentum, attitude), torque_of(case, weight, dt)
+        start, field = kind(momentum, attitude), torque_of(case, weight, dt)
         body = ml.RigidBody(moments, physical=False)
         path = ml.ensemble(method, body, field, start, dt=dt, steps=STEPS, chunk=80)
-        return path.states.momentum, path.states.attitude, path.ok
+        return *jax.tree.leaves(path.states), path.ok
 
     return jax.jit({"one": one, "vmap": jax.vmap(one), "ensemble": many}[batch])
+
+
+def vertical(attitude: np.ndarray) -> np.ndarray:
+    """The space z axis seen from the body."""
+    return extended.back(
+        attitude.astype(extended.LONG), np.array([0, 0, 1], extended.LONG) + np.zeros((len(attitude), 3))
+    )
 
 
 def run(case: Case, numbers: Numbers):
     """What the package makes of the bodies; of the first few alone where the batch is one."""
     made = program(case.method, case.dtype, case.torque, case.batch)
+    if case.torque.startswith("direction"):
+        numbers = numbers._replace(attitude=vertical(numbers.attitude).astype(case.dtype))
     if case.batch != "one":
         return [np.asarray(x) for x in made(*numbers)]
     solo = [made(*(x[k] for x in numbers)) for k in range(4)]
@@ -176,9 +188,9 @@ def reference(case: Case, numbers: Numbers):
         return extended.dot(q, q) * extended.back(q, v)
 
     def torque(t, q):
-        if case.torque == "none":
+        if case.torque.endswith("none"):
             return 0 * moments
-        if case.torque == "top":
+        if case.torque.endswith("top"):
             up = np.array([0, 0, 1], extended.LONG)
             return weight * np.cross(seen(q, up + 0 * moments), up)
         turn = extended.LONG(np.asarray(0.3, case.dtype)) * t / dt
@@ -187,7 +199,10 @@ def reference(case: Case, numbers: Numbers):
         return weight * np.cross(lever, seen(q, field))
 
     step = extended.composed(extended.step_of(case.method), STEPS)
-    return step(moments, torque, 0 * dt, dt, Motion(momentum, attitude))
+    end, found = step(moments, torque, 0 * dt, dt, Motion(momentum, attitude))
+    if case.torque.startswith("direction"):
+        end = end._replace(attitude=vertical(end.attitude / np.linalg.norm(end.attitude, axis=1, keepdims=True)))
+    return end, found
 
 
 def condition(numbers: Numbers) -> np.ndarray:
@@ -199,12 +214,12 @@ def condition(numbers: Numbers) -> np.ndarray:
 
 
 def errors(ends: Motion, exact: Motion, numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
-    """Of the momentum, relative to the larger of its sizes at both ends, and of the attitude, whose sign is free."""
+    """Of the momentum, relative to the larger of its sizes at both ends, and of the pose; a quaternion's sign is free."""
     size = np.linalg.norm(exact.momentum.astype(float), axis=1)
     size = np.maximum(size, np.linalg.norm(numbers.momentum.astype(float), axis=1))
     off = np.linalg.norm((ends.momentum - exact.momentum).astype(float), axis=1) / size
     ours, theirs = (x.attitude / np.linalg.norm(x.attitude, axis=1, keepdims=True) for x in (ends, exact))
-    sign = np.sign(np.sum(ours * theirs, axis=1, keepdims=True))
+    sign = np.sign(np.sum(ours * theirs, axis=1, keepdims=True)) if ours.shape[1] == 4 else 1
     return off, np.linalg.norm((sign * ours - theirs).astype(float), axis=1)
 
 

@@ -60,13 +60,20 @@ SENSIBLE = {
     "t0": 0.0,
     "first_step": 0,
 }
-LIKELY = {"body": BODIES, "torque": TORQUES, "start": STATES, "method": NAMES}
+LIKELY = {"body": BODIES, "torque": TORQUES, "start": STATES, "method": NAMES, "motion": STATES, "name": NAMES}
 PARTS = {
     "RigidBody": (ml.RigidBody, {"moments": [1.0, 2.0, 2.5]}),
     "TensorBody": (ml.TensorBody, {"tensor": np.eye(3)}),
     "RigidState": (ml.RigidState, {"momentum": [1.0, 2.0, 3.0], "attitude": [1.0, 0.0, 0.0, 0.0]}),
     "DirectionState": (ml.DirectionState, {"momentum": [1.0, 2.0, 3.0], "direction": [0.0, 0.0, 1.0]}),
-    "HeavyTop": (ml.torques.HeavyTop, {"weight": 1.0}),
+    "HeavyTop": (ml.torques.HeavyTop, {"weight": 1.0, "axis": (0.0, 0.0, 1.0)}),
+    "Prescribed": (ml.torques.Prescribed, {"function": lambda t: jnp.ones(3)}),
+    "ReactionWheels": (ml.torques.ReactionWheels, {"momentum": lambda t: jnp.ones(3)}),
+    "Sum": (lambda one, two: ml.torques.Sum(one, two), {"one": TORQUES[1], "two": TORQUES[3]}),
+    "method": (ml.method, {"name": "JACOBI", "scheme": "EA"}),
+    "Scheme": (ml.schemes.Scheme, {"name": "mine", "order": 1, "stages": (("kick", 1.0), ("flight", 1.0))}),
+    "energy": (ml.energy, {"body": BODIES[0], "torque": TORQUES[1], "motion": STATES[0], "t": None}),
+    "velocity": (ml.spatial_angular_velocity, {"body": BODIES[0], "state": STATES[0]}),
     "PDControl": (ml.torques.PDControl, {"target": [1.0, 0, 0, 0], "proportional": 1.0, "derivative": 1.0}),
     "KeplerOrbit": (ml.orbits.KeplerOrbit, {"position": [1.0, 0, 0], "velocity": [0.0, 1, 0], "mu": 1.0}),
 }

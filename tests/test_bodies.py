@@ -204,6 +204,9 @@ def test_energy_of_an_ensemble_and_of_particles():
     energy = ml.energy(mass, spring, path)
     assert energy.shape == (51,)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
+    many = ml.ParticleState(jnp.ones((4, 2)), jnp.ones((4, 2)))
+    with pytest.raises(ValueError, match="of an ensemble of particles map energy"):
+        ml.energy(mass, spring, ml.ensemble("Verlet", mass, spring, many, dt=0.01, steps=4, save_every=1))
 
 
 def test_energies_of_large_numbers_do_not_overflow():

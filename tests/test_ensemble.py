@@ -156,6 +156,13 @@ def unchecked(**arrays):
         ({"torque": ml.torques.HeavyTop(jnp.ones(10)), "torque_axes": 0}, "torque.weight has 10 rows.*16 bodies"),
         ({"torque": ml.torques.HeavyTop(jnp.ones(20)), "torque_axes": 0}, "torque.weight has 20 rows.*16 bodies"),
         ({"torque": ml.torques.HeavyTop(1.0), "torque_axes": 0}, "torque.weight has no rows.*16 bodies"),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": 1}, "torque_axes must be None, 0, or"),
+        (
+            {"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": False},
+            "torque_axes must be None, 0, or",
+        ),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": (0, 0)}, "torque_axes.*does not fit the torque"),
+        ({"start": jax.tree.map(lambda x: x[:0], MANY)}, r"start holds no bodies.*\(0, 3\)"),
         ({"body": ml.RigidBody(jnp.ones((10, 3)))}, "body.moments has 10 rows.*16 bodies"),
         (
             {"start": unchecked(momentum=MANY.momentum, attitude=MANY.attitude[:10])},
@@ -187,6 +194,11 @@ MIXED = {
         ml.torques.HeavyTop(2.0) + ml.torques.DipoleInField(FIELDS, FIELDS[1]),
         lambda i: ml.torques.HeavyTop(2.0) + ml.torques.DipoleInField(FIELDS[i], FIELDS[1]),
     ),
+    "of a torque that reads the body": (
+        ml.torques.HeavyTop(2.0) + ml.torques.Damping(FIELDS**2),
+        lambda i: ml.torques.HeavyTop(2.0) + ml.torques.Damping(FIELDS[i] ** 2),
+    ),
+    "gains for each axis": (ml.torques.Rotors(FIELDS), lambda i: ml.torques.Rotors(FIELDS[i])),
     "none though it could": (ml.torques.HeavyTop(2.0), lambda i: ml.torques.HeavyTop(2.0)),
     "beside a table as long": (
         jax.tree_util.Partial(pulled, STRENGTHS, TABLE),

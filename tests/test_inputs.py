@@ -16,9 +16,14 @@ START = ml.RigidState(jnp.array([1.0, 0.0, 0.0]), jnp.array([1.0, 0.0, 0.0, 0.0]
 PARTICLES = ml.Particles(jnp.array([1.0, 2.0, 3.0]))
 PLACES = ml.ParticleState(jnp.ones(3), jnp.zeros(3))
 NAN = float("nan")
+SINGLE, SLOW = jax.tree.map(lambda x: x.astype(jnp.float32), (BODY, START))
+TENSOR = ml.TensorBody(np.diag([1.0, 2, 2.5]))
+ORBIT = ml.orbits.CircularOrbit([1.0, 0, 0], [0.0, 1, 0], 1.0)
 
 # The type checkers of the tests stand in front of the package's own checks; users do not have them.
-integrate = inspect.unwrap(ml.integrate)
+integrate, energy, kinetic_energy, angular_velocity, method = map(
+    inspect.unwrap, (ml.integrate, ml.energy, ml.kinetic_energy, ml.angular_velocity, ml.method)
+)
 
 
 def go(method="LIEMID[EA]", body=BODY, torque=None, start=START, dt=0.1, steps=2, **options):
@@ -123,7 +128,40 @@ BAD = {
         "VelocityDependent has no potential",
     ),
     "spatial momentum": (lambda: ml.spatial_momentum(ml.MomentumState(jnp.ones(3))), "needs the attitude.*RigidState"),
+    "axis of two numbers": (lambda: ml.torques.HeavyTop(1.0, (0.0, 1.0)), r"axis must have shape \(3,\)"),
+    "sum of nothing": (lambda: ml.torques.Sum(None), "a sum of torques needs one at least"),
+    "control without attitude": (
+        lambda: go(torque=ml.torques.PDControl([1.0, 0, 0, 0], 1.0, 1.0), start=ml.MomentumState(jnp.ones(3))),
+        "needs the attitude; a MomentumState has none",
+    ),
+    "top of particles": (
+        lambda: go("Verlet", PARTICLES, ml.torques.HeavyTop(1.0), PLACES),
+        "ParticleState knows no direction",
+    ),
+    "principal moments in other axes": (
+        lambda: go(body=TENSOR, torque=ml.torques.GravityGradient([1.0, 2, 2.5], ORBIT, 1.0)),
+        "moments are of principal axes; give None",
+    ),
+    "energy of no body": (lambda: energy(5, None, START), "RigidState belongs to a RigidBody, but body is int"),
+    "energy of no torque": (lambda: energy(BODY, 5, START), "torque must be None or a callable"),
+    "velocity of particles": (
+        lambda: angular_velocity(BODY, PLACES),
+        "ParticleState belongs to a Particles, but body is RigidBody",
+    ),
+    "energies of paths of several bodies": (
+        lambda: kinetic_energy(ml.RigidBody(jnp.ones((4, 3))), ml.MomentumState(jnp.ones((4, 4, 3)))),
+        "are of several bodies.*vmap",
+    ),
     # integrate
+    "flight of no name": (lambda: method(5, "EA"), "name must be a name or a midlie_jax Flight, got int"),
+    "flight's class": (lambda: method(ml.flights.Jacobi, "EA"), "name must be a name or a midlie_jax Flight"),
+    "flight without scheme": (lambda: method(ml.flights.Jacobi()), "is a flight; add a scheme"),
+    "scheme a number": (lambda: method("JACOBI", 5), "scheme must be a name or a midlie_jax Scheme, got int"),
+    "bracket left open": (lambda: ml.method("JACOBI[EA"), r"did you mean 'JACOBI\[EA\]'"),
+    "time beyond the dtype": (
+        lambda: go(body=SINGLE, start=SLOW, t0=1e300, dt=0.1),
+        "t0 must be finite",
+    ),
     "unknown method": (lambda: ml.method("nobody"), "unknown method 'nobody'; choose from LIEMID.E1., .*Verlet"),
     "unknown name": (lambda: go("AKV"), "unknown method 'AKV'; did you mean 'AKW'"),
     "other case": (lambda: go("verlet"), "did you mean 'Verlet'"),
@@ -245,13 +283,14 @@ def test_an_index_of_32_bits_is_counted_to_its_end_and_not_beyond():
     assert traced(jnp.array(last - 2))
     assert not traced(jnp.array(last - 1))
     assert not traced(jnp.array(2**33))
+    for narrow in (np.int8, np.int16, np.uint8):
+        assert go(first_step=narrow(3), steps=2).ok
 
 
 def test_a_long_time_in_float32_is_right_to_its_last_place():
     """Where a float32 does not hold the index of a step."""
-    single = jax.tree.map(lambda x: x.astype(jnp.float32), (BODY, START))
     for first in (2**24 - 1, 2**24 + 1, 123_456_789, 2**31 - 5):
-        path = go(body=single[0], start=single[1], dt=0.3, t0=5.0, first_step=first, steps=4)
+        path = go(body=SINGLE, start=SLOW, dt=0.3, t0=5.0, first_step=first, steps=4)
         exact = 5.0 + float(np.float32(0.3)) * (first + np.arange(5))
         np.testing.assert_allclose(np.asarray(path.times, float), exact, rtol=np.finfo(np.float32).eps)
 

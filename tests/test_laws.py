@@ -24,7 +24,7 @@ from cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax import flights, schemes
+from midlie_jax import schemes
 
 # Two bodies at halving steps; row r reaches time 1 at step 16 << r % 4. Then a row for each law that needs one.
 LEVELS = 4
@@ -119,9 +119,6 @@ def test_times_come_from_the_integer():
     found = run("LIEMID[E1]", "float32", rows(setup(dt=0.1, t0=7.0, first_step=first)))
     exact = 7.0 + (first + np.arange(STEPS + 1)) * float(np.float32(0.1))
     np.testing.assert_allclose(found.times[0].astype(np.float64), exact, rtol=epsilon("float32"))
-
-
-RIGID_FLIGHTS = [kind() for kind in vars(flights).values() if getattr(kind, "body", None) is ml.RigidBody]
 
 
 @pytest.mark.parametrize("name", [*(f"{flight.name}[EA]" for flight in RIGID_FLIGHTS), *NAMED])

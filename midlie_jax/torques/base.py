@@ -15,6 +15,7 @@ from jax import Array
 
 from .. import _components as cp
 from ..bodies import RigidBody, TensorBody
+from ..checks import require_function
 
 TorqueLike = Callable[[Any, Any], Array]
 
@@ -39,8 +40,12 @@ class Torque(eqx.Module):
         del body
         return self
 
-    def __add__(self, other: TorqueLike) -> "Sum":
+    def __add__(self, other: TorqueLike | None) -> "Sum":
         return Sum(self, other)
+
+    def __radd__(self, other: TorqueLike | int) -> "Torque":
+        """A function plus this; or 0, with which Python's `sum` begins."""
+        return self if isinstance(other, int) else Sum(other, self)
 
 
 def _no_potential(torque: Torque) -> ValueError:
@@ -75,13 +80,17 @@ class Sum(Torque):
     """Several torques acting together.
 
     Attributes:
-        terms: the torques, each a callable of (t, state).
+        terms: the torques, each a callable of (t, state); None counts as no torque.
     """
 
     terms: tuple[TorqueLike, ...]
 
-    def __init__(self, *terms: TorqueLike):
-        self.terms = terms
+    def __init__(self, *terms: TorqueLike | None):
+        self.terms = tuple(term for term in terms if term is not None)
+        if not self.terms:
+            raise ValueError("a sum of torques needs one at least; None is no torque.")
+        for term in self.terms:
+            require_function("a torque", term, "t, state")
 
     def __call__(self, t: Any, state: Any) -> Array:
         return sum((term(t, state) for term in self.terms[1:]), start=self.terms[0](t, state))
@@ -109,6 +118,9 @@ class Prescribed(Torque):
 
     function: Callable[[Any], Array]
 
+    def __check_init__(self) -> None:
+        require_function("function", self.function, "t")
+
     def __call__(self, t: Any, state: Any) -> Array:
         del state
         return self.function(t)
@@ -123,6 +135,9 @@ class FromPotential(Torque):
     """
 
     function: Callable[[Any, Any], Array]
+
+    def __check_init__(self) -> None:
+        require_function("function", self.function, "t, state")
 
     def __call__(self, t: Any, state: Any) -> Array:
         kind = type(state)
@@ -149,6 +164,9 @@ class VelocityDependent(Torque):
     """
 
     function: TorqueLike
+
+    def __check_init__(self) -> None:
+        require_function("function", self.function, "t, state")
 
     def __call__(self, t: Any, state: Any) -> Array:
         return self.function(t, state)
@@ -214,6 +232,9 @@ class BodyTorque(ReadsBody):
     """
 
     function: Callable[[Any, Any, Any], Array]
+
+    def __check_init__(self) -> None:
+        require_function("function", self.function, "t, state, body")
 
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         return self.function(t, state, body)

@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -30,9 +31,11 @@ class HeavyTop(Torque):
     weight: Float[Array, "*batch"]
     axis: tuple[float, float, float] = eqx.field(static=True)
 
-    def __init__(self, weight: Any, axis: tuple[float, float, float] = (0.0, 0.0, 1.0)):
+    def __init__(self, weight: Any, axis: Any = (0.0, 0.0, 1.0)):
         self.weight = as_floats("weight", weight)
         require_finite("weight", self.weight)
+        if np.shape(axis) != (3,):
+            raise ValueError(f"axis must have shape (3,), got {np.shape(axis)}.")
         self.axis = (float(axis[0]), float(axis[1]), float(axis[2]))
         require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
 
@@ -79,9 +82,7 @@ class DipoleInField(Torque):
         self.field = as_function_of_time("field", field)
 
     def _local(self, t: Any, state: Any) -> cp.Vector:
-        if not callable(self.field):
-            return state.seen_from_body(cp.unpack(self.field))
-        return changing(state).seen_from_body(cp.unpack(self.field(t)))
+        return from_body(self.field, t, state)
 
     def __call__(self, t: Any, state: Any) -> Array:
         return cp.pack(cp.cross(cp.unpack(self.moment), self._local(t, state)))
@@ -114,7 +115,11 @@ class GravityGradient(ReadsBody):
         require("mu", self.mu, lambda m: m > 0, "must be positive", "it attracts.")
 
     def on(self, body: Any) -> Torque:
-        return super().on(body) if self.moments is None else self
+        if self.moments is None:
+            return super().on(body)
+        if isinstance(body, TensorBody):
+            raise ValueError("moments are of principal axes; give None for the inertia of the TensorBody itself.")
+        return self
 
     def _local(self, t: Any, state: Any) -> tuple[Array, cp.Vector]:
         """3 mu/r^3 and u."""
@@ -140,6 +145,13 @@ class GravityGradient(ReadsBody):
 
     def _given(self) -> RigidBody:
         return RigidBody(self.moments, physical=False)
+
+
+def from_body(vector: Array | Callable[[Any], Array], t: Any, state: Any) -> cp.Vector:
+    """A vector of space, or a function of time that gives one, in body components."""
+    if callable(vector):
+        return changing(state).seen_from_body(cp.unpack(vector(t)))
+    return state.seen_from_body(cp.unpack(vector))
 
 
 def changing(state: Any) -> Any:

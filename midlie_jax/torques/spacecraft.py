@@ -17,9 +17,10 @@ from jaxtyping import Float
 from .. import _components as cp
 from .. import so3
 from ..bodies import RigidBody, TensorBody
-from ..checks import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..checks import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
+from ..states import attitude_of
 from .base import ReadsBody, Torque
-from .fields import changing
+from .fields import from_body
 
 
 def _gain(name: str, value: Any) -> Array:
@@ -81,7 +82,7 @@ class PDControl(_ReadsVelocity):
 
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         del t
-        error = so3.multiply(so3.conjugate(self.target), state.attitude)
+        error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
         short = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)
         return -self.proportional * (short * error[..., 1:]) - self.derivative * body.velocity(state.momentum)
 
@@ -122,6 +123,9 @@ class ReactionWheels(_ReadsVelocity):
 
     momentum: Callable[[Any], Array]
 
+    def __check_init__(self) -> None:
+        require_function("momentum", self.momentum, "t")
+
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         t = jnp.asarray(t, state.momentum.dtype)
         momentum, rate = jax.jvp(self.momentum, (t,), (jnp.ones_like(t),))
@@ -155,9 +159,8 @@ class Drag(Torque):
         self.velocity = as_function_of_time("velocity", velocity)
 
     def __call__(self, t: Any, state: Any) -> Array:
-        velocity = cp.unpack(self.velocity(t) if callable(self.velocity) else self.velocity)
-        speed = jnp.sqrt(cp.dot(velocity, velocity))
-        force = cp.scale(-self.density * self.area / 2 * speed, changing(state).seen_from_body(velocity))
+        velocity = from_body(self.velocity, t, state)
+        force = cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
         return cp.pack(cp.cross(cp.unpack(self.lever), force))
 
 
