@@ -30,7 +30,8 @@ import midlie_jax as ml
 ROWS, STEPS = 192, 2
 FLIGHTS = list(extended.FLIGHTS)
 METHODS = [f"{flight}[{scheme}]" for flight in FLIGHTS for scheme in ("EA", "E1", "SRKN6b")] + list(extended.OTHERS)
-# The last two move a DirectionState, the vertical seen from the body, instead of an attitude.
+# The last two move a DirectionState, the vertical seen from the body, instead of an attitude: with the
+# same flights, but with Runge-Kutta stages of its own.
 TORQUES = ("none", "top", "swing", "direction, none", "direction, top")
 BATCHES = ("one", "vmap", "ensemble")
 # Units in the last place, for each step, of the condition number below, or of the growth.
@@ -80,7 +81,7 @@ CASES = st.builds(
     turn=st.floats(-9, 1.5),
     lean=st.sampled_from(["any", "axis", "near an axis", "separatrix", "by velocity"]),
     pull=st.floats(-8, 0.5),
-)
+).filter(lambda case: not (case.method in ("RK4", "DOP853") and case.torque.startswith("direction")))
 
 
 def bodies(case: Case) -> Numbers:
@@ -214,11 +215,12 @@ def condition(numbers: Numbers) -> np.ndarray:
 
 
 def errors(ends: Motion, exact: Motion, numbers: Numbers) -> tuple[np.ndarray, np.ndarray]:
-    """Of the momentum, relative to the larger of its sizes at both ends, and of the pose; a quaternion's sign is free."""
+    """Of the momentum, relative to the larger of its sizes at both ends, and of the pose."""
     size = np.linalg.norm(exact.momentum.astype(float), axis=1)
     size = np.maximum(size, np.linalg.norm(numbers.momentum.astype(float), axis=1))
     off = np.linalg.norm((ends.momentum - exact.momentum).astype(float), axis=1) / size
     ours, theirs = (x.attitude / np.linalg.norm(x.attitude, axis=1, keepdims=True) for x in (ends, exact))
+    # A quaternion stands for the same attitude as its negative.
     sign = np.sign(np.sum(ours * theirs, axis=1, keepdims=True)) if ours.shape[1] == 4 else 1
     return off, np.linalg.norm((sign * ours - theirs).astype(float), axis=1)
 

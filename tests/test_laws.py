@@ -10,6 +10,7 @@ from cases import (
     DTYPES,
     NAMED,
     OTHER,
+    RIGID_FLIGHTS,
     ROTATION,
     STEPS,
     at,

@@ -4,10 +4,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import _components as cp
+from ..flights import Inertia
 from ..stepper import Motion, System
 
 # Newton steps with the exact Jacobian; |Psi| = 1.5 needs five.
 ITERATIONS = 5
+_REACH = 0.75  # radians of half the turn
 # Units of rounding of the largest term; a torque that cancels within itself is rounded more coarsely than its size.
 _RESIDUAL_LIMIT = 1024
 
@@ -27,6 +29,15 @@ def carried(momentum: cp.Vector, half: cp.Quaternion, impulse: cp.Vector, t: Arr
     """
     turned = cp.rotation_change(cp.conjugate(cp.square(half)), momentum)
     return cp.accumulate(momentum, cp.add(turned, cp.rotate_back(half, impulse)), t)
+
+
+def within_reach(inertia: Inertia, h: Array, w: cp.Vector, start: cp.Vector, end: cp.Vector) -> Array:
+    """Whether a step that turns by 2 w has one root only: by 1.5 radians at most, and not too fast at either end.
+
+    Beyond that a slender body, or one about its middle axis, may have several rotations by which the rule is satisfied.
+    """
+    ends = [inertia.on_first_root(inertia.travel(h, momentum)) for momentum in (start, end)]
+    return (cp.dot(w, w) <= _REACH**2) & ends[0] & ends[1]
 
 
 def middle(system: System, motion: Motion, h: Array, w: cp.Vector, half: cp.Quaternion) -> Motion:

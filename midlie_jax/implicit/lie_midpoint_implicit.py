@@ -7,11 +7,11 @@ from jax import Array
 
 from .. import _components as cp
 from .. import solve
-from .._half_turn import LARGEST_SQUARE, half_turn
+from .._half_turn import half_turn
 from ..bodies import RigidBody
 from ..flights.lie_midpoint import free_start
 from ..stepper import Method, Motion, System
-from ._common import ITERATIONS, carried, converged, middle
+from ._common import ITERATIONS, carried, converged, middle, within_reach
 
 
 class LieMidpointImplicit(Method):
@@ -52,5 +52,5 @@ class LieMidpointImplicit(Method):
         half, kick = impulse(w)
         momentum = carried(motion.momentum, half, cp.scale(2, kick), t0)
         pose = system.turned(motion.pose, cp.square(half), t0, h)
-        ok = converged(left, cp.times(double, w)) & (cp.dot(w, w) <= LARGEST_SQUARE)
+        ok = converged(left, cp.times(double, w)) & within_reach(inertia, h, w, motion.momentum, momentum)
         return Motion(momentum, pose), None, ok
