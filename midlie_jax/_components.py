@@ -139,7 +139,7 @@ def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> V
     j, k = (axis + 1) % 3, (axis + 2) % 3
     tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
     first = tangent * v[k]
-    result = [jnp.zeros_like(part) for part in v]
+    result = [0 * part for part in v]
     # Each shear takes up what those before it have added as a term of its own, which a sum with v would round off.
     result[k] = -double * v[j] - double * first
     result[j] = 2 * first + tangent * result[k]

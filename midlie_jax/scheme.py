@@ -59,7 +59,7 @@ class Scheme:
                 f"{place} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one each."
             )
         if not isinstance(self.order, int) or self.order < 1:
-            raise ValueError(f"{place}: its order must be a whole number of at least 1, got {self.order!r}.")
+            raise ValueError(f"{place}: its order must be at least 1, and whole, got {self.order!r}.")
         if self.order > 1 and KICK in kinds and not abs(self._first_moment() - 0.5) <= _ROUNDING:
             raise ValueError(
                 f"{place} is declared of order {self.order}, but the kicks, each times the flights before it, sum to "

@@ -42,8 +42,6 @@ def test_what_is_recommended_stays_within_the_tolerance(few, tolerance, duration
     coarser = [t for t in found.tried if t.method == found.method and t.steps < found.steps]
     assert coarser, "a cheaper step was tried"
     assert all(not t.ok or t.error > tolerance for t in coarser if t.steps < found.steps / 1.5)
-    within = [t for t in found.tried if t.ok and t.error <= tolerance]
-    assert found.seconds <= 3 * min(t.seconds for t in within)  # timings on a machine that others use, too
 
 
 def test_a_free_body_takes_the_largest_step_that_its_flight_reaches():
