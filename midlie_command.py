@@ -1,7 +1,7 @@
 """The `midlie` command up to the point where JAX is needed: its options, its help, and what is wrong with a line.
 
 It stands beside the package because whatever lies in the package imports JAX first, which takes a second. What the
-commands do is in `midlie_jax.commands`.
+commands do is in `midlie_jax.bench.commands`.
 
 Everything a user can get wrong ends as one line on stderr and exit code 2; tracebacks are for bugs.
 """
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         return _failed(str(error))
     try:
-        from midlie_jax.commands import act
+        from midlie_jax.bench.commands import act
 
         act(options)
     except ValueError as error:

@@ -31,7 +31,7 @@ def serve():
     jax.config.update("jax_enable_x64", True)
 
     import midlie_jax as ml
-    from midlie_jax import scenes
+    from midlie_jax.bench import scenes
 
     ready = {}
     print(Path(ml.__file__).parent.parent, flush=True)

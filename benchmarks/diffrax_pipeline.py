@@ -19,7 +19,7 @@ import optimistix
 jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax import scenes  # noqa: E402
+from midlie_jax.bench import scenes  # noqa: E402
 
 MOMENTS, WEIGHT, AXIS = (1.0, 2.0, 2.5), 2.0, (0.48, 0.6, 0.64)
 

@@ -14,24 +14,24 @@ from pathlib import Path
 
 import jax.numpy as jnp
 
-from midlie_jax import _half_turn
-from midlie_jax.flights import lie_midpoint
+from midlie_jax._kernel import short_series
+from midlie_jax.methods.flights import lie_midpoint
 
 SOURCE = Path(__file__).with_name("limit.c")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-std=gnu11", "-Wno-psabi")
 
 
 def header(dtype: str, vectors: int) -> str:
-    few = _half_turn._FEW_ARCTANGENT[dtype]
-    terms = _half_turn._TERMS[dtype]
+    few = short_series._FEW_ARCTANGENT[dtype]
+    terms = short_series._TERMS[dtype]
     tables = {
-        "ARCTANGENT": _half_turn._ARCTANGENT[dtype],
+        "ARCTANGENT": short_series._ARCTANGENT[dtype],
         "ROUGH_ARCTANGENT": few,
         "ROUGH_SLOPE": tuple(n * c for n, c in enumerate(few) if n),
-        "COSINE": _half_turn._taylor(0, 0.5, terms),
-        "SPIN_COSINE": _half_turn._taylor(0, 1.0, _half_turn._SPIN_TERMS[dtype]),
-        "SPIN_SINE": _half_turn._taylor(1, 1.0, _half_turn._SPIN_TERMS[dtype]),
-        "SINE": tuple(0.5 * c for c in _half_turn._taylor(1, 0.5, terms)),
+        "COSINE": short_series._taylor(0, 0.5, terms),
+        "SPIN_COSINE": short_series._taylor(0, 1.0, short_series._SPIN_TERMS[dtype]),
+        "SPIN_SINE": short_series._taylor(1, 1.0, short_series._SPIN_TERMS[dtype]),
+        "SINE": tuple(0.5 * c for c in short_series._taylor(1, 0.5, terms)),
     }
     kind, integer = {"float64": ("double", "long long"), "float32": ("float", "int")}[dtype]
     lines = [f"#define REAL {kind}", f"#define INTEGER {integer}", f"#define VECTORS {vectors}"]

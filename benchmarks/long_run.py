@@ -15,8 +15,8 @@ import jax
 import numpy as np
 
 import midlie_jax as ml
-from midlie_jax import scenes
-from midlie_jax.timing import pin
+from midlie_jax.bench import scenes
+from midlie_jax.drivers.timing import pin
 
 jax.config.update("jax_enable_x64", True)
 pin()
@@ -57,8 +57,8 @@ def measured(steps):
 
 def draw(results, path):
     """How far the mean of each fortieth of the run has gone from that of the first."""
-    from midlie_jax.figures import heading, new_figure, panel, write
-    from midlie_jax.line_labels import End, label_ends
+    from midlie_jax.bench.figures import heading, new_figure, panel, write
+    from midlie_jax.bench.line_labels import End, label_ends
 
     figure = new_figure(13.0, 5.6)
     heading(figure, "Energy over a long run", f"Means over each of {PARTS} equal parts, against that of the first.")

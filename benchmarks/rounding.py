@@ -15,8 +15,8 @@ import jax
 import numpy as np
 
 import midlie_jax as ml
-from midlie_jax import flights
-from midlie_jax.timing import pin
+from midlie_jax.drivers.timing import pin
+from midlie_jax.methods import flights
 
 jax.config.update("jax_enable_x64", True)
 pin()

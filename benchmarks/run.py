@@ -30,9 +30,9 @@ from scipy.integrate import solve_ivp  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax import scenes  # noqa: E402
-from midlie_jax.rivals.problem import rates  # noqa: E402
-from midlie_jax.timing import timed, user_clock  # noqa: E402
+from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.bench.rivals.problem import rates  # noqa: E402
+from midlie_jax.drivers.timing import timed, user_clock  # noqa: E402
 
 SCHEMES_SHOWN = ("SLIEMID4[SRKN6b]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]", "JACOBI[SRKN14a]", "DLM[KL8]", "LIEMID[S4]")
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from midlie_jax import schemes
+from midlie_jax.methods import schemes
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 

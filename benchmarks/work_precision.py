@@ -15,9 +15,9 @@ from pathlib import Path
 
 import jax
 
-from midlie_jax import frontier, rivals, work_precision
-from midlie_jax.frontier_chart import work_precision_chart
-from midlie_jax.timing import cost_clock, pin
+from midlie_jax.bench import frontier, rivals, work_precision
+from midlie_jax.bench.frontier_chart import work_precision_chart
+from midlie_jax.drivers.timing import cost_clock, pin
 
 jax.config.update("jax_enable_x64", True)
 pin()

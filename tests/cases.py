@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax import flights
+from midlie_jax.methods import flights
 
 # The methods with a name of their own, and one for each way in which the others are built: an exact flight whose
 # neighbours merge, and schemes run as a loop over their stages that begin with a kick and with a flight.

@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from midlie_jax import schemes
-from midlie_jax.explicit import runge_kutta
+from midlie_jax.methods import runge_kutta, schemes
 
 LONG = np.longdouble
 _PARTS, _ITERATIONS = 12, 12

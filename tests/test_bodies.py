@@ -8,7 +8,7 @@ import pytest
 from cases import DTYPES, epsilon, quick
 
 import midlie_jax as ml
-from midlie_jax import so3
+from midlie_jax.model import so3
 
 RNG = np.random.default_rng(7)
 MOMENTS = np.array([1.0, 1.8, 2.3])

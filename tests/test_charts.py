@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.text import Annotation, Text
 
-from midlie_jax import charts, convergence, line_styles, rivals, scenes, work_precision
-from midlie_jax.commands import run_chart
-from midlie_jax.commands.record import Record
-from midlie_jax.frontier_chart import work_precision_figure
-from midlie_jax.rivals.problem import Point
+from midlie_jax.bench import charts, convergence, line_styles, rivals, scenes, work_precision
+from midlie_jax.bench.commands import run_chart
+from midlie_jax.bench.commands.record import Record
+from midlie_jax.bench.frontier_chart import work_precision_figure
+from midlie_jax.bench.rivals.problem import Point
 
 NOTE = (
     "1024 bodies side by side, one core, float64. Errors against the Taylor series in 38 digits (heyoka, MPFR), good "
@@ -316,7 +316,7 @@ def test_the_numbers_of_a_run_are_those_drawn():
 
 
 def ml_matrices(quaternions):
-    from midlie_jax import so3
+    from midlie_jax.model import so3
 
     return so3.to_matrix(jnp.asarray(quaternions))
 

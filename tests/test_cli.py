@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+import midlie_command
 import midlie_jax as ml
-from midlie_jax import cli, convergence, scenes
-from midlie_jax.commands import output
+from midlie_jax.bench import convergence, scenes
+from midlie_jax.bench.commands import output
 
 BROKEN = "SW"
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,7 +34,7 @@ class Outcome(NamedTuple):
 def midlie(*arguments: str) -> Outcome:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = cli.main(arguments)
+        code = midlie_command.main(arguments)
     return Outcome(code, out.getvalue(), err.getvalue())
 
 

@@ -14,7 +14,7 @@ import midlie_jax as ml
 BATCH = 517  # a number that nothing else in the program has
 
 # Loops over the batch a step, where not one. The implicit methods have a loop over Newton's steps in the middle (see
-# solve.newton): one before it and one after it, and one inside.
+# _kernel/newton.py): one before it and one after it, and one inside.
 LOOPS = {"LIEMID[I]": 2, "AKW": 2, "SW": 2}
 BODY = (2.0, 3.0, 4.0)
 

@@ -25,8 +25,8 @@ from cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax import flights, schemes
-from midlie_jax.stepper import Splitting
+from midlie_jax.methods import flights, schemes
+from midlie_jax.methods.stepper import Splitting
 
 LONG, SAVE, BLOCKS = 1000, 10, 100
 ASYMMETRIC, SYMMETRIC = [0, 1, 2], [3, 4]

@@ -40,7 +40,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax import oracles
+from midlie_jax.bench import oracles
 
 
 def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):

@@ -11,9 +11,10 @@ import pytest
 from cases import DTYPES, at, epsilon, quick
 
 import midlie_jax as ml
-from midlie_jax import _components as cp
-from midlie_jax import flights, so3
-from midlie_jax.oracles import free_body
+from midlie_jax._kernel import components as cp
+from midlie_jax.bench.oracles import free_body
+from midlie_jax.methods import flights
+from midlie_jax.model import so3
 
 FLIGHT = flights.LieMidpoint()
 

@@ -15,7 +15,7 @@ import pytest
 from cases import DTYPES, RIGID_FLIGHTS, epsilon, quick
 
 import midlie_jax as ml
-from midlie_jax.oracles import lagrange_top
+from midlie_jax.bench.oracles import lagrange_top
 
 TURNS = 10.0 ** np.arange(-5.0, 0.5)  # radians a step, nearly
 BODIES, STEPS = 16, 100_000  # bodies for each turn

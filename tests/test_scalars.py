@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from midlie_jax import so3
-from midlie_jax._scalars import Packed, by_components
+from midlie_jax._kernel.replay import Packed, by_components
+from midlie_jax.model import so3
 
 THREE = np.array([0.3, -1.2, 0.7])
 TABLE = np.sin(np.arange(1000.0))

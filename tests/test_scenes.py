@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
-from midlie_jax import oracles, scenes
+from midlie_jax.bench import oracles, scenes
 
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12)
 

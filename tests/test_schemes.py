@@ -12,8 +12,8 @@ from cases import at, rows, run, setup, true_motion, turn
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax import schemes
-from midlie_jax.scheme_order import pendulums
+from midlie_jax.methods import schemes
+from midlie_jax.methods.scheme_order import pendulums
 
 
 def truth():

@@ -8,8 +8,9 @@ import pytest
 from cases import setup, true_motion
 
 import midlie_jax as ml
-from midlie_jax import selection, so3
-from midlie_jax.torques import BodyTorque, Damping, HeavyTop
+from midlie_jax.drivers import recommend as selection
+from midlie_jax.model import so3
+from midlie_jax.model.torques import BodyTorque, Damping, HeavyTop
 
 CASE = setup(strength=0.0)
 BODY = ml.RigidBody(jnp.asarray(CASE.moments))

@@ -8,7 +8,7 @@ import pytest
 from cases import DTYPES, epsilon, quick
 from scipy.spatial.transform import Rotation
 
-from midlie_jax import so3
+from midlie_jax.model import so3
 
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.36, -0.48, 0.8], [-0.6, 0.64, 0.48]])
 ANGLES = (0.0, 1e-300, 1e-160, 1e-30, 1e-8, 1e-4, 0.1, 0.39, 0.4, 0.99, 1.01, 1.99, 2.01, 3.0)

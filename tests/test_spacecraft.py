@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
-from midlie_jax import so3, torques
+from midlie_jax.model import so3, torques
 
 BODY = ml.RigidBody(jnp.array([1.0, 1.8, 2.3]))
 START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))

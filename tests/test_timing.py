@@ -9,8 +9,9 @@ import jax
 import numpy as np
 import pytest
 
-from midlie_jax import convergence, scenes, timing
-from midlie_jax.timing import Load, Stopwatch, Timing, timed
+from midlie_jax.bench import convergence, scenes
+from midlie_jax.drivers import timing
+from midlie_jax.drivers.timing import Load, Stopwatch, Timing, timed
 
 
 class Machine:

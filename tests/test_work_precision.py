@@ -12,15 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import midlie_command
 import midlie_jax as ml
-from midlie_jax import cli, closed_form, convergence, frontier, rivals, scenes, work_precision
-from midlie_jax.explicit import DOP853, RK4
-from midlie_jax.frontier_chart import work_precision_figure
-from midlie_jax.integrate import end_state
-from midlie_jax.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
-from midlie_jax.rivals.lie_group import CF4, RKMK4
-from midlie_jax.rivals.problem import Point
-from midlie_jax.timing import Timing
+from midlie_jax.bench import closed_form, convergence, frontier, rivals, scenes, work_precision
+from midlie_jax.bench.frontier_chart import work_precision_figure
+from midlie_jax.bench.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
+from midlie_jax.bench.rivals.lie_group import CF4, RKMK4
+from midlie_jax.bench.rivals.problem import Point
+from midlie_jax.drivers.integrate import end_state
+from midlie_jax.drivers.timing import Timing
+from midlie_jax.methods.runge_kutta import DOP853, RK4
 
 
 def line(method: str, order: int, unit: float, counts=(1, 10, 100)) -> list[Point]:
@@ -249,7 +250,7 @@ def test_a_missing_rival_is_named_with_the_extra(monkeypatch):
     monkeypatch.setattr(rivals, "find_spec", lambda name: None if name in ("heyoka", "mujoco") else name)
     err, out = io.StringIO(), io.StringIO()
     with contextlib.redirect_stderr(err), contextlib.redirect_stdout(out):
-        assert cli.main(["chart", "P1", "--rivals"]) == 2
+        assert midlie_command.main(["chart", "P1", "--rivals"]) == 2
     assert "heyoka and mujoco" in err.getvalue()
     assert "pip install 'midlie_jax[bench]'" in err.getvalue()
     assert out.getvalue() == ""
@@ -264,7 +265,7 @@ def test_steps_do_not_go_with_rivals(monkeypatch):
     monkeypatch.setattr(rivals, "find_spec", lambda name: name)
     err = io.StringIO()
     with contextlib.redirect_stderr(err):
-        assert cli.main(["chart", "P1", "--rivals", "--steps", "10"]) == 2
+        assert midlie_command.main(["chart", "P1", "--rivals", "--steps", "10"]) == 2
     assert "--steps" in err.getvalue()
 
 

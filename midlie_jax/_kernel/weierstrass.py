@@ -1,0 +1,145 @@
+"""Weierstrass's sigma function and its shift, as polynomials in the invariants: what an exact flight is made of.
+
+Three entire functions of time, at time one,
+
+    S = sigma,    W = sigma^2 wp,    F = sigma(v - 1) exp(zeta(v)) / sigma(v) = even + wp'(v) odd
+
+have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). They are found here by exact recurrences, and
+summed up to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6, which is so where the three roots of wp
+and p are real and within r^2 of each other. No period and no nome: nothing happens where two roots meet.
+
+E. T. Whittaker & G. N. Watson, A Course of Modern Analysis, chapter XX; DLMF 23.
+"""
+
+from collections import defaultdict
+from fractions import Fraction
+from functools import cache
+from math import factorial
+from typing import Any, NamedTuple
+
+from jax import Array
+
+from . import components as cp
+
+# What is left out of a sum, in units of eps, and the highest power of time that can be needed for this.
+_SLACK = 1 / 8
+_DEGREE = 30
+
+# A polynomial: coefficients by the powers of (p, g2, g3), which weigh 2, 4 and 6 powers of time.
+Polynomial = dict[tuple[int, int, int], Fraction]
+_ZERO: Polynomial = {}
+_ONE: Polynomial = {(0, 0, 0): Fraction(1)}
+_G2: Polynomial = {(0, 1, 0): Fraction(1)}
+_G3: Polynomial = {(0, 0, 1): Fraction(1)}
+# wp'^2 = 4 p^3 - g2 p - g3 and wp'' = 6 p^2 - g2 / 2
+_SQUARE: Polynomial = {(3, 0, 0): Fraction(4), (1, 1, 0): Fraction(-1), (0, 0, 1): Fraction(-1)}
+_SECOND: Polynomial = {(2, 0, 0): Fraction(6), (0, 1, 0): Fraction(-1, 2)}
+
+
+def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
+    total: dict[tuple[int, int, int], Fraction] = defaultdict(Fraction)
+    for factor, polynomial in terms:
+        for powers, c in polynomial.items():
+            total[powers] += factor * c
+    return {powers: c for powers, c in total.items() if c}
+
+
+def _product(a: Polynomial, b: Polynomial) -> Polynomial:
+    total: dict[tuple[int, int, int], Fraction] = defaultdict(Fraction)
+    for (i, j, k), x in a.items():
+        for (p, q, r), y in b.items():
+            total[i + p, j + q, k + r] += x * y
+    return {powers: c for powers, c in total.items() if c}
+
+
+class _Pair(NamedTuple):
+    """even + wp'(v) odd."""
+
+    even: Polynomial
+    odd: Polynomial
+
+    def times(self, other: "_Pair") -> "_Pair":
+        both = _product(_product(self.odd, other.odd), _SQUARE)
+        even = _sum((1, _product(self.even, other.even)), (1, both))
+        return _Pair(even, _sum((1, _product(self.even, other.odd)), (1, _product(self.odd, other.even))))
+
+    def derivative(self) -> "_Pair":
+        """In v."""
+        even, odd = _by_p(self.even), _by_p(self.odd)
+        return _Pair(_sum((1, _product(odd, _SQUARE)), (1, _product(self.odd, _SECOND))), even)
+
+
+def _by_p(polynomial: Polynomial) -> Polynomial:
+    return {(i - 1, j, k): i * c for (i, j, k), c in polynomial.items() if i}
+
+
+def _exponential(logarithm: dict[int, _Pair]) -> list[_Pair]:
+    """The power series whose logarithm has these coefficients: n f_n = sum of k l_k f_(n-k)."""
+    series = [_Pair(_ONE, _ZERO)]
+    for n in range(1, _DEGREE + 1):
+        terms = [(Fraction(k, n), logarithm[k].times(series[n - k])) for k in logarithm if k <= n]
+        series.append(_Pair(_sum(*((c, pair.even) for c, pair in terms)), _sum(*((c, pair.odd) for c, pair in terms))))
+    return series
+
+
+@cache
+def coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
+    """S, W and the odd part of F. A coefficient's power of time is told by its weight."""
+    laurent = {0: _ONE, 2: _sum((Fraction(1, 20), _G2)), 3: _sum((Fraction(1, 28), _G3))}  # of t^2 wp(t), in t^2
+    for n in range(4, _DEGREE // 2 + 1):
+        products = [(1, _product(laurent[k], laurent[n - k])) for k in range(2, n - 1)]
+        laurent[n] = _sum((Fraction(3, (2 * n + 1) * (n - 3)), _sum(*products)))
+    sigma = _exponential(
+        {2 * n: _Pair(_sum((Fraction(-1, 2 * n * (2 * n - 1)), c)), _ZERO) for n, c in laurent.items() if n}
+    )
+    s = _sum(*((1, pair.even) for pair in sigma))
+    w = _product(_product(s, s), _sum(*((1, c) for c in laurent.values())))
+    w = {powers: c for powers, c in w.items() if _weight(powers) <= _DEGREE}
+
+    shift, wp = {}, _Pair({(1, 0, 0): Fraction(1)}, _ZERO)
+    for n in range(2, _DEGREE + 1):
+        factor = Fraction(-((-1) ** n), factorial(n))
+        shift[n] = _Pair(_sum((factor, wp.even)), _sum((factor, wp.odd)))
+        wp = wp.derivative()
+    return s, w, _sum(*((1, pair.odd) for pair in _exponential(shift)))
+
+
+def _weight(powers: tuple[int, int, int]) -> int:
+    return 2 * powers[0] + 4 * powers[1] + 6 * powers[2]
+
+
+@cache
+def _table(which: int, radius: float, eps: float) -> Any:
+    """The coefficients that matter, nested: by power of g3, in that by power of g2, in that by power of p."""
+    kept = {
+        powers: float(c)
+        for powers, c in coefficients()[which].items()
+        if abs(c) * (2 / 3) ** powers[0] * (4 / 3) ** powers[1] * (8 / 27) ** powers[2] * radius ** _weight(powers)
+        > _SLACK * eps
+    }
+    return _nested(kept, 3)
+
+
+def _nested(kept: dict[tuple[int, ...], float], depth: int) -> Any:
+    if not depth:
+        return kept[()]
+    parts = defaultdict(dict)
+    for powers, c in kept.items():
+        parts[powers[-1]][powers[:-1]] = c
+    return tuple(_nested(parts[n], depth - 1) if n in parts else 0.0 for n in range(max(parts) + 1))
+
+
+def _horner(table: Any, x: tuple[Array, ...]) -> Any:
+    if isinstance(table, float):
+        return table
+    total = _horner(table[-1], x[1:])
+    for part in reversed(table[:-1]):
+        total = total * x[0] + _horner(part, x[1:])
+    return total
+
+
+def step_functions(p: Array, g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
+    """S, W and the odd part of F, exact to rounding for roots within radius^2 of each other, and p among them."""
+    tables = (_table(which, radius, cp.epsilon(p)) for which in range(3))
+    s, w, odd = (_horner(table, (g3, g2, p)) for table in tables)
+    return s, w, odd

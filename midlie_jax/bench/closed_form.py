@@ -1,0 +1,108 @@
+"""Where a scene truly ends, if a closed form is known; and a body's axes numbered so that its symmetry is seen.
+
+The exact flight of a symmetric body, and the closed form of Lagrange's top, want the axis of symmetry third. `oracles`
+has the motions themselves, on plain numbers.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..model import so3, torques
+from ..model.bodies import RigidBody
+from .scenes import Scene
+
+
+class Numbering(NamedTuple):
+    """The axes of a body numbered anew, in the same cyclic order.
+
+    Attributes:
+        order: the old numbers of the new axes.
+        turn: unit quaternion from the new body frame to the old.
+    """
+
+    order: tuple[int, int, int]
+    turn: tuple[float, float, float, float]
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Numbering":
+        """That which makes the body's axis of symmetry the third; as it is where it has none."""
+        axis = symmetry_axis(scene)
+        k = 2 if axis is None else axis
+        turn = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5), (1.0, 0.0, 0.0, 0.0))[k]
+        return cls(((k + 1) % 3, (k + 2) % 3, k), turn)
+
+    def apply(self, scene: Scene) -> Scene | None:
+        """The same scene in the new frame; None if its torque is not known here."""
+        if self.order == (0, 1, 2):
+            return scene
+        pick, torque = jnp.array(self.order), scene.torque
+        moments = scene.body.moments[pick]
+        if isinstance(torque, torques.HeavyTop):
+            a, b, c = (torque.axis[i] for i in self.order)
+            torque = torques.HeavyTop(torque.weight, (a, b, c))
+        elif isinstance(torque, torques.GravityGradient):
+            torque = torques.GravityGradient(moments, torque.orbit, torque.mu)
+        elif torque is not None:
+            return None
+        momentum, attitude = scene.start.momentum, scene.start.attitude
+        start = type(scene.start)(momentum[pick], so3.multiply(attitude, jnp.array(self.turn, attitude.dtype)))
+        return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)
+
+    def undo(self, momentum: np.ndarray, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A momentum (3,) and attitude (4,) of the new frame in the old."""
+        if self.order == (0, 1, 2):
+            return momentum, attitude
+        back = so3.multiply(jnp.asarray(attitude), so3.conjugate(jnp.array(self.turn, attitude.dtype)))
+        return momentum[np.argsort(self.order)], np.asarray(back)
+
+
+def symmetry_axis(scene: Scene) -> int | None:
+    """The axis about which the other two moments are equal, or None; of several that of the torque, or the last."""
+    moments, torque = np.asarray(scene.body.moments), scene.torque
+    along = torque.axis if isinstance(torque, torques.HeavyTop) else (0.0, 0.0, 0.0)
+    axes = [k for k in range(3) if moments[(k + 1) % 3] == moments[(k + 2) % 3]]
+    return max(axes, key=lambda k: (abs(along[k]), k), default=None)
+
+
+def axis_third(scene: Scene) -> Scene:
+    """The same scene with the axis of symmetry third; as it is if there is none, or its torque is not known here."""
+    return Numbering.of(scene).apply(scene) or scene
+
+
+class Ends(NamedTuple):
+    """Momenta (n, 3), body frame, and attitudes (n, 4) at the end of a scene, and which closed form gave them."""
+
+    momenta: np.ndarray
+    attitudes: np.ndarray
+    source: str
+
+
+def exact_ends(scene: Scene, starts: Iterable[np.ndarray]) -> Ends | None:
+    """Ends of a body without torque, or of a symmetric top about its third axis; of anything else None.
+
+    Args:
+        scene: the body, the torque, and how long.
+        starts: momentum and attitude side by side, (7,) each.
+
+    Raises:
+        ImportError: mpmath is missing.
+    """
+    from . import oracles
+
+    moments, times, top = np.asarray(scene.body.moments), [scene.duration], scene.torque
+    if top is None:
+        source, found = (
+            "closed form of the free body",
+            [oracles.free_body(moments, s[:3], s[3:], times) for s in starts],
+        )
+    elif isinstance(top, torques.HeavyTop) and top.axis[:2] == (0, 0) and moments[0] == moments[1]:
+        source, weight = "closed form of Lagrange's top", float(top.weight) * top.axis[2]
+        found = [oracles.lagrange_top(moments, weight, s[:3], s[3:], times) for s in starts]
+    else:
+        return None
+    momenta, attitudes = zip(*found, strict=True)
+    return Ends(np.concatenate(momenta), np.concatenate(attitudes), source)

@@ -1,0 +1,130 @@
+"""`midlie run`: a scene integrated, alone or in perturbed copies; what it kept of energy and momentum, and its time."""
+
+import argparse
+import math
+import time
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...drivers.integrate import integrate
+from ...drivers.timing import Load, Timing, cores, timed, user_clock
+from ...methods.registry import method as find_method
+from ...methods.stepper import Method
+from .. import scenes
+from ..scenes import Scene
+from .conservation import energy_change, momentum_change
+from .output import require
+from .record import Record, save
+
+_FEW, _MANY = 200, 2000  # states kept of each body, at most: for the errors, and for a file or a picture
+_KEPT_NUMBERS = 2**25  # and of all bodies together: 256 MiB in float64
+_TIMINGS, _TIMING_SECONDS = 30, 1.0  # runs timed, at most, and the seconds after which no more are
+_MOST_STEPS = 2**31 - 1
+
+
+def run(options: argparse.Namespace) -> None:
+    """Integrates, reports, and saves and draws what it was asked to."""
+    if options.plot:
+        require("matplotlib")
+    dtype = jnp.dtype(jnp.float32 if options.float32 else jnp.float64)
+    scene = scenes.scene(options.scene, dtype)
+    method = find_method(options.method)
+    dt, steps = _steps(options, scene, dtype)
+    start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
+    every = _save_every(steps, options.bodies, _MANY if options.out or options.plot else _FEW)
+    load = Load()
+    path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
+    record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)
+    _report(record, compile_seconds, timing, load)
+    if options.out:
+        save(record, options.out)
+        print(f"wrote {options.out}")
+    if options.plot:
+        from .run_chart import run_chart
+
+        run_chart(record, options.plot)
+        print(f"wrote {options.plot}")
+
+
+def _steps(options: argparse.Namespace, scene: Scene, dtype: Any) -> tuple[float, int]:
+    """The step, as the dtype holds it, and how many."""
+    with np.errstate(over="ignore"):  # an infinity is refused below
+        dt = float(np.asarray(scene.dt if options.dt is None else options.dt, dtype))
+    if not (math.isfinite(dt) and dt != 0):
+        given = "" if options.dt is None or dt == options.dt else f" (from {options.dt:g}, in {dtype})"
+        raise ValueError(f"dt must be finite and not zero, got {dt:g}{given}; write for example --dt {scene.dt:g}.")
+    if options.steps:
+        return dt, options.steps
+    count = max(1.0, scene.duration / abs(dt))
+    if count > _MOST_STEPS:
+        raise ValueError(
+            f"dt {dt:g} asks for {count:.1e} steps in the scene's duration {scene.duration:g}, more than {_MOST_STEPS}"
+            "; give a larger --dt, or --steps."
+        )
+    return dt, round(count)
+
+
+def _save_every(steps: int, bodies: int, most: int) -> int:
+    """Every how many steps a state is kept; a divisor of the steps if there is one that keeps at least half the most.
+
+    A prime number of steps has none: its last state then comes sooner after the one before.
+    """
+    most = max(1, min(most, _KEPT_NUMBERS // (8 * bodies)))
+    least = -(-steps // most)
+    return next((n for n in range(least, 2 * steps // most + 1) if steps % n == 0), least)
+
+
+def _integrated(
+    method: Method, scene: Scene, start: Any, dt: float, steps: int, every: int
+) -> tuple[tuple[Any, Any, Any], float, Timing]:
+    """Times, states and flags of the bodies; the seconds of compiling; and the timing of the runs."""
+    rest = steps % every
+
+    def one(start: Any, dt: Any) -> Any:
+        def part(start: Any, first: int, count: int, every: int) -> Any:
+            options = {"dt": dt, "steps": count, "save_every": every, "first_step": first}
+            return integrate(method, scene.body, scene.torque, start, **options)
+
+        path = part(start, 0, steps - rest, every)
+        if not rest:
+            return path
+        end = part(jax.tree.map(lambda leaf: leaf[-1], path.states), steps - rest, rest, rest)
+        times, states = jax.tree.map(
+            lambda a, b: jnp.concatenate([a, b[1:]]), (path.times, path.states), (end.times, end.states)
+        )
+        return path._replace(times=times, states=states, ok=path.ok & end.ok)
+
+    step = jnp.asarray(dt, start.momentum.dtype)
+    began = time.perf_counter()
+    compiled = jax.jit(jax.vmap(one, in_axes=(0, None))).lower(start, step).compile()
+    compile_seconds = time.perf_counter() - began
+    path, timing = timed(
+        lambda: jax.block_until_ready(compiled(start, step)),
+        least=1,
+        most=_TIMINGS,
+        longest=_TIMING_SECONDS,
+        clock=user_clock(),
+    )
+    return path, compile_seconds, timing
+
+
+def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) -> None:
+    many = len(record.ok)
+    failed = int(np.sum(~record.ok))
+    print(f"{record.headline}, on the {jax.default_backend().upper()}")
+    runs = f"median, ±{timing.spread:.0%}" if math.isfinite(timing.spread) else "one run"
+    clock = user_clock().name + (f" on {cores()} cores" if cores() > 1 else " on one core")
+    warning = load.warning()
+    for name, value in (
+        ("energy error, largest relative", energy_change(record).in_words),
+        ("momentum error, largest relative", momentum_change(record).in_words),
+        ("ok", "yes" if not failed else f"NO: failed for {failed} of {many}"),
+        ("compile time", f"{compile_seconds:.2f} s"),
+        ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
+        ("throughput", f"{many * record.steps / timing.seconds:.3g} body-steps/s"),
+        *([("note", warning)] if warning else []),
+    ):
+        print(f"  {name:<33} {value}")

@@ -1,0 +1,156 @@
+"""The picture of a run: what it kept of energy and momentum, how the body turned, and where one of its axes pointed."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ...model import so3, torques
+from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
+from .conservation import Change, energy_change, momentum_change
+from .record import Record
+
+_FIRST = 3  # bodies that are drawn one by one
+_COLOURS = ("#0072B2", "#D55E00", "#009E73")  # of Okabe and Ito
+_BAND = (5, 95)  # percentiles of all bodies
+_FEW = 50  # states that are seen one by one
+_ROUNDING = 1e3  # units in the last place below which an error is rounding
+_LEAST_RANGE = 1e-3  # of a panel of angular velocities, by the largest in it
+
+
+def run_chart(record: Record, path: str) -> None:
+    """Draws a run and writes a PNG.
+
+    Args:
+        record: of one body or many.
+        path: file to write; overwritten.
+
+    Raises:
+        ImportError: matplotlib is missing.
+        OSError: the file cannot be written.
+    """
+    write(run_figure(record), path)
+
+
+def run_figure(record: Record) -> Any:
+    """The same as a matplotlib figure."""
+    figure = new_figure(13.0, 10.0)
+    many, failed = len(record.ok), int(np.sum(~record.ok))
+    note = f"Run by {record.method} with {record.steps} steps of {record.dt:g} in {record.dtype}."
+    if many > 1:
+        note += (
+            f" {many} perturbed bodies. Lines: the first {min(many, _FIRST)}, of which the first is unperturbed. "
+            f"Bands: from percentile {_BAND[0]} to {_BAND[1]} of all."
+        )
+    if failed:
+        note += f" FAILED for {failed} of {many}: what is not finite is left out."
+    heading(figure, f"{record.scene.name}: {record.scene.title}", note)
+    figure.subplots_adjust(bottom=0.065, wspace=0.2, hspace=0.28)
+    grid = figure.add_gridspec(2, 2)
+    unit = record.scene.time_unit or "time"
+    time = f"Time t  [{unit}]"
+    _change(figure.add_subplot(grid[0, 0]), record, energy_change(record), time)
+    _change(figure.add_subplot(grid[1, 0]), record, momentum_change(record), time)
+    _trace(figure.add_subplot(grid[0, 1]), record)
+    stack = grid[1, 1].subgridspec(3, 1, hspace=0.18)
+    _rates([figure.add_subplot(stack[i]) for i in range(3)], record, time, unit)
+    return figure
+
+
+def _change(axes: Any, record: Record, change: Change, time: str) -> None:
+    kind = "Change" if change.reason else "Error"
+    panel(axes, f"{kind} of the {change.name}", time, f"{change.formula}  [-]")
+    _remark(axes, change.reason or change.note)
+    _band(axes, record.times, change.values, FAINT)
+    for values, colour in zip(change.values[:_FIRST], _COLOURS, strict=False):
+        # Rounding jumps from state to state: a line through it would be a block of colour.
+        rounding = np.nanmax(np.abs(values)) < _ROUNDING * np.finfo(record.dtype).eps
+        _plot(axes, record.times, values, colour, line=not rounding)
+    axes.set_xlim(*_span(record))
+    axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3))
+
+
+def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
+    """A panel for each axis, for the rates may be of very different size."""
+    rates = record.momenta / np.asarray(record.scene.body.moments)
+    for i, axes in enumerate(stack):
+        first, last = i == 0, i == len(stack) - 1
+        title = "Angular velocity about the principal axes" if first else ""
+        largest = np.nanmax(np.abs(rates[..., i]))
+        power = 3 * math.floor(math.log10(largest) / 3) if 0 < largest < 0.01 else 0
+        shown, scale = rates[..., i] / 10.0**power, f"$10^{{{power}}}$ " if power else ""
+        panel(axes, title, time if last else "", "")
+        axes.set_ylabel(f"Ω{i + 1}  [{scale}rad/{unit}]", fontsize=9, color=INK)
+        axes.tick_params(labelbottom=last)
+        _band(axes, record.times, shown, FAINT)
+        for values, colour in zip(shown[:_FIRST], _COLOURS, strict=False):
+            _plot(axes, record.times, values, colour)
+        axes.set_xlim(*_span(record))
+        low, high = axes.get_ylim()
+        least = _LEAST_RANGE * np.nanmax(np.abs(shown))  # a rate that is constant shall look so
+        if high - low < least:
+            axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
+        axes.ticklabel_format(axis="y", useOffset=False, style="plain")
+    stack[0].figure.align_ylabels(stack)
+
+
+def _trace(axes: Any, record: Record) -> None:
+    """The path of an axis of the body on the unit sphere, seen along the z axis of space."""
+    axis, name = _axis(record)
+    panel(axes, f"Path of {name} in space, seen from +z", "x in space  [-]", "y in space  [-]")
+    matrices = np.asarray(so3.to_matrix(jnp.asarray(record.attitudes[:_FIRST])), np.float64)
+    tips = matrices @ axis
+    for (x, y, z), colour in zip(np.moveaxis(tips, -1, 1), _COLOURS, strict=False):
+        above = np.where(z >= 0, 1.0, np.nan)
+        axes.plot(x, y, color=colour, linewidth=0.9, alpha=0.35)
+        axes.plot(x * above, y * above, color=colour, linewidth=1.2)
+        axes.plot(x[:1], y[:1], marker="o", markersize=7, color=colour, markeredgecolor="white", zorder=3)
+    if np.nanmax(np.abs(tips[..., :2])) > 0.5:
+        angle = np.linspace(0, 2 * np.pi, 181)
+        axes.plot(np.cos(angle), np.sin(angle), color=FAINT, linewidth=0.8, zorder=1)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.locator_params(nbins=6)
+    _remark(axes, "dot: the start" + ("; faint: below the xy plane" if np.nanmin(tips[..., 2]) < 0 else ""))
+
+
+def _remark(axes: Any, text: str) -> None:
+    """Small, above the right end of a panel: the left one may hold a power of ten."""
+    style = {"fontsize": 8.5, "color": "#5f5f5f", "ha": "right", "va": "bottom"}
+    axes.annotate(text, (1.0, 1.0), xytext=(0, 3), xycoords="axes fraction", textcoords="offset points", **style)
+    axes.set_title(axes.get_title(loc="left"), loc="left", pad=17, fontsize=PANEL_TITLE, weight="bold", color=INK)
+
+
+def _plot(axes: Any, times: np.ndarray, values: np.ndarray, colour: str, line: bool = True) -> None:
+    """A line, with dots on it where there are few states; or dots alone."""
+    few = len(times) < _FEW
+    style = {"marker": "." if few or not line else "", "markersize": 6.0 if few else 1.5}
+    axes.plot(times, values, color=colour, linewidth=1.0, linestyle="-" if line else "", **style)
+
+
+def _span(record: Record) -> tuple[float, float]:
+    """The times, with a little room."""
+    low, high = sorted((float(record.times[0]), float(record.times[-1])))
+    return low - 0.02 * (high - low), high + 0.02 * (high - low)
+
+
+def _axis(record: Record) -> tuple[np.ndarray, str]:
+    """The axis of the body that is followed, and what to call it: that on which the torque acts, else the third."""
+    torque = record.scene.torque
+    if isinstance(torque, torques.HeavyTop):
+        axis, name = np.asarray(torque.axis), "the axis from the pivot to the centre of mass"
+    elif isinstance(torque, torques.DipoleInField):
+        moment = np.asarray(torque.moment, np.float64)
+        axis, name = moment / np.linalg.norm(moment), "the dipole"
+    else:
+        axis, name = np.array([0.0, 0.0, 1.0]), "the body's axis e3"
+    own = [f"e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
+    return axis, f"the body's axis {own[0]}" if own else name
+
+
+def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None:
+    """Percentiles of the bodies at each time; one body has none."""
+    whole = values[np.all(np.isfinite(values), axis=1)]
+    if len(whole) > 1:
+        axes.fill_between(times, *np.percentile(whole, _BAND, axis=0), color=colour, alpha=0.22, linewidth=0)

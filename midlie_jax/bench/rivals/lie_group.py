@@ -1,0 +1,137 @@
+"""Two classical Lie-group methods of order 4, written with the rotations of this package and run as its own are.
+
+Both move the pair (R, pi) with pi = R Pi the momentum in space: R' = R skew(I^-1 R^T pi), pi' = R T. The momentum
+takes a plain Runge-Kutta step and the attitude one of products of exponentials, so that a free body keeps pi.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import equinox as eqx
+from jax import Array
+
+from ..._kernel import components as cp
+from ..._kernel.fusion import together
+from ..._kernel.short_series import LARGEST_SQUARE, half_turn
+from ...methods.stepper import Method, Motion, System
+from ...model.bodies import RigidBody
+from .problem import Point, Problem
+
+
+class _OnTheGroup(Method):
+    """What the two share: a stage's angular velocity and torque in space."""
+
+    name: eqx.AbstractVar[str]
+    order: int = eqx.field(static=True, default=4)
+    symmetric: bool = eqx.field(static=True, default=False)
+    bodies: type = eqx.field(static=True, default=RigidBody)
+    evaluations: int = eqx.field(static=True, default=4)
+
+    def keeps_force(self, system: System) -> bool:
+        return False
+
+
+def _rates(system: System, t: Array, momentum: cp.Vector, pose: Any) -> tuple[cp.Vector, cp.Vector]:
+    """I^-1 R^T pi and R T."""
+    body = cp.rotate_back(pose, momentum)
+    velocity = cp.times(system.inertia.inverses, body)
+    if system.torque is None:
+        return velocity, (body[0] * 0, body[0] * 0, body[0] * 0)
+    return velocity, cp.rotate(pose, system.force(t, Motion(body, pose)))
+
+
+def _exp(v: cp.Vector) -> tuple[cp.Quaternion, Array]:
+    half = cp.scale(0.5, v)
+    root = half_turn(half)
+    return cp.square(root), cp.dot(half, half)
+
+
+def _sum(*terms: tuple[float, cp.Vector]) -> cp.Vector:
+    total = cp.scale(*terms[0])
+    for c, v in terms[1:]:
+        total = cp.add(total, cp.scale(c, v))
+    return total
+
+
+def _weighted(k: list[cp.Vector]) -> cp.Vector:
+    return _sum((1 / 6, k[0]), (1 / 3, k[1]), (1 / 3, k[2]), (1 / 6, k[3]))
+
+
+class RKMK4(_OnTheGroup):
+    """The classical Runge-Kutta method on u' = dexp_(-u)^-1 Omega, R = R0 exp(u), the inverse cut after two brackets.
+
+    Order 4. Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115.
+    """
+
+    name: str = eqx.field(static=True, default="RKMK4")
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
+    ) -> tuple[Motion, Any, Array | bool]:
+        del force
+        start, pose = cp.rotate(motion.pose, motion.momentum), motion.pose
+        turns: list[cp.Vector] = []
+        pushes: list[cp.Vector] = []
+        u, momentum, here = None, start, pose
+        for stage, (c, t) in enumerate(((0.5, t0), (0.5, t0 + h / 2), (1.0, t0 + h / 2), (None, t1))):
+            velocity, push = _rates(system, t, momentum, here)
+            if u is not None:  # dexp_(-u)^-1 v = v + u x v / 2 + u x (u x v) / 12
+                first = cp.cross(u, velocity)
+                velocity = _sum((1.0, velocity), (0.5, first), (1 / 12, cp.cross(u, first)))
+            turns.append(cp.scale(h, velocity))
+            pushes.append(cp.scale(h, push))
+            if c is not None:
+                u, momentum = cp.scale(c, turns[stage]), cp.add(start, cp.scale(c, pushes[stage]))
+                turns, pushes, u, momentum = together((turns, pushes, u, momentum))
+                here = cp.multiply(pose, _exp(u)[0])
+        increment, size = _exp(_weighted(turns))
+        momentum = cp.add(start, _weighted(pushes))
+        turned = system.turned(pose, increment, t0, h)
+        return Motion(cp.rotate_back(turned, momentum), turned), None, size <= LARGEST_SQUARE
+
+
+class CF4(_OnTheGroup):
+    """Commutator-free: five exponentials and no bracket.
+
+    Order 4. Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341.
+    """
+
+    name: str = eqx.field(static=True, default="CF4")
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
+    ) -> tuple[Motion, Any, Array | bool]:
+        del force
+        start, pose = cp.rotate(motion.pose, motion.momentum), motion.pose
+
+        def stage(t: Array, momentum: cp.Vector, here: Any) -> tuple[cp.Vector, cp.Vector]:
+            velocity, push = _rates(system, t, momentum, here)
+            return together((cp.scale(h, velocity), cp.scale(h, push)))
+
+        v1, f1 = stage(t0, start, pose)
+        second = cp.multiply(pose, _exp(cp.scale(0.5, v1))[0])
+        v2, f2 = stage(t0 + h / 2, cp.add(start, cp.scale(0.5, f1)), second)
+        third = cp.multiply(pose, _exp(cp.scale(0.5, v2))[0])
+        v3, f3 = stage(t0 + h / 2, cp.add(start, cp.scale(0.5, f2)), third)
+        fourth = cp.multiply(second, _exp(_sum((1.0, v3), (-0.5, v1)))[0])
+        v4, f4 = stage(t1, cp.add(start, f3), fourth)
+        inner, one = _exp(_sum((0.25, v1), (1 / 6, v2), (1 / 6, v3), (-1 / 12, v4)))
+        outer, two = _exp(_sum((-1 / 12, v1), (1 / 6, v2), (1 / 6, v3), (0.25, v4)))
+        momentum = cp.add(start, _weighted([f1, f2, f3, f4]))
+        turned = system.turned(cp.multiply(pose, inner), outer, t0, h)
+        ok = (one <= LARGEST_SQUARE) & (two <= LARGEST_SQUARE)
+        return Motion(cp.rotate_back(turned, momentum), turned), None, ok
+
+
+def rkmk4(problem: Problem) -> Iterator[Point]:
+    """RKMK4 over a ladder of steps."""
+    from ..work_precision import ladder
+
+    return ladder(RKMK4(), problem)
+
+
+def cf4(problem: Problem) -> Iterator[Point]:
+    """CF4 over a ladder of steps."""
+    from ..work_precision import ladder
+
+    return ladder(CF4(), problem)

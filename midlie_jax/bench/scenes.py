@@ -1,0 +1,367 @@
+"""Scenes: named starting points, each a body, a torque, a start and how long to watch.
+
+The published cases against which the package is checked, and a few that are good to look at. They are built when
+asked for, in the dtype asked for; nothing here runs on import.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..model import so3
+from ..model.bodies import RigidBody
+from ..model.orbits import KeplerOrbit
+from ..model.states import RigidState
+from ..model.torques import GravityGradient, HeavyTop, Prescribed, TorqueLike
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A named starting point.
+
+    Attributes:
+        name: as in `scenes()`.
+        title: what it is, one line.
+        body: the body, about its fixed point or its centre of mass.
+        torque: body-frame torque, or None for a free body.
+        start: body-frame angular momentum (3,) and attitude (4,), at time 0.
+        dt: a step at which LIEMID[EA] looks right.
+        duration: how long to watch, a whole number of steps.
+        source: where the numbers are from.
+        units: the units of mass, length and time, and what the space frame is where that is not plain.
+        axes: (3, 3) for a body given by a full tensor: the principal axes, as columns, in the frame in which the
+            tensor was given (see `RigidBody.from_tensor`); None where the body frame is the given frame.
+    """
+
+    name: str
+    title: str
+    body: RigidBody
+    torque: TorqueLike | None
+    start: RigidState
+    dt: float
+    duration: float
+    source: str
+    units: str
+    axes: Float[Array, "3 3"] | None = None
+
+    @property
+    def steps(self) -> int:
+        """Steps of `dt` in `duration`."""
+        return round(self.duration / self.dt)
+
+    @property
+    def time_unit(self) -> str:
+        """The unit of time, as in "s"; "" for any."""
+        units = self.units.partition(";")[0].split(",")  # mass, length, time
+        return units[-1].strip() if len(units) == 3 else ""
+
+
+class Pulse(eqx.Module):
+    """A constant torque switched on and off, for `Prescribed`.
+
+    At a switch it is the mean of both sides, so that steps which end there keep second order.
+
+    Attributes:
+        torque: while it is on, (3,), body frame.
+        on, off: times of the switches, on < off.
+    """
+
+    torque: Float[Array, "3"]
+    on: float = eqx.field(static=True)
+    off: float = eqx.field(static=True)
+
+    def __call__(self, t: Any) -> Float[Array, "3"]:
+        t = jnp.asarray(t, self.torque.dtype)
+        return self.torque * ((_side(t, self.on) - _side(t, self.off)) / 2)
+
+
+def _side(t: Float[Array, ""], switch: float) -> Float[Array, ""]:
+    """-1 before the switch, 0 at it, 1 after it."""
+    # A step that ends at the switch may miss it by the rounding of n * dt: half a unit for dt, half for the product.
+    slack = 4 * float(jnp.finfo(t.dtype).eps) * abs(switch)
+    return jnp.where(jnp.abs(t - switch) <= slack, jnp.zeros_like(t), jnp.sign(t - switch))
+
+
+def scenes() -> list[str]:
+    """The names of all scenes."""
+    return list(_SCENES)
+
+
+def scene(name: str, dtype: Any = None) -> Scene:
+    """The scene of that name.
+
+    Args:
+        name: one of `scenes()`.
+        dtype: of every array in it; by default float64 where JAX has it on (`jax_enable_x64`), else float32.
+
+    Raises:
+        ValueError: unknown name, with the nearest and a list of all; or a dtype that is not floating or that JAX has
+            not on.
+    """
+    if name not in _SCENES:
+        lower = {known.lower(): known for known in _SCENES}
+        close = get_close_matches(name.lower(), lower, n=1)
+        meant = f" Did you mean {lower[close[0]]!r}?" if close else ""
+        raise ValueError(f"unknown scene {name!r}; choose from {', '.join(_SCENES)}.{meant}")
+    widest = jnp.result_type(float)
+    dtype = jnp.dtype(widest if dtype is None else dtype)
+    if not jnp.issubdtype(dtype, jnp.floating):
+        raise ValueError(f"dtype must be floating point, got {dtype}.")
+    if dtype.itemsize > widest.itemsize:
+        raise ValueError(f"dtype {dtype} is off; turn it on with jax.config.update('jax_enable_x64', True).")
+    built = _SCENES[name](dtype)
+    # The table is the one place that names a scene.
+    return replace(built, name=name)
+
+
+def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidState:
+    """Copies of a scene's start, each a little different.
+
+    Args:
+        scene: from `scene(name)`.
+        count: how many.
+        size: standard deviation of each component of the change: of the momentum as a part of its norm, of the
+            attitude as a rotation vector in the body, radian.
+        seed: the same seed gives the same copies, whatever the dtype, and more of them for a larger count.
+
+    Returns:
+        The states, leading axis `count`; the first is the start itself. For `jax.vmap`.
+
+    Raises:
+        ValueError: count not a positive int, or size negative or not finite.
+    """
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise ValueError(f"count must be a positive Python int, got {count!r}.")
+    if not np.isfinite(size) or size < 0:
+        raise ValueError(f"size must be finite and not negative, got {size!r}.")
+    changes = size * np.random.default_rng(seed).standard_normal((count, 2, 3))
+    momentum, attitude = scene.start.momentum, scene.start.attitude
+    push, turn = (jnp.asarray(changes[1:, i], momentum.dtype) for i in (0, 1))
+    norm = jnp.sqrt(jnp.sum(momentum**2))
+    others = (momentum[None] + norm * push, so3.multiply(attitude[None], so3.exp(turn)))
+    # The first is put in front rather than perturbed by zero: it is then the start to the bit.
+    return RigidState(
+        momentum=jnp.concatenate([momentum[None], others[0]]),
+        attitude=jnp.concatenate([attitude[None], others[1]]),
+    )
+
+
+def _rotation(vector: tuple[float, float, float]) -> np.ndarray:
+    """exp(vector) in float64, whatever JAX has on."""
+    angle = np.linalg.norm(vector)
+    return np.append(np.cos(angle / 2), np.asarray(vector) * np.sinc(angle / (2 * np.pi)) / 2)
+
+
+def _start(momentum: Any, attitude: Any, dtype: Any) -> RigidState:
+    return RigidState(momentum=jnp.asarray(momentum, dtype), attitude=jnp.asarray(attitude, dtype))
+
+
+def _body(moments: Any, dtype: Any) -> RigidBody:
+    return RigidBody(jnp.asarray(moments, dtype))
+
+
+_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+_ANY_UNITS = "any consistent units; z up"
+_SIMO_WONG = "parameters of Simo & Wong, IJNME 31 (1991) 19, and of those who follow Krysl, IJNME 63 (2005) 2171"
+
+
+def _p1(title: str, tilt: float, spin: float, duration: float, source: str, dtype: Any) -> Scene:
+    """The top of P1 let go with some tilt and spin."""
+    return Scene(
+        name="",
+        title=title,
+        body=_body([5.0, 5.0, 1.0], dtype),
+        torque=HeavyTop(jnp.asarray(20.0, dtype)),
+        start=_start([0.0, 0.0, spin], _rotation((tilt, 0.0, 0.0)), dtype),
+        dt=0.005,
+        duration=duration,
+        source=source,
+        units=_ANY_UNITS,
+    )
+
+
+def _fast_top(dtype: Any) -> Scene:
+    return _p1("fast heavy top, nearly upright (Figure 1)", 0.05, 50.0, 10.0, _SIMO_WONG, dtype)
+
+
+def _tilted_top(dtype: Any) -> Scene:
+    return _p1("fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIMO_WONG, dtype)
+
+
+def _slow_top(dtype: Any) -> Scene:
+    # Upright sleep needs Pi3^2 > 4 I1 mgl = 400.
+    source = "P1's body; spin 10, half of the 20 below which it cannot sleep upright: chosen here, not published"
+    return _p1("slow heavy top: too slow to sleep, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
+
+
+def _krysl_block(dtype: Any) -> Scene:
+    moments = np.array([0.0454896, 0.0454896, 0.00139968])
+    return Scene(
+        name="",
+        title="Krysl's block, a prism 60 x 60 x 240 mm spinning on the middle of one end",
+        body=_body(moments, dtype),
+        torque=HeavyTop(jnp.asarray(2.74617216, dtype)),
+        start=_start([0.0, 0.0, moments[2] * 313 * np.pi], _rotation((0.05, 0.0, 0.0)), dtype),
+        dt=1e-4,
+        duration=0.8,
+        source="Krysl's block; see Krysl & Endres, IJNME 62 (2005) 2154, and Krysl, IJNME 63 (2005) 2171",
+        units="kg, m, s; density 2700 kg/m^3; z up",
+    )
+
+
+def _tumbling_brick(dtype: Any) -> Scene:
+    moments = np.array([0.00189422, 0.006211019, 0.007194665])
+    return Scene(
+        name="",
+        title="tumbling brick without drag, in free fall",
+        body=_body(moments, dtype),
+        torque=None,
+        start=_start(moments * np.deg2rad([10.0, 20.0, 30.0]), _UPRIGHT, dtype),
+        dt=0.05,
+        duration=30.0,
+        source="NASA NESC six-degree-of-freedom check-case 2, as carried by nasa/simupy-flight",
+        units="slug, ft, s; space is North-East-Down over the equator at longitude and time 0, not turning",
+    )
+
+
+def _dzhanibekov(dtype: Any) -> Scene:
+    moments = np.array([0.6, 0.8, 1.0])
+    return Scene(
+        name="",
+        title="Dzhanibekov's body: spun about its middle axis, it turns over again and again",
+        body=_body(moments, dtype),
+        torque=None,
+        start=_start(moments * np.array([0.01, 10.0, 0.01]), _UPRIGHT, dtype),
+        dt=0.005,
+        duration=20.0,
+        source="moments of Hairer & Vilmart's driver; the spin is chosen here, not published",
+        units="any consistent units",
+    )
+
+
+def _free_asymmetric(dtype: Any) -> Scene:
+    return Scene(
+        name="",
+        title="free asymmetric body",
+        body=_body([0.6, 0.8, 1.0], dtype),
+        torque=None,
+        start=_start([1.8, 0.4, -0.9], _UPRIGHT, dtype),
+        dt=0.01,
+        duration=10.0,
+        source="driver of Hairer & Vilmart's programs, J. Phys. A 39 (2006) 13225",
+        units="any consistent units",
+    )
+
+
+def _bruls_cardona(dtype: Any) -> Scene:
+    moments = np.array([15.234375, 0.46875, 15.234375])
+    return Scene(
+        name="",
+        title="heavy top of Bruls and Cardona, axis along y, spinning at 150 rad/s",
+        body=_body(moments, dtype),
+        torque=HeavyTop(jnp.asarray(15 * 9.81, dtype), axis=(0.0, 1.0, 0.0)),
+        start=_start(moments * np.array([0.0, 150.0, -4.61538]), _UPRIGHT, dtype),
+        dt=0.001,
+        duration=2.0,
+        source="Bruls & Cardona, J. Comput. Nonlinear Dynam. 5 (2010) 031002; mass 15, its centre 1 from the pivot",
+        units="kg, m, s; z up",
+    )
+
+
+def _gravity_gradient(dtype: Any) -> Scene:
+    mu = 3.986004415e14
+    moments = np.array([500.0, 12250.0, 12250.0])
+    to_body = jnp.asarray(
+        [
+            [-0.6443912270931274, 0.05284210190675609, 0.7628680480341864],
+            [-0.7615617871470506, -0.1345758407161209, -0.6339660776454052],
+            [0.06916350883930189, -0.9894933326514259, 0.1269620166955875],
+        ],
+        dtype,
+    )
+    orbit = KeplerOrbit(
+        position=jnp.asarray([-4292653.41, 955168.47, 5139356.57], dtype),
+        velocity=jnp.asarray([109.649663, -7527.72649, 1484.521489], dtype),
+        mu=jnp.asarray(mu, dtype),
+    )
+    return Scene(
+        name="",
+        title="satellite in the Earth's gravity gradient, on a nearly circular orbit",
+        body=_body(moments, dtype),
+        torque=GravityGradient(jnp.asarray(moments, dtype), orbit, jnp.asarray(mu, dtype)),
+        # The source gives the matrix that takes inertial components to the body; attitudes go the other way.
+        start=RigidState(
+            momentum=jnp.asarray(moments * np.array([-1.97989570839746e-5, -0.001134281491669957, 0.0]), dtype),
+            attitude=so3.from_matrix(to_body.T),
+        ),
+        dt=10.0,
+        duration=28800.0,
+        source="NASA JEOD, verification case RUN_10A",
+        units="kg, m, s; space is Earth-centred inertial",
+    )
+
+
+def _ten_orbits(dtype: Any) -> Scene:
+    return replace(
+        _gravity_gradient(dtype),
+        title="the same satellite over ten orbits",
+        duration=55350.0,
+    )
+
+
+def _asymmetric_top(dtype: Any) -> Scene:
+    attitude = np.array([0.8, 0.3, -0.4, 0.33])
+    return Scene(
+        name="",
+        title="asymmetric heavy top, strongly forced: no symmetry to use and no closed form",
+        body=_body([1.0, 2.0, 3.0], dtype),
+        torque=HeavyTop(jnp.asarray(3.0, dtype)),
+        start=_start([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude), dtype),
+        dt=0.01,
+        duration=10.0,
+        source="chosen here, not published",
+        units=_ANY_UNITS,
+    )
+
+
+def _pulsed_body(dtype: Any) -> Scene:
+    tensor = [[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]]
+    velocity = [0.0, -0.001134454274550824, 0.0]
+    body, axes = RigidBody.from_tensor(jnp.asarray(tensor, dtype))
+    to_principal = np.asarray(axes, np.float64).T
+    return Scene(
+        name="",
+        title="large body with a full inertia tensor, pushed for 1000 s",
+        body=body,
+        torque=Prescribed(Pulse(jnp.asarray(to_principal @ np.array([10.0, 0.0, 0.0]), dtype), 1000.0, 2000.0)),
+        start=_start(to_principal @ np.array(tensor) @ np.array(velocity), so3.from_matrix(axes), dtype),
+        # Both switches fall on the end of a step.
+        dt=10.0,
+        duration=28800.0,
+        source="NASA JEOD, verification case RUN_9B",
+        units="kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
+        axes=axes,
+    )
+
+
+_SCENES: dict[str, Callable[[Any], Scene]] = {
+    "P1": _fast_top,
+    "P1-tilted": _tilted_top,
+    "P2": _krysl_block,
+    "slow-top": _slow_top,
+    "tumbling-brick": _tumbling_brick,
+    "dzhanibekov": _dzhanibekov,
+    "free-asymmetric": _free_asymmetric,
+    "asymmetric-top": _asymmetric_top,
+    "bruls-cardona": _bruls_cardona,
+    "gravity-gradient": _gravity_gradient,
+    "gravity-gradient-10": _ten_orbits,
+    "pulsed-body": _pulsed_body,
+}

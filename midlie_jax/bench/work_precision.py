@@ -1,0 +1,248 @@
+"""Error against what it costs, for the methods of this package and for other programs, on the same bodies.
+
+A method is compiled once a scene, with its number of steps and its step as arguments, and run over a ladder of steps.
+The loop is that of `integrate` and the batch is cut as `ensemble` cuts it: `tests/test_work_precision.py` holds them
+to the same result.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..drivers.integrate import end_state
+from ..drivers.timing import Load, Timing, cost_clock, spread_in_words
+from ..methods.registry import method as find_method
+from ..methods.stepper import Method, Splitting
+from ..model.states import RigidState
+from . import scenes
+from .closed_form import axis_third, exact_ends, symmetry_axis
+from .frontier import Ratio, ratios
+from .rivals import RIVALS, Rival
+from .rivals.problem import Point, Problem, matrix
+from .scenes import Scene
+
+BODIES, JUDGED, SIZE = 1024, 16, 1e-3
+SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
+_FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step tells nothing
+_ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
+_ROUGH = 0.1  # an attitude error above which a method has not begun to converge
+_GROWTH = 1.6  # from one rung of a ladder to the next
+# Bodies moved at once. Most steps do not care; one whose stages all stay alive, as those of DOP853, runs four times as
+# fast where they fit the first cache.
+CHUNK, FEW = 256, 64
+
+
+# Which of our methods a kind of body is moved by: a name here is a line on the charts.
+_PAPER = ("LIEMID[EA]",)
+_GENERAL = ("RK4", "DOP853")
+OURS: dict[str, tuple[str, ...]] = {
+    "two equal moments": (
+        *_PAPER,
+        *(f"SYMMETRIC[{s}]" for s in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")),
+        *_GENERAL,
+    ),
+    "three moments": (
+        *_PAPER,
+        *("DLM[EA]", "DLM[SU8]", "DLM[KL8]"),
+        *(f"JACOBI[{s}]" for s in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a")),
+        *_GENERAL,
+    ),
+    "three moments, free": (
+        *_PAPER,
+        *("DLM[EA]", "DLM[SU8]"),
+        *("SLIEMID4[EA]", "JACOBI[EA]"),
+        *_GENERAL,
+    ),
+}
+
+
+def methods_for(scene: Scene) -> tuple[str, ...]:
+    """The methods to chart for a scene, by the kind of its body."""
+    if symmetry_axis(scene) is not None:
+        return OURS["two equal moments"]
+    return OURS["three moments, free" if scene.torque is None else "three moments"]
+
+
+def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
+    """The bodies of a scene, a little different from each other, and where the first of them end.
+
+    The ends are those of a closed form where there is one, else of heyoka's Taylor series in 38 digits.
+
+    Args:
+        name: of a scene.
+        bodies, judged: how many are moved, and how many of these are judged.
+        quick: fewer and shorter runs.
+
+    Raises:
+        ValueError: unknown scene.
+        ImportError: heyoka or mpmath is missing.
+    """
+    scene = axis_third(scenes.scene(name, jnp.float64))
+    starts = scenes.perturbed(scene, bodies, SIZE)
+    momentum, attitude = np.asarray(starts.momentum), np.asarray(starts.attitude)
+    # To rounding: off the unit sphere programs differ in what an attitude means.
+    attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    states = np.concatenate([momentum, attitude], axis=1)[: min(judged, bodies)]
+    ends, source, doubt = _ends(scene, states)
+    limits = {"repeats": 2, "longest": 0.2} if quick else {"repeats": 5, "longest": 0.3}
+    return Problem(scene, momentum, attitude, ends, source, doubt, **limits)
+
+
+def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
+    """Rotation matrices at the end, how they were found, and what they may be wrong by."""
+    exact = exact_ends(scene, states)
+    if exact is not None:
+        return np.stack([matrix(q) for q in exact.attitudes]), exact.source, 1e-15
+    from .rivals.heyoka_taylor import reference
+
+    found = reference(scene, states)
+    change = float(np.max(np.abs(found[:1] - reference(scene, states[:1], digits=46))))
+    return found, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
+
+
+def measure(
+    given: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
+) -> tuple[list[Point], list[Point]]:
+    """The points of our methods and of the rivals; one that fails is said, and the others go on."""
+
+    def tried(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:
+        said(label)
+        try:
+            return list(points())
+        except Exception as error:  # one broken method or program must not cost the user the others
+            said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+            return []
+
+    mine = [point for name in ours for point in tried(name, lambda name=name: ladder(find_method(name), given))]
+    theirs = [point for r in rivals for point in tried(r.label, lambda r=r: r.measure(given))]
+    return mine, theirs
+
+
+def ladder(method: Method, given: Problem) -> Iterator[Point]:
+    """Points of a method from a coarse step to where rounding rules or a run takes too long."""
+    made = _Ladder(method, given, CHUNK if isinstance(method, Splitting) else FEW)
+    count = max(1, given.scene.steps // 100)
+    best, worse = np.inf, 0
+    while worse < 3:
+        steps = made.whole(count)
+        ends, ok, timing = made.run(steps)
+        error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
+        if ok and np.isfinite(error):
+            evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
+            yield Point(
+                method.name,
+                f"step {given.scene.duration / steps:.2e}",
+                error,
+                timing.seconds / given.bodies,
+                evaluations,
+                steps,
+                timing.spread,
+            )
+            # Past the floor, and past three rungs that gain nothing on a good one, there is rounding alone.
+            worse = worse + 1 if error < _FLOOR or (best < _ROUGH and error > 0.7 * best) else 0
+            best = min(best, error)
+        if timing.seconds > given.longest:
+            return
+        count = max(count + 1, round(count * _GROWTH))
+
+
+class _Ladder:
+    """One method on one problem, compiled once for any number of steps."""
+
+    def __init__(self, method: Method, given: Problem, chunk: int):
+        self.method, self.given = method.fitted(given.scene.body), given
+        self.start = (jnp.asarray(given.momentum), jnp.asarray(given.attitude))
+        self.made = self._compiled(chunk if given.bodies % chunk == 0 else given.bodies)
+
+    def whole(self, steps: int) -> int:
+        """The nearest number of steps that the loop can do."""
+        return self.method.unroll * max(1, round(steps / self.method.unroll))
+
+    def run(self, steps: int) -> tuple[np.ndarray, bool, Timing]:
+        """The attitudes at the end, whether all went well, and the timing for all bodies."""
+        (ends, ok), timing = self.given.timed(lambda: self._go(steps))
+        return np.asarray(ends), bool(np.all(ok)), timing
+
+    def _go(self, steps: int) -> Any:
+        step = jnp.asarray(self.given.scene.duration / steps, jnp.float64)
+        return jax.block_until_ready(self.made(*self.start, step, jnp.asarray(steps // self.method.unroll, jnp.int32)))
+
+    def _compiled(self, chunk: int) -> Any:
+        bodies = self.given.bodies
+
+        def run(momentum: Any, attitude: Any, dt: Any, turns: Any) -> Any:
+            one = jax.vmap(lambda p, q: self._end(p, q, dt, turns))
+            parts = (momentum.reshape(-1, chunk, 3), attitude.reshape(-1, chunk, 4))
+            ends, ok = jax.lax.map(lambda part: one(*part), parts)
+            return ends.reshape(bodies, 4), ok
+
+        shapes = (*self.start, jnp.asarray(0.0, jnp.float64), jnp.asarray(1, jnp.int32))
+        return jax.jit(run).lower(*shapes).compile()
+
+    def _end(self, momentum: Any, attitude: Any, dt: Any, turns: Any) -> tuple[Any, Any]:
+        """The attitude of one body, and whether all went well."""
+        scene = self.given.scene
+        start = type(scene.start).of(momentum, attitude)
+        end, ok = end_state(self.method, scene.body, scene.torque, start, dt, turns)
+        return cast(RigidState, end).attitude, ok
+
+
+class Comparison(NamedTuple):
+    """What was measured on a scene.
+
+    Attributes:
+        problem: the bodies.
+        ratios: our times over others'.
+        ours, rivals: points.
+        warning: what the user must know of the machine, or nothing.
+    """
+
+    problem: Problem
+    ratios: list[Ratio]
+    ours: list[Point]
+    rivals: list[Point]
+    warning: str
+
+
+def compared(
+    name: str, ours: Sequence[str] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
+) -> Comparison:
+    """Measures a scene."""
+    load = Load()
+    given = problem(name, quick=quick)
+    chosen = methods_for(given.scene) if ours is None else ours
+    mine, theirs = measure(given, chosen, said=said)
+    return Comparison(given, ratios(mine, theirs, symplectic(mine)), mine, theirs, load.warning())
+
+
+def symplectic(points: Sequence[Point]) -> list[str]:
+    """The names of our methods among the points that are symplectic: kicks, and flights that are."""
+    methods = {name: find_method(name) for name in dict.fromkeys(point.method for point in points)}
+    return [name for name, m in methods.items() if isinstance(m, Splitting) and m.flight.symplectic]
+
+
+def title(given: Problem) -> str:
+    """What moved, for how long."""
+    return f"{given.scene.name}: {given.scene.title}, T = {given.scene.duration:g}"
+
+
+def note(found: Comparison) -> str:
+    """How it was measured, for a chart."""
+    given = found.problem
+    return (
+        f"{given.bodies} bodies side by side, one core, float64. Errors against the {given.source}, good to "
+        f"{given.uncertainty:.0e}. Wide line: the frontier of our methods (filled marks; dashed if not symplectic). "
+        f"Hollow marks: other programs and methods. {timing_note(found)}"
+    )
+
+
+def timing_note(found: Comparison) -> str:
+    """How times were taken, how far they spread, and whether the machine was busy."""
+    spread = spread_in_words([point.spread for point in found.ours + found.rivals])
+    said = (
+        f"Times: medians of {cost_clock().name}; ± or bars either way: half the distance between quartiles ({spread})"
+    )
+    return f"{said}. {found.warning}".strip()

@@ -1,0 +1,137 @@
+"""What moves: the term of a rigid body, for `LieSolver` and for every ODE solver of diffrax.
+
+Also the small change that the rest of the subpackage shares: states of any numbers, components in and out.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel import components as cp
+from .._kernel.checks import described, same_dtype
+from ..drivers.arguments import check_batch, check_body
+from ..methods.stepper import Method, System
+from ..model.bodies import Body, RigidBody
+from ..model.states import State
+from ..model.torques import TorqueLike
+
+
+class Rates(NamedTuple):
+    """What changes a state.
+
+    Velocity and torque are there beside the ambient derivative because motion on the group is made of them. Recovering
+    them from the derivative would cost a division by the attitude, though no accuracy that can be seen, not even in
+    float32: `benchmarks/diffrax_pipeline.py float32`.
+
+    Attributes:
+        ambient: the derivative of the state's arrays, a state of the same class.
+        velocity: body-frame angular velocity (3,); for particles the velocity.
+        torque: body-frame torque (3,); for particles the force.
+    """
+
+    ambient: Any
+    velocity: Array
+    torque: Array
+
+
+class RigidBodyTerm(diffrax.AbstractTerm):
+    """Pi' = Pi x Om + T, R' = R skew(Om), Om = I^-1 Pi, as a term for `LieSolver` and for every ODE solver of diffrax.
+
+    Attributes:
+        body: what moves.
+        torque: any callable `torque(t, state) -> (3,)` in the body frame, or None.
+        torque_of_args: instead of `torque`: a function from diffrax's `args` to such a callable (or None), such as
+            `lambda args: ml.torques.HeavyTop(args["weight"])`.
+
+    Raises:
+        ValueError: both torques given, a torque that cannot be called, a body that is none.
+    """
+
+    body: Body
+    torque: TorqueLike | None
+    torque_of_args: Callable[[Any], TorqueLike | None] | None
+
+    def __init__(self, body: Any, torque: Any = None, *, torque_of_args: Any = None):
+        if not isinstance(body, Body):
+            raise ValueError(f"body must be a midlie_jax.RigidBody, TensorBody or Particles, got {described(body)}.")
+        if torque is not None and torque_of_args is not None:
+            raise ValueError("give torque or torque_of_args, not both; add torques with midlie_jax.torques.Sum.")
+        for name, value, form in (("torque", torque, "(t, state)"), ("torque_of_args", torque_of_args, "args")):
+            if value is not None and not callable(value):
+                raise ValueError(f"{name} must be None or a callable of {form}, got {described(value)}.")
+        self.body, self.torque, self.torque_of_args = body, torque, torque_of_args
+
+    def torque_at(self, args: Any) -> TorqueLike | None:
+        """The torque for these `args`, a callable of (t, state)."""
+        return self.torque if self.torque_of_args is None else self.torque_of_args(args)
+
+    def vf(self, t: Any, y: Any, args: Any) -> Rates:
+        """The rates of one state at a time ()."""
+        torque = self.torque_at(args)
+        check(self.body, torque, y)
+        system = System.of(self.body, torque, y, as_time(t, y))
+        motion = system.motion(y)
+        force = system.shown(system.force(as_time(t, y), motion))
+        velocity = system.shown(system.velocity(motion.momentum))
+        return Rates(ambient_rate(y, velocity, force), packed(velocity), packed(force))
+
+    def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
+        """The step."""
+        del kwargs
+        return t1 - t0
+
+    def prod(self, vf: Rates, control: Any) -> Any:
+        """The step times the derivative of the state's arrays."""
+        return jax.tree.map(lambda x: jnp.asarray(control, x.dtype) * x, vf.ambient)
+
+
+def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
+    """The derivative of the state's arrays."""
+    momentum, pose = y.parts()
+    rate = type(y).rate(pose, velocity)
+    if not isinstance(momentum, tuple):
+        return like(y, force, rate)
+    return like(y, cp.pack(cp.add(cp.cross(momentum, velocity), force)), packed(rate))
+
+
+def like(y: Any, *arrays: Any) -> Any:
+    """A state of y's class of any numbers: the class itself would refuse a derivative as no unit quaternion."""
+    structure = jax.tree.structure(y)
+    return jax.tree.unflatten(structure, arrays[: structure.num_leaves])
+
+
+def packed(parts: Any) -> Any:
+    """Components as an array; what is an array already, or nothing, as it is."""
+    return cp.pack(parts) if isinstance(parts, tuple) and parts else parts
+
+
+def unpacked(array: Array, y: Any) -> Any:
+    """The array as components where the steps of y's class see components."""
+    return cp.unpack(array) if y.body is RigidBody else array
+
+
+def as_time(t: Any, y: Any) -> Array:
+    """In the dtype of the state, in which everything is computed."""
+    return jnp.asarray(t).astype(y.momentum.dtype)
+
+
+def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
+    """Raises a ValueError unless state, body, torque and method belong together, one body at a time."""
+    if not isinstance(y, State):
+        raise ValueError(
+            f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for the way back of "
+            "BacksolveAdjoint name a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
+        )
+    check_body(method, body, y)
+    check_batch("y0", body, y)
+    try:
+        same_dtype("the state", y.momentum, body=body, torque=torque)
+    except ValueError as error:
+        raise ValueError(
+            f"{error} diffrax promotes the state to the dtype of time: for float32 with x64 on, give t0, t1 and dt0 as "
+            "jnp.float32."
+        ) from error

@@ -1,0 +1,1 @@
+"""Many steps and many bodies: `integrate`, `integrate_adaptive`, `ensemble`, `recommend`, and how runs are timed."""

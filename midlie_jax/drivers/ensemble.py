@@ -1,0 +1,142 @@
+"""Many bodies at once: a batch cut into chunks that stay in the cache, on all the cores that there are.
+
+`jax.vmap` of `integrate` is the same computation. What this adds is the cut: a step passes over the whole batch, and
+a batch larger than the cache would be fetched from memory at every step. XLA spreads each pass over the cores.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel.checks import as_count, as_floats, require_finite
+from ..methods.stepper import Method
+from ..model.bodies import Body, RigidBody, principal_of
+from ..model.states import State
+from ..model.torques import TorqueLike
+from .arguments import as_first_step, as_method, check_saving, check_state, check_step, check_system
+from .integrate import Path, integrate
+from .rows import count_rows, torque_rows
+
+# Bodies a chunk: few enough for the cache, enough to drown the cost of starting a loop and to share among cores.
+CHUNK = 8192
+
+
+def ensemble(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: State,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = None,
+    t0: float | Array = 0.0,
+    first_step: int | Array = 0,
+    torque_axes: Any = None,
+    chunk: int = CHUNK,
+) -> Path:
+    """Integrates n bodies, each as `integrate` would alone, to a few units in the last place.
+
+    It can be jitted and differentiated, and is compiled once for each method, torque function and shape.
+
+    Args:
+        method, steps, first_step: as for `integrate`.
+        body: one for all, or a `RigidBody` with moments (n, 3), or a `TensorBody` with a tensor (n, 3, 3).
+        torque: as for `integrate`. One whose parameters have a leading axis (n,) more than it can be called with acts
+            on each body with its own, such as `HeavyTop(weights)` with weights (n,); the others are shared by all.
+        start: with a leading axis (n,): momentum (n, 3), attitude (n, 4).
+        dt, t0: (), or one for each body, (n,).
+        save_every: keep every so many steps, the start first, as `integrate` does; `None` keeps the end alone, and
+            memory for it alone.
+        torque_axes: says which parameters of the torque have one row a body, where shapes do not tell: with three
+            bodies, (3,) may be one vector for all or one number for each. 0 for all of them, or a tree like the
+            torque's with 0 and None, as for the `in_axes` of `jax.vmap`; `jax.tree.map(lambda leaf: 0, torque)` makes
+            one.
+        chunk: bodies in the cache at once.
+
+    Returns:
+        The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) where `dt` or `t0` differ, and `states`
+        with leading axes (n, k). Without: `times` (), or (n,), and `states` with a leading axis (n,).
+
+    Raises:
+        ValueError: as `integrate`, or where the sizes of the batch differ; the message names the argument and the cure.
+    """
+    steps, chunk = as_count("steps", steps), as_count("chunk", chunk)
+    save_every = save_every if save_every is None else as_count("save_every", save_every)
+    check_saving(steps, save_every or steps)
+    first = as_first_step(first_step, steps)
+    check_state("start", start)
+    dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
+    method = check_system(as_method(method), body, torque, start, batch=1)
+    if count == 0:
+        raise ValueError(f"start holds no bodies: its momentum has shape {start.momentum.shape}.")
+    dt, t0 = (_one_or_many(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
+    check_step(dt)
+    principal = principal_of(body)
+    own_body = isinstance(principal, RigidBody) and principal.moments.ndim == 2
+    rows = (
+        jax.tree.map(lambda _: own_body, body),
+        torque_rows(torque, torque_axes, body, own_body, start, count),
+        jax.tree.map(lambda _: True, start),
+        dt.ndim == 1,
+        t0.ndim == 1,
+    )
+    given = (body, torque, start, dt, t0)
+    count_rows(("body", "torque", "start", "dt", "t0"), given, rows, count)
+    mapped, shared = eqx.partition(given, rows)
+    return _run(method, mapped, shared, first, steps, save_every, chunk)
+
+
+def _one_or_many(name: str, value: Any, count: int, dtype: Any) -> Array:
+    array = as_floats(name, value).astype(dtype)
+    require_finite(name, array)
+    if array.ndim > 1:
+        raise ValueError(f"{name} must be one for all, or ({count},), got {array.shape}.")
+    return array
+
+
+@eqx.filter_jit
+def _run(
+    method: Method,
+    mapped: Any,
+    shared: Any,
+    first: Array,
+    steps: int,
+    save_every: int | None,
+    chunk: int,
+) -> Path:
+    """The bodies of `mapped`, whose leaves have a leading axis (n,); `shared` has the leaves that are missing there."""
+    *_, dt, t0 = mapped
+    own_times = dt is not None or t0 is not None
+
+    def alone(mapped: Any) -> Path:
+        body, torque, start, dt, t0 = eqx.combine(mapped, shared)
+        every = save_every or steps
+        path = integrate(method, body, torque, start, dt=dt, t0=t0, steps=steps, save_every=every, first_step=first)
+        if save_every is not None:
+            return path
+        return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok)
+
+    many = jax.vmap(alone, out_axes=Path(0 if own_times else None, 0, 0))  # pyright: ignore[reportArgumentType]
+    count = mapped[2].momentum.shape[0]
+    chunks = _chunks(count, chunk)
+    if chunks == 1:
+        return many(mapped)
+    size = -(-count // chunks)
+    # The last chunk is filled with copies of the last body, so that one program serves all.
+    rows = jnp.minimum(jnp.arange(chunks * size), count - 1).reshape(chunks, size)
+
+    def join(parts: Array) -> Array:
+        return parts.reshape(chunks * size, *parts.shape[2:])[:count]
+
+    times, states, ok = jax.lax.map(lambda rows: many(jax.tree.map(lambda x: x[rows], mapped)), rows)
+    return Path(join(times) if own_times else times[0], jax.tree.map(join, states), join(ok))
+
+
+def _chunks(count: int, chunk: int) -> int:
+    """How many chunks: as few as will do, or a few more if all are then full and the result needs no copy."""
+    least = -(-count // chunk)
+    return next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)

@@ -1,0 +1,22 @@
+"""The flight of particles: straight lines, exactly."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from ...model.bodies import Particles
+from .base import Flight
+
+
+class Linear(Flight):
+    """u += h M^-1 p, the exact motion of particles under no force. The momentum stays."""
+
+    name: ClassVar[str] = "linear"
+    order: ClassVar[int | None] = None
+    symplectic: ClassVar[bool] = True
+    body: ClassVar[type] = Particles
+    per_loop: ClassVar[int] = 64
+
+    def __call__(self, inertia: Particles, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+        return h * inertia.velocity(momentum), jnp.zeros_like(momentum), True

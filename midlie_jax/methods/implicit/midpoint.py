@@ -1,0 +1,54 @@
+"""The implicit midpoint rule of the paper's vector-space part."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ...model.bodies import Particles
+from ..stepper import Method, Motion, System
+from ._common import ITERATIONS
+
+
+class ImplicitMidpoint(Method):
+    """p1 = p0 + h f(t + h/2, (u0 + u1)/2), u1 = u0 + h M^-1 (p0 + p1)/2: order 2, symmetric, symplectic."""
+
+    name: str = eqx.field(static=True, default="implicit midpoint")
+    order: int = eqx.field(static=True, default=2)
+    symmetric: bool = eqx.field(static=True, default=True)
+    bodies: type = eqx.field(static=True, default=Particles)
+    evaluations: int = eqx.field(static=True, default=2 * ITERATIONS + 1)
+
+    def keeps_force(self, system: System) -> bool:
+        return False
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
+    ) -> tuple[Motion, Any, Array | bool]:
+        del t1, force
+        start, place = motion
+
+        def travel(mean: Array) -> Array:
+            return h * system.inertia.velocity(mean)
+
+        def residual(flat: Array) -> Array:
+            mean = flat.reshape(start.shape)
+            pushed = start + h / 2 * system.force(t0 + h / 2, Motion(mean, place + travel(mean) / 2))
+            return (mean - pushed).ravel()
+
+        def tangent(linear: Any, right: Array) -> Array:
+            return jnp.linalg.solve(jax.jacfwd(linear)(right), right)
+
+        def iterate(function: Any, flat: Array) -> Array:
+            for _ in range(ITERATIONS):
+                flat = flat - jnp.linalg.solve(jax.jacfwd(function)(flat), function(flat))
+            return flat
+
+        flat = jax.lax.custom_root(residual, jax.lax.stop_gradient(start.ravel()), iterate, tangent)
+        left = jnp.max(jnp.abs(jax.lax.stop_gradient(residual(flat))))
+        mean = flat.reshape(start.shape)
+        size = jnp.maximum(jnp.max(jnp.abs(mean)), jnp.max(jnp.abs(start)))
+        ok = left <= 64 * jnp.finfo(start.dtype).eps * size
+        return Motion(2 * mean - start, place + travel(mean)), None, ok

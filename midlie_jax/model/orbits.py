@@ -1,0 +1,142 @@
+"""Where a satellite is: orbits about a point mass, for the gravity-gradient torque."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from .._kernel import components as cp
+from .._kernel.checks import as_floats, require_finite
+
+_KEPLER_ITERATIONS = 8
+_SMOOTH_ITERATIONS = 2
+
+
+class Orbit(eqx.Module):
+    """A place that depends on time alone."""
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        raise NotImplementedError(f"{type(self).__name__} must define __call__(t).")
+
+
+class CircularOrbit(Orbit):
+    """A circle about the origin, starting at `position` towards `direction`.
+
+    Attributes:
+        position: at t = 0, (3,), length.
+        across: the place a quarter of a turn later, (3,), length.
+        rate: angular rate, sqrt(mu/r^3), ().
+    """
+
+    position: Float[Array, "*batch 3"]
+    across: Float[Array, "*batch 3"]
+    rate: Float[Array, "*batch"]
+
+    def __init__(self, position: Any, direction: Any, mu: Any):
+        self.position = as_floats("position", position, (3,))
+        direction = as_floats("direction", direction, (3,))
+        require_finite("position", self.position)
+        require_finite("direction", direction)
+        square = jnp.sum(self.position**2, axis=-1, keepdims=True)
+        along = direction - self.position * (jnp.sum(direction * self.position, axis=-1, keepdims=True) / square)
+        self.across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
+        self.rate = jnp.sqrt(as_floats("mu", mu) / square[..., 0] ** 1.5)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        angle = self.rate * t
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        return cp.pack(cp.add(cp.scale(c, cp.unpack(self.position)), cp.scale(s, cp.unpack(self.across))))
+
+
+class KeplerOrbit(Orbit):
+    """An ellipse about the origin from a position and a velocity.
+
+    Lagrange's f and g functions, with the difference of eccentric anomaly from a fixed number of Newton steps
+    on Kepler's equation (Bate, Mueller & White, Fundamentals of Astrodynamics, chapter 4); to rounding for
+    eccentricity up to .8, with the first three derivatives.
+
+    Attributes:
+        position: at t = 0, (3,), length.
+        velocity: at t = 0, (3,), length/time.
+        mu: gravitational parameter, ().
+
+    Raises:
+        ValueError: wrong shape or NaN. A hyperbola gives NaN, hence `path.ok` False.
+    """
+
+    position: Float[Array, "*batch 3"]
+    velocity: Float[Array, "*batch 3"]
+    mu: Float[Array, "*batch"]
+
+    def __init__(self, position: Any, velocity: Any, mu: Any):
+        self.position = as_floats("position", position, (3,))
+        self.velocity = as_floats("velocity", velocity, (3,))
+        self.mu = as_floats("mu", mu)
+        require_finite("position", self.position)
+        require_finite("velocity", self.velocity)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        position, velocity = cp.unpack(self.position), cp.unpack(self.velocity)
+        radius = jnp.sqrt(cp.dot(position, position))
+        inverse_axis = 2 / radius - cp.dot(velocity, velocity) / self.mu
+        axis = 1 / inverse_axis
+        motion = jnp.sqrt(self.mu * inverse_axis**3)
+        sine_part = cp.dot(position, velocity) / jnp.sqrt(self.mu * axis)  # e sin E0
+        cosine_part = 1 - radius * inverse_axis  # e cos E0
+        # Whole turns change nothing: solving for the rest keeps the iteration count fixed.
+        turns = jnp.round(motion * t / (2 * jnp.pi))
+        mean = motion * t - 2 * jnp.pi * turns
+        equation = (mean, sine_part, cosine_part)
+        # Of a root found, each further Newton step makes twice as many derivatives right, the first of them for the
+        # root itself: two give the first three, and the steps before need none.
+        fixed = jax.lax.stop_gradient(equation)
+        change = fixed[0]
+        for n in range(_KEPLER_ITERATIONS):
+            change = _newton(change, *(fixed if n < _KEPLER_ITERATIONS - _SMOOTH_ITERATIONS else equation))
+        versine, s = 2 * jnp.sin(change / 2) ** 2, jnp.sin(change)
+        f = 1 - versine * axis / radius
+        g = (mean - change + s) / motion
+        return cp.pack(cp.add(cp.scale(f, position), cp.scale(g, velocity)))
+
+
+class DipoleField(eqx.Module):
+    """The field of a magnetic dipole along an orbit, B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r / |r|.
+
+    A first approximation to the Earth's has a moment of 7.7e22 A m^2 along the geomagnetic axis, towards the south, for
+    orbits in metres (J. R. Wertz, Spacecraft Attitude Determination and Control (1978), appendix H).
+
+    Attributes:
+        orbit: the place in space, `orbit(t) -> (3,)`, length.
+        moment: dipole moment in space, (3,).
+        constant: mu_0 / 4 pi in the units of the scene, (); 1e-7 T m/A in SI units.
+    """
+
+    orbit: Callable[[Any], Array]
+    moment: Float[Array, "*batch 3"]
+    constant: Float[Array, "*batch"]
+
+    def __init__(self, orbit: Callable[[Any], Array], moment: Any, constant: Any = 1e-7):
+        self.orbit = orbit
+        self.moment = as_floats("moment", moment, (3,))
+        self.constant = as_floats("constant", constant)
+        require_finite("moment", self.moment)
+        require_finite("constant", self.constant)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        place, moment = cp.unpack(self.orbit(t)), cp.unpack(self.moment)
+        square = cp.dot(place, place)
+        inverse = 1 / jnp.sqrt(square)
+        e = cp.scale(inverse, place)
+        field = cp.subtract(cp.scale(3 * cp.dot(moment, e), e), moment)
+        return cp.pack(cp.scale(self.constant * inverse / square, field))
+
+
+def _newton(change: Array, mean: Array, sine_part: Array, cosine_part: Array) -> Array:
+    """One step on Kepler's equation for the change of eccentric anomaly."""
+    s, c = jnp.sin(change), jnp.cos(change)
+    residual = change - cosine_part * s + sine_part * (1 - c) - mean
+    return change - residual / (1 - cosine_part * c + sine_part * s)

@@ -1,0 +1,161 @@
+"""Torques of fields, which depend on the attitude and have a potential: gravity, magnetism, tides."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._kernel import components as cp
+from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..bodies import RigidBody, TensorBody
+from ..orbits import Orbit
+from ..states import DirectionState
+from .base import ReadsBody, Torque
+
+
+class HeavyTop(Torque):
+    """A top in uniform gravity, V = weight * z of the tip: for axis e3, weight * (R e3)_z.
+
+    Attributes:
+        weight: m g l, the moment of the weight about the pivot at full lever, (): torque.
+        axis: unit vector from the pivot to the centre of mass, in the body, a tuple of three numbers.
+
+    Raises:
+        ValueError: weight not finite, or axis not a unit vector.
+    """
+
+    weight: Float[Array, "*batch"]
+    axis: tuple[float, float, float] = eqx.field(static=True)
+
+    def __init__(self, weight: Any, axis: Any = (0.0, 0.0, 1.0)):
+        self.weight = as_floats("weight", weight)
+        require_finite("weight", self.weight)
+        if np.shape(axis) != (3,):
+            raise ValueError(f"axis must have shape (3,), got {np.shape(axis)}.")
+        self.axis = (float(axis[0]), float(axis[1]), float(axis[2]))
+        require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
+
+    def __call__(self, t: Any, state: Any) -> Array:
+        del t
+        return cp.pack(cp.scale(self.weight, _cross_constant(state.vertical(), self.axis)))
+
+    def potential(self, t: Any, state: Any) -> Array:
+        del t
+        up = state.vertical()
+        return self.weight * (self.axis[0] * up[0] + self.axis[1] * up[1] + self.axis[2] * up[2])
+
+
+def _cross_constant(a: cp.Vector, b: tuple[float, float, float]) -> cp.Vector:
+    """a x b without the products by zero, which XLA must keep (they could be NaN)."""
+
+    def minor(i: int, j: int) -> Array:
+        total = jnp.zeros_like(a[0])
+        if b[j]:
+            total = a[i] * b[j]
+        if b[i]:
+            total = total - a[j] * b[i]
+        return total
+
+    return minor(1, 2), minor(2, 0), minor(0, 1)
+
+
+class DipoleInField(Torque):
+    """A dipole fixed in the body in a field of space, V = -moment . R^T field: a compass, a residual magnetic dipole.
+
+    Attributes:
+        moment: dipole moment in the body, (3,).
+        field: the field in space, (3,), or a function `field(t) -> (3,)` where it changes in time, such as
+            `midlie_jax.orbits.DipoleField` along an orbit; moment x field is a torque. Where it changes, the state must
+            have an attitude.
+    """
+
+    moment: Float[Array, "*batch 3"]
+    field: Float[Array, "*batch 3"] | Callable[[Any], Array]
+
+    def __init__(self, moment: Any, field: Any):
+        self.moment = as_floats("moment", moment, (3,))
+        require_finite("moment", self.moment)
+        self.field = as_function_of_time("field", field)
+
+    def _local(self, t: Any, state: Any) -> cp.Vector:
+        return from_body(self.field, t, state)
+
+    def __call__(self, t: Any, state: Any) -> Array:
+        return cp.pack(cp.cross(cp.unpack(self.moment), self._local(t, state)))
+
+    def potential(self, t: Any, state: Any) -> Array:
+        return -cp.dot(cp.unpack(self.moment), self._local(t, state))
+
+
+class GravityGradient(ReadsBody):
+    """The torque of a point mass's gravity on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
+
+    Attributes:
+        moments: principal moments of the body, (3,); None for the inertia of the body on which it acts, which may then
+            be a `TensorBody`.
+        orbit: the body's place seen from the attracting mass, `orbit(t) -> (3,)` in space; a
+            `midlie_jax.orbits.CircularOrbit`, `KeplerOrbit`, or any callable.
+        mu: gravitational parameter, length^3/time^2, ().
+
+    To first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1).
+    """
+
+    moments: Float[Array, "*batch 3"] | None
+    orbit: Orbit | Callable[[Any], Array]
+    mu: Float[Array, "*batch"]
+
+    def __init__(self, moments: Any, orbit: Orbit | Callable[[Any], Array], mu: Any):
+        self.moments = None if moments is None else RigidBody(moments, physical=False).moments
+        self.orbit = orbit
+        self.mu = as_floats("mu", mu)
+        require("mu", self.mu, lambda m: m > 0, "must be positive", "it attracts.")
+
+    def on(self, body: Any) -> Torque:
+        if self.moments is None:
+            return super().on(body)
+        if isinstance(body, TensorBody):
+            raise ValueError("moments are of principal axes; give None for the inertia of the TensorBody itself.")
+        return self
+
+    def _local(self, t: Any, state: Any) -> tuple[Array, cp.Vector]:
+        """3 mu/r^3 and u."""
+        place = cp.unpack(self.orbit(t))
+        square = cp.dot(place, place)
+        inverse = 1 / jnp.sqrt(square)
+        return 3 * self.mu * inverse / square, changing(state).seen_from_body(cp.scale(inverse, place))
+
+    def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+        strength, u = self._local(t, state)
+        return cp.pack(cp.scale(strength, cp.cross(u, cp.unpack(body.momentum(cp.pack(u))))))
+
+    def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+        """The part that depends on the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
+        strength, u = self._local(t, state)
+        return strength / 2 * (cp.dot(u, cp.unpack(body.momentum(cp.pack(u)))) - body.trace / 3)
+
+    def __call__(self, t: Any, state: Any) -> Array:
+        return super().__call__(t, state) if self.moments is None else self.at(t, state, self._given())
+
+    def potential(self, t: Any, state: Any) -> Array:
+        return super().potential(t, state) if self.moments is None else self.potential_at(t, state, self._given())
+
+    def _given(self) -> RigidBody:
+        return RigidBody(self.moments, physical=False)
+
+
+def from_body(vector: Array | Callable[[Any], Array], t: Any, state: Any) -> cp.Vector:
+    """A vector of space, or a function of time that gives one, in body components."""
+    if callable(vector):
+        return changing(state).seen_from_body(cp.unpack(vector(t)))
+    return state.seen_from_body(cp.unpack(vector))
+
+
+def changing(state: Any) -> Any:
+    """The state, where a direction changes in space; a `DirectionState` knows one that does not."""
+    if isinstance(state, DirectionState):
+        raise ValueError("a DirectionState knows one fixed direction; start from a RigidState in a field that changes.")
+    return state
