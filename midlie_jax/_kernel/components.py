@@ -2,7 +2,7 @@
 
 XLA fuses a step written on scalars into one loop over the batch; the same step written on (3,) arrays with
 stacking and matrix products runs 10 to 40 times slower on a CPU. So the arrays of the public interface are
-taken apart once (`unpack`), the step is done here, and the arrays are put together again (`pack`).
+taken apart once (`vector`, `quaternion`), the step is done here, and the arrays are put together again (`pack`).
 
 `Vector` is (x, y, z), `Quaternion` is (w, x, y, z). Every entry is a scalar, or under `vmap` one (batch,) array.
 """
@@ -20,13 +20,18 @@ Quaternion = tuple[Array, Array, Array, Array]
 Columns = tuple[Vector, Vector, Vector]  # of a 3x3 matrix
 
 
-def unpack(array: Array) -> Any:
-    """The entries of the last axis, as a tuple: a `Vector` or a `Quaternion`, which no type checker can tell."""
-    return tuple(array[..., i] for i in range(array.shape[-1]))
+def vector(array: Array) -> Vector:
+    """The three entries of the last axis."""
+    return array[..., 0], array[..., 1], array[..., 2]
+
+
+def quaternion(array: Array) -> Quaternion:
+    """The four entries of the last axis."""
+    return array[..., 0], array[..., 1], array[..., 2], array[..., 3]
 
 
 def pack(entries: tuple[Array, ...]) -> Array:
-    """The inverse of `unpack`."""
+    """One array of the entries, along a new last axis: the inverse of `vector` and of `quaternion`."""
     return jnp.stack(entries, axis=-1)
 
 

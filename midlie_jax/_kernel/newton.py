@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from . import components as cp
-from .fusion import together
+from .fusion import fuse
 
 Residual = Callable[[cp.Vector], cp.Vector]
 
@@ -31,7 +31,7 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
 
     def iterate(x: cp.Vector) -> cp.Vector:
         if not unrolled:
-            return jax.lax.fori_loop(0, iterations, lambda _, x: together(improve(x)), together(x))
+            return jax.lax.fori_loop(0, iterations, lambda _, x: fuse(improve(x)), fuse(x))
         for _ in range(iterations):
             x = improve(x)
         return x
@@ -50,7 +50,7 @@ def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x
         inverse = cp.Inverse3.of(slope(x))
         for _ in range(2):
             x = cp.subtract(x, inverse.times(residual(x)))
-        x = together(x)
+        x = fuse(x)
     return x
 
 

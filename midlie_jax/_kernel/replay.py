@@ -30,11 +30,11 @@ class Traits(NamedTuple):
     """What a function is like.
 
     Attributes:
-        dear: whether it holds anything that XLA counts as expensive, or that is replayed as it is.
+        costly: whether it holds anything that XLA counts as expensive, or that is replayed as it is.
         reads: its arguments, with True for each leaf that the result depends on.
     """
 
-    dear: bool
+    costly: bool
     reads: Any
 
 
@@ -42,17 +42,17 @@ def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """Found by tracing the function once."""
     closed = jax.make_jaxpr(function)(*arguments)
     _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
-    return Traits(_has_dear(closed), jax.tree.unflatten(jax.tree.structure(arguments), used))
+    return Traits(_has_costly(closed), jax.tree.unflatten(jax.tree.structure(arguments), used))
 
 
-def _has_dear(closed: ClosedJaxpr) -> bool:
-    return any(_is_dear(equation) for equation in closed.jaxpr.eqns)
+def _has_costly(closed: ClosedJaxpr) -> bool:
+    return any(_is_costly(equation) for equation in closed.jaxpr.eqns)
 
 
-def _is_dear(equation: Any) -> bool:
+def _is_costly(equation: Any) -> bool:
     body = body_of(equation)
     if body is not None:
-        return _has_dear(body)
+        return _has_costly(body)
     rule = rule_for(equation)
     return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # a power with a negative exponent
 

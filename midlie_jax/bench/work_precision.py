@@ -14,8 +14,9 @@ import numpy as np
 
 from ..drivers.integrate import end_state
 from ..drivers.timing import Load, Timing, cost_clock, spread_in_words
+from ..methods.base import Method
 from ..methods.registry import method as find_method
-from ..methods.stepper import Method, Splitting
+from ..methods.splitting import Splitting
 from ..model.states import RigidState
 from . import scenes
 from .closed_form import axis_third, exact_ends, symmetry_axis

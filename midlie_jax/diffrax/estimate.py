@@ -20,12 +20,14 @@ An expansion tells nothing of long turns, and so a step of more than 2.4 radians
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.short_series import LARGEST_SQUARE, half_turn
-from ..methods.stepper import Motion, System
+from ..methods.inertia import Inertia
+from ..methods.system import Motion, System
 
 REFERENCE_ORDER = 3  # of the companion: what it leaves out is of one order more
 
@@ -44,8 +46,7 @@ class History(NamedTuple):
     @classmethod
     def none(cls, momentum: Any, h: Array) -> "History":
         """Before the first step."""
-        zeros = tuple(p * 0 for p in momentum) if isinstance(momentum, tuple) else momentum * 0
-        return cls(zeros, h * 0)
+        return cls(jax.tree.map(lambda p: p * 0, momentum), h * 0)
 
 
 def companion(
@@ -63,14 +64,14 @@ def companion(
     share = h / jnp.where(total == 0, jnp.ones_like(total), total)
     rate = 1 / jnp.where(h == 0, jnp.ones_like(h), h)
     v0, v1 = system.velocity(motion.momentum), system.velocity(end.momentum)
-    if not isinstance(motion.momentum, tuple):
+    if not isinstance(system.inertia, Inertia):
         change = torques[1] - torques[0]
         impulse = h / 2 * (torques[0] + torques[1]) - h / 6 * share * (change - h * history.slope)
         travel = h / 2 * (v0 + v1) - h * h / 12 * system.inertia.velocity(change)
         return Motion(motion.momentum + impulse, motion.pose + travel), History(rate * change, h), jnp.array(True)
 
     def acceleration(momentum: cp.Vector, velocity: cp.Vector, torque: cp.Vector) -> cp.Vector:
-        return cp.times(system.inertia.inverses, cp.add(cp.cross(momentum, velocity), torque))
+        return system.velocity(system.kind.momentum_rate(momentum, velocity, torque))
 
     bend = cp.subtract(acceleration(motion.momentum, v0, torques[0]), acceleration(end.momentum, v1, torques[1]))
     mean = cp.add(cp.scale(h / 4, cp.add(v0, v1)), cp.scale(h * h / 24, cp.add(bend, cp.cross(v0, v1))))

@@ -10,7 +10,7 @@ from jax import Array
 from .._kernel import components as cp
 from ..model import so3
 from ..model.states import DirectionState, RigidState
-from .term import ambient_rate, like, unpacked
+from .term import ambient_rate, like
 
 
 class LieInterpolation(diffrax.AbstractLocalInterpolation):
@@ -59,8 +59,8 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
             momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
             self.rest = _cubic(y0.momentum, momentum, h * torque0, h * torque)
         else:
-            slope0 = ambient_rate(y0, unpacked(velocity0, y0), unpacked(torque0, y0))
-            slope1 = ambient_rate(y1, unpacked(velocity1, y1), unpacked(torque1, y1))
+            slope0 = ambient_rate(y0, y0.unpack(velocity0), y0.unpack(torque0))
+            slope1 = ambient_rate(y1, y1.unpack(velocity1), y1.unpack(torque1))
             self.turn = None
             ends = zip(*map(jax.tree.leaves, (y0, y1, slope0, slope1)), strict=True)
             self.rest = [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
@@ -78,7 +78,7 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
         if isinstance(y0, RigidState):
             turn = so3.exp(_at(self.turn, s))
             momentum = so3.rotate(so3.conjugate(turn), _at(self.rest, s))
-            attitude = RigidState.turn(cp.unpack(y0.attitude), cp.unpack(turn), jnp.array(False), s)
+            attitude = RigidState.turn(cp.quaternion(y0.attitude), cp.quaternion(turn), jnp.array(False), s)
             return like(y0, momentum, cp.pack(attitude))
         leaves = [_at(cubic, s) for cubic in self.rest]
         if isinstance(y0, DirectionState):

@@ -4,16 +4,16 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, cast
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from .._kernel.checks import described
-from .._kernel.fusion import seam, together
 from ..drivers.arguments import as_method
+from ..methods.base import Method, Progress
 from ..methods.schemes import KICK
-from ..methods.stepper import Method, Motion, Splitting, System
+from ..methods.splitting import Splitting
+from ..methods.system import Motion, System
 from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
@@ -99,32 +99,30 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         if made_jump is not False:
             memory = jax.lax.cond(made_jump, lambda: self._fresh(system, here, motion), lambda: solver_state)
         before = memory.force
-        # The seams and the joint exit of `integrate`: the step is one loop here as there.
-        constants, functions = eqx.partition((system, here, there, h), eqx.is_array)
-        (motion, force), constants = seam(((motion, before if begins else None), constants))
-        system, here, there, h = eqx.combine(constants, functions)
-        end, last, fine = self.method.step(system, here, there, h, motion, force)
-        end, last, fine = together((end, last, jnp.asarray(fine)))
+        progress = Progress(motion, before if begins else None, jnp.asarray(True))
+        (end, last, ok), _ = self.method.advance(system, (here, there), lambda clock: (*clock, None), h, progress)
         # A controller passes over NaN, but not over an infinity.
         y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
         # What follows is computed where something asks for it, and else removed by the compiler.
         after = last if keeps else system.force(there, end)
-        start = force if begins else system.force(here, motion)
+        start = before if begins else system.force(here, motion)
         dense = {"y0": y0, "y1": y1, "h": h}
         for i, (momentum, torque) in enumerate(((motion.momentum, start), (end.momentum, after))):
-            dense[f"velocity{i}"] = packed(system.shown(system.velocity(momentum)))
-            dense[f"torque{i}"] = packed(system.shown(torque))
+            dense[f"velocity{i}"] = packed(system.vector_in_user_axes(system.velocity(momentum)))
+            dense[f"torque{i}"] = packed(system.vector_in_user_axes(torque))
         for leaf in jax.tree.leaves(y1):
-            fine = fine & jnp.all(jnp.isfinite(leaf))
-        seen = jax.lax.stop_gradient((system.inertia, h, motion, end, (before, after), memory.history))
-        target, history, known = companion(system._replace(inertia=seen[0]), *seen[1:])
-        error = jax.tree.map(jnp.subtract, y1, like(y1, *map(packed, system.shown_motion(target))))
+            ok = ok & jnp.all(jnp.isfinite(leaf))
+        stop = jax.lax.stop_gradient
+        given = stop(motion), stop(end), (stop(before), stop(after)), stop(memory.history)
+        target, history, known = companion(system._replace(inertia=stop(system.inertia)), stop(h), *given)
+        seen = system.in_user_axes(target)
+        error = jax.tree.map(jnp.subtract, y1, like(y1, packed(seen.momentum), packed(seen.pose)))
         error = jax.tree.map(
-            lambda e: jnp.where(fine & known, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
+            lambda e: jnp.where(ok & known, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
         )
         good, bad = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
-        result = diffrax.RESULTS.where(fine, good, bad)
+        result = diffrax.RESULTS.where(ok, good, bad)
         # A torque that only the estimate reads is no path for a derivative.
         kept = after if begins else jax.lax.stop_gradient(after)
         return y1, error, dense, Memory(kept, history), result

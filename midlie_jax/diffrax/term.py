@@ -14,8 +14,9 @@ from jax import Array
 from .._kernel import components as cp
 from .._kernel.checks import described, same_dtype
 from ..drivers.arguments import check_batch, check_body
-from ..methods.stepper import Method, System
-from ..model.bodies import Body, RigidBody
+from ..methods.base import Method
+from ..methods.system import System
+from ..model.bodies import Body
 from ..model.states import State
 from ..model.torques import TorqueLike
 
@@ -75,8 +76,8 @@ class RigidBodyTerm(diffrax.AbstractTerm):
         check(self.body, torque, y)
         system = System.of(self.body, torque, y, as_time(t, y))
         motion = system.motion(y)
-        force = system.shown(system.force(as_time(t, y), motion))
-        velocity = system.shown(system.velocity(motion.momentum))
+        force = system.vector_in_user_axes(system.force(as_time(t, y), motion))
+        velocity = system.vector_in_user_axes(system.velocity(motion.momentum))
         return Rates(ambient_rate(y, velocity, force), packed(velocity), packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
@@ -92,10 +93,7 @@ class RigidBodyTerm(diffrax.AbstractTerm):
 def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
     """The derivative of the state's arrays."""
     momentum, pose = y.parts()
-    rate = type(y).rate(pose, velocity)
-    if not isinstance(momentum, tuple):
-        return like(y, force, rate)
-    return like(y, cp.pack(cp.add(cp.cross(momentum, velocity), force)), packed(rate))
+    return like(y, y.pack(y.momentum_rate(momentum, velocity, force)), packed(y.rate(pose, velocity)))
 
 
 def like(y: Any, *arrays: Any) -> Any:
@@ -107,11 +105,6 @@ def like(y: Any, *arrays: Any) -> Any:
 def packed(parts: Any) -> Any:
     """Components as an array; what is an array already, or nothing, as it is."""
     return cp.pack(parts) if isinstance(parts, tuple) and parts else parts
-
-
-def unpacked(array: Array, y: Any) -> Any:
-    """The array as components where the steps of y's class see components."""
-    return cp.unpack(array) if y.body is RigidBody else array
 
 
 def as_time(t: Any, y: Any) -> Array:

@@ -34,9 +34,10 @@ from jaxtyping import Bool, Float, Int
 
 from .._kernel import components as cp
 from .._kernel.checks import as_count, described, require_finite, same_dtype
-from .._kernel.fusion import seam, together
+from .._kernel.fusion import fuse
 from .._kernel.internals import all_promoted, axes_of_run
-from ..methods.stepper import Method, Motion, System, on_arrays
+from ..methods.base import Method, Progress
+from ..methods.system import Motion, System
 from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.states import State
@@ -178,22 +179,19 @@ def _run(
     axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
     system = System.of(body, torque, start, t0)
-    constants, functions = eqx.partition((system, density, dt, t1), eqx.is_array)
 
-    def advance(carry: Any, _: None) -> tuple[Any, None]:
-        (motion, force, clock, ok), given = seam((carry, constants))
-        system, density, dt, t1 = eqx.combine(given, functions)
-        there, lost = _later(clock, t1)
-        motion, force, fine = method.step(system, clock.t, there, clock.h, motion, force)
+    def advance(carry: tuple[Progress, _Clock], _: None) -> tuple[tuple[Progress, _Clock], None]:
+        progress, clock = carry
         # The step is one loop, the control, with its divisions, another.
-        motion, force, ok, there, lost = together((motion, force, ok & fine, there, lost))
-        value, slope = _along(system, density, there, motion, force)
-        clock, ok = _next(clock, there, lost, dt, t1, value, slope, ok)
-        return together(all_promoted((motion, force, clock, ok), axes)), None
+        progress, (there, lost) = method.advance(system, (clock, t1), _ends_of_step, clock.h, progress, axes)
+        value, slope = _along(system, density, there, progress)
+        clock, ok = _next(clock, there, lost, dt, t1, value, slope, progress.ok)
+        return fuse(all_promoted((progress._replace(ok=ok), clock), axes)), None
 
     motion = system.motion(start)
     force = system.force(t0, motion) if method.keeps_force(system) else None
-    value, slope = _along(system, density, t0, motion, force)
+    progress = Progress(motion, force, jnp.ones((), bool))
+    value, slope = _along(system, density, t0, progress)
     clock = _first(t0, dt, t1, value if rho is None else rho, slope)
     # Twice, because each order of reverse mode takes one off: see `integrate`.
     step = jax.checkpoint(jax.checkpoint(advance, prevent_cse=False), prevent_cse=False)
@@ -201,20 +199,21 @@ def _run(
     def go(carry: Any, count: int) -> Any:
         return jax.lax.scan(step, carry, length=count, unroll=method.unroll)[0]
 
-    def leap(carry: Any, _: None) -> tuple[Any, Any]:
+    def save_interval(carry: Any, _: None) -> tuple[Any, Any]:
         if t1 is None or reverse:
             carry = go(carry, save_every)
         else:
             carry = _while_any_moves(partial(go, count=_block(save_every)), carry, save_every // _block(save_every))
-        motion, _, clock, _ = carry
-        return carry, (system.state(motion), clock.t, clock.rho)
+        progress, clock = carry
+        return carry, (system.state(progress.motion), clock.t, clock.rho)
 
-    begin = all_promoted((motion, force, clock, _near(clock.rho, value) & (clock.half > 0)), axes)
-    (motion, _, clock, ok), kept = jax.lax.scan(leap, begin, length=steps // save_every)
-    first = (start, t0, begin[2].rho)
+    progress = progress._replace(ok=_near(clock.rho, value) & (clock.half > 0))
+    begin = all_promoted((progress, clock), axes)
+    (progress, clock), kept = jax.lax.scan(save_interval, begin, length=steps // save_every)
+    first = (start, t0, begin[1].rho)
     states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
-    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((motion, clock.rho))]
-    ok = ok & jnp.all(jnp.stack(finite))
+    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((progress.motion, clock.rho))]
+    ok = progress.ok & jnp.all(jnp.stack(finite))
     return AdaptivePath(times, states, densities, clock.taken, ok if t1 is None else ok & (clock.t == t1))
 
 
@@ -225,14 +224,15 @@ def _first(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> 
     return _planned(clock, dt, t1, slope, jnp.ones_like(rho, bool))
 
 
-def _later(clock: _Clock, t1: Array | None) -> tuple[Array, Array]:
-    """The time after the next step, and what rounding takes from it (Kahan)."""
+def _ends_of_step(given: tuple[_Clock, Array | None]) -> tuple[Array, Array, tuple[Array, Array]]:
+    """The times of the next step; the later one again, and what rounding takes from it (Kahan)."""
+    clock, t1 = given
     part = clock.h + clock.lost
     there = clock.t + part
     lost = part - (there - clock.t)
     if t1 is not None:
         there, lost = jnp.where(clock.last, t1, there), jnp.where(clock.last, jnp.zeros_like(lost), lost)
-    return there, lost
+    return clock.t, there, (there, lost)
 
 
 def _next(
@@ -267,28 +267,22 @@ def _planned(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array
     return clock._replace(half=half, h=jnp.where(last, left, h), last=last & ~away)
 
 
-def _along(system: System, density: Any, t: Array, motion: Motion, force: Any) -> tuple[Array, Array]:
+def _along(system: System, density: Any, t: Array, progress: Progress) -> tuple[Array, Array]:
     """The density and the rate of its logarithm along the motion."""
-    force = system.force(t, motion) if force is None else force
+    motion = progress.motion
+    force = system.force(t, motion) if progress.force is None else progress.force
     velocity = system.velocity(motion.momentum)
-    rigid = isinstance(motion.momentum, tuple)
-    rate = cp.add(cp.cross(motion.momentum, velocity), force) if rigid else force
+    rate = system.kind.momentum_rate(motion.momentum, velocity, force)
     moving = (jnp.ones_like(t), rate, system.kind.rate(motion.pose, velocity))
-    value, change = jax.jvp(partial(_evaluate, density, system), (t, *motion), moving)
+    value, change = jax.jvp(partial(_evaluate, density, system), (t, motion.momentum, motion.pose), moving)
     return value, change / value
 
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
     """The density, on components as a torque is."""
-    kind, motion = system.kind, system.shown_motion(Motion(momentum, pose))
-    if not isinstance(momentum, tuple):
-        value = density(t, kind.join(*motion))
-        shape, dtype = jnp.shape(value), jnp.result_type(value)
-    else:
-        (value, *_), out = on_arrays(lambda t, s: jnp.asarray(density(t, s), t.dtype), kind, t, motion)
-        shape, dtype = out.shape, out.dtype
-    if shape or dtype != t.dtype:
-        raise ValueError(f"density must return one {t.dtype}, got {dtype}{list(shape)}; cast its parameters.")
+    (value, *_), found = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
+    if found.shape:
+        raise ValueError(f"density must return one number, got an array of shape {found.shape}.")
     return jnp.asarray(value, t.dtype)
 
 
@@ -296,7 +290,7 @@ def _while_any_moves(go: Any, carry: Any, turns: int) -> Any:
     """So many turns, or as many as it takes until every body of the batch has no next step."""
 
     def moves(state: Any) -> Array:
-        turn, (_, _, clock, _) = state
+        turn, (_, clock) = state
         return (turn < turns) & (clock.h != 0)
 
     return jax.lax.while_loop(moves, lambda state: (state[0] + 1, go(state[1])), (jnp.array(0, jnp.int32), carry))[1]

@@ -10,8 +10,8 @@ from jax import Array
 
 from .._kernel.checks import as_floats, described, require_finite, same_dtype, shown
 from .._kernel.components import is_traced
+from ..methods.base import Method
 from ..methods.registry import method as find_method
-from ..methods.stepper import Method
 from ..model.bodies import RigidBody, principal_of
 from ..model.states import State
 

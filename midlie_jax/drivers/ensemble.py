@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel.checks import as_count, as_floats, require_finite
-from ..methods.stepper import Method
+from ..methods.base import Method
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.states import State
 from ..model.torques import TorqueLike

@@ -1,5 +1,6 @@
 """Many steps: a `lax.scan` over steps of one size, with states kept every so often."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -10,9 +11,9 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from .._kernel.checks import as_count
-from .._kernel.fusion import seam, together
 from .._kernel.internals import all_promoted, axes_of_run, promoted
-from ..methods.stepper import Method, Motion, System
+from ..methods.base import Method, Progress
+from ..methods.system import System
 from ..model.bodies import Body
 from ..model.states import State
 from ..model.torques import TorqueLike, on_body
@@ -100,51 +101,51 @@ def _run(
     system = System.of(body, torque, start, t0)
     counted, first = counts(first, steps), first.astype(jnp.int32)
 
-    constants, functions = eqx.partition((system, t0, dt), eqx.is_array)
+    def advance(h: Array, progress: Progress, n: Array) -> tuple[Progress, None]:
+        return method.advance(system, (t0, dt), partial(_ends_of_step, n), h, progress, axes)
 
-    def advance(h: Array, carry: Any, n: Array) -> tuple[Any, None]:
-        (motion, force, ok), h, given = seam((carry, h, constants))
-        system, t0, dt = eqx.combine(given, functions)
-        here, there = time_of(t0, dt, n), time_of(t0, dt, n + 1)
-        motion, force, fine = method.step(system, here, there, h, motion, force)
-        return together(all_promoted((motion, force, ok & fine), axes)), None
-
-    motion, ok = system.motion(start), promoted(jnp.asarray(counted), axes)
-    force = _first_force(method, system, motion, ok, advance, time_of(t0, dt, first), first)
-    # Twice, because each order of reverse mode takes one off: a gradient of a gradient keeps one state a step, too.
+    progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
+    if method.keeps_force(system):
+        progress = _with_force(system, progress, advance, time_of(t0, dt, first), first)
+    # Two checkpoints, because each order of reverse mode removes one: a gradient of a gradient, too, then keeps one
+    # state a step.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
-    def leap(carry: Any, n: Array) -> tuple[Any, State]:
-        carry, _ = jax.lax.scan(step, carry, n + jnp.arange(save_every, dtype=jnp.int32), unroll=method.unroll)
-        return carry, system.state(carry[0])
+    def save_interval(progress: Progress, n: Array) -> tuple[Progress, State[Any, Any]]:
+        indices = n + jnp.arange(save_every, dtype=jnp.int32)
+        progress, _ = jax.lax.scan(step, progress, indices, unroll=method.unroll)
+        return progress, system.state(progress.motion)
 
     kept = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
-    (motion, _, ok), states = jax.lax.scan(leap, (motion, force, ok), kept)
+    progress, states = jax.lax.scan(save_interval, progress, kept)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
-    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(motion)]
+    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(progress.motion)]
     times = time_of(*uniform, jnp.concatenate([first[None], kept + save_every]))
-    return Path(times, states, ok & jnp.all(jnp.stack(finite)))
+    return Path(times, states, progress.ok & jnp.all(jnp.stack(finite)))
 
 
-def _first_force(
-    method: Method, system: System, motion: Motion, ok: Array, advance: Any, t: Array, first: Array
-) -> Any:
-    """The force at the start, from two steps of no length.
+def _ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
+    """The times of step n, from (t0, dt)."""
+    return time_of(*clock, n), time_of(*clock, n + 1), None
 
-    Evaluating the torque here directly would be shorter, but compiled in another place it may round otherwise
-    than inside the loop, and a run continued from its middle would then differ in the last bit. A step of zero
-    length leaves the motion alone and runs the loop's own code; a loop of one turn would be unrolled. The
-    derivative is the torque's own: the loop's would only take longer to compile.
+
+def _with_force(system: System, progress: Progress, advance: Callable[..., Any], t: Array, first: Array) -> Progress:
+    """The progress with the force at the start, from two steps of no length.
+
+    Evaluating the torque here directly would be shorter. But compiled in another place the torque may round differently
+    from inside the loop, and a run continued from its middle would then differ in the last bit. A step of zero length
+    leaves the motion alone and runs the code of the loop; two of them, because a loop of one turn would be unrolled.
+    The derivative is that of the torque itself, which compiles faster than that of the loop.
     """
-    if not method.keeps_force(system):
-        return None
+    motion = progress.motion
     zeros = jax.tree.map(jnp.zeros_like, motion.momentum)
-    here = jnp.stack([first - 1, first - 1])
+    indices = jnp.stack([first - 1, first - 1])
     still = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
-    loop = jax.lax.stop_gradient((motion, zeros, ok))
-    (_, force, _), _ = jax.lax.scan(partial(advance, still), loop, here)
+    loop = jax.lax.stop_gradient(progress._replace(force=zeros))
+    found, _ = jax.lax.scan(partial(advance, still), loop, indices)
     direct = system.force(t, motion)
-    return jax.tree.map(lambda f, d: jax.lax.stop_gradient(f) + (d - jax.lax.stop_gradient(d)), force, direct)
+    stop = jax.lax.stop_gradient
+    return progress._replace(force=jax.tree.map(lambda f, d: stop(f) + (d - stop(d)), found.force, direct))
 
 
 def time_of(t0: Array, dt: Array, n: Array) -> Array:
@@ -167,18 +168,14 @@ def end_state(
     """
     zero = jnp.zeros((), start.momentum.dtype)
     system = System.of(body, torque, start, zero)
-    constants, functions = eqx.partition(system, eqx.is_array)
     motion = system.motion(start)
     force = system.force(zero, motion) if method.keeps_force(system) else None
 
-    def turn(i: Array, carry: Any) -> Any:
+    def turn(i: Array, progress: Progress) -> Progress:
         for k in range(method.unroll):
-            (motion, force, ok), h, given = seam((carry, dt, constants))
             n = i * method.unroll + k
-            here, there = time_of(zero, h, n), time_of(zero, h, n + 1)
-            motion, force, fine = method.step(eqx.combine(given, functions), here, there, h, motion, force)
-            carry = together((motion, force, ok & fine))
-        return carry
+            progress, _ = method.advance(system, (zero, dt), partial(_ends_of_step, n), dt, progress)
+        return progress
 
-    motion, _, ok = jax.lax.fori_loop(0, turns, turn, (motion, force, jnp.array(True)))
-    return system.state(motion), ok
+    progress = jax.lax.fori_loop(0, turns, turn, Progress(motion, force, jnp.array(True)))
+    return system.state(progress.motion), progress.ok

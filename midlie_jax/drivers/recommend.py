@@ -19,7 +19,7 @@ import numpy as np
 from .._kernel.checks import described, shown
 from ..diffrax import RigidBodyTerm
 from ..methods.registry import method as find_method
-from ..methods.stepper import System
+from ..methods.system import System
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.observables import angular_velocity

@@ -2,11 +2,12 @@
 
 from .._kernel.checks import described, unknown
 from . import flights, schemes
+from .base import Method
 from .flights import Flight, LieMidpoint, Linear
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .runge_kutta import DOP853, RK4
 from .schemes import SCHEMES, Scheme
-from .stepper import Method, Splitting
+from .splitting import Splitting
 
 
 def _paper(scheme: Scheme) -> Splitting:

@@ -15,9 +15,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import together
+from .._kernel.fusion import fuse
 from ..model.bodies import RigidBody
-from .stepper import Method, Motion, System
+from .base import Method
+from .system import Motion, System
 
 
 class Table(NamedTuple):
@@ -128,6 +129,7 @@ class RungeKutta(Method):
     name: str = eqx.field(static=True)
     order: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
+    symplectic: bool = eqx.field(static=True)
     bodies: type = eqx.field(static=True)
     evaluations: int = eqx.field(static=True)
 
@@ -135,7 +137,7 @@ class RungeKutta(Method):
         self.table = table
         self.name = name
         self.order = table.order
-        self.symmetric = False
+        self.symmetric = self.symplectic = False
         self.bodies = RigidBody
         self.evaluations = len(table.stages)
 
@@ -166,23 +168,15 @@ class RungeKutta(Method):
             part = sum(row.values())
             time = t0 if not row else t1 if abs(part - 1) < 1e-12 else t0 + part * h
             here = jax.tree.map(jnp.add, motion, total(row)) if row else motion
-            changes.append(_change(system, time, h, here))
+            force = None if system.torque is None else system.force(time, here)
+            changes.append(system.rates(here, h, force))
             if len(changes) in ends:
-                changes[done:] = together(changes[done:])
+                changes[done:] = fuse(changes[done:])
                 done = len(changes)
         whole = total(self.table.weights)
         pose = system.kind.shift(motion.pose, whole.pose, h == 0, t0)
         ok = cp.dot(turn, turn) <= _REACH**2
         return Motion(cp.accumulate(motion.momentum, whole.momentum, t0), pose), None, ok
-
-
-def _change(system: System, t: Array, h: Array, motion: Motion) -> Motion:
-    """h times Pi' = Pi x I^-1 Pi + T, and h times the pose's rate."""
-    turn = cp.scale(h, system.velocity(motion.momentum))
-    change = cp.cross(motion.momentum, turn)
-    if system.torque is not None:
-        change = cp.add(change, cp.scale(h, system.force(t, motion)))
-    return Motion(change, system.kind.rate(motion.pose, turn))
 
 
 RK4 = RungeKutta("RK4", _RK4)

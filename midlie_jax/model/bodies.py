@@ -101,11 +101,11 @@ class RigidBody(eqx.Module):
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular velocity I^-1 Pi, body frame."""
-        return cp.pack(tuple(p / i for p, i in zip(cp.unpack(momentum), cp.unpack(self.moments), strict=True)))
+        return cp.pack(tuple(p / i for p, i in zip(cp.vector(momentum), cp.vector(self.moments), strict=True)))
 
     def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular momentum I Omega, body frame."""
-        return cp.pack(cp.times(cp.unpack(self.moments), cp.unpack(velocity)))
+        return cp.pack(cp.times(cp.vector(self.moments), cp.vector(velocity)))
 
     @property
     def trace(self) -> Float[Array, "*batch"]:

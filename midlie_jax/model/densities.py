@@ -49,7 +49,7 @@ class OrbitalDistance(eqx.Module):
 
     def __call__(self, t: Any, state: Any) -> Array:
         del state
-        place = cp.unpack(self.orbit(t))
+        place = cp.vector(self.orbit(t))
         return _power(self.reference * self.reference / cp.dot(place, place), self.power / 2)
 
 
@@ -77,7 +77,7 @@ class TorqueSize(eqx.Module):
         self.power = float(power)
 
     def __call__(self, t: Any, state: Any) -> Array:
-        torque = cp.unpack(self.torque(t, state))
+        torque = cp.vector(self.torque(t, state))
         square = cp.dot(torque, torque) + self.floor * self.floor
         return _power(square / (self.reference * self.reference), self.power / 2)
 
@@ -102,7 +102,7 @@ class Spin(eqx.Module):
 
     def __call__(self, t: Any, state: Any) -> Array:
         del t
-        momentum, moments = cp.unpack(state.momentum), cp.unpack(self.moments)
+        momentum, moments = cp.vector(state.momentum), cp.vector(self.moments)
         x, y, z = (p / i for p, i in zip(momentum, moments, strict=True))
         return jnp.sqrt(x * x + y * y + z * z + self.floor * self.floor) / self.reference
 

@@ -49,7 +49,7 @@ class CircularOrbit(Orbit):
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         angle = self.rate * t
         c, s = jnp.cos(angle), jnp.sin(angle)
-        return cp.pack(cp.add(cp.scale(c, cp.unpack(self.position)), cp.scale(s, cp.unpack(self.across))))
+        return cp.pack(cp.add(cp.scale(c, cp.vector(self.position)), cp.scale(s, cp.vector(self.across))))
 
 
 class KeplerOrbit(Orbit):
@@ -80,7 +80,7 @@ class KeplerOrbit(Orbit):
         require_finite("velocity", self.velocity)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        position, velocity = cp.unpack(self.position), cp.unpack(self.velocity)
+        position, velocity = cp.vector(self.position), cp.vector(self.velocity)
         radius = jnp.sqrt(cp.dot(position, position))
         inverse_axis = 2 / radius - cp.dot(velocity, velocity) / self.mu
         axis = 1 / inverse_axis
@@ -127,7 +127,7 @@ class DipoleField(eqx.Module):
         require_finite("constant", self.constant)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        place, moment = cp.unpack(self.orbit(t)), cp.unpack(self.moment)
+        place, moment = cp.vector(self.orbit(t)), cp.vector(self.moment)
         square = cp.dot(place, place)
         inverse = 1 / jnp.sqrt(square)
         e = cp.scale(inverse, place)

@@ -62,7 +62,7 @@ def _cotangent(x: Array) -> Array:
 
 def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
     """The unit quaternion that turns by |vector| radians about vector."""
-    v = cp.unpack(vector)
+    v = cp.vector(vector)
     quarter = cp.dot(v, v) / 4
     s = _sinc(quarter) / 2
     return cp.pack((_cosine(quarter), s * v[0], s * v[1], s * v[2]))
@@ -70,7 +70,7 @@ def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     """The rotation vector of a unit quaternion, of length at most pi; q and -q give the same."""
-    w, *rest = cp.unpack(quaternion)
+    w, *rest = cp.quaternion(quaternion)
     u = (rest[0], rest[1], rest[2])
     sign = jnp.where(w < 0, -jnp.ones_like(w), jnp.ones_like(w))
     w = sign * w
@@ -87,22 +87,22 @@ def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 def multiply(left: Float[Array, "*#batch 4"], right: Float[Array, "*#batch 4"]) -> Float[Array, "*#batch 4"]:
     """The rotation `right` followed by `left` (as matrices, left @ right)."""
-    return cp.pack(cp.multiply(cp.unpack(left), cp.unpack(right)))
+    return cp.pack(cp.multiply(cp.quaternion(left), cp.quaternion(right)))
 
 
 def conjugate(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """The inverse of a unit quaternion."""
-    return cp.pack(cp.conjugate(cp.unpack(quaternion)))
+    return cp.pack(cp.conjugate(cp.quaternion(quaternion)))
 
 
 def rotate(quaternion: Float[Array, "*#batch 4"], vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
     """The vector turned: body components in, space components out, for an attitude."""
-    return cp.pack(cp.rotate(cp.unpack(quaternion), cp.unpack(vector)))
+    return cp.pack(cp.rotate(cp.quaternion(quaternion), cp.vector(vector)))
 
 
 def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """The rotation matrix of a unit quaternion."""
-    w, x, y, z = cp.unpack(quaternion)
+    w, x, y, z = cp.quaternion(quaternion)
     rows = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
@@ -113,7 +113,7 @@ def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
 
 def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """The unit quaternion, w >= 0, of a rotation matrix (Shepperd 1978: the best conditioned of four formulas)."""
-    (a, b, c), (d, e, f), (g, h, i) = (cp.unpack(matrix[..., row, :]) for row in range(3))
+    (a, b, c), (d, e, f), (g, h, i) = (cp.vector(matrix[..., row, :]) for row in range(3))
     # Row k holds 4 q_k q, so its own entry k is 4 q_k^2; the largest is at least 1.
     candidates = (
         (1 + a + e + i, h - f, c - g, d - b),
@@ -135,7 +135,7 @@ def slerp(
     start: Float[Array, "*#batch 4"], end: Float[Array, "*#batch 4"], share: Float[Array, "*#batch"] | float
 ) -> Float[Array, "*#batch 4"]:
     """Between two unit quaternions, at constant angular velocity and the short way round; `share` is 0 at the start."""
-    x, y, z = cp.unpack(log(multiply(conjugate(start), end)))
+    x, y, z = cp.vector(log(multiply(conjugate(start), end)))
     share = jnp.asarray(share, x.dtype)
     return multiply(start, exp(cp.pack((share * x, share * y, share * z))))
 
@@ -168,7 +168,7 @@ def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> 
 
     d/dt exp(v) = skew(dexp(v, v')) exp(v); in the body it is dexp(-v, v'). Hairer, Lubich & Wanner, III.4.
     """
-    v, r = cp.unpack(vector), cp.unpack(rate)
+    v, r = cp.vector(vector), cp.vector(rate)
     x = cp.dot(v, v)
     first = cp.cross(v, r)
     second = cp.cross(v, first)
@@ -177,7 +177,7 @@ def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> 
 
 def dexp_inverse(vector: Float[Array, "*#batch 3"], velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
     """The inverse of `dexp` in its second argument; singular at |vector| = 2 pi."""
-    v, r = cp.unpack(vector), cp.unpack(velocity)
+    v, r = cp.vector(vector), cp.vector(velocity)
     first = cp.cross(v, r)
     second = cp.cross(v, first)
     return cp.pack(cp.add(r, cp.add(cp.scale(-0.5, first), cp.scale(_cotangent(cp.dot(v, v)), second))))

@@ -1,27 +1,35 @@
-"""States: the numbers that say where a body is and how it goes.
+"""States: the numbers that say where a body is and how it moves.
 
 A state holds the momentum and as much of the configuration as a scene needs: nothing (`MomentumState`), one direction
-(`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). States show arrays; steps see
-components (`parts`), and a state class says how its configuration, the *pose*, is carried along by a rotation (`turn`)
-and how fast it changes (`rate`). Nothing else knows the difference.
+(`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). Users see arrays. Steps see components:
+`parts` gives a momentum of type P and a *pose*, the configuration, of type Q. The class of a state says how a rotation
+carries the pose along (`turn`), how fast the pose and the momentum change (`rate`, `momentum_rate`), and how a function
+written on states is evaluated on components (`evaluate`). No other part of the package needs to know which it is.
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, is_unit, require, require_finite, same_batch
+from .._kernel.replay import Packed, by_components
 from .bodies import Particles, RigidBody
 
+P = TypeVar("P")  # a momentum as the steps hold it: components, or the array of particles
+Q = TypeVar("Q")  # a pose as the steps hold it
+Value = tuple[list[Array], jax.ShapeDtypeStruct]  # entries of an array, and its shape and dtype
 
-class State(eqx.Module):
-    """What the steps need from a state: its components and how its pose is carried."""
+
+class State(eqx.Module, Generic[P, Q]):
+    """What the steps and the torques need from a state."""
 
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
@@ -43,44 +51,108 @@ class State(eqx.Module):
         return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
 
     @abstractmethod
-    def parts(self) -> tuple[Any, Any]:
+    def parts(self) -> tuple[P, Q]:
         """(momentum, pose) as the steps hold them."""
 
     @classmethod
     @abstractmethod
-    def join(cls, momentum: Any, pose: Any) -> "State":
+    def join(cls, momentum: P, pose: Q) -> "State[P, Q]":
         """The inverse of `parts`."""
 
     @classmethod
     @abstractmethod
-    def of(cls, momentum: Any, pose: Any) -> "State":
+    def of(cls, momentum: Array, pose: Any) -> "State[P, Q]":
         """The state of the momentum and pose given as arrays (the pose () where there is none)."""
 
     @staticmethod
     @abstractmethod
-    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
-        """The pose after the body has turned by `increment`, a rotation in the body frame."""
+    def rotate(pose: Q, increment: Any) -> Q:
+        """The pose after the body has turned by `increment`, a rotation in the body frame; of particles, a shift."""
 
     @staticmethod
     @abstractmethod
-    def turn(pose: Any, increment: cp.Quaternion, still: Array, t: Array) -> Any:
+    def turn(pose: Q, increment: Any, still: Array, t: Array) -> Q:
         """The same for a pose that takes up a rotation at every step, this one at time t, as `accumulate` adds it.
 
-        What rounding has changed of its length before is taken off. Where `still`, not a bit is changed.
+        Corrects the length of the pose for what rounding changed before. Where `still`, no bit is changed.
         """
 
     @staticmethod
     @abstractmethod
-    def shift(pose: Any, change: Any, still: Array, t: Array) -> Any:
-        """pose + change, brought to the length of a pose, to second order; where `still`, not a bit is changed."""
+    def shift(pose: Q, change: Q, still: Array, t: Array) -> Q:
+        """pose + change, brought to the length of a pose, to second order; where `still`, no bit is changed."""
 
     @staticmethod
     @abstractmethod
-    def rate(pose: Any, velocity: Any) -> Any:
+    def rate(pose: Q, velocity: P) -> Q:
         """d pose / dt at a body-frame angular velocity; linear in it."""
 
+    @staticmethod
+    @abstractmethod
+    def momentum_rate(momentum: P, velocity: P, force: P) -> P:
+        """d momentum / dt, Euler's equation Pi' = Pi x Omega + T; linear in velocity and force together.
 
-class MomentumState(State):
+        Particles have p' = f.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def commutator(velocity: P, force: P) -> P:
+        """The part of the change of a force along the body's motion that comes from the turning of its axes."""
+
+    @classmethod
+    @abstractmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: P, pose: Q) -> Value:
+        """The array `function(t, state)`, for a function written on states of arrays."""
+
+    @staticmethod
+    @abstractmethod
+    def from_entries(entries: list[Array]) -> P:
+        """A force, from the entries that `evaluate` gives."""
+
+    @staticmethod
+    @abstractmethod
+    def pack(vector: P) -> Array:
+        """A velocity or force as one array."""
+
+    @staticmethod
+    @abstractmethod
+    def unpack(array: Array) -> P:
+        """The inverse of `pack`."""
+
+
+class BodyState(State[cp.Vector, Q]):
+    """A state of one rigid body: what does not depend on how much of the attitude is followed."""
+
+    body: ClassVar[type] = RigidBody
+
+    @staticmethod
+    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        return cp.add(cp.cross(momentum, velocity), force)
+
+    @staticmethod
+    def commutator(velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        return cp.cross(velocity, force)
+
+    @classmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: Q) -> Value:
+        boxed = tuple(Packed(tuple(part)) if part else () for part in (momentum, pose))  # pyright: ignore
+        return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *boxed)
+
+    @staticmethod
+    def from_entries(entries: list[Array]) -> cp.Vector:
+        return entries[0], entries[1], entries[2]
+
+    @staticmethod
+    def pack(vector: cp.Vector) -> Array:
+        return cp.pack(vector)
+
+    @staticmethod
+    def unpack(array: Array) -> cp.Vector:
+        return cp.vector(array)
+
+
+class MomentumState(BodyState[tuple[()]]):
     """A body whose attitude nobody asks for: three numbers.
 
     Attributes:
@@ -88,47 +160,46 @@ class MomentumState(State):
     """
 
     momentum: Float[Array, "*batch 3"]
-    body: ClassVar[type] = RigidBody
 
     def __init__(self, momentum: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
         require_finite("momentum", self.momentum)
 
-    def parts(self) -> tuple[Any, Any]:
-        return cp.unpack(self.momentum), ()
+    def parts(self) -> tuple[cp.Vector, tuple[()]]:
+        return cp.vector(self.momentum), ()
 
     @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "MomentumState":
+    def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "MomentumState":
         del pose
         return cls(cp.pack(momentum))
 
     @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "MomentumState":
+    def of(cls, momentum: Array, pose: Any) -> "MomentumState":
         del pose
         return cls(momentum)
 
     @staticmethod
-    def rotate(pose: Any, increment: cp.Quaternion) -> Any:
+    def rotate(pose: tuple[()], increment: cp.Quaternion) -> tuple[()]:
         del increment
         return pose
 
     @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, still: Array, t: Array) -> Any:
+    def turn(pose: tuple[()], increment: cp.Quaternion, still: Array, t: Array) -> tuple[()]:
         del increment, still, t
         return pose
 
     @staticmethod
-    def shift(pose: Any, change: Any, still: Array, t: Array) -> Any:
+    def shift(pose: tuple[()], change: tuple[()], still: Array, t: Array) -> tuple[()]:
         del change, still, t
         return pose
 
     @staticmethod
-    def rate(pose: Any, velocity: cp.Vector) -> Any:
+    def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
         del velocity
         return pose
 
 
-class DirectionState(State):
+class DirectionState(BodyState[cp.Vector]):
     """A body in a field that depends on one space direction only: six numbers.
 
     Attributes:
@@ -139,7 +210,6 @@ class DirectionState(State):
 
     momentum: Float[Array, "*batch 3"]
     direction: Float[Array, "*batch 3"]
-    body: ClassVar[type] = RigidBody
 
     def __init__(self, momentum: Any, direction: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
@@ -148,15 +218,15 @@ class DirectionState(State):
         require_finite("momentum", self.momentum)
         require("direction", self.direction, is_unit, "must be a unit vector", "divide it by its norm.")
 
-    def parts(self) -> tuple[Any, Any]:
-        return cp.unpack(self.momentum), cp.unpack(self.direction)
+    def parts(self) -> tuple[cp.Vector, cp.Vector]:
+        return cp.vector(self.momentum), cp.vector(self.direction)
 
     @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "DirectionState":
+    def join(cls, momentum: cp.Vector, pose: cp.Vector) -> "DirectionState":
         return cls(cp.pack(momentum), cp.pack(pose))
 
     @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "DirectionState":
+    def of(cls, momentum: Array, pose: Array) -> "DirectionState":
         return cls(momentum, pose)
 
     @staticmethod
@@ -182,14 +252,14 @@ class DirectionState(State):
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """A space vector along the field's direction, in body components."""
-        return cp.scale(cp.norm(vector), cp.unpack(self.direction))
+        return cp.scale(cp.norm(vector), cp.vector(self.direction))
 
     def vertical(self) -> cp.Vector:
         """The space z axis in body components, which the direction then is."""
-        return cp.unpack(self.direction)
+        return cp.vector(self.direction)
 
 
-class RigidState(State):
+class RigidState(BodyState[cp.Quaternion]):
     """A body's momentum and attitude: seven numbers.
 
     Attributes:
@@ -199,7 +269,6 @@ class RigidState(State):
 
     momentum: Float[Array, "*batch 3"]
     attitude: Float[Array, "*batch 4"]
-    body: ClassVar[type] = RigidBody
 
     def __init__(self, momentum: Any, attitude: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
@@ -208,15 +277,15 @@ class RigidState(State):
         require_finite("momentum", self.momentum)
         require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
 
-    def parts(self) -> tuple[Any, Any]:
-        return cp.unpack(self.momentum), cp.unpack(self.attitude)
+    def parts(self) -> tuple[cp.Vector, cp.Quaternion]:
+        return cp.vector(self.momentum), cp.quaternion(self.attitude)
 
     @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "RigidState":
+    def join(cls, momentum: cp.Vector, pose: cp.Quaternion) -> "RigidState":
         return cls(cp.pack(momentum), cp.pack(pose))
 
     @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "RigidState":
+    def of(cls, momentum: Array, pose: Array) -> "RigidState":
         return cls(momentum, pose)
 
     @staticmethod
@@ -249,15 +318,15 @@ class RigidState(State):
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """A space vector in body components, R^T vector."""
-        return cp.rotate_back(cp.unpack(self.attitude), vector)
+        return cp.rotate_back(cp.quaternion(self.attitude), vector)
 
     def vertical(self) -> cp.Vector:
         """The space z axis in body components: the last row of R."""
-        w, x, y, z = cp.unpack(self.attitude)
+        w, x, y, z = cp.quaternion(self.attitude)
         return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
 
 
-class ParticleState(State):
+class ParticleState(State[Array, Array]):
     """Positions and momenta of particles.
 
     Attributes:
@@ -278,38 +347,65 @@ class ParticleState(State):
         if self.momentum.shape != self.position.shape:
             raise ValueError(f"momentum {self.momentum.shape} and position {self.position.shape} must have one shape.")
 
-    def parts(self) -> tuple[Any, Any]:
+    def parts(self) -> tuple[Array, Array]:
         return self.momentum, self.position
 
     @classmethod
-    def join(cls, momentum: Any, pose: Any) -> "ParticleState":
+    def join(cls, momentum: Array, pose: Array) -> "ParticleState":
         return cls(momentum, pose)
 
     @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "ParticleState":
+    def of(cls, momentum: Array, pose: Array) -> "ParticleState":
         return cls(momentum, pose)
 
     @staticmethod
-    def rotate(pose: Any, increment: Any) -> Any:
+    def rotate(pose: Array, increment: Array) -> Array:
         return pose + increment
 
     @staticmethod
-    def turn(pose: Any, increment: Any, still: Array, t: Array) -> Any:
+    def turn(pose: Array, increment: Array, still: Array, t: Array) -> Array:
         del still
         return cp.accumulate(pose, increment, t)
 
     @staticmethod
-    def shift(pose: Any, change: Any, still: Array, t: Array) -> Any:
+    def shift(pose: Array, change: Array, still: Array, t: Array) -> Array:
         del still
         return cp.accumulate(pose, change, t)
 
     @staticmethod
-    def rate(pose: Any, velocity: Any) -> Any:
+    def rate(pose: Array, velocity: Array) -> Array:
         del pose
         return velocity
 
+    @staticmethod
+    def momentum_rate(momentum: Array, velocity: Array, force: Array) -> Array:
+        del momentum, velocity
+        return force
 
-def attitude_of(state: State) -> Array:
+    @staticmethod
+    def commutator(velocity: Array, force: Array) -> Array:
+        del velocity
+        return jnp.zeros_like(force)
+
+    @classmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Array, pose: Array) -> Value:
+        value = function(t, cls.join(momentum, pose))
+        return [value], jax.ShapeDtypeStruct(jnp.shape(value), jnp.result_type(value))
+
+    @staticmethod
+    def from_entries(entries: list[Array]) -> Array:
+        return entries[0]
+
+    @staticmethod
+    def pack(vector: Array) -> Array:
+        return vector
+
+    @staticmethod
+    def unpack(array: Array) -> Array:
+        return array
+
+
+def attitude_of(state: State[Any, Any]) -> Array:
     """The attitude (..., 4); a ValueError for a state without one."""
     if not isinstance(state, RigidState):
         raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...drivers.integrate import integrate
 from ...drivers.timing import Load, Timing, cores, timed, user_clock
+from ...methods.base import Method
 from ...methods.registry import method as find_method
-from ...methods.stepper import Method
 from .. import scenes
 from ..scenes import Scene
 from .conservation import energy_change, momentum_change

@@ -11,9 +11,10 @@ import equinox as eqx
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import together
+from ..._kernel.fusion import fuse
 from ..._kernel.short_series import LARGEST_SQUARE, half_turn
-from ...methods.stepper import Method, Motion, System
+from ...methods.base import Method
+from ...methods.system import Motion, System
 from ...model.bodies import RigidBody
 from .problem import Point, Problem
 
@@ -24,6 +25,7 @@ class _OnTheGroup(Method):
     name: eqx.AbstractVar[str]
     order: int = eqx.field(static=True, default=4)
     symmetric: bool = eqx.field(static=True, default=False)
+    symplectic: bool = eqx.field(static=True, default=False)
     bodies: type = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=4)
 
@@ -82,7 +84,7 @@ class RKMK4(_OnTheGroup):
             pushes.append(cp.scale(h, push))
             if c is not None:
                 u, momentum = cp.scale(c, turns[stage]), cp.add(start, cp.scale(c, pushes[stage]))
-                turns, pushes, u, momentum = together((turns, pushes, u, momentum))
+                turns, pushes, u, momentum = fuse((turns, pushes, u, momentum))
                 here = cp.multiply(pose, _exp(u)[0])
         increment, size = _exp(_weighted(turns))
         momentum = cp.add(start, _weighted(pushes))
@@ -106,7 +108,7 @@ class CF4(_OnTheGroup):
 
         def stage(t: Array, momentum: cp.Vector, here: Any) -> tuple[cp.Vector, cp.Vector]:
             velocity, push = _rates(system, t, momentum, here)
-            return together((cp.scale(h, velocity), cp.scale(h, push)))
+            return fuse((cp.scale(h, velocity), cp.scale(h, push)))
 
         v1, f1 = stage(t0, start, pose)
         second = cp.multiply(pose, _exp(cp.scale(0.5, v1))[0])

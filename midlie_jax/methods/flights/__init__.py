@@ -4,8 +4,8 @@ A flight is called with the body's constants, the time and the momentum, and ret
 new momentum, and whether its numbers can be trusted. What carries the orientation is not its business.
 """
 
+from ..inertia import Inertia as Inertia
 from .base import Flight as Flight
-from .base import Inertia as Inertia
 from .jacobi import Jacobi as Jacobi
 from .lie_midpoint import LieMidpoint as LieMidpoint
 from .linear import Linear as Linear

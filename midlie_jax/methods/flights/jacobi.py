@@ -35,7 +35,8 @@ from ..._kernel import components as cp
 from ..._kernel.short_series import half_angle, half_turn
 from ..._kernel.weierstrass import step_functions
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 
 # Radians of h |Omega| up to which the sums are exact to rounding.
 _REACH = 1.2

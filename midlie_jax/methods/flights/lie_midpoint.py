@@ -18,10 +18,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import together
+from ..._kernel.fusion import fuse
 from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, arctangent, arctangent_slope, share_of_one
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 
 # Steps with the plain Jacobian at the start, and with each full one after it: enough for |Psi| <= 1.5 and the moments
 # of any real body, ratios of 1e6 included (of the slenderest, one in 1e5 is refused).
@@ -65,7 +66,7 @@ def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector) -> cp.Vector:
 def _root_jvp(primals: Any, tangents: Any) -> tuple[cp.Vector, cp.Vector]:
     """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
     quadruple, y, _ = primals
-    u = together(_root(*primals))
+    u = fuse(_root(*primals))
     x = cp.dot(u, u)
     share = arctangent(x, exact=True)
     inverse = cp.Inverse3.of(_columns(quadruple, y, u, share, arctangent_slope(x, exact=True)))

@@ -18,10 +18,11 @@ import jax
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import together
+from ..._kernel.fusion import fuse
 from ..._kernel.newton import newton_pairs
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 
 # Pairs of steps from the explicit guess; enough for h |Omega| <= 0.7, where the roots come close to each other.
 _PAIRS = 3
@@ -141,7 +142,7 @@ def _root(moments: cp.Vector, gaps: cp.Vector, y: cp.Vector) -> cp.Vector:
 @_root.defjvp
 def _root_jvp(primals: Any, tangents: Any) -> Any:
     moments, gaps, y = primals
-    c = together(_root(moments, gaps, y))
+    c = fuse(_root(moments, gaps, y))
     inverse = cp.Inverse3.of(_slope(moments, gaps, y, c))
     _, change = jax.jvp(partial(_residual, c=c), primals, tangents)
     return c, cp.scale(-1, inverse.times(change))

@@ -11,7 +11,8 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.short_series import LARGEST_SQUARE, spin
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 from .symmetric import symmetric_turn, within_reach
 
 

@@ -23,7 +23,8 @@ from jax.custom_derivatives import SymbolicZero
 from ..._kernel import components as cp
 from ..._kernel.short_series import LARGEST_SQUARE, half_turn, spin, stumpff
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 
 _SLACK = 8  # units of eps by which inverse moments may differ and still count as equal
 

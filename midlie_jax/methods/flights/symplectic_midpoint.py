@@ -15,11 +15,12 @@ import jax
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import together
+from ..._kernel.fusion import fuse
 from ..._kernel.newton import newton_pairs
 from ..._kernel.short_series import LARGEST_SQUARE, half_turn, stumpff
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 from .lie_midpoint import free_start
 
 # Pairs of steps from the start below; enough for |Psi| <= .3 and the moments of any real body with ratios up to 1e3.
@@ -88,7 +89,7 @@ def _turn(order: int | None, inertia: Inertia, y: cp.Vector) -> cp.Vector:
 @_turn.defjvp
 def _turn_jvp(order: int | None, primals: tuple[Inertia, cp.Vector], tangents: tuple[Inertia, cp.Vector]) -> Any:
     inertia, y = primals
-    turn = together(_turn(order, inertia, y))
+    turn = fuse(_turn(order, inertia, y))
     inverse = cp.Inverse3.of(_slope(order, inertia, y, turn))
     _, change = jax.jvp(lambda inertia, y: _residual(order, inertia, y, turn), primals, tangents)
     return turn, cp.scale(-1, inverse.times(change))

@@ -11,7 +11,8 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.short_series import LARGEST_SQUARE, spin
 from ...model.bodies import RigidBody
-from .base import Flight, Inertia
+from ..inertia import Inertia
+from .base import Flight
 
 # Axis 2 and 3 by halves around axis 1.
 _SWEEP = ((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5))

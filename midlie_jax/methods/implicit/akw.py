@@ -8,12 +8,11 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import LARGEST_SQUARE
-from ...model.bodies import RigidBody
-from ..stepper import Method, Motion, System
-from ._common import ITERATIONS, converged
+from ..system import Motion, System
+from .base import ITERATIONS, Implicit, converged
 
 
-class AKW(Method):
+class AKW(Implicit):
     """Pi1 = Pi0 + h Pb x I^-1 Pb + (h/2)(T0 + T1), Pb = (Pi0 + Pi1)/2, R1 = R0 cay(h I^-1 Pb).
 
     Order 2, symmetric. Says False where the solve did not settle, or the step turned by more than 2.4 radians. Austin,
@@ -21,17 +20,13 @@ class AKW(Method):
     """
 
     name: str = eqx.field(static=True, default="AKW")
-    order: int = eqx.field(static=True, default=2)
-    symmetric: bool = eqx.field(static=True, default=True)
-    bodies: type = eqx.field(static=True, default=RigidBody)
-    evaluations: int = eqx.field(static=True, default=4 * ITERATIONS + 2)
 
     def keeps_force(self, system: System) -> bool:
         return True
 
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
-    ) -> tuple[Motion, Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
+    ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
         def middle(half: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
             """The mean momentum Pb and the turn h I^-1 Pb, for half of the momentum's change."""
             mean = cp.add(motion.momentum, half)
@@ -45,7 +40,7 @@ class AKW(Method):
             return cp.subtract(cp.scale(2, half), cp.add(cp.cross(mean, turn), kick))
 
         # The unknown is the change of the momentum, which is small, and so is its rounding; that of the mean is not.
-        rate = cp.add(cp.cross(*middle(tuple(p * 0 for p in motion.momentum))), cp.scale(h, force))
+        rate = cp.add(cp.cross(*middle(cp.scale(0, motion.momentum))), cp.scale(h, force))
         half, left = newton(residual, cp.scale(0.5, rate), ITERATIONS)
         turn = middle(half)[1]
         momentum = cp.accumulate(motion.momentum, cp.scale(2, half), t0)

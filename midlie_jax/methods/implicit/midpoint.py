@@ -8,27 +8,23 @@ import jax.numpy as jnp
 from jax import Array
 
 from ...model.bodies import Particles
-from ..stepper import Method, Motion, System
-from ._common import ITERATIONS
+from ..system import Motion, System
+from .base import ITERATIONS, Implicit
 
 
-class ImplicitMidpoint(Method):
+class ImplicitMidpoint(Implicit):
     """p1 = p0 + h f(t + h/2, (u0 + u1)/2), u1 = u0 + h M^-1 (p0 + p1)/2: order 2, symmetric, symplectic."""
 
     name: str = eqx.field(static=True, default="implicit midpoint")
-    order: int = eqx.field(static=True, default=2)
-    symmetric: bool = eqx.field(static=True, default=True)
-    bodies: type = eqx.field(static=True, default=Particles)
+    symplectic: bool = eqx.field(static=True, default=True)
+    bodies: type[Any] = eqx.field(static=True, default=Particles)
     evaluations: int = eqx.field(static=True, default=2 * ITERATIONS + 1)
 
-    def keeps_force(self, system: System) -> bool:
-        return False
-
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
-    ) -> tuple[Motion, Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Array, Array], force: Any
+    ) -> tuple[Motion[Array, Array], Any, Array | bool]:
         del t1, force
-        start, place = motion
+        start, place = motion.momentum, motion.pose
 
         def travel(mean: Array) -> Array:
             return h * system.inertia.velocity(mean)

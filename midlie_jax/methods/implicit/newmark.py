@@ -8,12 +8,11 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import LARGEST_SQUARE, half_turn
-from ...model.bodies import RigidBody
-from ..stepper import Method, Motion, System
-from ._common import ITERATIONS, converged
+from ..system import Motion, System
+from .base import ITERATIONS, Implicit, converged
 
 
-class NewmarkBody(Method):
+class NewmarkBody(Implicit):
     """R1 = R0 exp(h Om0 + h^2 A0/2), I A1 + Om1 x I Om1 = T1, Om1 = Om0 + (h/2)(A0 + A1), gamma = 1/2.
 
     A0 is the angular acceleration at the start. Order 2, symmetric (the two accelerations change places under
@@ -22,26 +21,22 @@ class NewmarkBody(Method):
     """
 
     name: str = eqx.field(static=True, default="NMB")
-    order: int = eqx.field(static=True, default=2)
-    symmetric: bool = eqx.field(static=True, default=True)
-    bodies: type = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=1)
 
     def keeps_force(self, system: System) -> bool:
         return True
 
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
-    ) -> tuple[Motion, Any, Array | bool]:
-        inertia = system.inertia
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
+    ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
+        def change(momentum: cp.Vector, torque: cp.Vector) -> cp.Vector:
+            """h I A, for the angular acceleration A."""
+            turn = cp.scale(h, system.velocity(momentum))
+            return system.kind.momentum_rate(momentum, turn, cp.scale(h, torque))
 
-        def turning(momentum: cp.Vector) -> cp.Vector:
-            """h Pi x I^-1 Pi."""
-            return cp.cross(momentum, cp.scale(h, cp.times(inertia.inverses, momentum)))
-
-        impulse = cp.add(turning(motion.momentum), cp.scale(h, force))  # h I A0
+        impulse = change(motion.momentum, force)
         ahead = cp.add(motion.momentum, cp.scale(0.5, impulse))
-        w = cp.scale(h / 2, cp.times(inertia.inverses, ahead))
+        w = cp.scale(h / 2, system.velocity(ahead))
         half = half_turn(w)
         pose = system.turned(motion.pose, cp.square(half), t0, h)
 
@@ -56,7 +51,7 @@ class NewmarkBody(Method):
 
         def residual(new: cp.Vector) -> cp.Vector:
             momentum = kicked(new)
-            return cp.subtract(new, cp.add(turning(momentum), cp.scale(h, torque_at(momentum))))
+            return cp.subtract(new, change(momentum, torque_at(momentum)))
 
         new, left = newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
         momentum = kicked(new)

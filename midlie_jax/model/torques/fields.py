@@ -85,10 +85,10 @@ class DipoleInField(Torque):
         return from_body(self.field, t, state)
 
     def __call__(self, t: Any, state: Any) -> Array:
-        return cp.pack(cp.cross(cp.unpack(self.moment), self._local(t, state)))
+        return cp.pack(cp.cross(cp.vector(self.moment), self._local(t, state)))
 
     def potential(self, t: Any, state: Any) -> Array:
-        return -cp.dot(cp.unpack(self.moment), self._local(t, state))
+        return -cp.dot(cp.vector(self.moment), self._local(t, state))
 
 
 class GravityGradient(ReadsBody):
@@ -123,19 +123,19 @@ class GravityGradient(ReadsBody):
 
     def _local(self, t: Any, state: Any) -> tuple[Array, cp.Vector]:
         """3 mu/r^3 and u."""
-        place = cp.unpack(self.orbit(t))
+        place = cp.vector(self.orbit(t))
         square = cp.dot(place, place)
         inverse = 1 / jnp.sqrt(square)
         return 3 * self.mu * inverse / square, changing(state).seen_from_body(cp.scale(inverse, place))
 
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         strength, u = self._local(t, state)
-        return cp.pack(cp.scale(strength, cp.cross(u, cp.unpack(body.momentum(cp.pack(u))))))
+        return cp.pack(cp.scale(strength, cp.cross(u, cp.vector(body.momentum(cp.pack(u))))))
 
     def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         """The part that depends on the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
         strength, u = self._local(t, state)
-        return strength / 2 * (cp.dot(u, cp.unpack(body.momentum(cp.pack(u)))) - body.trace / 3)
+        return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)
 
     def __call__(self, t: Any, state: Any) -> Array:
         return super().__call__(t, state) if self.moments is None else self.at(t, state, self._given())
@@ -150,8 +150,8 @@ class GravityGradient(ReadsBody):
 def from_body(vector: Array | Callable[[Any], Array], t: Any, state: Any) -> cp.Vector:
     """A vector of space, or a function of time that gives one, in body components."""
     if callable(vector):
-        return changing(state).seen_from_body(cp.unpack(vector(t)))
-    return state.seen_from_body(cp.unpack(vector))
+        return changing(state).seen_from_body(cp.vector(vector(t)))
+    return state.seen_from_body(cp.vector(vector))
 
 
 def changing(state: Any) -> Any:

@@ -161,8 +161,8 @@ class Drag(Torque):
     def __call__(self, t: Any, state: Any) -> Array:
         velocity = from_body(self.velocity, t, state)
         force = cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
-        return cp.pack(cp.cross(cp.unpack(self.lever), force))
+        return cp.pack(cp.cross(cp.vector(self.lever), force))
 
 
 def _cross(a: Array, b: Array) -> Array:
-    return cp.pack(cp.cross(cp.unpack(a), cp.unpack(b)))
+    return cp.pack(cp.cross(cp.vector(a), cp.vector(b)))

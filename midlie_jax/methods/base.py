@@ -1,0 +1,114 @@
+"""What every integrator is: a step from one motion to the next, on components; and how drivers take one.
+
+Most methods are a flight and a scheme (`splitting.py`); the implicit ones are in `implicit/`, Runge-Kutta methods in
+`runge_kutta.py`.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+from jax import Array
+
+from .._kernel.fusion import fuse, fuse_derivative
+from .._kernel.internals import NONE, Axes, all_promoted
+from ..model.bodies import Body
+from .system import Motion, System
+
+Times = tuple[Array, Array]  # of the two ends of a step
+
+
+class Progress(NamedTuple):
+    """What a run carries from step to step.
+
+    Attributes:
+        motion: momentum and pose.
+        force: the torque at the motion, where the method keeps one, else None.
+        ok: whether all solves succeeded so far, ().
+    """
+
+    motion: Motion[Any, Any]
+    force: Any
+    ok: Any
+
+
+class Method(eqx.Module):
+    """An integrator with a fixed step. Get one from `midlie_jax.method`.
+
+    Attributes:
+        name: as in `midlie_jax.methods()`.
+        order: order of accuracy in the step.
+        symmetric: whether a step of -h undoes a step of h.
+        symplectic: whether a step preserves the Lie-Poisson structure to rounding, for torques from a potential.
+        bodies: the class of body it moves.
+        evaluations: torque evaluations a step.
+    """
+
+    name: eqx.AbstractVar[str]
+    order: eqx.AbstractVar[int]
+    symmetric: eqx.AbstractVar[bool]
+    symplectic: eqx.AbstractVar[bool]
+    bodies: eqx.AbstractVar[type]
+    evaluations: eqx.AbstractVar[int]
+
+    @property
+    def unroll(self) -> int:
+        """Steps in each turn of the loop over steps. With two XLA need not copy the arrays, but compiles longer."""
+        return 1
+
+    @property
+    def chunk(self) -> int:
+        """How many bodies `ensemble` moves at once: as many as fit the cache, and enough to hide the cost of a loop."""
+        return 8192
+
+    def fitted(self, body: Body) -> "Method":
+        """This method made for a body, or a batch of them; a ValueError if the body is known and it cannot move it."""
+        del body
+        return self
+
+    @abstractmethod
+    def keeps_force(self, system: System) -> bool:
+        """Whether the force at the end of a step is kept for the next one."""
+
+    @abstractmethod
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Any, Any], force: Any
+    ) -> tuple[Motion[Any, Any], Any, Array | bool]:
+        """One step from t0 to t1 = t0 + h.
+
+        Args:
+            system, motion: see there.
+            h: the signed step. Zero must leave the motion as it is, bit for bit, and return the force there.
+            force: the force at t0 if `keeps_force`, else None.
+
+        Returns:
+            The motion at t1, the force there if kept, else None, and whether all solves succeeded.
+        """
+
+    def advance(
+        self,
+        system: System,
+        clock: Any,
+        times: Callable[[Any], tuple[Array, Array, Any]],
+        h: Array,
+        progress: Progress,
+        axes: Axes = NONE,
+    ) -> tuple[Progress, Any]:
+        """One step as every driver takes it: one loop of the compiled program, and one of its derivative.
+
+        Args:
+            system: what moves.
+            clock: what `times` reads, a tree.
+            times: from the clock the times t0 and t1 of the step, and anything else to compute in the same loop.
+            h: the signed step.
+            progress: before the step.
+            axes: of a mesh of devices, along which the run varies.
+
+        Returns:
+            The progress after the step, and what else `times` gave.
+        """
+        system, clock, h, progress = fuse_derivative((system, clock, h, progress))
+        t0, t1, rest = times(clock)
+        motion, force, ok = self.step(system, t0, t1, h, progress.motion, progress.force)
+        return fuse(all_promoted((Progress(motion, force, progress.ok & ok), rest), axes))
