@@ -3,14 +3,15 @@
 import math
 import os
 import time
-from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
+import midlie_jax as ml
 from midlie_jax.bench import convergence, scenes
 from midlie_jax.drivers import timing
+from midlie_jax.drivers.program import Program
 from midlie_jax.drivers.timing import Load, Stopwatch, Timing, timed
 
 
@@ -41,23 +42,15 @@ def machine(monkeypatch):
 def trials(monkeypatch, laps):
     """`measure` and `survey` without a body that moves: each lap is one reading of the clock."""
 
-    class Chain(convergence._Chain):
-        def __init__(self, name, scene, steps, copies):
-            self.name, self.steps = name, steps  # and nothing is compiled
-            self.method = SimpleNamespace(name=name, evaluations=2)
+    class FakeProgram(Program):
+        def __init__(self, method, scene, coarsest, copies):
+            self.method = method  # and nothing is compiled
 
-        def run(self, dt, steps, watch):
-            for _ in range(min(5, steps // self.steps)):
-                self.time(dt, 1, watch)
-            end = SimpleNamespace(momentum=np.zeros(3), attitude=np.array([1.0, 0, 0, 0]))
-            return end, True
+        def run(self, dt, steps):
+            laps.append(self.method.name)
+            return ml.RigidState.of(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]])), np.array([True])
 
-        def time(self, dt, count, watch):
-            for _ in range(count):
-                laps.append(self.name)
-                watch.time(lambda: None)
-
-    monkeypatch.setattr(convergence, "_Chain", Chain)
+    monkeypatch.setattr(convergence, "_program", FakeProgram)
     reference = convergence.Reference(np.zeros(3), np.eye(3), "none", 0.0)
     return scenes.scene("P1"), ["LIEMID[E1]", "LIEMID[E2]"], [4, 8], reference
 

@@ -5,9 +5,8 @@ import io
 import itertools
 import math
 from dataclasses import replace
-from functools import partial
+from types import SimpleNamespace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from midlie_jax.bench.frontier_chart import work_precision_figure
 from midlie_jax.bench.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
 from midlie_jax.bench.rivals.lie_group import CF4, RKMK4
 from midlie_jax.bench.rivals.problem import Point
-from midlie_jax.drivers.integrate import end_state
+from midlie_jax.drivers.program import Program
 from midlie_jax.drivers.timing import Timing
 from midlie_jax.methods.runge_kutta import DOP853, RK4
 
@@ -82,12 +81,12 @@ def moved(method, counts, name="asymmetric-top", duration=1.0, chunk=4) -> list[
     exact = ml.ensemble("DOP853", scene.body, scene.torque, starts, dt=duration / 400, steps=400)
     ends = np.asarray(ml.so3.to_matrix(exact.states.attitude))
     given = problem.Problem(scene, np.asarray(starts.momentum), np.asarray(starts.attitude), ends, "", 0.0, 1)
-    made = work_precision._Ladder(method, given, chunk)
+    program = Program(method, scene.body, scene.torque, starts, chunk=chunk)
     found = []
     for count in counts:
-        attitudes, ok, _ = made.run(count)
-        assert ok
-        found.append(given.error(attitudes))
+        states, ok = program.run(duration / count, count)
+        assert np.all(ok)
+        found.append(given.error(states.attitude))
     return found
 
 
@@ -116,9 +115,7 @@ def test_the_harness_moves_bodies_as_ensemble_does():
         path = ml.ensemble(name, scene.body, scene.torque, starts, dt=dt, steps=steps)
         method = ml.method(name)
         assert steps % method.unroll == 0
-        turns = jnp.int32(steps // method.unroll)
-        alone = partial(end_state, method, scene.body, scene.torque, dt=jnp.float64(dt), turns=turns)
-        ends, ok = jax.jit(jax.vmap(lambda start, alone=alone: alone(start)))(starts)
+        ends, ok = Program(method, scene.body, scene.torque, starts, chunk=2).run(dt, steps)
         assert np.all(ok)
         np.testing.assert_allclose(ends.attitude, path.states.attitude, rtol=0, atol=1e-13)
 
@@ -322,19 +319,23 @@ def test_a_ladder_goes_on_where_steps_are_too_coarse_to_gain(monkeypatch):
     errors = [2.4, 2.5, 2.4, 2.6, 1e-2, 1e-6, 2e-14, 2e-14, 2e-14, 2e-14]
     asked = []
 
-    class Ladder(work_precision._Ladder):
-        def __init__(self, method, given, chunk):
+    class FakeProgram:
+        def __init__(self, *given, chunk):
             pass
 
         def whole(self, steps):
             return steps
 
-        def run(self, steps):
-            asked.append(steps)
-            return np.full((1, 4), 0.5), True, Timing(0.0, 0.0)
+        def run(self, dt, steps):
+            return SimpleNamespace(attitude=np.full((1, 4), 0.5)), True
 
-    monkeypatch.setattr(work_precision, "_Ladder", Ladder)
+    def timed(self, run):
+        asked.append(None)
+        return run(), Timing(0.0, 0.0)
+
+    monkeypatch.setattr(work_precision, "Program", FakeProgram)
+    monkeypatch.setattr(problem.Problem, "timed", timed)
     monkeypatch.setattr(problem.Problem, "error", lambda self, ends: errors[len(asked) - 1])
     scene = scenes.scene("P1", "float64")
-    given = problem.Problem(scene, np.zeros((1, 3)), np.zeros((1, 4)), np.zeros((1, 3, 3)), "", 0.0)
+    given = problem.Problem(scene, np.zeros((1, 3)), np.eye(1, 4), np.zeros((1, 3, 3)), "", 0.0)
     assert [point.error for point in work_precision.ladder(RK4, given)] == errors[:9]

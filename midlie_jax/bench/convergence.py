@@ -3,9 +3,8 @@
 `measure` yields a row as soon as it is known; `survey` also times each method again after all the others have had
 their turn, so that a machine that was slow for a while is seen in the spread of all rather than in the time of one.
 
-A run is a chain of equal chunks of steps, each started from the last one's end. The step size and the index of the
-first step are arguments of the compiled chunk, so one compile a method serves the whole ladder, and by the
-contract of `integrate` the chain is, bit for bit, the run in one piece.
+The step and the number of steps are arguments of the compiled program, so that one compilation serves the whole ladder
+of a method. Timed are the first steps of a run, as many for every rung.
 """
 
 import math
@@ -17,8 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.integrate import integrate
+from ..drivers.program import Program
 from ..drivers.timing import Stopwatch
+from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..methods.registry import methods as all_methods
 from ..model import so3
@@ -28,9 +28,9 @@ from .scenes import Scene
 
 COPIES = 256  # bodies moved side by side when a run is timed: enough to drown the cost of starting each loop
 LEVELS = 5
-_TIMINGS = 5  # chunks of a rung that are timed in a row
+_TIMINGS = 5  # runs of a rung that are timed in a row
 _ROUNDS, _ROUND_SECONDS = 2, 5.0  # times that `survey` comes back to every method, unless that takes longer in all
-_AGAIN = 3  # chunks of a rung timed when it does: all rounds together outvote the first
+_AGAIN = 3  # runs of a rung timed when it does: all rounds together outvote the first
 _COARSEST = {"P1": 500}  # steps on the first rung where the paper's figure has them; elsewhere twice the scene's step
 _ROMBERG = 4  # runs extrapolated where no closed form is known
 _REFERENCE = "LIEMID[EA]"
@@ -111,24 +111,24 @@ def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> l
     return [coarsest * 2**level for level in range(levels)]
 
 
-def measure(scene: Scene, methods: Sequence[str], rungs: Sequence[int], reference: Reference) -> Iterator[Row]:
+def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int], reference: Reference) -> Iterator[Row]:
     """A row for each method and rung, in that order, each as soon as it is known.
 
     A method that raises gives rows that say so, and the next one is tried.
 
     Args:
         scene: from `midlie_jax.bench.scenes.scene`.
-        methods: names.
+        methods: names, or methods made outside the package.
         rungs: from `ladder`.
         reference: from `find_reference`.
     """
-    for name in methods:
-        yield from _Trial(scene, name, rungs, reference).rows()
+    for method in map(_as_method, methods):
+        yield from _Rungs(scene, method, rungs, reference).rows()
 
 
 def survey(
     scene: Scene,
-    methods: Sequence[str],
+    methods: Sequence[str | Method],
     rungs: Sequence[int],
     reference: Reference,
     seen: Callable[[Row], None] = lambda row: None,
@@ -142,7 +142,7 @@ def survey(
     Returns:
         The rows, and how many rounds there were: fewer where a round takes seconds.
     """
-    trials = [_Trial(scene, name, rungs, reference) for name in methods]
+    trials = [_Rungs(scene, method, rungs, reference) for method in map(_as_method, methods)]
     for trial in trials:
         for row in trial.rows():
             seen(row)
@@ -154,6 +154,10 @@ def survey(
             trial.again()
         rounds += 1
     return [row for trial in trials for row in trial.timed_rows()], rounds
+
+
+def _as_method(method: str | Method) -> Method:
+    return find_method(method) if isinstance(method, str) else method
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
@@ -177,68 +181,34 @@ def by_halving(scene: Scene, name: str, steps: int) -> Reference:
     Raises:
         ValueError: the run failed.
     """
-    chain = _Chain(name, scene, steps, copies=1)
-    coarse, _ = chain.run(scene.duration / steps, steps)
-    fine, ok = chain.run(scene.duration / (2 * steps), 2 * steps)
+    program = _program(find_method(name), scene, steps, copies=1)
+    coarse, _ = _end(program, scene.duration / steps, steps)
+    fine, ok = _end(program, scene.duration / (2 * steps), 2 * steps)
     doubt = float(np.linalg.norm(_matrix(fine.attitude) - _matrix(coarse.attitude)))
     if not ok or not math.isfinite(doubt):
         raise ValueError(f"no reference: {name} failed with {2 * steps} steps; check the torque for NaN.")
     return Reference(fine.momentum, _matrix(fine.attitude), f"{name} with {2 * steps} steps", doubt)
 
 
-class _Chain:
-    """One method on one scene, compiled once, for any step size and any multiple of `steps`."""
-
-    def __init__(self, name: str, scene: Scene, steps: int, copies: int):
-        self.method = find_method(name)
-        self.steps = steps
-        self.start = jax.tree.map(lambda leaf: jnp.tile(leaf, (copies, 1)), scene.start)
-        self.torque = scene.torque
-
-        def chunk(start: Any, dt: Any, first: Any) -> Any:
-            path = integrate(
-                self.method, scene.body, scene.torque, start, dt=dt, steps=self.steps, save_every=self.steps,
-                first_step=first,
-            )  # fmt: skip
-            return jax.tree.map(lambda leaf: leaf[-1], path.states), path.ok
-
-        dtype = scene.start.momentum.dtype
-        self.arguments: Callable[[float, int], tuple[Any, Any]] = lambda dt, first: (
-            jnp.asarray(dt, dtype),
-            jnp.asarray(first, jnp.int32),
-        )
-        self.chunk = jax.jit(jax.vmap(chunk, in_axes=(0, None, None)))
-        self.chunk = self.chunk.lower(self.start, *self.arguments(scene.duration, 0)).compile()
-        jax.block_until_ready(self.chunk(self.start, *self.arguments(0.0, 0)))  # the first call is never typical
-
-    def run(self, dt: float, steps: int, watch: Stopwatch | None = None) -> tuple[Any, bool]:
-        """The first copy's end, and whether all went well; the watch gets a lap for each of the first chunks."""
-        state, fine = self.start, True
-        for first in range(0, steps, self.steps):
-            state, ok = self._lap(state, dt, first, watch if first < _TIMINGS * self.steps else None)
-            fine = fine and bool(jnp.all(ok))
-        return jax.tree.map(lambda leaf: np.asarray(leaf[0]), state), fine
-
-    def time(self, dt: float, laps: int, watch: Stopwatch) -> None:
-        """So many more laps of the first chunk."""
-        for _ in range(laps):
-            self._lap(self.start, dt, 0, watch)
-
-    def _lap(self, start: Any, dt: float, first: int, watch: Stopwatch | None) -> Any:
-        arguments = self.arguments(dt, first)
-
-        def run() -> Any:
-            return jax.block_until_ready(self.chunk(start, *arguments))
-
-        return run() if watch is None else watch.time(run)
+def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:
+    """The method on copies of a scene, for any multiple of `coarsest` steps."""
+    starts = jax.tree.map(lambda leaf: jnp.tile(leaf, (copies, 1)), scene.start)
+    unroll = method.unroll if coarsest % method.unroll == 0 else 1
+    return Program(method, scene.body, scene.torque, starts, unroll=unroll)
 
 
-class _Trial:
+def _end(program: Program, dt: float, steps: int) -> tuple[Any, bool]:
+    """The end of the first copy, in NumPy's arrays, and whether all went well."""
+    states, ok = program.run(dt, steps)
+    return jax.tree.map(lambda leaf: np.asarray(leaf[0]), states), bool(jnp.all(ok))
+
+
+class _Rungs:
     """One method on one scene over a ladder, and a stopwatch for each rung."""
 
-    def __init__(self, scene: Scene, name: str, rungs: Sequence[int], reference: Reference):
-        self.scene, self.name, self.rungs, self.reference = scene, name, rungs, reference
-        self.chain: _Chain | None = None
+    def __init__(self, scene: Scene, method: Method, rungs: Sequence[int], reference: Reference):
+        self.scene, self.method, self.rungs, self.reference = scene, method, rungs, reference
+        self.program: Program | None = None
         self.watches = {steps: Stopwatch() for steps in rungs}
         self.found: list[Row] = []
 
@@ -246,26 +216,26 @@ class _Trial:
         """A row for each rung, each as soon as it is known."""
         failure = ""
         for steps in self.rungs:
-            row = Row(self.name, self.scene.duration / steps, steps, failure=failure)
+            row = Row(self.method.name, self.scene.duration / steps, steps, failure=failure)
             try:
-                if self.chain is None and not failure:
-                    self.chain = _Chain(self.name, self.scene, self.rungs[0], COPIES)
-                if self.chain is not None:
-                    row = self._row(self.chain, row)
+                if self.program is None and not failure:
+                    self.program = _program(self.method, self.scene, self.rungs[0], COPIES)
+                if self.program is not None:
+                    row = self._row(self.program, row)
             except Exception as error:  # one broken method must not cost the user the others
                 reason = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-                failure = reason if self.chain is None else ""  # what does not compile does not on any rung
+                failure = reason if self.program is None else ""  # what does not compile does not on any rung
                 row = row._replace(failure=reason)
             self.found.append(row)
             yield row
 
-    def _row(self, chain: _Chain, row: Row) -> Row:
-        watch, before = self.watches[row.steps], self.found[-1] if self.found else None
-        state, ok = chain.run(row.dt, row.steps, watch)
-        chain.time(row.dt, _TIMINGS - len(watch.laps), watch)
+    def _row(self, program: Program, row: Row) -> Row:
+        before = self.found[-1] if self.found else None
+        state, ok = _end(program, row.dt, row.steps)
+        self._time(program, row, _TIMINGS)
         momentum = float(np.linalg.norm(state.momentum - self.reference.momentum))
         attitude = float(np.linalg.norm(_matrix(state.attitude) - self.reference.attitude))
-        evaluations = 0 if self.scene.torque is None else chain.method.evaluations * row.steps
+        evaluations = 0 if self.scene.torque is None else program.method.evaluations * row.steps
         return self._timed(
             row._replace(
                 momentum_error=momentum,
@@ -277,11 +247,16 @@ class _Trial:
             )
         )
 
+    def _time(self, program: Program, row: Row, laps: int) -> None:
+        """Times the first steps of a rung, as many as the coarsest rung has."""
+        for _ in range(laps):
+            self.watches[row.steps].time(lambda: program.run(row.dt, self.rungs[0]))
+
     def again(self) -> None:
         """Times what ran once more."""
         for row in self.found:
-            if self.chain is not None and not row.failure:
-                self.chain.time(row.dt, _AGAIN, self.watches[row.steps])
+            if self.program is not None and not row.failure:
+                self._time(self.program, row, _AGAIN)
 
     def again_seconds(self) -> float:
         """What that takes."""
@@ -319,12 +294,12 @@ def _closed_form(scene: Scene) -> Reference | None:
 
 def _extrapolated(scene: Scene, finest: int) -> Reference:
     """Romberg's extrapolation of a symmetric method, whose error holds even powers of the step only."""
-    chain = _Chain(_REFERENCE, scene, finest, copies=1)
+    program = _program(find_method(_REFERENCE), scene, finest, copies=1)
     row: list[np.ndarray] = []
     doubt, steps = math.inf, finest
     for _ in range(_ROMBERG):
         steps *= 2
-        state, ok = chain.run(scene.duration / steps, steps)
+        state, ok = _end(program, scene.duration / steps, steps)
         if not ok:
             raise ValueError(f"no reference for scene {scene.name!r}: {_REFERENCE} failed with {steps} steps.")
         above, row = row, [np.concatenate([state.momentum, state.attitude])]

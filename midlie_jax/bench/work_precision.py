@@ -6,17 +6,15 @@ to the same result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.integrate import end_state
-from ..drivers.timing import Load, Timing, cost_clock, spread_in_words
+from ..drivers.program import Program
+from ..drivers.timing import Load, cost_clock, spread_in_words
 from ..methods.base import Method
 from ..methods.registry import method as find_method
-from ..methods.splitting import Splitting
 from ..model.states import RigidState
 from . import scenes
 from .closed_form import axis_third, exact_ends, symmetry_axis
@@ -31,9 +29,7 @@ _FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step te
 _ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
 _ROUGH = 0.1  # an attitude error above which a method has not begun to converge
 _GROWTH = 1.6  # from one rung of a ladder to the next
-# Bodies moved at once. Most steps do not care; one whose stages all stay alive, as those of DOP853, runs four times as
-# fast where they fit the first cache.
-CHUNK, FEW = 256, 64
+CHUNK = 256  # bodies moved at once, or fewer where the method asks for fewer
 
 
 # Which of our methods a kind of body is moved by: a name here is a line on the charts.
@@ -124,12 +120,15 @@ def measure(
 
 def ladder(method: Method, given: Problem) -> Iterator[Point]:
     """Points of a method from a coarse step to where rounding rules or a run takes too long."""
-    made = _Ladder(method, given, CHUNK if isinstance(method, Splitting) else FEW)
+    scene = given.scene
+    starts = RigidState.of(jnp.asarray(given.momentum), jnp.asarray(given.attitude))
+    program = Program(method, scene.body, scene.torque, starts, chunk=min(CHUNK, method.chunk))
     count = max(1, given.scene.steps // 100)
     best, worse = np.inf, 0
     while worse < 3:
-        steps = made.whole(count)
-        ends, ok, timing = made.run(steps)
+        steps = program.whole(count)
+        (found, fine), timing = given.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
+        ends, ok = np.asarray(found.attitude), bool(np.all(fine))
         error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
         if ok and np.isfinite(error):
             evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
@@ -148,47 +147,6 @@ def ladder(method: Method, given: Problem) -> Iterator[Point]:
         if timing.seconds > given.longest:
             return
         count = max(count + 1, round(count * _GROWTH))
-
-
-class _Ladder:
-    """One method on one problem, compiled once for any number of steps."""
-
-    def __init__(self, method: Method, given: Problem, chunk: int):
-        self.method, self.given = method.fitted(given.scene.body), given
-        self.start = (jnp.asarray(given.momentum), jnp.asarray(given.attitude))
-        self.made = self._compiled(chunk if given.bodies % chunk == 0 else given.bodies)
-
-    def whole(self, steps: int) -> int:
-        """The nearest number of steps that the loop can do."""
-        return self.method.unroll * max(1, round(steps / self.method.unroll))
-
-    def run(self, steps: int) -> tuple[np.ndarray, bool, Timing]:
-        """The attitudes at the end, whether all went well, and the timing for all bodies."""
-        (ends, ok), timing = self.given.timed(lambda: self._go(steps))
-        return np.asarray(ends), bool(np.all(ok)), timing
-
-    def _go(self, steps: int) -> Any:
-        step = jnp.asarray(self.given.scene.duration / steps, jnp.float64)
-        return jax.block_until_ready(self.made(*self.start, step, jnp.asarray(steps // self.method.unroll, jnp.int32)))
-
-    def _compiled(self, chunk: int) -> Any:
-        bodies = self.given.bodies
-
-        def run(momentum: Any, attitude: Any, dt: Any, turns: Any) -> Any:
-            one = jax.vmap(lambda p, q: self._end(p, q, dt, turns))
-            parts = (momentum.reshape(-1, chunk, 3), attitude.reshape(-1, chunk, 4))
-            ends, ok = jax.lax.map(lambda part: one(*part), parts)
-            return ends.reshape(bodies, 4), ok
-
-        shapes = (*self.start, jnp.asarray(0.0, jnp.float64), jnp.asarray(1, jnp.int32))
-        return jax.jit(run).lower(*shapes).compile()
-
-    def _end(self, momentum: Any, attitude: Any, dt: Any, turns: Any) -> tuple[Any, Any]:
-        """The attitude of one body, and whether all went well."""
-        scene = self.given.scene
-        start = type(scene.start).of(momentum, attitude)
-        end, ok = end_state(self.method, scene.body, scene.torque, start, dt, turns)
-        return cast(RigidState, end).attitude, ok
 
 
 class Comparison(NamedTuple):
@@ -222,7 +180,7 @@ def compared(
 def symplectic(points: Sequence[Point]) -> list[str]:
     """The names of our methods among the points that are symplectic: kicks, and flights that are."""
     methods = {name: find_method(name) for name in dict.fromkeys(point.method for point in points)}
-    return [name for name, m in methods.items() if isinstance(m, Splitting) and m.flight.symplectic]
+    return [name for name, method in methods.items() if method.symplectic]
 
 
 def title(given: Problem) -> str:

@@ -102,7 +102,7 @@ def _run(
     counted, first = counts(first, steps), first.astype(jnp.int32)
 
     def advance(h: Array, progress: Progress, n: Array) -> tuple[Progress, None]:
-        return method.advance(system, (t0, dt), partial(_ends_of_step, n), h, progress, axes)
+        return method.advance(system, (t0, dt), partial(ends_of_step, n), h, progress, axes)
 
     progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
     if method.keeps_force(system):
@@ -124,7 +124,7 @@ def _run(
     return Path(times, states, progress.ok & jnp.all(jnp.stack(finite)))
 
 
-def _ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
+def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
     """The times of step n, from (t0, dt)."""
     return time_of(*clock, n), time_of(*clock, n + 1), None
 
@@ -156,26 +156,3 @@ def time_of(t0: Array, dt: Array, n: Array) -> Array:
     high = n >> _EXACT_BITS
     low = n - (high << _EXACT_BITS)
     return t0 + (high.astype(dt.dtype) * (2**_EXACT_BITS * dt) + low.astype(dt.dtype) * dt)
-
-
-def end_state(
-    method: Method, body: Body, torque: TorqueLike | None, start: State, dt: Array, turns: Array
-) -> tuple[State, Array]:
-    """The state after so many turns of the loop of `integrate`, of `method.unroll` steps each; whether all went well.
-
-    For programs that are compiled before the number of steps is known: it is an argument here, at the price of a
-    reverse derivative. Nothing is checked. `tests/test_work_precision.py` holds it to the result of `integrate`.
-    """
-    zero = jnp.zeros((), start.momentum.dtype)
-    system = System.of(body, torque, start, zero)
-    motion = system.motion(start)
-    force = system.force(zero, motion) if method.keeps_force(system) else None
-
-    def turn(i: Array, progress: Progress) -> Progress:
-        for k in range(method.unroll):
-            n = i * method.unroll + k
-            progress, _ = method.advance(system, (zero, dt), partial(_ends_of_step, n), dt, progress)
-        return progress
-
-    progress = jax.lax.fori_loop(0, turns, turn, Progress(motion, force, jnp.array(True)))
-    return system.state(progress.motion), progress.ok

@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from .._kernel import components as cp
 from .._kernel.checks import described, shown
-from ..diffrax import RigidBodyTerm
 from ..methods.registry import method as find_method
 from ..methods.system import System
 from ..model import so3
@@ -26,7 +27,7 @@ from ..model.observables import angular_velocity
 from ..model.states import RigidState
 from ..model.torques import TorqueLike
 from .arguments import as_scalar, check_system
-from .integrate import end_state
+from .program import Program
 from .timing import timed
 
 _COPIES = 16  # bodies moved side by side: time is that of one among many
@@ -130,13 +131,13 @@ def recommend(
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * _speed(body, start) / _FIRST_TURN))
     runs: dict[str, dict[int, _Run]] = {}
-    programs: dict[str, _Program] = {}
+    made: dict[str, _Candidate] = {}
     say = _teller(progress, len(names))
     for name in names:
         say(name)
-        programs[name] = _Program(name, body, torque, start, span)
+        made[name] = _Candidate(name, body, torque, start, span)
         best = _quickest(runs, tolerance)
-        runs[name] = dict(_ladder(programs[name], guess, tolerance, best * _SLOWER))
+        runs[name] = dict(_ladder(made[name], guess, tolerance, best * _SLOWER))
     judge = min((end for ladder in runs.values() for end in _settled(ladder)), default=None, key=lambda end: end[0])
     if judge is None or judge[0] > tolerance / 3:
         raise ValueError(_why_none(body, torque, start, span, tolerance, runs, judge))
@@ -144,7 +145,7 @@ def recommend(
     fits = sorted(fit for trials in tried.values() for fit in _fit(trials, tolerance))
     say("")
     for _, name, steps in fits:
-        found = _confirmed(programs[name], steps, judge[1], tolerance)
+        found = _confirmed(made[name], steps, judge[1], tolerance)
         if found is not None:
             every = (*(trial for trials in tried.values() for trial in trials), found)
             note = _limit(body, torque, start, tried[name], found)
@@ -177,58 +178,47 @@ class _Run(NamedTuple):
     seconds: float
 
 
-class _Program:
-    """A method on a motion, compiled once for any number of steps."""
+class _Candidate:
+    """A method on a motion, and how long its runs take."""
 
     def __init__(self, name: str, body: Any, torque: Any, start: RigidState, span: float):
         self.name, self.span = name, span
-        self.method = find_method(name).fitted(body)
+        starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
+        self.program = Program(find_method(name), body, torque, starts)
         self.dtype = start.momentum.dtype
-        self.starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
-
-        def run(starts: RigidState, dt: Any, turns: Any) -> Any:
-            return jax.vmap(lambda start: end_state(self.method, body, torque, start, dt, turns))(starts)
-
-        self.compiled = jax.jit(run).lower(self.starts, *self._arguments(1)).compile()
-        # What a call costs that takes no step is no part of a longer run; the first calls are never typical.
+        # What a call costs that takes no step is no part of a longer run.
         self.idle = 0.0
         self.idle = min(self.run(0).seconds for _ in range(3))
 
-    def _arguments(self, steps: int) -> tuple[Any, Any]:
-        step = self.span / max(steps, 1)
-        return jnp.asarray(step, self.dtype), jnp.asarray(steps // self.method.unroll, jnp.int32)
-
     def whole(self, steps: int) -> int:
         """The next number of steps that the loop can do."""
-        return self.method.unroll * math.ceil(steps / self.method.unroll)
+        return self.program.whole(steps)
 
     def run(self, steps: int) -> _Run:
         """A run of the whole motion in so many steps."""
-        arguments = self._arguments(steps)
-        (state, ok), timing = timed(
-            lambda: jax.block_until_ready(self.compiled(self.starts, *arguments)), least=1, longest=_SHORT
-        )
-        end = np.asarray(so3.to_matrix(state.attitude[0]), np.float64)
+        step = self.span / max(steps, 1)
+        (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
+        end = np.asarray(so3.to_matrix(states.attitude[0]), np.float64)
         seconds = max(timing.seconds / _COPIES - self.idle, 0.0)
         return _Run(end, bool(np.all(ok)) and bool(np.all(np.isfinite(end))), seconds)
 
 
-def _ladder(program: _Program, guess: int, tolerance: float, patience: float) -> Iterator[tuple[int, _Run]]:
+def _ladder(candidate: _Candidate, guess: int, tolerance: float, patience: float) -> Iterator[tuple[int, _Run]]:
     """Runs by number of steps: coarser until one misses the tolerance, and finer until the end has settled."""
-    steps = program.whole(guess)
-    run = program.run(steps)
+    steps = candidate.whole(guess)
+    run = candidate.run(steps)
     yield steps, run
     coarse, finer = steps, run
-    while finer.ok and coarse > program.method.unroll:
-        coarse = program.whole(coarse // 2)
-        before, finer = finer, program.run(coarse)
+    while finer.ok and coarse > candidate.program.unroll:
+        coarse = candidate.whole(coarse // 2)
+        before, finer = finer, candidate.run(coarse)
         yield coarse, finer
         if not finer.ok or _apart(before, finer) > 2 * tolerance:
             break
-    change, rounding = math.inf, _ROUNDING * float(np.finfo(program.dtype).eps)
+    change, rounding = math.inf, _ROUNDING * float(np.finfo(candidate.dtype).eps)
     while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * steps <= _MOST_STEPS:
-        steps = program.whole(2 * steps)
-        before, run, last = run, program.run(steps), change
+        steps = candidate.whole(2 * steps)
+        before, run, last = run, candidate.run(steps), change
         change = _apart(before, run)
         yield steps, run
         if change < tolerance / _SETTLED or last / 1.5 < change < rounding:
@@ -277,11 +267,11 @@ def _fit(trials: Sequence[Trial], tolerance: float) -> list[tuple[float, str, in
     return [(fine.seconds * steps / fine.steps, fine.method, steps)]
 
 
-def _confirmed(program: _Program, steps: int, end: np.ndarray, tolerance: float) -> Trial | None:
+def _confirmed(candidate: _Candidate, steps: int, end: np.ndarray, tolerance: float) -> Trial | None:
     """The run with so many steps, or a few more, that is within the tolerance; None if there is none near."""
     for _ in range(6):
-        steps = program.whole(steps)
-        found = _trial(program.name, program.span, steps, program.run(steps), end)
+        steps = candidate.whole(steps)
+        found = _trial(candidate.name, candidate.span, steps, candidate.run(steps), end)
         if found.error <= tolerance:
             return found
         steps = math.ceil(steps * 1.15)
@@ -342,11 +332,15 @@ def _rates(body: Any, torque: Any, start: RigidState) -> tuple[float, float]:
     The one is the largest modulus of an eigenvalue; the other |Omega|, or the root of its rate of change.
     """
     leaves, structure = jax.tree.flatten(start)
-    term = RigidBodyTerm(body, torque)
+    one, zero = jnp.ones((), start.momentum.dtype), jnp.zeros((), start.momentum.dtype)
+    # Bodies given by a tensor have the same eigenvalues in their principal axes.
+    system = System.of(body, torque, start, zero)
 
-    def rates(flat: Any) -> Any:
+    def rates(flat: Array) -> Array:
         state = jax.tree.unflatten(structure, (flat[:3], flat[3:]))
-        return jnp.concatenate(jax.tree.leaves(term.vf(0.0, state, None).ambient))
+        motion = system.motion(state)
+        rate = system.rates(motion, one, system.force(zero, motion))
+        return jnp.concatenate([cp.pack(system.vector_in_user_axes(rate.momentum)), cp.pack(rate.pose)])
 
     flat = jnp.concatenate(leaves)
     rate, slope = (np.asarray(f(flat), np.float64) for f in (jax.jit(rates), jax.jit(jax.jacfwd(rates))))

@@ -25,7 +25,7 @@ from .bodies import Particles, RigidBody
 
 P = TypeVar("P")  # a momentum as the steps hold it: components, or the array of particles
 Q = TypeVar("Q")  # a pose as the steps hold it
-Value = tuple[list[Array], jax.ShapeDtypeStruct]  # entries of an array, and its shape and dtype
+Value = tuple[list[Any], jax.ShapeDtypeStruct]  # entries of an array (constants may be NumPy's), its shape and dtype
 
 
 class State(eqx.Module, Generic[P, Q]):
@@ -107,7 +107,7 @@ class State(eqx.Module, Generic[P, Q]):
 
     @staticmethod
     @abstractmethod
-    def from_entries(entries: list[Array]) -> P:
+    def from_entries(entries: list[Any]) -> P:
         """A force, from the entries that `evaluate` gives."""
 
     @staticmethod
@@ -140,7 +140,7 @@ class BodyState(State[cp.Vector, Q]):
         return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *boxed)
 
     @staticmethod
-    def from_entries(entries: list[Array]) -> cp.Vector:
+    def from_entries(entries: list[Any]) -> Any:
         return entries[0], entries[1], entries[2]
 
     @staticmethod
@@ -393,7 +393,7 @@ class ParticleState(State[Array, Array]):
         return [value], jax.ShapeDtypeStruct(jnp.shape(value), jnp.result_type(value))
 
     @staticmethod
-    def from_entries(entries: list[Array]) -> Array:
+    def from_entries(entries: list[Any]) -> Any:
         return entries[0]
 
     @staticmethod

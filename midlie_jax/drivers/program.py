@@ -1,0 +1,99 @@
+"""A method on a batch of bodies: compiled once, for any step and any number of steps.
+
+What `recommend`, the convergence charts and the comparison with other programs run and time. The loop is that of
+`integrate`, but the number of steps is an argument of the compiled program, at the price of a reverse derivative.
+`tests/test_work_precision.py` holds the result to that of `integrate`.
+"""
+
+import math
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ..methods.base import Method, Progress
+from ..methods.system import System
+from ..model.bodies import Body
+from ..model.states import State
+from ..model.torques import TorqueLike
+from .integrate import ends_of_step
+
+
+class Program:
+    """A method on a motion, or on many side by side.
+
+    Attributes:
+        method: the method, made for the body.
+        unroll: steps in each turn of the loop; the number of steps of a run is a multiple of this number.
+    """
+
+    def __init__(
+        self,
+        method: Method,
+        body: Body,
+        torque: TorqueLike | None,
+        starts: State[Any, Any],
+        *,
+        chunk: int | None = None,
+        unroll: int | None = None,
+    ):
+        """Compiles the program.
+
+        Args:
+            method, body, torque: as for `integrate`; nothing is checked.
+            starts: with a leading axis of bodies.
+            chunk: bodies moved at once, where this number divides that of the bodies; all of them without it.
+            unroll: `method.unroll` unless given.
+        """
+        self.method = method.fitted(body)
+        self.unroll = self.method.unroll if unroll is None else unroll
+        self._starts, self._dtype = starts, starts.momentum.dtype
+        count = len(starts.momentum)
+        size = chunk if chunk and count % chunk == 0 else count
+
+        def run(starts: State[Any, Any], dt: Array, turns: Array) -> tuple[State[Any, Any], Array]:
+            parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
+            one = partial(end_state, self.method, body, torque, unroll=self.unroll)
+            ends, ok = jax.lax.map(jax.vmap(lambda start: one(start, dt, turns)), parts)
+            return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), ends), ok.reshape(count)
+
+        self._compiled = jax.jit(run).lower(starts, *self._arguments(0.0, 0)).compile()
+        self.run(0.0, 0)  # the first call is never typical
+
+    def run(self, dt: float, steps: int) -> tuple[Any, Array]:
+        """The states at the end, and for each body whether all went well. Waits for both."""
+        return jax.block_until_ready(self._compiled(self._starts, *self._arguments(dt, steps)))
+
+    def whole(self, steps: int) -> int:
+        """The next number of steps that the loop can do."""
+        return self.unroll * max(1, math.ceil(steps / self.unroll))
+
+    def _arguments(self, dt: float, steps: int) -> tuple[Array, Array]:
+        return jnp.asarray(dt, self._dtype), jnp.asarray(steps // self.unroll, jnp.int32)
+
+
+def end_state(
+    method: Method,
+    body: Body,
+    torque: TorqueLike | None,
+    start: State[Any, Any],
+    dt: Array,
+    turns: Array,
+    *,
+    unroll: int,
+) -> tuple[State[Any, Any], Array]:
+    """The state after so many turns of the loop, of `unroll` steps each; whether all went well. Checks nothing."""
+    zero = jnp.zeros((), start.momentum.dtype)
+    system = System.of(body, torque, start, zero)
+    motion = system.motion(start)
+    force = system.force(zero, motion) if method.keeps_force(system) else None
+
+    def turn(i: Array, progress: Progress) -> Progress:
+        for k in range(unroll):
+            progress, _ = method.advance(system, (zero, dt), partial(ends_of_step, i * unroll + k), dt, progress)
+        return progress
+
+    progress = jax.lax.fori_loop(0, turns, turn, Progress(motion, force, jnp.array(True)))
+    return system.state(progress.motion), progress.ok
