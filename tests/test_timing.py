@@ -5,6 +5,7 @@ import os
 import time
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -48,7 +49,7 @@ def trials(monkeypatch, laps):
 
         def run(self, dt, steps):
             laps.append(self.method.name)
-            return ml.RigidState.of(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]])), np.array([True])
+            return ml.RigidState(jnp.zeros((1, 3)), jnp.eye(1, 4)), jnp.array([True])
 
     monkeypatch.setattr(convergence, "_program", FakeProgram)
     reference = convergence.Reference(np.zeros(3), np.eye(3), "none", 0.0)
