@@ -93,7 +93,7 @@ def _add_chart(chart: argparse.ArgumentParser) -> None:
     )
     chart.add_argument("scene", nargs="?", default="P1", metavar="SCENE", help="see `midlie scenes` (default: P1)")
     chart.add_argument("--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
-    chart.add_argument("--methods", nargs="+", metavar="NAME", help="only these (default: all that move a rigid body)")
+    chart.add_argument("--methods", nargs="+", metavar="NAME", help="only these (default: those of the paper)")
     chart.add_argument("--steps", type=_whole(1, _MOST), metavar="N", help="steps on the coarsest rung of the ladder")
     chart.add_argument("--levels", type=_whole(1), metavar="K", help="rungs, each half the step before (default: 5)")
     chart.add_argument(
@@ -107,7 +107,9 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         "the states in a file, --plot draws them."
     )
     run.add_argument("scene", metavar="SCENE", help="see `midlie scenes`")
-    run.add_argument("--method", default="LIEMID[EA]", metavar="NAME", help="default: LIEMID[EA]")
+    run.add_argument(
+        "--method", default="JACOBI[EA]", metavar="NAME", help="see `midlie methods` (default: JACOBI[EA])"
+    )
     run.add_argument("--dt", type=_number, metavar="H", help="step (default: the scene's)")
     run.add_argument(
         "--steps", type=_whole(1, _MOST), metavar="N", help="number of steps (default: the scene's duration)"

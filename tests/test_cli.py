@@ -20,6 +20,7 @@ import midlie_command
 import midlie_jax as ml
 from midlie_jax.bench import convergence, scenes
 from midlie_jax.bench.commands import output
+from midlie_jax.drivers.program import Program
 
 BROKEN = "SW"
 ROOT = Path(__file__).resolve().parent.parent
@@ -202,13 +203,13 @@ def test_chart_measures_draws_and_survives_a_broken_method(tmp_path, monkeypatch
     rule (it is conjugate to a symmetric method). One test, because measuring takes seconds.
     """
 
-    def integrate(method, *arguments, **options):
+    def program(method, *arguments, **options):
         if method.name == BROKEN:
             raise RuntimeError("this one is broken\nand says so at length")
-        return ml.integrate(method, *arguments, **options)
+        return Program(method, *arguments, **options)
 
     short = replace(scenes.scene("slow-top"), duration=0.5)
-    monkeypatch.setattr(convergence, "integrate", integrate)
+    monkeypatch.setattr(convergence, "Program", program)
     monkeypatch.setattr(scenes, "scene", lambda name, dtype=None: short)
     png = tmp_path / "figure.png"
     methods = (BROKEN, "LIEMID[EA]", "LIEMID[E1]")

@@ -20,9 +20,7 @@ from ..drivers.program import Program
 from ..drivers.timing import Stopwatch
 from ..methods.base import Method
 from ..methods.registry import method as find_method
-from ..methods.registry import methods as all_methods
 from ..model import so3
-from ..model.bodies import RigidBody
 from .closed_form import Numbering, exact_ends
 from .scenes import Scene
 
@@ -82,11 +80,6 @@ class Row(NamedTuple):
     ok: bool = False
     failure: str = ""
     spread: float = math.nan
-
-
-def body_methods() -> list[str]:
-    """The methods that move a rigid body, the seven of the paper's Figure 1 first."""
-    return [name for name in all_methods() if find_method(name).bodies is RigidBody]
 
 
 def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:

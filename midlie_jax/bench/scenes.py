@@ -89,6 +89,20 @@ def _side(t: Float[Array, ""], switch: float) -> Float[Array, ""]:
     return jnp.where(jnp.abs(t - switch) <= slack, jnp.zeros_like(t), jnp.sign(t - switch))
 
 
+Maker = Callable[[Any], Scene]  # from a dtype
+_SCENES: dict[str, Maker] = {}
+
+
+def _named(name: str) -> Callable[[Maker], Maker]:
+    """Enters a scene, by its name, among those that `scene` finds."""
+
+    def enter(make: Maker) -> Maker:
+        _SCENES[name] = make
+        return make
+
+    return enter
+
+
 def scenes() -> list[str]:
     """The names of all scenes."""
     return list(_SCENES)
@@ -116,9 +130,7 @@ def scene(name: str, dtype: Any = None) -> Scene:
         raise ValueError(f"dtype must be floating point, got {dtype}.")
     if dtype.itemsize > widest.itemsize:
         raise ValueError(f"dtype {dtype} is off; turn it on with jax.config.update('jax_enable_x64', True).")
-    built = _SCENES[name](dtype)
-    # The table is the one place that names a scene.
-    return replace(built, name=name)
+    return replace(_SCENES[name](dtype), name=name)
 
 
 def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidState:
@@ -187,20 +199,24 @@ def _p1(title: str, tilt: float, spin: float, duration: float, source: str, dtyp
     )
 
 
+@_named("P1")
 def _fast_top(dtype: Any) -> Scene:
     return _p1("fast heavy top, nearly upright (Figure 1)", 0.05, 50.0, 10.0, _SIMO_WONG, dtype)
 
 
+@_named("P1-tilted")
 def _tilted_top(dtype: Any) -> Scene:
     return _p1("fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIMO_WONG, dtype)
 
 
+@_named("slow-top")
 def _slow_top(dtype: Any) -> Scene:
     # Upright sleep needs Pi3^2 > 4 I1 mgl = 400.
     source = "P1's body; spin 10, half of the 20 below which it cannot sleep upright: chosen here, not published"
     return _p1("slow heavy top: too slow to sleep, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
 
 
+@_named("P2")
 def _krysl_block(dtype: Any) -> Scene:
     moments = np.array([0.0454896, 0.0454896, 0.00139968])
     return Scene(
@@ -216,6 +232,7 @@ def _krysl_block(dtype: Any) -> Scene:
     )
 
 
+@_named("tumbling-brick")
 def _tumbling_brick(dtype: Any) -> Scene:
     moments = np.array([0.00189422, 0.006211019, 0.007194665])
     return Scene(
@@ -231,6 +248,7 @@ def _tumbling_brick(dtype: Any) -> Scene:
     )
 
 
+@_named("dzhanibekov")
 def _dzhanibekov(dtype: Any) -> Scene:
     moments = np.array([0.6, 0.8, 1.0])
     return Scene(
@@ -246,6 +264,7 @@ def _dzhanibekov(dtype: Any) -> Scene:
     )
 
 
+@_named("free-asymmetric")
 def _free_asymmetric(dtype: Any) -> Scene:
     return Scene(
         name="",
@@ -260,6 +279,7 @@ def _free_asymmetric(dtype: Any) -> Scene:
     )
 
 
+@_named("bruls-cardona")
 def _bruls_cardona(dtype: Any) -> Scene:
     moments = np.array([15.234375, 0.46875, 15.234375])
     return Scene(
@@ -275,6 +295,7 @@ def _bruls_cardona(dtype: Any) -> Scene:
     )
 
 
+@_named("gravity-gradient")
 def _gravity_gradient(dtype: Any) -> Scene:
     mu = 3.986004415e14
     moments = np.array([500.0, 12250.0, 12250.0])
@@ -308,6 +329,7 @@ def _gravity_gradient(dtype: Any) -> Scene:
     )
 
 
+@_named("gravity-gradient-10")
 def _ten_orbits(dtype: Any) -> Scene:
     return replace(
         _gravity_gradient(dtype),
@@ -316,6 +338,7 @@ def _ten_orbits(dtype: Any) -> Scene:
     )
 
 
+@_named("asymmetric-top")
 def _asymmetric_top(dtype: Any) -> Scene:
     attitude = np.array([0.8, 0.3, -0.4, 0.33])
     return Scene(
@@ -331,6 +354,7 @@ def _asymmetric_top(dtype: Any) -> Scene:
     )
 
 
+@_named("pulsed-body")
 def _pulsed_body(dtype: Any) -> Scene:
     tensor = [[1.02e8, -6.96e6, -5.48e6], [-6.96e6, 0.91e8, 5.90e5], [-5.48e6, 5.90e5, 1.64e8]]
     velocity = [0.0, -0.001134454274550824, 0.0]
@@ -349,19 +373,3 @@ def _pulsed_body(dtype: Any) -> Scene:
         units="kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
         axes=axes,
     )
-
-
-_SCENES: dict[str, Callable[[Any], Scene]] = {
-    "P1": _fast_top,
-    "P1-tilted": _tilted_top,
-    "P2": _krysl_block,
-    "slow-top": _slow_top,
-    "tumbling-brick": _tumbling_brick,
-    "dzhanibekov": _dzhanibekov,
-    "free-asymmetric": _free_asymmetric,
-    "asymmetric-top": _asymmetric_top,
-    "bruls-cardona": _bruls_cardona,
-    "gravity-gradient": _gravity_gradient,
-    "gravity-gradient-10": _ten_orbits,
-    "pulsed-body": _pulsed_body,
-}

@@ -11,56 +11,31 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.program import Program
 from ..drivers.timing import Load, cost_clock, spread_in_words
-from ..methods.base import Method
+from ..methods.registry import ENTRIES, exact_flight
 from ..methods.registry import method as find_method
-from ..model.states import RigidState
+from ..methods.schemes import SCHEMES
 from . import scenes
-from .closed_form import axis_third, exact_ends, symmetry_axis
+from .closed_form import axis_third, exact_ends
 from .frontier import Ratio, ratios
+from .ladder import ladder
 from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
 from .scenes import Scene
 
 BODIES, JUDGED, SIZE = 1024, 16, 1e-3
 SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
-_FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step tells nothing
 _ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
-_ROUGH = 0.1  # an attitude error above which a method has not begun to converge
-_GROWTH = 1.6  # from one rung of a ladder to the next
-CHUNK = 256  # bodies moved at once, or fewer where the method asks for fewer
-
-
-# Which of our methods a kind of body is moved by: a name here is a line on the charts.
-_PAPER = ("LIEMID[EA]",)
-_GENERAL = ("RK4", "DOP853")
-OURS: dict[str, tuple[str, ...]] = {
-    "two equal moments": (
-        *_PAPER,
-        *(f"SYMMETRIC[{s}]" for s in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a", "ABA1064", "KL8")),
-        *_GENERAL,
-    ),
-    "three moments": (
-        *_PAPER,
-        *("DLM[EA]", "DLM[SU8]", "DLM[KL8]"),
-        *(f"JACOBI[{s}]" for s in ("EA", "CHIN4A", "SRKN6b", "SRKN11b", "SRKN14a")),
-        *_GENERAL,
-    ),
-    "three moments, free": (
-        *_PAPER,
-        *("DLM[EA]", "DLM[SU8]"),
-        *("SLIEMID4[EA]", "JACOBI[EA]"),
-        *_GENERAL,
-    ),
-}
 
 
 def methods_for(scene: Scene) -> tuple[str, ...]:
-    """The methods to chart for a scene, by the kind of its body."""
-    if symmetry_axis(scene) is not None:
-        return OURS["two equal moments"]
-    return OURS["three moments, free" if scene.torque is None else "three moments"]
+    """The methods to chart for a scene: the exact flight of its body with the leading schemes, and those beside it."""
+    flight = exact_flight(scene.body.moments)
+    leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
+    if scene.torque is None:
+        leading = leading[:1]
+    beside = [entry.method.name for entry in ENTRIES.values() if entry.chart]
+    return (*(f"{flight.name}[{scheme.name}]" for scheme in leading), *beside)
 
 
 def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
@@ -116,37 +91,6 @@ def measure(
     mine = [point for name in ours for point in tried(name, lambda name=name: ladder(find_method(name), given))]
     theirs = [point for r in rivals for point in tried(r.label, lambda r=r: r.measure(given))]
     return mine, theirs
-
-
-def ladder(method: Method, given: Problem) -> Iterator[Point]:
-    """Points of a method from a coarse step to where rounding rules or a run takes too long."""
-    scene = given.scene
-    starts = RigidState.of(jnp.asarray(given.momentum), jnp.asarray(given.attitude))
-    program = Program(method, scene.body, scene.torque, starts, chunk=min(CHUNK, method.chunk))
-    count = max(1, given.scene.steps // 100)
-    best, worse = np.inf, 0
-    while worse < 3:
-        steps = program.whole(count)
-        (found, fine), timing = given.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
-        ends, ok = np.asarray(found.attitude), bool(np.all(fine))
-        error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
-        if ok and np.isfinite(error):
-            evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
-            yield Point(
-                method.name,
-                f"step {given.scene.duration / steps:.2e}",
-                error,
-                timing.seconds / given.bodies,
-                evaluations,
-                steps,
-                timing.spread,
-            )
-            # Past the floor, and past three rungs that gain nothing on a good one, there is rounding alone.
-            worse = worse + 1 if error < _FLOOR or (best < _ROUGH and error > 0.7 * best) else 0
-            best = min(best, error)
-        if timing.seconds > given.longest:
-            return
-        count = max(count + 1, round(count * _GROWTH))
 
 
 class Comparison(NamedTuple):

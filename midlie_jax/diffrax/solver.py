@@ -11,6 +11,7 @@ from jax import Array
 from .._kernel.checks import described
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
+from ..methods.registry import DEFAULT
 from ..methods.schemes import KICK
 from ..methods.splitting import Splitting
 from ..methods.system import Motion, System
@@ -60,7 +61,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
     for steady states, which a conservative motion does not run into.
 
     Attributes:
-        method: from `midlie_jax.method`, or its name.
+        method: from `midlie_jax.method`, or its name; JACOBI[EA] unless given, which moves rigid bodies.
 
     Raises:
         ValueError: unknown method; from `diffeqsolve`, a term, state, batch or dtype that does not fit.
@@ -70,7 +71,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar = LieInterpolation
 
-    def __init__(self, method: Any = "LIEMID[EA]"):
+    def __init__(self, method: Any = DEFAULT):
         self.method = as_method(method)
 
     def order(self, terms: Any) -> int:

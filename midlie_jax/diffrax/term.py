@@ -13,10 +13,11 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import described, same_dtype
-from ..drivers.arguments import check_batch, check_body
+from ..drivers.arguments import check_moves
 from ..methods.base import Method
 from ..methods.system import System
 from ..model.bodies import Body
+from ..model.compatibility import check_batch, check_body
 from ..model.states import State
 from ..model.torques import TorqueLike
 
@@ -119,7 +120,9 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
             f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for the way back of "
             "BacksolveAdjoint name a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
         )
-    check_body(method, body, y)
+    check_body(body, y)
+    if method is not None:
+        check_moves(method, body)
     check_batch("y0", body, y)
     try:
         same_dtype("the state", y.momentum, body=body, torque=torque)

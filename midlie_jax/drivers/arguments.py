@@ -12,8 +12,8 @@ from .._kernel.checks import as_floats, described, require_finite, same_dtype, s
 from .._kernel.components import is_traced
 from ..methods.base import Method
 from ..methods.registry import method as find_method
-from ..model.bodies import RigidBody, principal_of
-from ..model.states import State
+from ..model.bodies import principal_of
+from ..model.compatibility import check_batch, check_body, check_state, check_torque
 
 LAST_STEP = 2**31 - 1  # steps are counted in 32 bits
 
@@ -33,9 +33,9 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
         The method, made for the body.
     """
     check_state("start", start)
-    check_body(method, body, start)
-    if torque is not None and not callable(torque):
-        raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
+    check_body(body, start)
+    check_moves(method, body)
+    check_torque(torque)
     check_batch("start", body, start, batch)
     for leaf in jax.tree.leaves(start):
         if leaf.dtype != start.momentum.dtype:
@@ -47,39 +47,13 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     return method.fitted(body)
 
 
-def check_state(name: str, state: Any) -> None:
-    """Raises unless it is a state whose arrays have the same leading axes."""
-    if not isinstance(state, State):
-        raise ValueError(f"{name} must be a state such as midlie_jax.RigidState, got {described(state)}.")
-    state.check_batch()
-
-
-def check_body(method: Method | None, body: Any, state: State) -> None:
-    """Raises unless the state is one of the body's, and the method, if there is one, moves such bodies."""
-    principal = principal_of(body)
-    if not isinstance(principal, state.body):
-        kind = state.body.__name__
-        cure = "" if isinstance(body, eqx.Module) else f"; make one with midlie_jax.{kind}"
-        raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
-    if method is not None and not isinstance(principal, method.bodies):
+def check_moves(method: Method, body: Any) -> None:
+    """Raises unless the method moves such bodies."""
+    if not isinstance(principal_of(body), method.bodies):
         raise ValueError(
             f"method {method.name!r} moves {method.bodies.__name__}, but body is {described(body)}; "
             "midlie_jax.methods() lists all."
         )
-
-
-def check_batch(name: str, body: Any, state: State, batch: int = 0) -> None:
-    """Raises unless the state has `batch` leading axes, and the body as many or none."""
-    principal = principal_of(body)
-    if not isinstance(principal, RigidBody):
-        return
-    moments = "body.moments" if principal is body else "body.principal.moments"
-    for what, array, fewest in ((moments, principal.moments, 0), (f"{name}.momentum", state.momentum, batch)):
-        if not fewest <= array.ndim - 1 <= batch:
-            wanted, cure = "(3,)", "map over a batch with jax.vmap, or use midlie_jax.ensemble"
-            if batch:
-                wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
-            raise ValueError(f"{what} must be {wanted}, got {array.shape}; {cure}.")
 
 
 def as_scalar(name: str, value: Any, dtype: Any) -> Array:

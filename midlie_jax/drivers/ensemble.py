@@ -14,14 +14,12 @@ from jax import Array
 from .._kernel.checks import as_count, as_floats, require_finite
 from ..methods.base import Method
 from ..model.bodies import Body, RigidBody, principal_of
+from ..model.compatibility import check_state
 from ..model.states import State
 from ..model.torques import TorqueLike
-from .arguments import as_first_step, as_method, check_saving, check_state, check_step, check_system
+from .arguments import as_first_step, as_method, check_saving, check_step, check_system
 from .integrate import Path, integrate
 from .rows import count_rows, torque_rows
-
-# Bodies a chunk: few enough for the cache, enough to drown the cost of starting a loop and to share among cores.
-CHUNK = 8192
 
 
 def ensemble(
@@ -36,7 +34,7 @@ def ensemble(
     t0: float | Array = 0.0,
     first_step: int | Array = 0,
     torque_axes: Any = None,
-    chunk: int = CHUNK,
+    chunk: int | None = None,
 ) -> Path:
     """Integrates n bodies, each as `integrate` would alone, to a few units in the last place.
 
@@ -55,7 +53,7 @@ def ensemble(
             bodies, (3,) may be one vector for all or one number for each. 0 for all of them, or a tree like the
             torque's with 0 and None, as for the `in_axes` of `jax.vmap`; `jax.tree.map(lambda leaf: 0, torque)` makes
             one.
-        chunk: bodies in the cache at once.
+        chunk: how many bodies are moved at once; as many as the method moves fastest unless given.
 
     Returns:
         The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) where `dt` or `t0` differ, and `states`
@@ -64,7 +62,8 @@ def ensemble(
     Raises:
         ValueError: as `integrate`, or where the sizes of the batch differ; the message names the argument and the cure.
     """
-    steps, chunk = as_count("steps", steps), as_count("chunk", chunk)
+    steps = as_count("steps", steps)
+    chunk = chunk if chunk is None else as_count("chunk", chunk)
     save_every = save_every if save_every is None else as_count("save_every", save_every)
     check_saving(steps, save_every or steps)
     first = as_first_step(first_step, steps)
@@ -87,7 +86,7 @@ def ensemble(
     given = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), given, rows, count)
     mapped, shared = eqx.partition(given, rows)
-    return _run(method, mapped, shared, first, steps, save_every, chunk)
+    return _run(method, mapped, shared, first, steps, save_every, chunk or method.chunk)
 
 
 def _one_or_many(name: str, value: Any, count: int, dtype: Any) -> Array:

@@ -19,7 +19,10 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import described, shown
+from ..methods.registry import DEFAULT, ENTRIES, exact_flight
 from ..methods.registry import method as find_method
+from ..methods.runge_kutta import RungeKutta
+from ..methods.schemes import SCHEMES
 from ..methods.system import System
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
@@ -127,7 +130,7 @@ def recommend(
     span = float(as_scalar("duration", duration, start.momentum.dtype))
     if span == 0:
         raise ValueError("duration must not be zero.")
-    check_system(find_method("JACOBI[EA]"), body, torque, start)
+    check_system(find_method(DEFAULT), body, torque, start)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * _speed(body, start) / _FIRST_TURN))
     runs: dict[str, dict[int, _Run]] = {}
@@ -157,13 +160,13 @@ def candidates(
     body: RigidBody | TensorBody, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
     """The methods that `recommend` tries: on the exact flight of the body, those of high order first."""
-    a, b, c = np.asarray(principal_of(body).moments, np.float64)
-    exact = "SYMMETRIC" if a == b or b == c or c == a else "JACOBI"
-    tables = ["EA"]
-    if torque is not None and not reads_momentum:  # which lowers every scheme to order 2
-        tables = ["SRKN14a", "SRKN6b", "CHIN4A", "SRKN11b", "ABA1064", "EA"]
-    names = [f"{exact}[{table}]" for table in tables]
-    return names if symplectic else [*names, "DOP853", "RK4"]
+    flight = exact_flight(principal_of(body).moments)
+    schemes = [scheme for scheme in SCHEMES.values() if scheme.leading]
+    if torque is None or reads_momentum:  # a torque of the momentum lowers every scheme to order 2
+        schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
+    names = [f"{flight.name}[{scheme.name}]" for scheme in sorted(schemes, key=lambda scheme: -scheme.order)]
+    general = [entry.method.name for entry in ENTRIES.values() if isinstance(entry.method, RungeKutta)]
+    return names if symplectic else [*names, *general]
 
 
 def _reads_momentum(body: Any, torque: Any, start: RigidState) -> bool:

@@ -39,8 +39,9 @@ class Method(eqx.Module):
     Attributes:
         name: as in `midlie_jax.methods()`.
         order: order of accuracy in the step.
-        symmetric: whether a step of -h undoes a step of h.
+        symmetric: whether a step of -h undoes a step of h, where the torque does not read the momentum.
         symplectic: whether a step preserves the Lie-Poisson structure to rounding, for torques from a potential.
+        keeps_momentum: whether the spatial momentum of a free body stays constant to rounding.
         bodies: the class of body it moves.
         evaluations: torque evaluations a step.
     """
@@ -49,6 +50,7 @@ class Method(eqx.Module):
     order: eqx.AbstractVar[int]
     symmetric: eqx.AbstractVar[bool]
     symplectic: eqx.AbstractVar[bool]
+    keeps_momentum: eqx.AbstractVar[bool]
     bodies: eqx.AbstractVar[type]
     evaluations: eqx.AbstractVar[int]
 

@@ -130,6 +130,7 @@ class RungeKutta(Method):
     order: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
     symplectic: bool = eqx.field(static=True)
+    keeps_momentum: bool = eqx.field(static=True)
     bodies: type = eqx.field(static=True)
     evaluations: int = eqx.field(static=True)
 
@@ -137,7 +138,7 @@ class RungeKutta(Method):
         self.table = table
         self.name = name
         self.order = table.order
-        self.symmetric = self.symplectic = False
+        self.symmetric = self.symplectic = self.keeps_momentum = False
         self.bodies = RigidBody
         self.evaluations = len(table.stages)
 

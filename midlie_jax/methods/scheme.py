@@ -22,6 +22,9 @@ class Scheme:
             from 3 on (`measured_order` tells).
         stages: (KICK | FLIGHT, coefficient) in the order in which they act; coefficients of each sum to 1.
         source: where the table is from.
+        use: when to take it, for `midlie_jax.schemes()`.
+        leading: whether it needs the least work on an exact flight, for some torque and some accuracy. `recommend`
+            tries these, and charts of error against cost show them.
         composed: whether it is a composition of whole symmetric steps, which raises the flight's own order as well.
         gradients: for each kick g, if any: the kick is that of the potential V - g h^2 T . I^-1 T, h the step and T
             the torque (for forces f . M^-1 f).
@@ -39,6 +42,8 @@ class Scheme:
     composed: bool = False
     gradients: tuple[float, ...] = ()
     small: int | None = None
+    use: str = ""
+    leading: bool = False
 
     def __post_init__(self) -> None:
         place = f"scheme {self.name!r}"

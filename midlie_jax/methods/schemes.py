@@ -3,29 +3,41 @@
 To make one of your own: `midlie_jax.schemes.Scheme`, then `measured_order` to be sure of its digits.
 """
 
+import sys
 from itertools import pairwise
+from types import ModuleType
 from typing import Any
 
+from .listing import Listing
 from .scheme import FLIGHT, KICK, Scheme
 from .scheme import run as run
 from .scheme_order import measured_order as measured_order
 
 _KRYSL = "Krysl, Explicit time integrators for nonlinear dynamics derived from the midpoint rule, 2004"
-E1 = Scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL)
-E2 = Scheme("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL)
-EA = Scheme("EA", 2, ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)), _KRYSL)
-EA_STAR = Scheme("EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL)
+E1 = Scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL, use="the paper's first Euler method; EA costs no more")
+E2 = Scheme("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL, use="the paper's second Euler method; EA costs no more")
+EA = Scheme(
+    "EA",
+    2,
+    ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)),
+    _KRYSL,
+    use="up to three digits, any torque: the least work a step",
+    leading=True,
+)
+EA_STAR = Scheme(
+    "EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL, use="as EA, with the torque taken half way"
+)
 
 
 def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
     return (*half, centre, *reversed(half))
 
 
-def _composed(name: str, order: int, factors: tuple[float, ...], source: str) -> Scheme:
+def _composed(name: str, order: int, factors: tuple[float, ...], source: str, use: str) -> Scheme:
     """Steps of Verlet (half kick, flight, half kick) of these lengths, whose sum is 1, neighbouring kicks merged."""
     ends = (0.0, *factors, 0.0)
     kicks = tuple((left + right) / 2 for left, right in pairwise(ends))
-    return _alternating(name, order, KICK, kicks, factors, source, composed=True)
+    return _alternating(name, order, KICK, kicks, factors, source, composed=True, use=use)
 
 
 def _alternating(
@@ -57,19 +69,33 @@ def _even(half: tuple[float, ...]) -> tuple[float, ...]:
 
 
 _CUBE = 2 ** (1 / 3)
-TRIPLE = _composed("TJ4", 4, _closed((1 / (2 - _CUBE),)), "Yoshida, Phys. Lett. A 150 (1990) 262")
-SUZUKI = _composed("S4", 4, _closed((1 / (4 - 4 ** (1 / 3)),) * 2), "Suzuki, Phys. Lett. A 146 (1990) 319")
+TRIPLE = _composed(
+    "TJ4",
+    4,
+    _closed((1 / (2 - _CUBE),)),
+    "Yoshida, Phys. Lett. A 150 (1990) 262",
+    "an inexact flight, fewest flights",
+)
+SUZUKI = _composed(
+    "S4",
+    4,
+    _closed((1 / (4 - 4 ** (1 / 3)),) * 2),
+    "Suzuki, Phys. Lett. A 146 (1990) 319",
+    "an inexact flight; smaller error than TJ4",
+)
 YOSHIDA6 = _composed(
     "Y6",
     6,
     _closed((0.78451361047755726382, 0.23557321335935813368, -1.17767998417887100695)),
     "Yoshida, Phys. Lett. A 150 (1990) 262, solution A",
+    "an inexact flight, fewest flights",
 )
 KAHAN_LI6 = _composed(
     "KL6",
     6,
     _closed((0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)),
     "Kahan & Li, Math. Comp. 66 (1997) 1089",
+    "an inexact flight; smaller error than Y6",
 )
 SUZUKI_UMENO8 = _composed(
     "SU8",
@@ -86,6 +112,7 @@ SUZUKI_UMENO8 = _composed(
         )
     ),
     "Suzuki & Umeno 1993; Hairer, Lubich & Wanner, Geometric Numerical Integration, V.3.2",
+    "an inexact flight",
 )
 KAHAN_LI8 = _composed(
     "KL8",
@@ -103,6 +130,7 @@ KAHAN_LI8 = _composed(
         )
     ),
     "Kahan & Li, Math. Comp. 66 (1997) 1089",
+    "an inexact flight; smaller error than SU8",
 )
 _BLANES_MOAN = "Blanes & Moan, J. Comput. Appl. Math. 142 (2002) 313"
 BM4 = _alternating(
@@ -112,6 +140,7 @@ BM4 = _alternating(
     _closed((0.0792036964311957, 0.353172906049774, -0.0420650803577195)),
     _even((0.209515106613362, -0.143851773179818)),
     _BLANES_MOAN + ", S6",
+    use="an exact flight, any torque; SRKN6b has the smaller error",
 )
 SRKN6B = _alternating(
     "SRKN6b",
@@ -120,6 +149,8 @@ SRKN6B = _alternating(
     _closed((0.0829844064174052, 0.396309801498368, -0.0390563049223486)),
     _even((0.245298957184271, 0.604872665711080)),
     _BLANES_MOAN,
+    use="four to six digits, any torque that does not read the momentum",
+    leading=True,
 )
 SRKN11B = _alternating(
     "SRKN11b",
@@ -128,6 +159,8 @@ SRKN11B = _alternating(
     _even((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879)),
     _closed((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928)),
     _BLANES_MOAN,
+    use="six to nine digits, fewer evaluations than SRKN14a",
+    leading=True,
 )
 SRKN14A = _alternating(
     "SRKN14a",
@@ -156,6 +189,8 @@ SRKN14A = _alternating(
         )
     ),
     _BLANES_MOAN,
+    use="six digits and more, smaller error than SRKN11b",
+    leading=True,
 )
 # With the gradient of T . I^-1 T, by one derivative of the torque in one direction.
 TAKAHASHI_IMADA = Scheme(
@@ -164,6 +199,7 @@ TAKAHASHI_IMADA = Scheme(
     ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)),
     "Takahashi & Imada, J. Phys. Soc. Japan 53 (1984) 3765; effective order 4 between `TAKAHASHI_IMADA_PROCESSOR`s",
     gradients=(1 / 24,),
+    use="order 4 between its processors, one torque and its gradient a step; from a potential only",
 )
 _STRIDE = 48**-0.5
 # Once before the first step, and undone after the last, these stages make of a run with "TI" one of order 4. An even
@@ -179,6 +215,8 @@ CHIN4A = Scheme(
     ((KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)),
     "Chin, Phys. Lett. A 226 (1997) 344, scheme A; Koseleff 1993",
     gradients=(0.0, 1 / 48, 0.0),
+    use="three to five digits, two torques and one gradient a step; from a potential only",
+    leading=True,
 )
 
 # For motion that is nearly free: fast tops, slow fields.
@@ -191,6 +229,7 @@ ABA82 = _alternating(
     _even((0.25 - 30**0.5 / 72,)),
     "McLachlan, BIT 35 (1995) 258: Gauss's quadrature; Laskar & Robutel, Celest. Mech. 80 (2001) 39, SABA4",
     small=8,
+    use="fast tops in weak fields, moderate accuracy",
 )
 ABA1064 = _alternating(
     "ABA1064",
@@ -200,12 +239,25 @@ ABA1064 = _alternating(
     _even((0.09585888083707521061, 0.20444615314299878068, 0.21707034797899110171)),
     "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58: ABA1064",
     small=10,
+    use="fast tops in weak fields, to many digits",
+    leading=True,
 )
 SCHEMES = {
-    s.name: s
-    for s in (
-        *(E1, E2, EA, EA_STAR, TRIPLE, SUZUKI, BM4, SRKN6B),
-        *(YOSHIDA6, KAHAN_LI6, SRKN11B, SRKN14A, SUZUKI_UMENO8, KAHAN_LI8),
-        *(TAKAHASHI_IMADA, CHIN4A, ABA82, ABA1064),
+    scheme.name: scheme
+    for scheme in (  # best first
+        *(EA, CHIN4A, SRKN6B, SRKN14A, SRKN11B, ABA1064, ABA82, BM4),
+        *(SUZUKI, TRIPLE, KAHAN_LI6, YOSHIDA6, KAHAN_LI8, SUZUKI_UMENO8),
+        *(EA_STAR, TAKAHASHI_IMADA, E2, E1),
     )
 }
+
+
+class _Callable(ModuleType):
+    """`midlie_jax.schemes()` beside `midlie_jax.schemes.SRKN6B`."""
+
+    def __call__(self) -> Listing:
+        """The names of the schemes, best first, with when to take each."""
+        return Listing({name: f"order {scheme.order}: {scheme.use}" for name, scheme in SCHEMES.items()})
+
+
+sys.modules[__name__].__class__ = _Callable

@@ -29,6 +29,7 @@ class Splitting(Method):
     order: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
     symplectic: bool = eqx.field(static=True)
+    keeps_momentum: bool = eqx.field(static=True)
     bodies: type = eqx.field(static=True)
     evaluations: int = eqx.field(static=True)
 
@@ -39,8 +40,9 @@ class Splitting(Method):
         self.order = scheme.order
         if flight.order is not None and not scheme.composed:
             self.order = min(scheme.order, flight.order)
-        self.symmetric = scheme.symmetric
+        self.symmetric = scheme.symmetric and flight.symmetric
         self.symplectic = flight.symplectic
+        self.keeps_momentum = True
         self.bodies = flight.body
         self.evaluations = scheme.evaluations
 

@@ -9,9 +9,9 @@ from jaxtyping import Float
 
 from .._kernel.checks import as_floats, described
 from .._kernel.replay import traits
-from ..drivers.arguments import check_body, check_state
 from . import so3
 from .bodies import Body, Particles, RigidBody, TensorBody, principal_of
+from .compatibility import check_body, check_state, check_torque
 from .states import ParticleState, State, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
@@ -50,9 +50,8 @@ def energy(
             raise ValueError("of an ensemble of particles map energy over the states with jax.vmap, and give t.")
     else:
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
-    check_body(None, body, state)
-    if torque is not None and not callable(torque):
-        raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
+    check_body(body, state)
+    check_torque(torque)
     if any(leaf.ndim > most for leaf, most in _axes(body)):
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
     t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
@@ -116,7 +115,7 @@ def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
 def _velocity(body: Body, state: State) -> Array:
     """The velocity of a state, or of one state for each body."""
     check_state("state", state)
-    check_body(None, body, state)
+    check_body(body, state)
     principal = principal_of(body)
     if isinstance(principal, RigidBody) and 1 < principal.moments.ndim < state.momentum.ndim:
         raise ValueError(

@@ -6,6 +6,7 @@ import os
 
 from ...drivers.timing import Load, cost_clock, one_core, spread_in_words
 from ...methods.registry import method as find_method
+from ...methods.registry import paper_methods
 from ...model.bodies import RigidBody
 from .. import charts, convergence, scenes
 from .output import require, show_table
@@ -30,7 +31,7 @@ def _alone(options: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     scene = scenes.scene(options.scene)
-    methods = _chosen(options.methods) or convergence.body_methods()
+    methods = _chosen(options.methods) or [method.name for method in paper_methods()]
     rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)
     path = options.out or _in_this_folder(f"chart-{scene.name}.png")
     load, clock = Load(), cost_clock()

@@ -2,22 +2,45 @@
 
 import argparse
 
-from ...methods.registry import method as find_method
-from ...methods.registry import methods as all_methods
+from ...methods.flights import FLIGHTS
+from ...methods.registry import ENTRIES
+from ...methods.schemes import SCHEMES
 from .. import scenes as all_scenes
 from .output import show_table
 
 
 def methods(options: argparse.Namespace) -> None:
-    """Lists the methods."""
+    """Lists the methods, the flights and the schemes, best first."""
     del options
     show_table(
-        ["method", "moves", "order", "symmetric", "evaluations a step"],
+        ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"],
         [
-            [m.name, m.bodies.__name__, str(m.order), "yes" if m.symmetric else "no", str(m.evaluations)]
-            for m in map(find_method, all_methods())
+            [
+                *(entry.method.name, entry.method.bodies.__name__, str(entry.method.order)),
+                *(
+                    _yes(entry.method.symmetric),
+                    _yes(entry.method.symplectic),
+                    str(entry.method.evaluations),
+                    entry.use,
+                ),
+            ]
+            for entry in ENTRIES.values()
         ],
     )
+    print("\nAny FLIGHT[SCHEME] of these is a method, too:\n")
+    show_table(
+        ["flight", "order", "symplectic", "when to take it"],
+        [[f.name, "exact" if f.order is None else str(f.order), _yes(f.symplectic), f.use] for f in FLIGHTS.values()],
+    )
+    print()
+    show_table(
+        ["scheme", "order", "symmetric", "when to take it"],
+        [[s.name, str(s.order), _yes(s.symmetric), s.use] for s in SCHEMES.values()],
+    )
+
+
+def _yes(holds: bool) -> str:
+    return "yes" if holds else "no"
 
 
 def scenes(options: argparse.Namespace) -> None:

@@ -26,6 +26,7 @@ class _OnTheGroup(Method):
     order: int = eqx.field(static=True, default=4)
     symmetric: bool = eqx.field(static=True, default=False)
     symplectic: bool = eqx.field(static=True, default=False)
+    keeps_momentum: bool = eqx.field(static=True, default=True)
     bodies: type = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=4)
 
@@ -127,13 +128,13 @@ class CF4(_OnTheGroup):
 
 def rkmk4(problem: Problem) -> Iterator[Point]:
     """RKMK4 over a ladder of steps."""
-    from ..work_precision import ladder
+    from ..ladder import ladder
 
     return ladder(RKMK4(), problem)
 
 
 def cf4(problem: Problem) -> Iterator[Point]:
     """CF4 over a ladder of steps."""
-    from ..work_precision import ladder
+    from ..ladder import ladder
 
     return ladder(CF4(), problem)

@@ -52,6 +52,7 @@ class Jacobi(Flight):
     """
 
     name: ClassVar[str] = "JACOBI"
+    use: ClassVar[str] = "any body: exact, without a solve"
     order: ClassVar[int | None] = None
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody

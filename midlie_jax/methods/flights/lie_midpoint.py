@@ -38,6 +38,7 @@ class LieMidpoint(Flight):
     """
 
     name: ClassVar[str] = "LIEMID"
+    use: ClassVar[str] = "the paper's flight, for comparison with the paper; not symplectic"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = False
     body: ClassVar[type] = RigidBody

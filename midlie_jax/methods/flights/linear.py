@@ -13,6 +13,7 @@ class Linear(Flight):
     """u += h M^-1 p, the exact motion of particles under no force. The momentum stays."""
 
     name: ClassVar[str] = "linear"
+    use: ClassVar[str] = "particles: exact"
     order: ClassVar[int | None] = None
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = Particles

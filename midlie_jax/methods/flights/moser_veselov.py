@@ -50,6 +50,7 @@ class MoserVeselov(_Preprocessed):
     """
 
     name: ClassVar[str] = "DMV"
+    use: ClassVar[str] = "the discrete Moser-Veselov body, for comparison: symplectic"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = True
 
@@ -61,6 +62,7 @@ class MoserVeselov4(_Preprocessed):
     """
 
     name: ClassVar[str] = "DMV4"
+    use: ClassVar[str] = "comparison with Hairer and Vilmart's order 4"
     order: ClassVar[int | None] = 4
     symplectic: ClassVar[bool] = False
 
@@ -72,6 +74,7 @@ class MoserVeselov6(_Preprocessed):
     """
 
     name: ClassVar[str] = "DMV6"
+    use: ClassVar[str] = "comparison with Hairer and Vilmart's order 6"
     order: ClassVar[int | None] = 6
     symplectic: ClassVar[bool] = False
 

@@ -24,6 +24,7 @@ class NearSymmetric(Flight):
     """
 
     name: ClassVar[str] = "NEARSYM"
+    use: ClassVar[str] = "bodies whose first two moments are nearly equal; as fast as JACOBI, which is exact"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody

@@ -44,9 +44,11 @@ class Symmetric(Flight):
     axis: int | None = eqx.field(static=True, default=None)
 
     name: ClassVar[str] = "SYMMETRIC"
+    use: ClassVar[str] = "bodies with two equal moments: exact, and three times as fast as JACOBI"
     order: ClassVar[int | None] = None
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody
+    equal_moments: ClassVar[bool] = True
     per_loop: ClassVar[int] = 4
 
     def fitted(self, moments: Array) -> "Symmetric":

@@ -47,6 +47,7 @@ class SymplecticMidpoint(_Generated):
     """
 
     name: ClassVar[str] = "SLIEMID"
+    use: ClassVar[str] = "the paper's flight made symplectic, for comparison with LIEMID"
     order: ClassVar[int | None] = 2
     per_loop: ClassVar[int] = 2
 
@@ -58,6 +59,7 @@ class SymplecticMidpoint4(_Generated):
     """
 
     name: ClassVar[str] = "SLIEMID4"
+    use: ClassVar[str] = "symplectic, of order 4 with one solve; JACOBI is exact and faster"
     order: ClassVar[int | None] = 4
     per_loop: ClassVar[int] = 1
 

@@ -25,6 +25,7 @@ class ThreeAxis(Flight):
     """
 
     name: ClassVar[str] = "DLM"
+    use: ClassVar[str] = "comparison with the usual splitting of molecular dynamics (NO_SQUISH): no solve"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody

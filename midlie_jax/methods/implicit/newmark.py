@@ -21,6 +21,7 @@ class NewmarkBody(Implicit):
     """
 
     name: str = eqx.field(static=True, default="NMB")
+    keeps_momentum: bool = eqx.field(static=True, default=False)
     evaluations: int = eqx.field(static=True, default=1)
 
     def keeps_force(self, system: System) -> bool:

@@ -1,0 +1,128 @@
+"""The structure of the package: folders are floors, imports point down, and no modules import each other in a circle.
+
+    python tests/test_structure.py
+
+prints the floors, and the modules of each.
+"""
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = "midlie_jax"
+# From the ground up. A folder may import those below it, and itself.
+FLOORS = ("_kernel", "model", "methods", "drivers", "diffrax", "", "bench")
+
+
+def modules() -> dict[str, Path]:
+    """The modules of the package by their dotted names below it; "" is the package itself."""
+    found = {}
+    for path in (ROOT / PACKAGE).rglob("*.py"):
+        parts = path.relative_to(ROOT / PACKAGE).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports_of(name: str, text: str, is_package: bool, known: set[str]) -> set[str]:
+    """The modules of the package that a module imports, anywhere in its text."""
+    found = set()
+    parents = name.split(".") if is_package or not name else name.split(".")[:-1]
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {a.name.partition(".")[2] for a in node.names if a.name.split(".")[0] == PACKAGE}
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            if node.level:
+                base = [p for p in parents if p][: len([p for p in parents if p]) - node.level + 1]
+                module = ".".join([*base, *([module] if module else [])])
+            elif module.split(".")[0] == PACKAGE:
+                module = module.partition(".")[2]
+            else:
+                continue
+            # `from a import b` imports the module a.b where there is one, else the module a.
+            found |= {inner if (inner := f"{module}.{a.name}".lstrip(".")) in known else module for a in node.names}
+    return found
+
+
+def graph() -> dict[str, set[str]]:
+    """For each module those that it imports."""
+    files = modules()
+    return {
+        name: imports_of(name, path.read_text(), path.name == "__init__.py", set(files)) - {name}
+        for name, path in files.items()
+    }
+
+
+def floor(name: str) -> int:
+    folder = name.split(".")[0] if name not in ("", "__main__") else ""
+    return FLOORS.index(folder)
+
+
+def upward(found: dict[str, set[str]]) -> list[str]:
+    """The imports that point to a higher floor."""
+    return [f"{a} -> {b}" for a, targets in found.items() for b in targets if floor(b) > floor(a)]
+
+
+def circle(found: dict[str, set[str]]) -> list[str]:
+    """Modules that import each other in a circle; a folder's `__init__` counts with the modules it shows."""
+    try:
+        TopologicalSorter(found).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_every_folder_is_a_floor_and_every_import_points_down():
+    assert not upward(graph())
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    assert not circle(graph())
+
+
+def test_nothing_but_the_laboratory_imports_the_laboratory():
+    assert not [name for name, targets in graph().items() if floor(name) < floor("bench") and any(
+        target.split(".")[0] == "bench" for target in targets
+    )]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("module", "line"),
+    [
+        ("model.bodies", "from ..methods import system"),
+        ("methods.system", "from ..bench.scenes import scene"),
+        ("_kernel.fusion", "from midlie_jax.drivers.integrate import integrate"),
+        ("drivers.integrate", "import midlie_jax.diffrax.solver"),
+    ],
+)
+def test_a_wrong_arrow_is_found(module, line):
+    found = graph()
+    found[module] = found[module] | imports_of(module, line, False, set(found))
+    assert len(upward(found)) == 1
+
+
+def test_a_circle_is_found():
+    found = graph()
+    found["model.so3"] = found["model.so3"] | imports_of("model.so3", "from .states import State", False, set(found))
+    assert set(circle(found)) >= {"model.so3", "model.states"}
+
+
+def test_only_the_plug_in_and_the_laboratory_import_diffrax():
+    users = [
+        name
+        for name, path in modules().items()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.Import) and any(a.name == "diffrax" for a in node.names))
+        or (isinstance(node, ast.ImportFrom) and not node.level and node.module == "diffrax")
+    ]
+    assert {name.split(".")[0] for name in users} <= {"diffrax", "bench"}
+
+
+if __name__ == "__main__":
+    for number, folder in enumerate(FLOORS):
+        names = sorted(name or PACKAGE for name in graph() if floor(name) == number)
+        print(f"{number} {folder or PACKAGE}: {', '.join(names)}")
+    print(f"arrows upward: {len(upward(graph()))}; circles: {len(circle(graph())) and 1}")
