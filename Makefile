@@ -5,6 +5,7 @@
 #   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
 #   make rivals             error against time beside other programs: docs/work-precision.md and its charts
+#   make docs               the pages of docs/ as a site: site/index.html
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
@@ -12,7 +13,7 @@ MINUTES ?= 5
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test lint fuzz bench rivals
+.PHONY: chart test lint fuzz bench rivals docs
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -34,6 +35,9 @@ bench: .venv/.bench
 
 rivals: .venv/.bench
 	.venv/bin/python benchmarks/work_precision.py
+
+docs: .venv/.docs
+	.venv/bin/mkdocs build --strict
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

@@ -5,7 +5,7 @@
 For the fast top P1 and an asymmetric heavy top, at a coarse step: the largest error of the energy, and how much its
 mean over the last tenth of the run differs from that over the first, both relative to the energy at the start. A
 symplectic method's energy wavers within a band that does not move. `--write` puts the table between the markers in
-README.md and the picture in docs/long-run.png.
+docs/theory.md and the picture in docs/long-run.png.
 """
 
 import argparse
@@ -102,9 +102,9 @@ def main():
         print(lines[-1], flush=True)
         results.append(result)
     if options.write:
-        readme = ROOT / "README.md"
-        head, rest = readme.read_text().split(BEGIN)
-        readme.write_text(head + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.split(END)[1])
+        page = ROOT / "docs" / "theory.md"
+        head, rest = page.read_text().split(BEGIN)
+        page.write_text(head + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.split(END)[1])
         draw(results, ROOT / "docs" / "long-run.png")
 
 

@@ -4,7 +4,7 @@
 
 Every figure is a median of five warm runs of the fast top P1 on one core, to which it pins itself, in processor time;
 compile times are the first call, tracing included, by the wall clock. The C limit is `limit.c`, built here. `--write`
-puts the table between the markers in README.md.
+puts the table between the markers in docs/performance.md.
 """
 
 import argparse
@@ -295,10 +295,10 @@ def main():
         print(" | ".join(line), flush=True)
         lines.append(line)
     if options.write and not options.flights:
-        readme = ROOT / "README.md"
-        text = readme.read_text()
+        page = ROOT / "docs" / "performance.md"
+        text = page.read_text()
         head, tail = text.split(BEGIN)[0], text.split(END)[1]
-        readme.write_text(f"{head}{BEGIN}\n{table(lines)}\n{END}{tail}")
+        page.write_text(f"{head}{BEGIN}\n{table(lines)}\n{END}{tail}")
 
 
 if __name__ == "__main__":

@@ -71,19 +71,19 @@ def main() -> None:
         text = "\n".join([head, *summary, *(section for section, _ in parts)])
         (out / "work-precision.md").write_text(text)
         if out == DOCS:
-            into_readme(text)
+            into_page(text)
     print(f"wrote {out}")
 
 
-def into_readme(text: str) -> None:
-    """Puts the first table of the file, ours over heyoka's and diffrax's times in all scenes, into README.md."""
+def into_page(text: str) -> None:
+    """Puts the first table of the file, ours over heyoka's and diffrax's times, into docs/how-it-compares.md."""
     lines = text.split("\n")
     first = next(i for i, line in enumerate(lines) if line.startswith("|"))
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
-    readme = ROOT / "README.md"
-    head, rest = readme.read_text().split(BEGIN)
+    page = DOCS / "how-it-compares.md"
+    head, rest = page.read_text().split(BEGIN)
     table = "\n".join(lines[first:last])
-    readme.write_text(f"{head}{BEGIN}\n{table}\n{END}{rest.split(END)[1]}")
+    page.write_text(f"{head}{BEGIN}\n{table}\n{END}{rest.split(END)[1]}")
 
 
 def one(name: str, out: Path, quick: bool) -> tuple[str, str]:
@@ -108,7 +108,7 @@ Errors against the {given.source}, good to {given.uncertainty:.0e}. {work_precis
 
 {frontier.markdown(rows)}
 
-<details><summary>heyoka's errors by tolerance</summary>
+<details markdown="1"><summary>heyoka's errors by tolerance</summary>
 
 | tolerance | error of R | us a body |
 | --- | --- | --- |
