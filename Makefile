@@ -26,6 +26,7 @@ lint: .venv/.lint
 	.venv/bin/ruff format --check
 	.venv/bin/ruff check
 	.venv/bin/pyright
+	.venv/bin/pyright -p tests
 
 fuzz: .venv/.fuzz
 	.venv/bin/python tests/fuzz.py --minutes $(MINUTES)

@@ -7,27 +7,23 @@ order-th root of the error constant, as a multiple of the least among the scheme
 gradient counts as two evaluations. Smaller is better; ABA82 and ABA1064 are made for small forces, which these are not.
 """
 
-import sys
-from pathlib import Path
+from itertools import pairwise
 
 import numpy as np
 
 from midlie_jax.methods import schemes
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-
-from test_schemes import measured
+from midlie_jax.methods.scheme_order import pendulums
 
 
 def effective_error(scheme):
     """Evaluations a unit of time for a unit error, were the scheme of its order at every step."""
     for count in (24, 48, 96, 192, 384):
-        slope, ends = measured(scheme, scheme.order, (count,))
-        if abs(slope - scheme.order) < 0.1:
+        ends = [pendulums(scheme, count * factor) for factor in (1, 2, 4)]
+        coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends))
+        if abs(np.log2(coarse / fine) - scheme.order) < 0.1:
             break
-    error = np.linalg.norm(ends[1] - ends[2])
     evaluations = scheme.evaluations + sum(g != 0 for g in scheme.gradients)
-    return float(evaluations * 2 * count / 3 * error ** (1 / scheme.order))
+    return float(evaluations * 2 * count / 3 * fine ** (1 / scheme.order))
 
 
 def main():

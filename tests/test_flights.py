@@ -22,7 +22,7 @@ FLIGHT = flights.LieMidpoint()
 def fly(moments, h, momentum, flight=FLIGHT):
     """Increment, new momentum and flag, on arrays."""
     inertia = flights.Inertia.of(ml.RigidBody(moments, physical=False))
-    increment, change, ok = flight(inertia, h, cp.unpack(momentum))
+    increment, change, ok = flight(inertia, h, cp.vector(momentum))
     return cp.pack(increment), momentum + cp.pack(change), ok
 
 

@@ -59,8 +59,8 @@ def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: boo
     attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
     states = np.concatenate([momentum, attitude], axis=1)[: min(judged, bodies)]
     ends, source, doubt = _ends(scene, states)
-    limits = {"repeats": 2, "longest": 0.2} if quick else {"repeats": 5, "longest": 0.3}
-    return Problem(scene, momentum, attitude, ends, source, doubt, **limits)
+    repeats, longest = (2, 0.2) if quick else (5, 0.3)
+    return Problem(scene, momentum, attitude, ends, source, doubt, repeats, longest)
 
 
 def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:

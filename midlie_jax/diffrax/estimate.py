@@ -27,7 +27,7 @@ from jax import Array
 from .._kernel import components as cp
 from .._kernel.short_series import LARGEST_SQUARE, half_turn
 from ..methods.inertia import Inertia
-from ..methods.system import Motion, System
+from ..methods.system import AnyMotion, Motion, System
 
 REFERENCE_ORDER = 3  # of the companion: what it leaves out is of one order more
 
@@ -50,8 +50,8 @@ class History(NamedTuple):
 
 
 def companion(
-    system: System, h: Array, motion: Motion, end: Motion, torques: tuple[Any, Any], history: History
-) -> tuple[Motion, History, Array]:
+    system: System, h: Array, motion: AnyMotion, end: AnyMotion, torques: tuple[Any, Any], history: History
+) -> tuple[AnyMotion, History, Array]:
     """Where the step from `motion` to `end` should have ended, seen from the rates at both; what to hand on; if known.
 
     Args:

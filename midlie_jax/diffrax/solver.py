@@ -14,7 +14,7 @@ from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
 from ..methods.schemes import KICK
 from ..methods.splitting import Splitting
-from ..methods.system import Motion, System
+from ..methods.system import AnyMotion, System
 from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
@@ -33,7 +33,7 @@ class Memory(NamedTuple):
     history: History
 
 
-class LieSolver(diffrax.AbstractAdaptiveSolver):
+class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     """A method of this package as a solver for diffrax; terms must be a `RigidBodyTerm`, the state one of ours.
 
     Order: that of the method. Interpolation: `LieInterpolation`. Torque evaluations: those of the method; where an
@@ -133,7 +133,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver):
         self._system(terms, t0, y0, args)
         return terms.vf(t0, y0, args).ambient
 
-    def _fresh(self, system: System, t: Array, motion: Motion) -> Memory:
+    def _fresh(self, system: System, t: Array, motion: AnyMotion) -> Memory:
         force = system.force(t, motion)
         kept = force if self._begins_with_force(system) else jax.lax.stop_gradient(force)
         return Memory(kept, jax.lax.stop_gradient(History.none(motion.momentum, t)))

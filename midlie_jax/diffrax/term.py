@@ -40,7 +40,7 @@ class Rates(NamedTuple):
     torque: Array
 
 
-class RigidBodyTerm(diffrax.AbstractTerm):
+class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
     """Pi' = Pi x Om + T, R' = R skew(Om), Om = I^-1 Pi, as a term for `LieSolver` and for every ODE solver of diffrax.
 
     Attributes:

@@ -40,7 +40,7 @@ from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
 from ..model.bodies import Body
 from ..model.densities import DensityLike
-from ..model.states import State
+from ..model.states import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_method, as_scalar, check_saving, check_step, check_system
 
@@ -89,7 +89,7 @@ def integrate_adaptive(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: State,
+    start: AnyState,
     *,
     density: DensityLike,
     dt: float | Array,
@@ -165,7 +165,7 @@ def _run(
     method: Method,
     body: Any,
     torque: Any,
-    start: State,
+    start: AnyState,
     density: Any,
     dt: Array,
     t0: Array,

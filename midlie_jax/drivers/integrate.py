@@ -15,7 +15,7 @@ from .._kernel.internals import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
-from ..model.states import State
+from ..model.states import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 
@@ -40,7 +40,7 @@ def integrate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: State,
+    start: AnyState,
     *,
     dt: float | Array,
     steps: int,
@@ -88,7 +88,7 @@ def _run(
     method: Method,
     body: Any,
     torque: Any,
-    start: State,
+    start: AnyState,
     dt: Array,
     t0: Array,
     first: Array,
@@ -111,7 +111,7 @@ def _run(
     # state a step.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
-    def save_interval(progress: Progress, n: Array) -> tuple[Progress, State[Any, Any]]:
+    def save_interval(progress: Progress, n: Array) -> tuple[Progress, AnyState]:
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         progress, _ = jax.lax.scan(step, progress, indices, unroll=method.unroll)
         return progress, system.state(progress.motion)

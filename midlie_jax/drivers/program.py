@@ -16,7 +16,7 @@ from jax import Array
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
-from ..model.states import State
+from ..model.states import AnyState
 from ..model.torques import TorqueLike
 from .integrate import ends_of_step
 
@@ -34,7 +34,7 @@ class Program:
         method: Method,
         body: Body,
         torque: TorqueLike | None,
-        starts: State[Any, Any],
+        starts: AnyState,
         *,
         chunk: int | None = None,
         unroll: int | None = None,
@@ -53,7 +53,7 @@ class Program:
         count = len(starts.momentum)
         size = chunk if chunk and count % chunk == 0 else count
 
-        def run(starts: State[Any, Any], dt: Array, turns: Array) -> tuple[State[Any, Any], Array]:
+        def run(starts: AnyState, dt: Array, turns: Array) -> tuple[AnyState, Array]:
             parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
             one = partial(end_state, self.method, body, torque, unroll=self.unroll)
             ends, ok = jax.lax.map(jax.vmap(lambda start: one(start, dt, turns)), parts)
@@ -78,12 +78,12 @@ def end_state(
     method: Method,
     body: Body,
     torque: TorqueLike | None,
-    start: State[Any, Any],
+    start: AnyState,
     dt: Array,
     turns: Array,
     *,
     unroll: int,
-) -> tuple[State[Any, Any], Array]:
+) -> tuple[AnyState, Array]:
     """The state after so many turns of the loop, of `unroll` steps each; whether all went well. Checks nothing."""
     zero = jnp.zeros((), start.momentum.dtype)
     system = System.of(body, torque, start, zero)

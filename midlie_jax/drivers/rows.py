@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.states import State
+from ..model.states import AnyState
 from ..model.torques import on_body
 
 _MOST_TRIED = 6  # parameters whose every choice is tried
@@ -28,7 +28,7 @@ def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any],
                 )
 
 
-def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: State, count: int) -> Any:
+def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnyState, count: int) -> Any:
     """The torque's tree with True for each array that has one row a body.
 
     Args:
@@ -85,7 +85,7 @@ def _choices(able: list[int]) -> list[tuple[int, ...]]:
 
 
 def _shape(
-    leaves: list[Any], structure: Any, chosen: tuple[int, ...], start: State, body: Any
+    leaves: list[Any], structure: Any, chosen: tuple[int, ...], start: AnyState, body: Any
 ) -> tuple[int, ...] | None:
     """The shape of the torque on one body, called with one row of the leaves chosen; None if it cannot be called so."""
     parts = [_one(leaf, i in chosen) for i, leaf in enumerate(leaves)]

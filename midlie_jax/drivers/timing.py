@@ -13,7 +13,7 @@ import math
 import os
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -160,7 +160,7 @@ def pin() -> None:
 
 
 @contextlib.contextmanager
-def one_core() -> Iterator[None]:
+def one_core() -> Generator[None]:
     """Pins the process as `pin` does, and lets it go again."""
     before = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     pin()

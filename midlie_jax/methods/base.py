@@ -14,7 +14,7 @@ from jax import Array
 from .._kernel.fusion import fuse, fuse_derivative
 from .._kernel.internals import NONE, Axes, all_promoted
 from ..model.bodies import Body
-from .system import Motion, System
+from .system import AnyMotion, System
 
 Times = tuple[Array, Array]  # of the two ends of a step
 
@@ -28,7 +28,7 @@ class Progress(NamedTuple):
         ok: whether all solves succeeded so far, ().
     """
 
-    motion: Motion[Any, Any]
+    motion: AnyMotion
     force: Any
     ok: Any
 
@@ -75,8 +75,8 @@ class Method(eqx.Module):
 
     @abstractmethod
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Any, Any], force: Any
-    ) -> tuple[Motion[Any, Any], Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
         """One step from t0 to t1 = t0 + h.
 
         Args:

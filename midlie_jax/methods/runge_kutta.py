@@ -18,7 +18,7 @@ from .._kernel import components as cp
 from .._kernel.fusion import fuse
 from ..model.bodies import RigidBody
 from .base import Method
-from .system import Motion, System
+from .system import AnyMotion, Motion, System
 
 
 class Table(NamedTuple):
@@ -154,13 +154,13 @@ class RungeKutta(Method):
         return False
 
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
-    ) -> tuple[Motion, Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
         del force
-        changes: list[Motion] = []
+        changes: list[AnyMotion] = []
         turn = cp.scale(h, system.velocity(motion.momentum))
 
-        def total(weights: dict[int, float]) -> Motion:
+        def total(weights: dict[int, float]) -> AnyMotion:
             """The sum of the changes found so far, with these weights."""
 
             def entry(*changes: Array) -> Array:

@@ -13,7 +13,7 @@ from ..model.bodies import Body, RigidBody, principal_of
 from .base import Method
 from .flights import Flight
 from .scheme import KICK, Scheme, run
-from .system import Motion, System, added
+from .system import AnyMotion, Motion, System, added
 
 
 class Splitting(Method):
@@ -61,8 +61,8 @@ class Splitting(Method):
         return system.torque is not None and self.scheme.reuses_force and not system.reads_momentum
 
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Any, Any], force: Any
-    ) -> tuple[Motion[Any, Any], Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
         advance = self._in_a_loop if self._looped else self._written_out
         motion, force, ok = advance(_Stages(self.flight, system, t0, t1, h), motion, force)
         return motion, force if self.keeps_force(system) else None, ok
@@ -73,12 +73,10 @@ class Splitting(Method):
         many = self.scheme.flights > max(2, self.flight.per_loop)
         return many and self.scheme.alternates and not self.scheme.gradients
 
-    def _written_out(
-        self, stages: "_Stages", motion: Motion[Any, Any], force: Any
-    ) -> tuple[Motion[Any, Any], Any, Array | bool]:
+    def _written_out(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         ok: Array | bool = True
 
-        def fly(a: float, motion: Motion[Any, Any]) -> Motion[Any, Any]:
+        def fly(a: float, motion: AnyMotion) -> AnyMotion:
             nonlocal ok
             motion, fine = stages.fly(a, motion)
             ok = ok & fine
@@ -87,9 +85,7 @@ class Splitting(Method):
         motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)
         return motion, force, ok
 
-    def _in_a_loop(
-        self, stages: "_Stages", motion: Motion[Any, Any], force: Any
-    ) -> tuple[Motion[Any, Any], Any, Array | bool]:
+    def _in_a_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         """A flight and a kick a turn, beginning with whichever the scheme begins with."""
         kicks, flights, times = self.scheme.columns()
         kicks_first = self.scheme.stages[0][0] == KICK
@@ -134,22 +130,22 @@ class _Stages(NamedTuple):
     def _time(self, c: Any) -> Array:
         """c steps after the start of the step, and at its two ends exactly there."""
         if isinstance(c, float):
-            return self.t0 if c == 0 else self.t1 if c == 1 else self.t0 + c * self.h
+            return self.t0 if c == 0.0 else self.t1 if c == 1.0 else self.t0 + c * self.h
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
-    def fly(self, a: Any, motion: Motion[Any, Any]) -> tuple[Motion[Any, Any], Array | bool]:
+    def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         increment, change, ok = _fly(self.flight, self.system.inertia, a * self.h, motion.momentum)
         momentum = cp.accumulate(motion.momentum, change, self.t0)
         return Motion(momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
 
-    def evaluate(self, c: Any, g: float, motion: Motion[Any, Any]) -> Any:
+    def evaluate(self, c: Any, g: float, motion: AnyMotion) -> Any:
         if self.system.torque is None:
             return None
         if g:
             return self.system.gradient_force(self._time(c), g * self.h * self.h, motion)
         return self.system.force(self._time(c), motion)
 
-    def kick(self, b: Any, c: Any, motion: Motion[Any, Any], force: Any) -> Motion[Any, Any]:
+    def kick(self, b: Any, c: Any, motion: AnyMotion, force: Any) -> AnyMotion:
         if force is None:
             return motion
         if self.system.reads_momentum:

@@ -12,7 +12,7 @@ from .._kernel import components as cp
 from .._kernel.fusion import fuse, fuse_derivative
 from .._kernel.replay import traits
 from ..model.bodies import Body, RigidBody, TensorBody, principal_of
-from ..model.states import P, Q, State
+from ..model.states import AnyState, P, Q
 from ..model.torques import TorqueLike, on_body, velocity_dependent
 from .inertia import Inertia
 
@@ -25,6 +25,9 @@ class Motion(eqx.Module, Generic[P, Q]):
 
     momentum: P
     pose: Q
+
+
+AnyMotion = Motion[Any, Any]
 
 
 class System(NamedTuple):
@@ -41,13 +44,13 @@ class System(NamedTuple):
 
     inertia: Any
     torque: TorqueLike | None
-    kind: type[State[Any, Any]]
+    kind: type[AnyState]
     reads_momentum: bool
     costly: bool
     axes: cp.Quaternion | None = None
 
     @classmethod
-    def of(cls, body: Body, torque: TorqueLike | None, start: State[Any, Any], t: Array) -> "System":
+    def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array) -> "System":
         """Ready to step from the state `start`."""
         axes = cp.quaternion(body.axes) if isinstance(body, TensorBody) else None
         principal = principal_of(body)
@@ -78,14 +81,14 @@ class System(NamedTuple):
         """The tree unchanged, at the two ends of a costly torque."""
         return fuse(tree) if self.costly else tree
 
-    def motion(self, state: State[Any, Any]) -> Motion[Any, Any]:
+    def motion(self, state: AnyState) -> AnyMotion:
         """The motion of a state, in principal components."""
-        motion: Motion[Any, Any] = Motion(*state.parts())
+        motion: AnyMotion = Motion(*state.parts())
         if self.axes is None:
             return motion
         return Motion(cp.rotate_back(self.axes, motion.momentum), self.kind.rotate(motion.pose, self.axes))
 
-    def state(self, motion: Motion[Any, Any]) -> State[Any, Any]:
+    def state(self, motion: AnyMotion) -> AnyState:
         """The inverse of `motion`."""
         seen = self.in_user_axes(motion)
         return self.kind.join(seen.momentum, seen.pose)
@@ -143,13 +146,13 @@ class System(NamedTuple):
         change = jax.tree.map(jnp.add, change, self.kind.commutator(velocity, force))
         return self._apart(added(force, 2 * weight, change))
 
-    def _evaluate(self, torque: TorqueLike, t: Array, motion: Motion[Any, Any]) -> Any:
+    def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
         entries, found = self.evaluate(torque, t, motion)
         _check_force(found, self.kind.pack(motion.momentum))
         force: Any = self.kind.from_entries(entries)
         return force if self.axes is None else cp.rotate_back(self.axes, force)
 
-    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: Motion[Any, Any]) -> Any:
+    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Any:
         """The entries of the array `function(t, state)`, and its shape and dtype."""
         seen = self.in_user_axes(motion)
         return self.kind.evaluate(function, t, seen.momentum, seen.pose)

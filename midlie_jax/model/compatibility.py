@@ -6,7 +6,7 @@ import equinox as eqx
 
 from .._kernel.checks import described
 from .bodies import RigidBody, principal_of
-from .states import State
+from .states import AnyState, State
 
 
 def check_state(name: str, state: Any) -> None:
@@ -16,7 +16,7 @@ def check_state(name: str, state: Any) -> None:
     state.check_batch()
 
 
-def check_body(body: Any, state: State[Any, Any]) -> None:
+def check_body(body: Any, state: AnyState) -> None:
     """Raises unless the state is one of the body's."""
     if not isinstance(principal_of(body), state.body):
         kind = state.body.__name__
@@ -30,7 +30,7 @@ def check_torque(torque: Any) -> None:
         raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
 
 
-def check_batch(name: str, body: Any, state: State, batch: int = 0) -> None:
+def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     """Raises unless the state has `batch` leading axes, and the body as many or none."""
     principal = principal_of(body)
     if not isinstance(principal, RigidBody):

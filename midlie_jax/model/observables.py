@@ -12,11 +12,11 @@ from .._kernel.replay import traits
 from . import so3
 from .bodies import Body, Particles, RigidBody, TensorBody, principal_of
 from .compatibility import check_body, check_state, check_torque
-from .states import ParticleState, State, attitude_of
+from .states import AnyState, ParticleState, State, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
-def kinetic_energy(body: Body, state: State) -> Float[Array, "*batch"]:
+def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
     """Pi . I^-1 Pi / 2, or p . M^-1 p / 2. Shapes (..., 3) give (...), particles one number."""
     work = state.momentum * _velocity(body, state)
     return jnp.sum(work, axis=None if isinstance(body, Particles) else -1) / 2
@@ -66,7 +66,7 @@ def energy(
                 raise ValueError("the potential depends on time: give t, or the path rather than its states.")
     times = jnp.broadcast_to(jnp.zeros((), state.momentum.dtype) if t is None else t, batch)
 
-    def one_energy(state: State, t: Array) -> Array:
+    def one_energy(state: AnyState, t: Array) -> Array:
         kinetic = kinetic_energy(body, state)
         return kinetic if potential is None else kinetic + potential(t, state)
 
@@ -83,18 +83,18 @@ def _axes(body: Body) -> list[tuple[Array, int]]:
     return [(leaf, 1) for leaf in jax.tree.leaves(body)]
 
 
-def _batch(state: State, times: tuple[int, ...]) -> tuple[int, ...]:
+def _batch(state: AnyState, times: tuple[int, ...]) -> tuple[int, ...]:
     """The leading axes of a state, or of the states of a path; those of particles are told by the path's times."""
     shape = state.momentum.shape
     return shape[: len(times)] if isinstance(state, ParticleState) else shape[:-1]
 
 
-def angular_velocity(body: RigidBody | TensorBody, state: State) -> Float[Array, "*batch 3"]:
+def angular_velocity(body: RigidBody | TensorBody, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time; shapes as the state's momentum."""
     return _velocity(body, state)
 
 
-def spatial_angular_velocity(body: RigidBody | TensorBody, state: State) -> Float[Array, "*batch 3"]:
+def spatial_angular_velocity(body: RigidBody | TensorBody, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity R I^-1 Pi in space components.
 
     Raises:
@@ -103,7 +103,7 @@ def spatial_angular_velocity(body: RigidBody | TensorBody, state: State) -> Floa
     return so3.rotate(attitude_of(state), _velocity(body, state))
 
 
-def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
+def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular momentum in space components, R Pi, (..., 3): constant for a free body.
 
     Raises:
@@ -112,7 +112,7 @@ def spatial_momentum(state: State) -> Float[Array, "*batch 3"]:
     return so3.rotate(attitude_of(state), state.momentum)
 
 
-def _velocity(body: Body, state: State) -> Array:
+def _velocity(body: Body, state: AnyState) -> Array:
     """The velocity of a state, or of one state for each body."""
     check_state("state", state)
     check_body(body, state)

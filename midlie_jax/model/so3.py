@@ -5,6 +5,7 @@ and near rotation zero and rotation pi, in float32 and float64. `exp(v)` turns b
 map, attitude q takes body components to space components, `rotate(q, v_body) = v_space`.
 """
 
+from collections.abc import Callable
 from math import factorial
 from typing import Any
 
@@ -22,7 +23,7 @@ _SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z, as a function of z^2
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 
 
-def _even(series: tuple[float, ...], x: Array, closed_form) -> Array:
+def _even(series: tuple[float, ...], x: Array, closed_form: Callable[[Array], Array]) -> Array:
     """A function analytic in x >= 0: its series for small x, `closed_form(sqrt(x))` elsewhere."""
     small = x < _SMALL_ANGLE_SQUARED
     angle = jnp.sqrt(jnp.where(small, jnp.ones_like(x), x))

@@ -121,6 +121,9 @@ class State(eqx.Module, Generic[P, Q]):
         """The inverse of `pack`."""
 
 
+AnyState = State[Any, Any]
+
+
 class BodyState(State[cp.Vector, Q]):
     """A state of one rigid body: what does not depend on how much of the attitude is followed."""
 

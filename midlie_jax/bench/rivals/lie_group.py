@@ -14,7 +14,7 @@ from ..._kernel import components as cp
 from ..._kernel.fusion import fuse
 from ..._kernel.short_series import LARGEST_SQUARE, half_turn
 from ...methods.base import Method
-from ...methods.system import Motion, System
+from ...methods.system import AnyMotion, Motion, System
 from ...model.bodies import RigidBody
 from .problem import Point, Problem
 
@@ -69,8 +69,8 @@ class RKMK4(_OnTheGroup):
     name: str = eqx.field(static=True, default="RKMK4")
 
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
-    ) -> tuple[Motion, Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
         del force
         start, pose = cp.rotate(motion.pose, motion.momentum), motion.pose
         turns: list[cp.Vector] = []
@@ -102,8 +102,8 @@ class CF4(_OnTheGroup):
     name: str = eqx.field(static=True, default="CF4")
 
     def step(
-        self, system: System, t0: Array, t1: Array, h: Array, motion: Motion, force: Any
-    ) -> tuple[Motion, Any, Array | bool]:
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
         del force
         start, pose = cp.rotate(motion.pose, motion.momentum), motion.pose
 

@@ -4,6 +4,7 @@ The right-hand side is written on Python's floats, which for seven numbers is qu
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Ite
     scale = np.concatenate([np.full(3, float(np.linalg.norm(starts[0, :3]))), np.ones(4)])
     for tolerance in tolerances:
 
-        def run(tolerance: float = tolerance) -> list:
+        def run(tolerance: float = tolerance) -> list[Any]:
             options = {"rtol": max(tolerance, 3e-14), "atol": tolerance * scale, "t_eval": [scene.duration]}
             return [solve_ivp(field, (0.0, scene.duration), start, "DOP853", **options) for start in starts]
 
