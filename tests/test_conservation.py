@@ -26,7 +26,7 @@ from cases import (
 
 import midlie_jax as ml
 from midlie_jax.methods import flights, schemes
-from midlie_jax.methods.stepper import Splitting
+from midlie_jax.methods.splitting import Splitting
 
 LONG, SAVE, BLOCKS = 1000, 10, 100
 ASYMMETRIC, SYMMETRIC = [0, 1, 2], [3, 4]
