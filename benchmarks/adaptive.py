@@ -20,7 +20,7 @@ jax.config.update("jax_enable_x64", True)
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed  # noqa: E402
-from midlie_jax.methods.stepper import Motion, System  # noqa: E402  (the control that is not reversible is not in the package)
+from midlie_jax.methods.system import Motion, System  # noqa: E402  (the control that is not reversible is not in the package)
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 

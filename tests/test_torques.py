@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.methods.stepper import System
+from midlie_jax.methods.system import System
 from midlie_jax.model import orbits, so3, torques
 
 MOMENTUM, ATTITUDE = jnp.array([1.0, 0.8, -1.3]), jnp.asarray(turn(0.5, -0.3, 0.8))
