@@ -4,7 +4,19 @@ float64 on; mixed dtypes and silent broadcasting over ranks are errors. Nothing 
 checkers that pytest attaches to the package (see pyproject.toml) come after this file.
 """
 
+import os
+
 import jax
+
+# Compiled in a hurry, in a third of the time. What is held to rounding asks for the code that users get, `cases.REAL`;
+# the whole matrix (-m full) runs on nothing else. `test_shard_map.py` gives its process flags of its own.
+HURRIED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+
+
+def pytest_configure(config):
+    if config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ:
+        os.environ["XLA_FLAGS"] = HURRIED
+
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")

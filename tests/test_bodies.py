@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon, quick
+from cases import DTYPES, epsilon, quick, whole
 
 import midlie_jax as ml
 from midlie_jax.model import so3
@@ -57,8 +57,15 @@ def close(a, b, slack=1e-12):
     np.testing.assert_allclose(so3.to_matrix(a.attitude), so3.to_matrix(b.attitude), rtol=0, atol=slack)
 
 
-@pytest.mark.parametrize("name", TORQUES)
-@pytest.mark.parametrize("method", ["JACOBI[EA]", "AKW", "DOP853"])
+# Every torque with one method, and the others with a torque that has everything.
+FRAMES = [
+    *(("JACOBI[EA]", name) for name in TORQUES),
+    *((m, "of the momentum and the body") for m in ("AKW", "DOP853")),
+]
+OTHERS = [(m, name) for m in ("AKW", "DOP853") for name in TORQUES if (m, name) not in FRAMES]
+
+
+@pytest.mark.parametrize(("method", "name"), [*FRAMES, *whole(*OTHERS)])
 def test_a_body_keeps_the_frame_of_its_tensor(method, name):
     torque = TORQUES[name]
     path = ml.integrate(method, BODY, torque, START, dt=0.05, steps=20, save_every=10)
