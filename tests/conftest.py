@@ -4,9 +4,11 @@ float64 on; mixed dtypes and silent broadcasting over ranks are errors. Nothing 
 checkers that pytest attaches to the package (see pyproject.toml) come after this file.
 """
 
+import gc
 import os
 
 import jax
+import pytest
 
 # Compiled in a hurry, in a third of the time. What is held to rounding asks for the code that users get, `cases.REAL`;
 # the whole matrix (-m full) runs on nothing else. `test_shard_map.py` gives its process flags of its own.
@@ -16,6 +18,16 @@ HURRIED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=fals
 def pytest_configure(config):
     if config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ:
         os.environ["XLA_FLAGS"] = HURRIED
+
+
+@pytest.fixture(scope="module", autouse=True)
+def collected_once_a_module():
+    """Tracing leaves a million objects behind that live on; Python would look through all of them again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 jax.config.update("jax_enable_x64", True)
