@@ -54,7 +54,9 @@ def accepted(**options):
 
 # Code that compiles in half the time; what it computes is the same, at worst rounded otherwise. For derivatives and
 # long programs: the laws of the steps are held by the code that users get.
-QUICK = accepted(xla_backend_optimization_level=0, xla_cpu_use_fusion_emitters=False)
+QUICK = accepted(
+    xla_backend_optimization_level=0, xla_cpu_use_fusion_emitters=False, xla_cpu_parallel_codegen_split_count=1
+)
 
 
 def quick(function):
@@ -63,7 +65,9 @@ def quick(function):
 
 
 # The code that users get, which `conftest.py` does not make of what asks for nothing.
-REAL = accepted(xla_backend_optimization_level=3, xla_cpu_use_fusion_emitters=True)
+REAL = accepted(
+    xla_backend_optimization_level=3, xla_cpu_use_fusion_emitters=True, xla_cpu_parallel_codegen_split_count=32
+)
 
 
 def real(function):

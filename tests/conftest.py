@@ -12,12 +12,24 @@ import pytest
 
 # Compiled in a hurry, in a third of the time. What is held to rounding asks for the code that users get, `cases.REAL`;
 # the whole matrix (-m full) runs on nothing else. `test_shard_map.py` gives its process flags of its own.
-HURRIED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+HURRIED = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+)
 
 
 def pytest_configure(config):
     if config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ:
         os.environ["XLA_FLAGS"] = HURRIED
+
+
+# Files whose laws read the same compiled runs; the others are one group each. For `pytest --dist loadgroup`.
+TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(TOGETHER.get(item.path.stem, item.path.stem)))
 
 
 @pytest.fixture(scope="module", autouse=True)
