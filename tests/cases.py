@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -26,6 +27,9 @@ RIGID_FLIGHTS = [
     if isinstance(kind, type) and issubclass(kind, flights.Flight) and getattr(kind, "body", None) is ml.RigidBody
 ]
 PARTICLE = [name for name in ml.methods() if ml.method(name).bodies is ml.Particles]
+# One for each way in which methods are built: LIEMID[E1], LIEMID[E2] and LIEMID[EA*] are built as LIEMID[EA] is.
+LIKE_EA = ["LIEMID[E1]", "LIEMID[E2]", "LIEMID[EA*]"]
+BUILDS = [name for name in ROTATION if name not in LIKE_EA]
 LIEMID = [name for name in ROTATION if name.startswith("LIEMID[E")]
 DTYPES = ["float32", "float64"]
 ROWS = 32
@@ -50,12 +54,41 @@ def accepted(**options):
 
 # Code that compiles in half the time; what it computes is the same, at worst rounded otherwise. For derivatives and
 # long programs: the laws of the steps are held by the code that users get.
-QUICK = accepted(xla_backend_optimization_level=0, xla_cpu_use_fusion_emitters=False)
+QUICK = accepted(
+    xla_backend_optimization_level=0, xla_cpu_use_fusion_emitters=False, xla_cpu_parallel_codegen_split_count=1
+)
 
 
 def quick(function):
     """Compiled in a hurry."""
     return jax.jit(function, compiler_options=QUICK)
+
+
+# The code that users get, which `conftest.py` does not make of what asks for nothing.
+REAL = accepted(
+    xla_backend_optimization_level=3, xla_cpu_use_fusion_emitters=True, xla_cpu_parallel_codegen_split_count=32
+)
+
+
+def real(function):
+    """Compiled as for users: for the laws of rounding, of bits, of what the compiler makes, and for very long runs."""
+    return jax.jit(function, compiler_options=REAL)
+
+
+def whole(*values):
+    """Parameters of the whole matrix alone, which `make test-full` runs."""
+    return [pytest.param(*(x if isinstance(x, tuple) else (x,)), marks=pytest.mark.full) for x in values]
+
+
+def by_turns(names, among=None):
+    """Parameters (name, dtype): each name with one of the dtypes, in turns; with the other in the whole matrix.
+
+    For laws that every method has in both dtypes for one reason. The turns are counted `among` other names if given, so
+    that laws of the same runs take the same turns.
+    """
+    turn = {name: n for n, name in enumerate(among or names)}
+    mine, other = ([(name, DTYPES[(turn[name] + k) % 2]) for name in names] for k in (0, 1))
+    return [*mine, *whole(*other)]
 
 
 class Setup(NamedTuple):
@@ -129,9 +162,9 @@ def integrate(name, s: Setup, *, steps=STEPS, save_every=1, forced=True, state=m
 
 
 @cache
-def compiled(name: str, solo: bool = False, **options):
+def compiled(name: str, solo: bool = False, hurried: bool = False, **options):
     function = partial(integrate, name, **options)
-    return jax.jit(function if solo else jax.vmap(function))
+    return (quick if hurried else real)(function if solo else jax.vmap(function))
 
 
 def cast(s: Setup, dtype: str) -> Setup:

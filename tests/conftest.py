@@ -4,7 +4,51 @@ float64 on; mixed dtypes and silent broadcasting over ranks are errors. Nothing 
 checkers that pytest attaches to the package (see pyproject.toml) come after this file.
 """
 
+import gc
+import os
+import subprocess
+import sys
+
 import jax
+import pytest
+
+# Compiled in a hurry, in a third of the time. What is held to rounding asks for the code that users get, `cases.REAL`;
+# the whole matrix (-m full) runs on nothing else. `test_shard_map.py` gives its process flags of its own.
+HURRIED = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+)
+
+
+def known(flags):
+    """Whether the installed XLA has them; it ends a process that is given others."""
+    start = [sys.executable, "-c", "import jax; jax.devices()"]
+    return subprocess.run(start, env=os.environ | {"XLA_FLAGS": flags}, capture_output=True).returncode == 0
+
+
+def pytest_configure(config):
+    if config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ and known(HURRIED):
+        os.environ["XLA_FLAGS"] = HURRIED
+
+
+# Files whose laws read the same compiled runs; the others are one group each. For `pytest --dist loadgroup`.
+TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(TOGETHER.get(item.path.stem, item.path.stem)))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def collected_once_a_module():
+    """Tracing leaves a million objects behind that live on; Python would look through all of them again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    yield
+    gc.enable()
+
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import quick, setup
+from cases import quick, setup, whole
 
 import midlie_jax as ml
 
@@ -52,7 +52,7 @@ def test_reverse_and_forward_equal_differences(name):
         assert abs(d - r) <= 1e-6 * (1e-2 + abs(r)), label
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "LIEMID[I]"])
+@pytest.mark.parametrize("name", ["LIEMID[E2]", "LIEMID[I]", *whole("LIEMID[EA]")])
 def test_gradient_of_a_gradient_equals_differences(name):
     def in_weight(weight):
         return end(name, (PARAMETERS[0], weight, *PARAMETERS[2:]))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cases import (
     DTYPES,
+    LIKE_EA,
     NAMED,
     OTHER,
     RIGID_FLIGHTS,
@@ -22,6 +23,7 @@ from cases import (
     run,
     setup,
     true_motion,
+    whole,
 )
 
 import midlie_jax as ml
@@ -122,7 +124,10 @@ def test_times_come_from_the_integer():
     np.testing.assert_allclose(found.times[0].astype(np.float64), exact, rtol=epsilon("float32"))
 
 
-@pytest.mark.parametrize("name", [*(f"{flight.name}[EA]" for flight in RIGID_FLIGHTS), *NAMED])
+FAST = dict.fromkeys([*(f"{flight.name}[EA]" for flight in RIGID_FLIGHTS), *NAMED])
+
+
+@pytest.mark.parametrize("name", [*(n for n in FAST if n not in LIKE_EA), *whole(*LIKE_EA)])
 def test_thirty_radians_a_step_are_refused(name):
     """By every method: none has a step of which such a turn is a part of the truth."""
     rng = np.random.default_rng(0)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, RIGID_FLIGHTS, epsilon, quick
+from cases import DTYPES, RIGID_FLIGHTS, by_turns, epsilon, quick, real
 
 import midlie_jax as ml
 from midlie_jax.bench.oracles import lagrange_top
@@ -44,7 +44,7 @@ def ends(flight, dtype):
         method = ml.method(flight, "E1")
         return ml.integrate(method, body, None, start, dt=dt, steps=STEPS, save_every=STEPS)
 
-    path = jax.jit(jax.vmap(run))(moments, momentum, attitude, dt)
+    path = real(jax.vmap(run))(moments, momentum, attitude, dt)
     exact = [np.asarray(x, np.longdouble) for x in (moments, path.states.momentum, path.states.attitude)]
     return *exact, np.asarray(path.ok)
 
@@ -70,8 +70,7 @@ def changes(flight, dtype):
     return {name: (change / unit).astype(float).reshape(len(TURNS), BODIES) for name, change in found.items()}
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("flight", RIGID_FLIGHTS, ids=lambda f: f.name)
+@pytest.mark.parametrize(("flight", "dtype"), by_turns(RIGID_FLIGHTS), ids=lambda x: getattr(x, "name", x))
 def test_rounding_of_a_free_flight_is_unbiased(flight, dtype):
     for name, change in changes(flight, dtype).items():
         error = change.std(ddof=1) / change.size**0.5
@@ -149,8 +148,7 @@ RATES = {"float32": [2.0**-54, 2.0**54], "float64": [2.0**-450, 2.0**450]}
 FREE_RATES = {"float32": [2.0**-62, 2.0**62], "float64": [2.0**-510, 2.0**510]}
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize(("name", "dtype"), by_turns(METHODS))
 def test_units_change_no_bit(name, dtype):
     """Of mass, by a power of two: moments, momentum and torque. Of time: momentum, the square in the torque, and dt."""
     moments, momentum, attitude, _ = (x[::12] for x in bodies(name.startswith("SYMMETRIC"), dtype))

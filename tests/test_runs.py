@@ -2,13 +2,16 @@
 without the parts of the state that the torque does not need."""
 
 from functools import cache
+from itertools import product
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import (
+    BUILDS,
     DTYPES,
+    LIKE_EA,
     OTHER,
     ROTATION,
     STEPS,
@@ -23,6 +26,7 @@ from cases import (
     run,
     run_solo,
     setup,
+    whole,
 )
 
 import midlie_jax as ml
@@ -53,8 +57,11 @@ def solo(name, dtype, row):
     return run_solo(name, dtype, EACH[row])
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", ROTATION)
+SINGLE = ["LIEMID[EA]", "LIEMID[I]", "DLM[KL6]"]  # written out, a solve, and a loop over stages
+FEW = [*product(BUILDS, ["float64"]), *product(SINGLE, ["float32"])]
+
+
+@pytest.mark.parametrize(("name", "dtype"), [*FEW, *whole(*(x for x in product(ROTATION, DTYPES) if x not in FEW))])
 def test_a_batch_equals_its_runs(name, dtype):
     """Vectorised code contracts other products into fused multiply-adds: 4 units a step of the state's size."""
     together = batch(name, dtype)
@@ -86,7 +93,7 @@ def bits(a, b):
 
 
 @pytest.mark.parametrize("row", [0, TOP], ids=["swing", "top"])
-@pytest.mark.parametrize("name", ROTATION)
+@pytest.mark.parametrize("name", [*BUILDS, *whole(*LIKE_EA)])
 def test_a_split_run_equals_the_whole(name, row):
     """To the bit, although the parts are another program, with another number of steps, that keeps fewer states."""
     whole, half, start = solo(name, "float64", row), STEPS // 2, EACH[row]
@@ -110,7 +117,7 @@ def test_a_batched_run_split_equals_the_whole(name):
     bits(at(found.states, slice(None), left), at(whole.states, slice(None), slice(middle, None)))
 
 
-@pytest.mark.parametrize("name", ROTATION)
+@pytest.mark.parametrize("name", [*BUILDS, *whole(*LIKE_EA)])
 def test_one_direction_follows_the_whole(name):
     """A top needs no more than the vertical: momentum and last row of R as the full state gives them."""
     top = jax.tree.map(lambda x: x[None, TOP], cast(BATCH, "float64"))

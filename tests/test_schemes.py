@@ -140,7 +140,7 @@ def test_order_on_a_forced_body(name):
         for scene, (changes, span) in enumerate(SCENES)
         for count in LEVELS
     ]
-    found = run(name, "float64", rows(*starts), steps=64, axis=UP)
+    found = run(name, "float64", rows(*starts), steps=64, axis=UP, hurried=True)
     slopes = []
     for scene in range(len(SCENES)):
         exact = end_of(scene, symmetric)
