@@ -5,6 +5,7 @@ runs that differ in body, torque, start and step, and every law reads its own ro
 """
 
 from functools import cache, partial
+from itertools import product
 from typing import NamedTuple
 
 import jax
@@ -15,22 +16,49 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.methods import flights
+from midlie_jax.methods.flights import FLIGHTS
+from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.methods.splitting import Splitting
 
-# The methods with a name of their own, and one for each way in which the others are built: an exact flight whose
-# neighbours merge, and schemes run as a loop over their stages that begin with a kick and with a flight.
-NAMED = [name for name in ml.methods() if ml.method(name).bodies is ml.RigidBody]
-ROTATION = [*NAMED, "JACOBI[EA]", "DLM[KL6]", "NEARSYM[SRKN14a]"]
-RIGID_FLIGHTS = [
-    kind()
-    for kind in vars(flights).values()
-    if isinstance(kind, type) and issubclass(kind, flights.Flight) and getattr(kind, "body", None) is ml.RigidBody
-]
-PARTICLE = [name for name in ml.methods() if ml.method(name).bodies is ml.Particles]
-# One for each way in which methods are built: LIEMID[E1], LIEMID[E2] and LIEMID[EA*] are built as LIEMID[EA] is.
-LIKE_EA = ["LIEMID[E1]", "LIEMID[E2]", "LIEMID[EA*]"]
-BUILDS = [name for name in ROTATION if name not in LIKE_EA]
-LIEMID = [name for name in ROTATION if name.startswith("LIEMID[E")]
+# Methods are chosen here by what they are. A new one in the registry is in every law.
+METHODS = [entry.method for entry in ENTRIES.values() if entry.method.bodies is ml.RigidBody]
+ROTATION = [method.name for method in METHODS]
+PARTICLE = [entry.method.name for entry in ENTRIES.values() if entry.method.bodies is ml.Particles]
+RIGID_FLIGHTS = [flight for flight in FLIGHTS.values() if flight.body is ml.RigidBody]
+LIEMID = [m.name for m in METHODS if isinstance(m, Splitting) and isinstance(m.flight, ml.flights.LieMidpoint)]
+
+
+def way(method):
+    """How a method takes a step.
+
+    Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque. Of
+    others their class.
+    """
+    if not isinstance(method, Splitting):
+        return type(method)
+    return method.loops, method.scheme.stages[0][0], bool(method.scheme.gradients)
+
+
+def flight_of(method):
+    return type(method.flight) if isinstance(method, Splitting) else type(method)
+
+
+def firsts(*properties):
+    """The first method that has a new value of one of the properties; of methods alike in them, a symmetric one."""
+    seen, names = [set() for _ in properties], []
+    for method in sorted(METHODS, key=lambda method: not method.symmetric):
+        values = [value(method) for value in properties]
+        if any(value not in known for value, known in zip(values, seen, strict=True)):
+            names.append(method.name)
+        for value, known in zip(values, seen, strict=True):
+            known.add(value)
+    return names
+
+
+# One for each way of taking a step, for laws that cost many programs a method; one for each flight as well, for laws of
+# the motion; and the rest, which `make test-full` adds.
+WAYS = firsts(way)
+BUILDS = firsts(way, flight_of)
 DTYPES = ["float32", "float64"]
 ROWS = 32
 STEPS = 128
@@ -80,15 +108,30 @@ def whole(*values):
     return [pytest.param(*(x if isinstance(x, tuple) else (x,)), marks=pytest.mark.full) for x in values]
 
 
-def by_turns(names, among=None):
-    """Parameters (name, dtype): each name with one of the dtypes, in turns; with the other in the whole matrix.
+def each(names=ROTATION, few=BUILDS):
+    """Parameters: the names among the few, and in the whole matrix the others."""
+    return [*(name for name in names if name in few), *whole(*(name for name in names if name not in few))]
 
-    For laws that every method has in both dtypes for one reason. The turns are counted `among` other names if given, so
-    that laws of the same runs take the same turns.
+
+def by_turns(names=ROTATION, few=BUILDS):
+    """Parameters (name, dtype): each of the few with one of the dtypes, in turns; the rest in the whole matrix.
+
+    For laws that every method has in both dtypes for one reason. Laws of the same runs take the same turns.
     """
-    turn = {name: n for n, name in enumerate(among or names)}
-    mine, other = ([(name, DTYPES[(turn[name] + k) % 2]) for name in names] for k in (0, 1))
-    return [*mine, *whole(*other)]
+    turn = {name: n for n, name in enumerate(dict.fromkeys([*BUILDS, *ROTATION, *names]))}
+    chosen = [(name, DTYPES[turn[name] % 2]) for name in names if name in few]
+    return [*chosen, *whole(*(pair for pair in product(names, DTYPES) if pair not in chosen))]
+
+
+def equal_moments(name) -> bool:
+    """Whether the method moves only bodies with two equal moments."""
+    method = ml.method(name) if isinstance(name, str) else name
+    return isinstance(method, Splitting) and method.flight.equal_moments
+
+
+def suited(name, moments):
+    """The moments, the second like the first where the method moves no other body."""
+    return moments[..., jnp.array([0, 0, 2])] if equal_moments(name) else moments
 
 
 class Setup(NamedTuple):
@@ -150,7 +193,7 @@ def integrate(name, s: Setup, *, steps=STEPS, save_every=1, forced=True, state=m
         start = ml.MomentumState(s.momentum)
     return ml.integrate(
         name,
-        ml.RigidBody(s.moments),
+        ml.RigidBody(suited(name, s.moments)),
         torque,
         start,
         dt=s.dt,
@@ -171,7 +214,7 @@ def cast(s: Setup, dtype: str) -> Setup:
     return jax.tree.map(lambda x: jnp.asarray(x, x.dtype if x.dtype == np.int32 else dtype), s)
 
 
-def numbers(path: ml.Path) -> ml.Path:
+def numbers(path):
     return jax.tree.map(np.asarray, path)
 
 

@@ -240,7 +240,7 @@ def growth(case: Case, numbers: Numbers, exact: Motion) -> np.ndarray:
         moved = numbers._replace(momentum=numbers.momentum + size * scaled[0].astype(extended.LONG), attitude=attitude)
         end, _ = reference(case, moved)
         most = np.maximum(most, np.maximum(*errors(end, exact, numbers)) / small)
-    return most
+    return np.asarray(most)
 
 
 TALLY: Counter[str] = Counter()

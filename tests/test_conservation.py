@@ -1,21 +1,17 @@
 """Laws of the free body: what is conserved over 1e5 steps, and that LIEMID methods without torque are its flight."""
 
 from functools import cache
-from itertools import product
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import (
-    BUILDS,
-    DTYPES,
     LIEMID,
-    LIKE_EA,
-    NAMED,
     OTHER,
     RIGID_FLIGHTS,
     ROTATION,
+    WAYS,
     at,
     by_turns,
     cast,
@@ -82,19 +78,19 @@ def length(part):
     return np.linalg.norm(part, axis=-1, keepdims=True)
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns(ROTATION))
+@pytest.mark.parametrize(("name", "dtype"), by_turns())
 def test_spatial_momentum_of_a_free_body(name, dtype):
     """R Pi with R the rotation that the attitude stands for; that the attitude stays unit is the next law."""
     momentum, attitude = free(name, dtype, BLOCKS)
     changes = drift(spatial((momentum, attitude / length(attitude))))
-    if name == "NMB":
-        assert changes[ASYMMETRIC].max() > 1e-3, changes
+    if not ml.method(name).keeps_momentum:
+        assert changes[ASYMMETRIC].max() > 1e3 * epsilon(dtype), changes
     else:
         turns = getattr(ml.method(name), "scheme", schemes.E2).flights
         assert changes.max() <= np.sqrt(turns) * WALK * epsilon(dtype), changes / epsilon(dtype)
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns(ROTATION))
+@pytest.mark.parametrize(("name", "dtype"), by_turns())
 def test_attitude_stays_a_unit_quaternion(name, dtype):
     """To the rounding of one step, however many came before."""
     _, attitude = free(name, dtype, BLOCKS)
@@ -102,7 +98,7 @@ def test_attitude_stays_a_unit_quaternion(name, dtype):
     assert changes.max() <= 2 * epsilon(dtype), changes / epsilon(dtype)
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns([*LIEMID, "LIEMID[I]"], ROTATION))
+@pytest.mark.parametrize(("name", "dtype"), by_turns([*LIEMID, "LIEMID[I]"]))
 def test_energy_of_a_symmetric_free_body(name, dtype):
     """I Psi = h exp(-Psi/2) Pi keeps the part of Pi along the axis of symmetry, and |Pi| by construction."""
     momentum, _ = free(name, dtype, BLOCKS)
@@ -141,7 +137,7 @@ def test_liemid_without_torque_is_the_flight(parts, names, dtype):
         assert gap(implicit, explicit) <= 4 * steps * epsilon(dtype), gap(implicit, explicit) / epsilon(dtype)
 
 
-@pytest.mark.parametrize(("name", "dtype"), [*by_turns(BUILDS, ROTATION), *whole(*product(LIKE_EA, DTYPES))])
+@pytest.mark.parametrize(("name", "dtype"), by_turns())
 def test_momentum_alone_follows_the_whole(name, dtype):
     """Without attitude the momentum is that of the full state, to 4 units of rounding a step."""
     alone = compiled(name, steps=LONG, save_every=SAVE, forced=False, state=ml.MomentumState)(cast(RUNS, dtype))
@@ -153,13 +149,10 @@ def test_momentum_alone_follows_the_whole(name, dtype):
     assert np.all(differences <= 4 * steps * epsilon(dtype) * size)
 
 
-POSED = dict.fromkeys([*NAMED, *(f"{flight.name}[E1]" for flight in RIGID_FLIGHTS)])
+FLOWN = [f"{flight.name}[E1]" for flight in RIGID_FLIGHTS]
 
 
-@pytest.mark.parametrize(
-    ("name", "dtype"),
-    [*by_turns([n for n in POSED if n not in LIKE_EA]), *whole(*product(LIKE_EA, DTYPES))],
-)
+@pytest.mark.parametrize(("name", "dtype"), by_turns([*FLOWN, *ROTATION], few=[*FLOWN, *WAYS]))
 def test_a_pose_keeps_its_length_at_any_turn_that_is_not_refused(name, dtype):
     """What rounding takes from the length of a direction or an attitude does not grow, turned by up to 2.4 radians."""
     turns = np.linspace(0.1, 2.4, 24).astype(dtype)

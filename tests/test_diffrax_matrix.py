@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import LIKE_EA, NAMED, PARTICLE, epsilon, quick, whole
+from cases import PARTICLE, ROTATION, WAYS, each, epsilon, quick
 from diffrax_cases import (
     ADJOINTS,
     ARGS,
@@ -33,8 +33,8 @@ from diffrax_cases import (
 
 import midlie_jax as ml
 
-METHODS = [*NAMED, "SLIEMID4[SRKN6b]", "DLM[EA]"]
-MORE = ["SYMMETRIC[SRKN6b]", "SLIEMID[EA]", "LIEMID[S4]", *PARTICLE]
+METHODS = ROTATION
+MORE = PARTICLE
 KINDS = diffrax.SaveAt(
     subs={
         "t1": diffrax.SubSaveAt(t1=True),
@@ -106,7 +106,7 @@ def differences(name):
     return float(np.dot(FACTORS, [loss(row(paths(name), i)) for i in range(len(SIZES))]))
 
 
-@pytest.mark.parametrize("name", [*(n for n in METHODS if n not in LIKE_EA), *whole(*LIKE_EA)])
+@pytest.mark.parametrize("name", each(few=WAYS))
 def test_outputs_equal_integrate(name):
     """With every kind of output; the controllers take turns, and so do one body and a batch."""
     turn = METHODS.index(name)

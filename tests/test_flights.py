@@ -225,7 +225,7 @@ def test_symmetric_flight_is_about_whichever_axis_it_is(axis):
     moments = jnp.array(UNEQUAL[axis])
     body, start = ml.RigidBody(moments), ml.RigidState(jnp.array([0.4, -0.7, 0.9]), jnp.array([0.5, 0.5, -0.5, 0.5]))
     top = ml.torques.HeavyTop(0.7, (0.48, 0.6, 0.64))
-    assert ml.method("SYMMETRIC[EA]").fitted(body).flight == flights.Symmetric(axis)
+    assert ml.method("SYMMETRIC", "EA").fitted(body).flight == flights.Symmetric(axis)
     ours, theirs = (ml.integrate(f"{f}[EA]", body, top, start, dt=0.2, steps=10) for f in ("SYMMETRIC", "JACOBI"))
     assert ours.ok
     for x, y in zip(at(ours.states), at(theirs.states), strict=True):
@@ -239,7 +239,7 @@ def test_symmetric_flight_is_about_whichever_axis_it_is(axis):
 
 def test_symmetric_flight_of_a_batch():
     """About one axis where all bodies have it, else about each one's own."""
-    method = ml.method("SYMMETRIC[EA]")
+    method = ml.method("SYMMETRIC", "EA")
     balls = ml.RigidBody(jnp.array([UNEQUAL[0], [1.0, 1.0, 1.0]]))
     assert method.fitted(balls).flight == flights.Symmetric(0)
     mixed = ml.RigidBody(jnp.array([UNEQUAL[2], UNEQUAL[0], UNEQUAL[1]]))

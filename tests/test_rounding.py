@@ -12,32 +12,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, RIGID_FLIGHTS, by_turns, epsilon, quick, real
+from cases import DTYPES, METHODS, RIGID_FLIGHTS, WAYS, by_turns, epsilon, equal_moments, quick, real
 
 import midlie_jax as ml
+from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
 from midlie_jax.bench.oracles import lagrange_top
+from midlie_jax.methods.splitting import Splitting
 
-TURNS = 10.0 ** np.arange(-5.0, 0.5)  # radians a step, nearly
 BODIES, STEPS = 16, 100_000  # bodies for each turn
-
-
-def bodies(symmetric, dtype):
-    """Moments, momenta with angular velocities of .45 to .9, attitudes and steps, BODIES for each of TURNS."""
-    rng, count = np.random.default_rng(6), BODIES * len(TURNS)
-    masses = rng.uniform(0.3, 1, (count, 3))
-    if symmetric:
-        masses[:, 1] = masses[:, 0]
-    moments = masses.sum(1, keepdims=True) - masses
-    momentum, attitude = rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
-    momentum *= rng.uniform(0.45, 0.9, (count, 1)) / np.linalg.norm(momentum / moments, axis=1, keepdims=True)
-    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
-    return [x.astype(dtype) for x in (moments, momentum, attitude, np.repeat(TURNS, BODIES))]
+FLOWN = {f"{flight.name}[EA]": flight for flight in RIGID_FLIGHTS}
 
 
 @cache
 def ends(flight, dtype):
     """Moments, and momentum and attitude at both ends of a free run, (n, 2, ...), in extended precision; and ok."""
-    moments, momentum, attitude, dt = bodies(flight.name == "SYMMETRIC", dtype)
+    moments, momentum, attitude, dt = free_bodies(flight.equal_moments, dtype, count=BODIES, seed=6)
 
     def run(moments, momentum, attitude, dt):
         start, body = ml.RigidState(momentum, attitude), ml.RigidBody(moments)
@@ -49,18 +38,11 @@ def ends(flight, dtype):
     return *exact, np.asarray(path.ok)
 
 
-def spatial(attitude, momentum):
-    """R Pi, R the rotation that the attitude stands for, in the precision of the arguments."""
-    w, u = attitude[..., :1], attitude[..., 1:]
-    square = np.sum(attitude**2, axis=-1, keepdims=True)
-    return momentum + 2 * np.cross(u, w * momentum + np.cross(u, momentum)) / square
-
-
 def changes(flight, dtype):
     """The changes of what a free flight keeps, each (turns, bodies), relative, in units of sqrt(steps) eps."""
     moments, momentum, attitude, ok = ends(flight, dtype)
     assert ok.all()
-    space, square = spatial(attitude, momentum), np.sum(momentum**2, axis=-1)
+    space, square = spatial_momentum(attitude, momentum), np.sum(momentum**2, axis=-1)
     found = {"length of Pi": square[:, 1] / square[:, 0] - 1}
     found |= {f"R Pi along {k}": (space[:, 1, k] - space[:, 0, k]) / np.sqrt(square[:, 0]) for k in range(3)}
     if flight.order is None:
@@ -70,7 +52,9 @@ def changes(flight, dtype):
     return {name: (change / unit).astype(float).reshape(len(TURNS), BODIES) for name, change in found.items()}
 
 
-@pytest.mark.parametrize(("flight", "dtype"), by_turns(RIGID_FLIGHTS), ids=lambda x: getattr(x, "name", x))
+@pytest.mark.parametrize(
+    ("flight", "dtype"), by_turns(RIGID_FLIGHTS, few=RIGID_FLIGHTS), ids=lambda x: getattr(x, "name", x)
+)
 def test_rounding_of_a_free_flight_is_unbiased(flight, dtype):
     for name, change in changes(flight, dtype).items():
         error = change.std(ddof=1) / change.size**0.5
@@ -95,7 +79,7 @@ def test_a_constant_force_below_the_last_place_is_not_lost():
 
 # A heavy top whose motion is known, with a scheme whose own error is below rounding at the fewest steps.
 TOP, WEIGHT, TIME = np.array([1.0, 1.0, 0.625]), 2.5, 2.0
-EXACT = ["JACOBI[SRKN14a]", "SYMMETRIC[SRKN14a]"]
+EXACT = [f"{flight.name}[SRKN14a]" for flight in RIGID_FLIGHTS if flight.order is None]
 COUNTS = [256, 2048, 16384]
 
 
@@ -121,7 +105,7 @@ def test_more_steps_of_a_forced_top_round_no_worse_than_their_square_root(name, 
         path = ml.ensemble(name, body, torque, starts, dt=jnp.asarray(TIME / steps, dtype), steps=steps)
         assert path.ok.all()
         end = jax.tree.map(lambda x: np.asarray(x, float).reshape(BODIES, -1), path.states)
-        unit = epsilon(dtype) * (steps * ml.method(name).scheme.flights) ** 0.5
+        unit = epsilon(dtype) * (steps * ml.schemes.SRKN14A.flights) ** 0.5
         size = np.linalg.norm(momentum, axis=1)
         errors = {
             "momentum": np.linalg.norm(end.momentum - momentum, axis=1) / size,
@@ -142,16 +126,16 @@ def energy(momentum, attitude):
     return np.sum(momentum**2 / TOP, axis=1) / 2 + WEIGHT * up
 
 
-METHODS = [f"{flight.name}[EA]" for flight in RIGID_FLIGHTS] + ["LIEMID[I]", "AKW", "SW", "NMB", "RK4", "DOP853"]
+OTHERS = [method.name for method in METHODS if not isinstance(method, Splitting)]
 MASSES = {"float32": [2.0**-76, 2.0**74], "float64": [2.0**-600, 2.0**600]}
 RATES = {"float32": [2.0**-54, 2.0**54], "float64": [2.0**-450, 2.0**450]}
 FREE_RATES = {"float32": [2.0**-62, 2.0**62], "float64": [2.0**-510, 2.0**510]}
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns(METHODS))
+@pytest.mark.parametrize(("name", "dtype"), by_turns([*FLOWN, *OTHERS], few=[*FLOWN, *WAYS]))
 def test_units_change_no_bit(name, dtype):
     """Of mass, by a power of two: moments, momentum and torque. Of time: momentum, the square in the torque, and dt."""
-    moments, momentum, attitude, _ = (x[::12] for x in bodies(name.startswith("SYMMETRIC"), dtype))
+    moments, momentum, attitude, _ = (x[::12] for x in free_bodies(equal_moments(name), dtype, count=BODIES, seed=6))
 
     def run(moments, momentum, attitude, weight, dt):
         start, torque = ml.RigidState(momentum, attitude), ml.torques.HeavyTop(weight)

@@ -9,16 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import (
-    BUILDS,
     DTYPES,
-    LIKE_EA,
     OTHER,
     ROTATION,
     STEPS,
+    WAYS,
     Setup,
     at,
     cast,
     compiled,
+    each,
     epsilon,
     gap,
     integrate,
@@ -57,8 +57,7 @@ def solo(name, dtype, row):
     return run_solo(name, dtype, EACH[row])
 
 
-SINGLE = ["LIEMID[EA]", "LIEMID[I]", "DLM[KL6]"]  # written out, a solve, and a loop over stages
-FEW = [*product(BUILDS, ["float64"]), *product(SINGLE, ["float32"])]
+FEW = [*product(WAYS, ["float64"]), *product(WAYS[:3], ["float32"])]
 
 
 @pytest.mark.parametrize(("name", "dtype"), [*FEW, *whole(*(x for x in product(ROTATION, DTYPES) if x not in FEW))])
@@ -93,7 +92,7 @@ def bits(a, b):
 
 
 @pytest.mark.parametrize("row", [0, TOP], ids=["swing", "top"])
-@pytest.mark.parametrize("name", [*BUILDS, *whole(*LIKE_EA)])
+@pytest.mark.parametrize("name", each(few=WAYS))
 def test_a_split_run_equals_the_whole(name, row):
     """To the bit, although the parts are another program, with another number of steps, that keeps fewer states."""
     whole, half, start = solo(name, "float64", row), STEPS // 2, EACH[row]
@@ -106,7 +105,7 @@ def test_a_split_run_equals_the_whole(name, row):
         bits(at(path.states), at(whole.states, kept))
 
 
-@pytest.mark.parametrize("name", ROTATION)
+@pytest.mark.parametrize("name", each())
 def test_a_batched_run_split_equals_the_whole(name):
     """The same compiled batch, begun at another step: to the bit."""
     whole, middle = batch(name, "float64"), 48
@@ -117,7 +116,7 @@ def test_a_batched_run_split_equals_the_whole(name):
     bits(at(found.states, slice(None), left), at(whole.states, slice(None), slice(middle, None)))
 
 
-@pytest.mark.parametrize("name", [*BUILDS, *whole(*LIKE_EA)])
+@pytest.mark.parametrize("name", each(few=WAYS))
 def test_one_direction_follows_the_whole(name):
     """A top needs no more than the vertical: momentum and last row of R as the full state gives them."""
     top = jax.tree.map(lambda x: x[None, TOP], cast(BATCH, "float64"))

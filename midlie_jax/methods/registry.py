@@ -1,6 +1,6 @@
 """Every method by name, once. Laws, charts and benchmarks choose from here by what a method is, never by its name."""
 
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 from jax import Array
 
@@ -82,6 +82,10 @@ ENTRIES: dict[str, Entry] = {
 _ANY = f"Any FLIGHT[SCHEME] is a method, of the flights {', '.join(FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
 
 
+@overload
+def method(name: str | Flight, scheme: str | Scheme) -> Splitting: ...
+@overload
+def method(name: str | Flight, scheme: None = None) -> Method: ...
 def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     """An integrator: by its name, as "FLIGHT[SCHEME]", or from the two parts.
 

@@ -50,7 +50,7 @@ class Splitting(Method):
     def unroll(self) -> int:
         return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
 
-    def fitted(self, body: Body) -> "Method":
+    def fitted(self, body: Body) -> "Splitting":
         principal = principal_of(body)
         if not isinstance(principal, RigidBody) or cp.is_traced(principal.moments):
             return self
@@ -63,12 +63,12 @@ class Splitting(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        advance = self._in_a_loop if self._looped else self._written_out
+        advance = self._in_a_loop if self.loops else self._written_out
         motion, force, ok = advance(_Stages(self.flight, system, t0, t1, h), motion, force)
         return motion, force if self.keeps_force(system) else None, ok
 
     @property
-    def _looped(self) -> bool:
+    def loops(self) -> bool:
         """Whether the step is a loop over its stages: as many flights written out would take the compiler too long."""
         many = self.scheme.flights > max(2, self.flight.per_loop)
         return many and self.scheme.alternates and not self.scheme.gradients

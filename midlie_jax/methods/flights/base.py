@@ -22,6 +22,7 @@ class Flight(eqx.Module):
         equal_moments: whether it moves only bodies with two equal moments.
         per_loop: how many of it the compiler takes in one loop; a step of more is cut after each. A larger loop XLA's
             CPU emitter cuts into functions that call each other, and so repeats the work many times over.
+        one_loop: whether one flight compiles to a single loop over the batch; False where a solve is cut in parts.
     """
 
     name: ClassVar[str]
@@ -32,6 +33,7 @@ class Flight(eqx.Module):
     body: ClassVar[type[RigidBody] | type[Particles]]
     equal_moments: ClassVar[bool] = False
     per_loop: ClassVar[int]
+    one_loop: ClassVar[bool] = True
 
     def fitted(self, moments: Array) -> "Flight":
         """This flight made for bodies of these moments, (..., 3), all known; a ValueError if it cannot move them."""

@@ -38,6 +38,7 @@ class _Preprocessed(Flight):
 
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
+    one_loop: ClassVar[bool] = False
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)

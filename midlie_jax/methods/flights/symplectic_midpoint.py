@@ -50,6 +50,7 @@ class SymplecticMidpoint(_Generated):
     use: ClassVar[str] = "the paper's flight made symplectic, for comparison with LIEMID"
     order: ClassVar[int | None] = 2
     per_loop: ClassVar[int] = 2
+    one_loop: ClassVar[bool] = False
 
 
 class SymplecticMidpoint4(_Generated):
@@ -62,6 +63,7 @@ class SymplecticMidpoint4(_Generated):
     use: ClassVar[str] = "symplectic, of order 4 with one solve; JACOBI is exact and faster"
     order: ClassVar[int | None] = 4
     per_loop: ClassVar[int] = 1
+    one_loop: ClassVar[bool] = False
 
 
 def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> tuple[cp.Quaternion, cp.Vector, Array]:
