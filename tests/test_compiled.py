@@ -8,7 +8,7 @@ import re
 import jax
 import jax.numpy as jnp
 import pytest
-from cases import real
+from cases import by_turns, real
 
 import midlie_jax as ml
 
@@ -53,8 +53,7 @@ DEAR = r"\b(dot|convolution|custom-call|gather|sine|cosine|tan|power|exponential
 JOINED = rf"\[{BATCH},\d\]\S* concatenate\("
 
 
-@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
-@pytest.mark.parametrize("name", [n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody])
+@pytest.mark.parametrize(("name", "dtype"), by_turns([n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody]))
 def test_a_step_is_as_many_loops_as_it_should_be(name, dtype):
     count, text = loops(name, TORQUES["components"], dtype)
     assert count == LOOPS.get(name, 1)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, RIGID_FLIGHTS, by_turns, epsilon, quick, real
+from cases import RIGID_FLIGHTS, by_turns, epsilon, quick, real
 
 import midlie_jax as ml
 from midlie_jax.bench.oracles import lagrange_top
@@ -110,8 +110,7 @@ def tops(dtype):
     return *starts, np.stack([end[0][0] for end in ends]), np.stack([end[1][0] for end in ends])
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize(("name", "dtype"), by_turns(EXACT))
 def test_more_steps_of_a_forced_top_round_no_worse_than_their_square_root(name, dtype):
     """Against the closed form, momentum and attitude; and the energy, whose mean error stays zero."""
     *starts, momentum, attitude = tops(dtype)
