@@ -8,7 +8,7 @@ import re
 import jax
 import jax.numpy as jnp
 import pytest
-from cases import METHODS, each, real
+from cases import METHODS, by_turns, real
 
 import midlie_jax as ml
 from midlie_jax.methods.implicit import NewmarkBody
@@ -70,8 +70,7 @@ DEAR = r"\b(dot|convolution|custom-call|gather|sine|cosine|tan|power|exponential
 JOINED = rf"\[{BATCH},\d\]\S* concatenate\("
 
 
-@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
-@pytest.mark.parametrize("name", each(COUNTED))
+@pytest.mark.parametrize(("name", "dtype"), by_turns(COUNTED))
 def test_a_step_is_as_many_loops_as_it_should_be(name, dtype):
     count, text = loops(name, TORQUES["components"], dtype)
     assert count == loops_of(ml.method(name))

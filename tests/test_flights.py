@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, at, epsilon, quick
+from cases import DTYPES, at, epsilon, quick, whole
 
 import midlie_jax as ml
 from midlie_jax._kernel import components as cp
@@ -264,7 +264,7 @@ def derivatives_of_jacobi(*point):
     return jax.jacfwd(exact, (0, 1, 2))(*point), jax.jacfwd(jax.jacrev(exact, 2), 2)(*point)
 
 
-@pytest.mark.parametrize("axis", UNEQUAL)
+@pytest.mark.parametrize("axis", [1, *whole(2, 0)])
 def test_symmetric_flight_has_the_derivative_of_the_motion(axis):
     """In each moment by itself, which parts the two equal ones; in time and momentum; forward and reverse."""
     point = jnp.array(UNEQUAL[axis]), jnp.asarray(0.6), jnp.array([0.4, -0.7, 0.9])

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, METHODS, RIGID_FLIGHTS, WAYS, by_turns, epsilon, equal_moments, quick, real
+from cases import METHODS, RIGID_FLIGHTS, WAYS, by_turns, epsilon, equal_moments, quick, real
 
 import midlie_jax as ml
 from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
@@ -94,8 +94,7 @@ def tops(dtype):
     return *starts, np.stack([end[0][0] for end in ends]), np.stack([end[1][0] for end in ends])
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize(("name", "dtype"), by_turns(EXACT))
 def test_more_steps_of_a_forced_top_round_no_worse_than_their_square_root(name, dtype):
     """Against the closed form, momentum and attitude; and the energy, whose mean error stays zero."""
     *starts, momentum, attitude = tops(dtype)
