@@ -1,6 +1,11 @@
 """The Python of README and docs runs as it is written, block after block, and what they name is there."""
 
+import json
+import os
 import re
+import subprocess
+import sys
+import traceback
 from pathlib import Path
 
 import jax
@@ -46,18 +51,33 @@ def test_tables_of_benchmarks_have_their_markers():
         assert text.index(begin) < text.index(end)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.name)
-def test_python_runs_as_written(page):
-    """In one namespace a page, in order, as a reader would copy them; no path or solution of theirs has failed."""
+def run_page(page):
+    """Runs the blocks of a page in one namespace, in order, as a reader would copy them."""
     names = {}
-    with jax.numpy_dtype_promotion("standard"):  # as readers have it
-        for block in blocks(page):
-            exec(compile(block, page, "exec"), names)
-            for name, value in names.items():
-                ok = getattr(value, "ok", True)
-                assert bool(jax.numpy.all(ok)), name
+    for block in blocks(page):
+        exec(compile(block, page, "exec"), names)
+        for name, value in names.items():
+            assert bool(jax.numpy.all(getattr(value, "ok", True))), f"{name}.ok is False"
     if "solution" in names:
         assert names["solution"].result == names["diffrax"].RESULTS.successful
+
+
+@pytest.fixture(scope="module")
+def failures():
+    """What went wrong on each page, run in a process of its own: with the settings of a reader, not of the tests."""
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    found = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout.splitlines()[-1])
+
+
+RUN = [page for page in PAGES if blocks(page)]
+
+
+@pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
+def test_python_runs_as_written(page, failures):
+    """And no path or solution of theirs has failed."""
+    assert failures[page.name] == ""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -72,3 +92,14 @@ def test_files_and_commands_that_are_named_exist(page):
     targets = set(re.findall(r"`(?:make) (\w+)", text)) | set(re.findall(r"^make (\w+)", text, re.MULTILINE))
     known = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     assert targets <= known, targets - known
+
+
+if __name__ == "__main__":
+    outcomes = {}
+    for page in RUN:
+        try:
+            run_page(page)
+            outcomes[page.name] = ""
+        except Exception:  # one wrong page must not hide what is wrong with the others
+            outcomes[page.name] = traceback.format_exc()
+    print(json.dumps(outcomes))
