@@ -201,10 +201,10 @@ TAKAHASHI_IMADA = Scheme(
     ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)),
     "Takahashi & Imada, J. Phys. Soc. Japan 53 (1984) 3765; effective order 4 between `TAKAHASHI_IMADA_PROCESSOR`s",
     gradients=(1 / 24,),
-    use="order 4 between its processors, one torque and its gradient a step; from a potential only",
+    use="order 4 with its processor, one torque and its gradient per step; torque from a potential only",
 )
 _PROCESSOR_STEP = 48**-0.5
-# The processor of "TI". Applied before the first step, and inverted after the last step, it makes a run with "TI" one of
+# The processor of "TI". Applied before the first step, and inverted after the last step, it raises a run with "TI" to
 # order 4. The processor is an even function of the step and equals exp(h^2 [A, B] / 24) up to h^4. A run without it has
 # an error of order 2, but is conjugate to a run of order 4: conserved quantities oscillate, and drift no more than at
 # order 4.
@@ -218,7 +218,7 @@ CHIN4A = Scheme(
     ((KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)),
     "Chin, Phys. Lett. A 226 (1997) 344, scheme A; Koseleff 1993",
     gradients=(0.0, 1 / 48, 0.0),
-    use="three to five digits, two torques and one gradient a step; from a potential only",
+    use="three to five digits, two torques and one gradient per step; torque from a potential only",
     leading=True,
 )
 
