@@ -28,14 +28,14 @@ class Scheme:
             `recommend` tries the leading schemes, and charts of error against cost show them.
         composed: whether the scheme is a composition of whole symmetric steps, which also raises the order of an
             inexact flight.
-        gradients: one number g for each kick, or empty. The kick is then by the torque of the potential
+        gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
             V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f.
         small: an exponent n for weak forces, as on a fast top: where the forces are of size e, the global error is of
             order e h^n + e^2 h^m, with m at least `order`.
 
     Raises:
         ValueError: coefficients do not sum to 1, or violate the condition of order 2 where `order` is 2 or more; a
-            stage is neither a kick nor a flight; `gradients` has not one entry for each kick.
+            stage is neither a kick nor a flight; `gradients` is neither empty nor one number for each kick.
     """
 
     name: str
@@ -49,28 +49,28 @@ class Scheme:
     leading: bool = False
 
     def __post_init__(self) -> None:
-        place = f"scheme {self.name!r}"
+        label = f"scheme {self.name!r}"
         if not isinstance(self.stages, tuple):
-            raise ValueError(f"{place}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
+            raise ValueError(f"{label}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
         for stage in self.stages:
             if not (isinstance(stage, tuple) and len(stage) == 2 and isinstance(stage[1], (int, float))):
-                raise ValueError(f"{place}: each stage must be a pair (kind, coefficient), got {stage!r}.")
+                raise ValueError(f"{label}: each stage must be a pair (kind, coefficient), got {stage!r}.")
         kinds = [kind for kind, _ in self.stages]
         if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT}:
-            raise ValueError(f"{place} must be made of {KICK!r} and {FLIGHT!r}, got {', '.join(map(repr, kinds))}.")
+            raise ValueError(f"{label} must be made of {KICK!r} and {FLIGHT!r}, got {', '.join(map(repr, kinds))}.")
         for kind in dict.fromkeys(kinds):
             total = sum(c for k, c in self.stages if k == kind)
             if not abs(total - 1) <= _ROUNDING:
-                raise ValueError(f"{place}: the coefficients of its {kind}s must sum to 1, got {total:.15g}.")
+                raise ValueError(f"{label}: the coefficients of its {kind}s must sum to 1, got {total:.15g}.")
         if self.gradients and len(self.gradients) != kinds.count(KICK):
             raise ValueError(
-                f"{place} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one each."
+                f"{label} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
             )
         if not isinstance(self.order, int) or self.order < 1:
-            raise ValueError(f"{place}: its order must be at least 1 and a whole number, got {self.order!r}.")
+            raise ValueError(f"{label}: its order must be at least 1 and a whole number, got {self.order!r}.")
         if self.order > 1 and KICK in kinds and not abs(self._first_moment() - 0.5) <= _ROUNDING:
             raise ValueError(
-                f"{place} is declared of order {self.order}, but its kicks, each times the flights before it, sum to "
+                f"{label} is declared of order {self.order}, but its kicks, each times the flights before it, sum to "
                 f"{self._first_moment():.15g} where order 2 needs 0.5; check the coefficients or declare order=1."
             )
 

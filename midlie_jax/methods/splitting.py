@@ -87,7 +87,7 @@ class Splitting(Method):
         return motion, force, ok
 
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
-        """The step as a loop, with one flight and one kick per iteration, in the order in which the scheme begins."""
+        """The step as a loop, with one flight and one kick per iteration; the scheme decides which comes first."""
         kicks, flights, times = self.scheme.columns()
         kicks_first = self.scheme.stages[0][0] == KICK
         if kicks_first and force is None:

@@ -70,7 +70,7 @@ class System(NamedTuple):
         except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
             raise ValueError(
                 "the torque needs numbers where JAX has none yet: write jnp.where(condition, a, b) for an `if`, and "
-                f"jax.numpy for numpy (jnp.cross for np.cross). JAX says: {str(error).splitlines()[0]}"
+                f"jax.numpy for numpy (jnp.cross for np.cross). JAX reports: {str(error).splitlines()[0]}"
             ) from error
         reads = velocity_dependent(torque) or torque_traits.reads[1].momentum
         return cls(inertia, torque, type(start), reads, torque_traits.costly, axes)

@@ -112,9 +112,9 @@ def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | Non
     """s and d for a unit of time and moments i, and the sum of the absolute values of their terms, which may cancel."""
     squares = cp.times(y, y)
     n, energy = 0.5 * (squares[0] + squares[1] + squares[2]), 0.5 * cp.dot(squares, spins)
-    ones, zero = 1 + 0 * n, 0 * n
+    unit, zero = 1 + 0 * n, 0 * n
     if order == 2:
-        return ones, zero, zero
+        return unit, zero, zero
     inverse_product = spins[0] * spins[1] * spins[2]  # 1 / (I1 I2 I3)
     sum_1, inverse_1 = i[0] + i[1] + i[2], spins[0] + spins[1] + spins[2]
     s_terms = [sum_1 * n * inverse_product / 6, -inverse_1 * energy / 3]
@@ -136,7 +136,7 @@ def _preprocessed(i: cp.Vector, spins: cp.Vector, y: cp.Vector, order: int | Non
             -(9 + ratios) * energy * energy * inverse_product / 60,
         ]
     sizes = [abs(term) for term in (*s_terms, *d_terms)]
-    return sum(s_terms, start=ones), sum(d_terms, start=zero), sum(sizes, start=zero)
+    return sum(s_terms, start=unit), sum(d_terms, start=zero), sum(sizes, start=zero)
 
 
 @jax.custom_jvp
