@@ -1,12 +1,14 @@
-"""The methods as solvers of diffrax: one line changes in a pipeline, the rest of it stays.
+"""The methods as solvers of diffrax, so that an existing diffrax program only changes its term and solver.
 
     term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("LIEMID[EA]")
     solution = diffrax.diffeqsolve(term, solver, t0, t1, dt0, ml.RigidState(momentum, attitude))
 
-The only part of the package that imports diffrax, by its public names. The same term runs under diffrax's own solvers,
-which see the derivatives of the state's arrays; `LieSolver` sees angular velocity and torque and moves on the group.
+This is the only subpackage that imports diffrax, and only its public names. The same term also runs under diffrax's own
+solvers. They integrate the derivatives of the state's arrays, whereas `LieSolver` uses angular velocity and torque and
+moves on the group.
 
-Read `term` (what moves), `solver` (a step), `estimate` (its error), `interpolation` (between steps), `norm`.
+Modules: `term` (body and torque), `solver` (the step), `estimate` (its error), `interpolation` (dense output), `norm`
+(the size of an error).
 """
 
 from .interpolation import LieInterpolation as LieInterpolation

@@ -1,4 +1,4 @@
-"""Between the ends of a step: dense output on the group."""
+"""`LieInterpolation`, dense output on the group: states between the ends of a step."""
 
 from typing import Any
 
@@ -14,26 +14,27 @@ from .term import ambient_rate, like
 
 
 class LieInterpolation(diffrax.AbstractLocalInterpolation):
-    """Between the ends of a step, on the group: local error of fourth order where the ends are exact.
+    """Interpolation between the ends of a step, on the group, with a local error of fourth order if the ends are exact.
 
-    For a `RigidState` the attitude is R0 exp(c(s)), c the cubic that meets both attitudes and both angular
-    velocities, a unit quaternion to rounding; the spatial momentum is the cubic that meets momentum and spatial
-    torque at both ends, turned into the body. So a free body's spatial momentum is constant between steps too. Inside a
-    step that turns by more than pi there is NaN: its ends do not tell which way it went. Of a state without attitude
-    the arrays are interpolated by cubics, a direction being brought back to unit length.
+    For a `RigidState` the attitude is R0 exp(c(s)), a unit quaternion to rounding, where c is the cubic that matches
+    both attitudes and both angular velocities. The spatial momentum is the cubic that matches momentum and spatial
+    torque at both ends, and is then rotated to the body frame, so that a free body's spatial momentum is constant
+    between steps as well. If a step turns by more than pi, its ends do not determine the direction of the turn, and the
+    result inside the step is NaN. For a state without attitude, each array is interpolated by a cubic, and a direction
+    is scaled back to unit length.
 
     Args:
         t0, t1: times of the ends.
-        y0, y1: the states there.
-        velocity0, velocity1, torque0, torque1: as in `Rates`.
-        h: the signed step, which is t0 - t1 when time runs backwards.
+        y0, y1: states at t0 and t1.
+        velocity0, velocity1, torque0, torque1: velocities and torques at t0 and t1, as in `Rates`.
+        h: the signed step, which is t0 - t1 if time runs backwards.
     """
 
     t0: Any
     t1: Any
     y0: Any
-    turn: Any  # the cubic of the rotation vector, where there is an attitude
-    rest: Any  # the cubics of what else there is: of a RigidState, R0^T times the spatial momentum
+    turn: Any  # the cubic of the rotation vector; None for a state without attitude
+    rest: Any  # the cubics of all other arrays; for a RigidState, of R0^T times the spatial momentum
 
     def __init__(
         self,
@@ -52,9 +53,10 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
         if isinstance(y0, RigidState):
             turned = so3.multiply(so3.conjugate(y0.attitude), y1.attitude)
             angle = so3.log(turned)
-            # The turn if both angular velocities had lasted for half of the step: it tells turns that end alike apart.
-            away = angle - h / 2 * (velocity0 + velocity1)
-            angle = jnp.where(jnp.sum(away**2) < jnp.pi**2, angle, jnp.nan)
+            # h times the mean angular velocity approximates the turn. If the logarithm is far from this value, the true
+            # turn is longer than pi: turns that differ by 2 pi have the same logarithm.
+            deviation = angle - h / 2 * (velocity0 + velocity1)
+            angle = jnp.where(jnp.sum(deviation**2) < jnp.pi**2, angle, jnp.nan)
             self.turn = _cubic(jnp.zeros_like(angle), angle, h * velocity0, h * so3.dexp_inverse(-angle, velocity1))
             momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
             self.rest = _cubic(y0.momentum, momentum, h * torque0, h * torque)
@@ -66,14 +68,14 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
             self.rest = [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """The state at t0, or with t1 the difference of the arrays between the two; `derivative` is that of arrays."""
+        """The state at t0; with t1, the arrays at t1 minus the arrays at t0. `derivative` differentiates the arrays."""
         del left
         if t1 is not None:
             return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
         y0 = self.y0
         length = self.t1 - self.t0
-        still = length == 0
-        s = jnp.where(still, jnp.zeros_like(length), t0 - self.t0) / jnp.where(still, jnp.ones_like(length), length)
+        no_step = length == 0
+        s = jnp.where(no_step, jnp.zeros_like(length), t0 - self.t0) / jnp.where(no_step, jnp.ones_like(length), length)
         s = s.astype(y0.momentum.dtype)
         if isinstance(y0, RigidState):
             turn = so3.exp(_at(self.turn, s))

@@ -1,4 +1,4 @@
-"""How large an error is: momentum and attitude each for what it is."""
+"""`RotationNorm`, the size of an error, with momentum and attitude measured separately."""
 
 from typing import Any
 
@@ -11,23 +11,28 @@ from ..model.states import RigidState
 
 
 class RotationNorm(eqx.Module):
-    """A norm for `diffrax.PIDController(norm=...)` that takes momentum and attitude each for what it is.
+    """A norm for `diffrax.PIDController(norm=...)` that measures momentum and attitude separately.
 
-    The larger of the momentum's error, by its length, in units of `momentum`, and of the attitude's, the angle of the
-    rotation between the two, in units of `angle`. PIDController divides errors entry by entry by atol + rtol |y|
-    before it asks for the norm, and entries of a quaternion pass through zero. So with rtol=0 the angle is exact, and
-    `atol` is the error allowed a step, in those units; with an rtol of up to atol it is right within a factor of 2.
+    The norm is the larger of two numbers: the length of the momentum's error in units of `momentum`, and the angle of
+    the rotation between the two attitudes in units of `angle`. PIDController divides errors entry by entry by
+    atol + rtol |y| before it calls the norm, and entries of a quaternion pass through zero. With rtol=0 the angle is
+    therefore exact, and `atol` is the error allowed per step, in these units. With 0 < rtol <= atol the norm is right
+    within a factor of 2.
 
     Attributes:
-        momentum: the size of momentum that counts as one.
-        angle: the angle that counts as one, in radians.
+        momentum: the unit of momentum error.
+        angle: the unit of attitude error, in radians.
     """
 
     momentum: float | Array = 1.0
     angle: float | Array = 1.0
 
     def __call__(self, error: Any) -> Array:
-        first, *rest = [jnp.sqrt(jnp.sum(leaf**2)) for leaf in jax.tree.leaves(error)]
-        # Half the angle is in a unit quaternion's difference, the whole in that of a direction.
+        momentum_error, *other_errors = [jnp.sqrt(jnp.sum(leaf**2)) for leaf in jax.tree.leaves(error)]
+        # The difference of two unit quaternions is half the angle between them; that of two directions is the angle.
         factor = 2.0 if isinstance(error, RigidState) else 1.0
-        return jnp.maximum(first / self.momentum, factor * rest[0] / self.angle) if rest else first / self.momentum
+        return (
+            jnp.maximum(momentum_error / self.momentum, factor * other_errors[0] / self.angle)
+            if other_errors
+            else momentum_error / self.momentum
+        )

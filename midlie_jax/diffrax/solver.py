@@ -1,4 +1,4 @@
-"""A method of the package as a solver of diffrax: the step, and everything that diffrax asks for beside it."""
+"""`LieSolver`, a method of the package as a solver of diffrax."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, cast
@@ -22,11 +22,11 @@ from .term import RigidBodyTerm, as_time, check, like, packed
 
 
 class Memory(NamedTuple):
-    """What one step keeps for the next.
+    """What a step stores for the next step.
 
     Attributes:
-        force: the torque at the state, as components; for particles the force.
-        history: for the error estimate.
+        force: the torque at the end of the step, as components; for particles the force.
+        history: data for the error estimate of the next step.
     """
 
     force: Any
@@ -34,37 +34,39 @@ class Memory(NamedTuple):
 
 
 class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
-    """A method of this package as a solver for diffrax; terms must be a `RigidBodyTerm`, the state one of ours.
+    """A method of this package as a solver for diffrax. It needs a `RigidBodyTerm` and a midlie_jax state.
 
-    Order: that of the method. Interpolation: `LieInterpolation`. Torque evaluations: those of the method; where an
-    adaptive controller or dense output (`SaveAt(ts=...)`, an event) asks for the torques at both ends of a step,
-    methods that begin with a kick (E2, EA, SRKN6b, SRKN11b and the compositions TJ4 to KL8, under a torque that does
-    not read the momentum), AKW, NMB, symplectic Euler and Verlet have them already; for the others the controller
-    costs one more, dense output two.
+    Order: the order of the method. Interpolation: `LieInterpolation`. Torque evaluations: those of the method. An
+    adaptive controller and dense output (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step.
+    Methods that begin with a kick (E2, EA, SRKN6b, SRKN11b and the compositions TJ4 to KL8, under a torque that does
+    not read the momentum), AKW, NMB, symplectic Euler and Verlet evaluate these torques anyway. For the other methods,
+    an adaptive controller costs one more evaluation per step, and dense output two.
 
-    Error estimate: the step less its companion in `estimate`. By the order p of the method:
+    Error estimate: the step minus its companion (module `estimate`). It depends on the order p of the method:
 
-    - p = 1: the true local error, asymptotically; of order h^2.
-    - p = 2: the same; h^3.
-    - p >= 4: that of the companion; h^4 in the momentum, h^5 in the attitude. Larger than the step's own error.
+    - p = 1: asymptotically the true local error, of order h^2.
+    - p = 2: asymptotically the true local error, of order h^3.
+    - p >= 4: the error of the companion, of order h^4 in the momentum and h^5 in the attitude; larger than the error of
+      the step.
 
-    `error_order` is that exponent (4 for p >= 4). A first step's estimate is of order h^2 in the momentum. No
-    derivative passes through the estimate. Prefer constant steps for long runs: a varying step loses the long-time
-    behaviour of energy for which these methods are chosen (`benchmarks/diffrax_pipeline.py energy`).
+    `error_order` returns this exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the
+    momentum. Derivatives do not pass through the estimate. Prefer constant steps for long runs: a varying step loses
+    the good long-time energy behaviour of these methods (`benchmarks/diffrax_pipeline.py energy`).
 
-    A step whose solve failed, or that is not finite, or that turned by more than 2.4 radians, has an infinite error,
-    so that a controller tries a shorter one; where none does, the first two make the solution's result
-    `diffrax.RESULTS.nonlinear_divergence`. A reverse derivative is NaN if such a step on the way was not finite.
+    A step has an infinite error if its solve failed, if it is not finite, or if it turned by more than 2.4 radians. An
+    adaptive controller then tries a shorter step. Without an adaptive controller, a failed solve or a step that is not
+    finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`. A reverse-mode derivative is NaN if any
+    step that was tried, even one that was rejected, is not finite.
 
-    Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken;
-    `BacksolveAdjoint(solver=diffrax.Tsit5())` the motion, and is off by the error of the method. `ImplicitAdjoint` is
-    for steady states, which a conservative motion does not run into.
+    Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken.
+    `BacksolveAdjoint(solver=diffrax.Tsit5())` differentiates the exact motion, and so differs from them by the error of
+    the method. `ImplicitAdjoint` is for steady states, which a conservative motion does not reach.
 
     Attributes:
-        method: from `midlie_jax.method`, or its name; JACOBI[EA] unless given, which moves rigid bodies.
+        method: a method from `midlie_jax.method`, or its name; by default JACOBI[EA], which moves rigid bodies.
 
     Raises:
-        ValueError: unknown method; from `diffeqsolve`, a term, state, batch or dtype that does not fit.
+        ValueError: the method is unknown; or, from `diffeqsolve`, the term, state, batch or dtype does not fit.
     """
 
     method: Method
@@ -75,8 +77,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         self.method = as_method(method)
 
     def order(self, terms: Any) -> int:
-        """That of the method; at most 2 for flights and kicks under a torque declared `VelocityDependent`."""
-        limited = isinstance(self.method, Splitting) and velocity_dependent(_only(terms).torque)
+        """The order of the method; at most 2 for a FLIGHT[SCHEME] under a torque declared `VelocityDependent`."""
+        limited = isinstance(self.method, Splitting) and velocity_dependent(_single_term(terms).torque)
         return min(self.method.order, 2) if limited else self.method.order
 
     def error_order(self, terms: Any) -> int:
@@ -84,62 +86,64 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return min(self.order(terms), REFERENCE_ORDER) + 1
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any) -> Memory:
-        """The torque at t0, and no history."""
+        """The memory before the first step: the torque at t0, and no history."""
         del t1
         system, clock = self._system(terms, t0, y0, args)
-        return self._fresh(system, clock(t0), system.motion(y0))
+        return self._new_memory(system, clock(t0), system.motion(y0))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Memory, made_jump: Any
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
         system, clock = self._system(terms, t0, y0, args)
-        here, there, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
+        start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
         motion = system.motion(y0)
-        keeps, begins = self.method.keeps_force(system), self._begins_with_force(system)
+        keeps_force, begins_with_force = self.method.keeps_force(system), self._begins_with_force(system)
         memory = solver_state
         if made_jump is not False:
-            memory = jax.lax.cond(made_jump, lambda: self._fresh(system, here, motion), lambda: solver_state)
-        before = memory.force
-        progress = Progress(motion, before if begins else None, jnp.asarray(True))
-        (end, last, ok), _ = self.method.advance(system, (here, there), lambda clock: (*clock, None), h, progress)
-        # A controller passes over NaN, but not over an infinity.
+            memory = jax.lax.cond(made_jump, lambda: self._new_memory(system, start_time, motion), lambda: solver_state)
+        stored_force = memory.force
+        progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(True))
+        (end, method_force, ok), _ = self.method.advance(
+            system, (start_time, end_time), lambda clock: (*clock, None), h, progress
+        )
+        # Controllers of diffrax handle NaN in y1, but not infinity.
         y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
-        # What follows is computed where something asks for it, and else removed by the compiler.
-        after = last if keeps else system.force(there, end)
-        start = before if begins else system.force(here, motion)
+        # The compiler removes the following computations where nothing uses their results.
+        end_torque = method_force if keeps_force else system.force(end_time, end)
+        start_torque = stored_force if begins_with_force else system.force(start_time, motion)
         dense = {"y0": y0, "y1": y1, "h": h}
-        for i, (momentum, torque) in enumerate(((motion.momentum, start), (end.momentum, after))):
+        for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
             dense[f"velocity{i}"] = packed(system.vector_in_user_axes(system.velocity(momentum)))
             dense[f"torque{i}"] = packed(system.vector_in_user_axes(torque))
         for leaf in jax.tree.leaves(y1):
             ok = ok & jnp.all(jnp.isfinite(leaf))
         stop = jax.lax.stop_gradient
-        given = stop(motion), stop(end), (stop(before), stop(after)), stop(memory.history)
-        target, history, known = companion(system._replace(inertia=stop(system.inertia)), stop(h), *given)
-        seen = system.in_user_axes(target)
-        error = jax.tree.map(jnp.subtract, y1, like(y1, packed(seen.momentum), packed(seen.pose)))
+        step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(memory.history)
+        target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
+        user_target = system.in_user_axes(target)
+        error = jax.tree.map(jnp.subtract, y1, like(y1, packed(user_target.momentum), packed(user_target.pose)))
         error = jax.tree.map(
-            lambda e: jnp.where(ok & known, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
+            lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
         )
-        good, bad = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
-        result = diffrax.RESULTS.where(ok, good, bad)
-        # A torque that only the estimate reads is no path for a derivative.
-        kept = after if begins else jax.lax.stop_gradient(after)
-        return y1, error, dense, Memory(kept, history), result
+        success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
+        result = diffrax.RESULTS.where(ok, success, failure)
+        # Derivatives do not pass through a torque that only the error estimate reads.
+        next_force = end_torque if begins_with_force else jax.lax.stop_gradient(end_torque)
+        return y1, error, dense, Memory(next_force, history), result
 
     def func(self, terms: Any, t0: Any, y0: Any, args: Any) -> Any:
-        """The derivative of the state's arrays, a state of the same class."""
+        """The derivative of the state's arrays, as a state of the same class."""
         self._system(terms, t0, y0, args)
         return terms.vf(t0, y0, args).ambient
 
-    def _fresh(self, system: System, t: Array, motion: AnyMotion) -> Memory:
+    def _new_memory(self, system: System, t: Array, motion: AnyMotion) -> Memory:
         force = system.force(t, motion)
-        kept = force if self._begins_with_force(system) else jax.lax.stop_gradient(force)
-        return Memory(kept, jax.lax.stop_gradient(History.none(motion.momentum, t)))
+        next_force = force if self._begins_with_force(system) else jax.lax.stop_gradient(force)
+        return Memory(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
 
     def _begins_with_force(self, system: System) -> bool:
-        """Whether a step needs the torque at its start first of all, so that the one before may hand it over."""
+        """Whether a step first needs the torque at its start, which the step before has stored."""
         if self.method.keeps_force(system):
             return True
         if not isinstance(self.method, Splitting) or system.torque is None or system.reads_momentum:
@@ -147,8 +151,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return self.method.scheme.stages[0][0] == KICK
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array]]:
-        """The system, and the clock that turns diffrax's time, which always grows, into the term's."""
-        term = _only(terms)
+        """The system, and the clock: the function from diffrax's time, which always increases, to the term's time."""
+        term = _single_term(terms)
         torque = term.torque_at(args)
         check(term.body, torque, y, self.method)
 
@@ -158,15 +162,15 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return System.of(term.body, torque, y, clock(t)), clock
 
 
-def _only(terms: Any) -> RigidBodyTerm:
-    """The term, out of the wrapper in which diffrax hands it over when time runs backwards."""
+def _single_term(terms: Any) -> RigidBodyTerm:
+    """The `RigidBodyTerm` in `terms`, without the wrapper that diffrax adds if time runs backwards."""
     kinds = (RigidBodyTerm, diffrax.MultiTerm, diffrax.ODETerm, diffrax.ControlTerm)
-    found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
-    term = found[0] if len(found) == 1 else None
+    terms_found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
+    term = terms_found[0] if len(terms_found) == 1 else None
     if not isinstance(term, RigidBodyTerm):
         raise ValueError(
             "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
-            f"{' and '.join(type(x).__name__ for x in found) or described(terms)}; add torques with "
+            f"{' and '.join(type(x).__name__ for x in terms_found) or described(terms)}; add torques with "
             "midlie_jax.torques.Sum. diffrax's own solvers take the same term."
         )
     return term

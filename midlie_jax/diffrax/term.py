@@ -1,6 +1,6 @@
-"""What moves: the term of a rigid body, for `LieSolver` and for every ODE solver of diffrax.
+"""`RigidBodyTerm`, the body and torque as a diffrax term, for `LieSolver` and for every ODE solver of diffrax.
 
-Also the small change that the rest of the subpackage shares: states of any numbers, components in and out.
+The functions below the class are helpers shared by the subpackage, to convert between states, arrays and components.
 """
 
 from collections.abc import Callable
@@ -23,14 +23,14 @@ from ..model.torques import TorqueLike
 
 
 class Rates(NamedTuple):
-    """What changes a state.
+    """The rates of change of a state, in two forms.
 
-    Velocity and torque are there beside the ambient derivative because motion on the group is made of them. Recovering
-    them from the derivative would cost a division by the attitude, though no accuracy that can be seen, not even in
-    float32: `benchmarks/diffrax_pipeline.py float32`.
+    Other solvers use `ambient`; `LieSolver` moves on the group and uses velocity and torque. Recovering these from the
+    ambient derivative would cost a division by the attitude, but no measurable accuracy, not even in float32
+    (`benchmarks/diffrax_pipeline.py float32`).
 
     Attributes:
-        ambient: the derivative of the state's arrays, a state of the same class.
+        ambient: the derivative of the state's arrays, as a state of the same class.
         velocity: body-frame angular velocity (3,); for particles the velocity.
         torque: body-frame torque (3,); for particles the force.
     """
@@ -44,13 +44,13 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
     """Pi' = Pi x Om + T, R' = R skew(Om), Om = I^-1 Pi, as a term for `LieSolver` and for every ODE solver of diffrax.
 
     Attributes:
-        body: what moves.
+        body: a `RigidBody`, `TensorBody` or `Particles`.
         torque: any callable `torque(t, state) -> (3,)` in the body frame, or None.
-        torque_of_args: instead of `torque`: a function from diffrax's `args` to such a callable (or None), such as
-            `lambda args: ml.torques.HeavyTop(args["weight"])`.
+        torque_of_args: instead of `torque`, a function that returns the torque (a callable or None) for diffrax's
+            `args`, for example `lambda args: ml.torques.HeavyTop(args["weight"])`.
 
     Raises:
-        ValueError: both torques given, a torque that cannot be called, a body that is none.
+        ValueError: both `torque` and `torque_of_args` are given, one of them is not callable, or `body` is not a body.
     """
 
     body: Body
@@ -68,11 +68,11 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         self.body, self.torque, self.torque_of_args = body, torque, torque_of_args
 
     def torque_at(self, args: Any) -> TorqueLike | None:
-        """The torque for these `args`, a callable of (t, state)."""
+        """The torque for these `args`: a callable of (t, state), or None."""
         return self.torque if self.torque_of_args is None else self.torque_of_args(args)
 
     def vf(self, t: Any, y: Any, args: Any) -> Rates:
-        """The rates of one state at a time ()."""
+        """The `Rates` of the state y at the scalar time t."""
         torque = self.torque_at(args)
         check(self.body, torque, y)
         system = System.of(self.body, torque, y, as_time(t, y))
@@ -82,43 +82,43 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         return Rates(ambient_rate(y, velocity, force), packed(velocity), packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
-        """The step."""
+        """The step t1 - t0."""
         del kwargs
         return t1 - t0
 
     def prod(self, vf: Rates, control: Any) -> Any:
-        """The step times the derivative of the state's arrays."""
+        """The step `control` times the derivative of the state's arrays."""
         return jax.tree.map(lambda x: jnp.asarray(control, x.dtype) * x, vf.ambient)
 
 
 def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
-    """The derivative of the state's arrays."""
+    """The derivative of the arrays of the state y, under this velocity and torque or force."""
     momentum, pose = y.parts()
     return like(y, y.pack(y.momentum_rate(momentum, velocity, force)), packed(y.rate(pose, velocity)))
 
 
 def like(y: Any, *arrays: Any) -> Any:
-    """A state of y's class of any numbers: the class itself would refuse a derivative as no unit quaternion."""
+    """A state of y's class with these arrays, unchecked: the class itself would reject derivatives of quaternions."""
     structure = jax.tree.structure(y)
     return jax.tree.unflatten(structure, arrays[: structure.num_leaves])
 
 
 def packed(parts: Any) -> Any:
-    """Components as an array; what is an array already, or nothing, as it is."""
+    """Components packed into one array; an array or an empty tuple is returned unchanged."""
     return cp.pack(parts) if isinstance(parts, tuple) and parts else parts
 
 
 def as_time(t: Any, y: Any) -> Array:
-    """In the dtype of the state, in which everything is computed."""
+    """The time t in the dtype of the state y, in which everything is computed."""
     return jnp.asarray(t).astype(y.momentum.dtype)
 
 
 def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
-    """Raises a ValueError unless state, body, torque and method belong together, one body at a time."""
+    """Raises a ValueError unless state, body, torque and method fit each other and hold a single body."""
     if not isinstance(y, State):
         raise ValueError(
-            f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for the way back of "
-            "BacksolveAdjoint name a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
+            f"the state must be one such as midlie_jax.RigidState, got {described(y)}; the "
+            "backward pass of BacksolveAdjoint needs a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
         )
     check_body(body, y)
     if method is not None:

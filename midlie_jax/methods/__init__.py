@@ -1,1 +1,1 @@
-"""One step of every integrator: equations of motion, flights, schemes, implicit and Runge-Kutta methods."""
+"""How each integrator takes a step: equations of motion, flights, schemes, implicit and Runge-Kutta methods."""

@@ -1,7 +1,7 @@
-"""What every integrator is: a step from one motion to the next, on components; and how drivers take one.
+"""`Method`, the base class of every integrator: its properties, its step, and how the drivers call that step.
 
-Most methods are a flight and a scheme (`splitting.py`); the implicit ones are in `implicit/`, Runge-Kutta methods in
-`runge_kutta.py`.
+Most methods combine a flight with a scheme (`splitting.py`); the implicit methods are in `implicit/`, the Runge-Kutta
+methods in `runge_kutta.py`.
 """
 
 from abc import abstractmethod
@@ -16,15 +16,13 @@ from .._kernel.internals import NONE, Axes, all_promoted
 from ..model.bodies import Body
 from .system import AnyMotion, System
 
-Times = tuple[Array, Array]  # of the two ends of a step
-
 
 class Progress(NamedTuple):
     """What a run carries from step to step.
 
     Attributes:
         motion: momentum and pose.
-        force: the torque at the motion, where the method keeps one, else None.
+        force: the torque at this motion if the method keeps the torque from step to step, else None.
         ok: whether all solves succeeded so far, ().
     """
 
@@ -39,11 +37,11 @@ class Method(eqx.Module):
     Attributes:
         name: as in `midlie_jax.methods()`.
         order: order of accuracy in the step.
-        symmetric: whether a step of -h undoes a step of h, where the torque does not read the momentum.
+        symmetric: whether a step of -h undoes a step of h, if the torque does not read the momentum.
         symplectic: whether a step preserves the Lie-Poisson structure to rounding, for torques from a potential.
         keeps_momentum: whether the spatial momentum of a free body stays constant to rounding.
-        bodies: the class of body it moves.
-        evaluations: torque evaluations a step.
+        bodies: the class of body that the method moves.
+        evaluations: torque evaluations per step.
     """
 
     name: eqx.AbstractVar[str]
@@ -56,16 +54,20 @@ class Method(eqx.Module):
 
     @property
     def unroll(self) -> int:
-        """Steps in each turn of the loop over steps. With two XLA need not copy the arrays, but compiles longer."""
+        """Steps per iteration of the loop over steps. With two, XLA need not copy the arrays, but compiles longer."""
         return 1
 
     @property
     def chunk(self) -> int:
-        """How many bodies `ensemble` moves at once: as many as fit the cache, and enough to hide the cost of a loop."""
+        """How many bodies `ensemble` moves at once: few enough to fit the cache, enough to hide the cost of a loop."""
         return 8192
 
     def fitted(self, body: Body) -> "Method":
-        """This method made for a body, or a batch of them; a ValueError if the body is known and it cannot move it."""
+        """This method specialised to a body or a batch of bodies.
+
+        Raises:
+            ValueError: the moments are known, not traced, and the method cannot move a body with these moments.
+        """
         del body
         return self
 
@@ -80,12 +82,12 @@ class Method(eqx.Module):
         """One step from t0 to t1 = t0 + h.
 
         Args:
-            system, motion: see there.
-            h: the signed step. Zero must leave the motion as it is, bit for bit, and return the force there.
+            system, motion: a `System` and a `Motion`.
+            h: the signed step. A step of zero must return the motion unchanged, bit for bit, and the force at t0.
             force: the force at t0 if `keeps_force`, else None.
 
         Returns:
-            The motion at t1, the force there if kept, else None, and whether all solves succeeded.
+            The motion at t1, the force at t1 if `keeps_force`, else None, and whether all solves succeeded.
         """
 
     def advance(
@@ -97,18 +99,18 @@ class Method(eqx.Module):
         progress: Progress,
         axes: Axes = NONE,
     ) -> tuple[Progress, Any]:
-        """One step as every driver takes it: one loop of the compiled program, and one of its derivative.
+        """One step as every driver takes it: one loop in the compiled program, and one loop in its derivative.
 
         Args:
-            system: what moves.
-            clock: what `times` reads, a tree.
-            times: from the clock the times t0 and t1 of the step, and anything else to compute in the same loop.
+            system: the body, the torque and the kind of state.
+            clock: the argument of `times`, a pytree.
+            times: maps the clock to t0, t1 and a pytree of further results to compute in the same loop.
             h: the signed step.
-            progress: before the step.
-            axes: of a mesh of devices, along which the run varies.
+            progress: the progress before the step.
+            axes: the axes of a mesh of devices along which the run varies.
 
         Returns:
-            The progress after the step, and what else `times` gave.
+            The progress after the step, and the further results of `times`.
         """
         system, clock, h, progress = fuse_derivative((system, clock, h, progress))
         t0, t1, rest = times(clock)

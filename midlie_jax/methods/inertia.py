@@ -1,4 +1,4 @@
-"""A rigid body's principal moments as components, with all that flights compute from them once a run."""
+"""`Inertia`: the principal moments of a rigid body, and the constants that flights compute from them once per run."""
 
 from typing import NamedTuple
 
@@ -8,23 +8,24 @@ from jax import Array
 from .._kernel import components as cp
 from ..model.bodies import RigidBody
 
-_LARGEST_START = 12.0  # radians of h |Omega| at the start of a flight
+_LARGEST_START = 12.0  # the largest h |Omega| at the start of a flight, in radians
 
 
 class Inertia(NamedTuple):
-    """A rigid body's principal moments as components, made ready once a run rather than once a step.
+    """The principal moments of a rigid body and constants derived from them, computed once per run, not once per step.
 
-    Flights work in units of the largest moment, so that no unit of mass or length can make a product overflow, or
-    vanish: moments, momentum and torque multiplied by a power of two change no bit of the attitude.
+    Flights work in units of the largest moment, so that no choice of units for mass or length makes a product overflow
+    or underflow: multiplying moments, momentum and torque by the same power of two changes no bit of the attitude.
 
     Attributes:
         moments, inverses: I and 1/I.
         per_unit: 1 / the largest moment.
         relative: I * per_unit.
-        spins: 1 / relative, at least 1: angular velocity is spins * per_unit * momentum.
-        bends: (I_k - I_j)^2 / (12 I_i) * per_unit, the second term of the free body's generating function.
-        gaps: (1/I_k - 1/I_j) / per_unit, (i, j, k) cyclic: Euler's equations are Pi_i' = per_unit gaps_i Pi_j Pi_k.
-        middle: one on the axis of the middle moment, zero on the others.
+        spins: 1 / relative, at least 1; the angular velocity is spins * per_unit * momentum.
+        bends: (I_k - I_j)^2 / (12 I_i) * per_unit, the coefficients of the second term of the free body's generating
+            function (`flights/symplectic_midpoint.py`).
+        gaps: (1/I_k - 1/I_j) / per_unit, (i, j, k) cyclic; Euler's equations are Pi_i' = per_unit gaps_i Pi_j Pi_k.
+        middle: the unit vector along the axis of the middle moment.
     """
 
     moments: cp.Vector
@@ -42,22 +43,23 @@ class Inertia(NamedTuple):
         largest = cp.largest(moments)
         per_unit = 1 / largest
         spins = (largest / a, largest / b, largest / c)
-        # Of the moments, not of their inverses: of two that are nearly equal the difference is exact.
+        # The gaps use differences of moments, not of inverses: the difference of two nearly equal moments is exact.
         differences = cp.scale(per_unit, (b - c, c - a, a - b))
         bends = cp.scale(1 / 12, cp.times(cp.times(differences, differences), spins))
         gaps = cp.times(differences, (spins[1] * spins[2], spins[2] * spins[0], spins[0] * spins[1]))
         first = differences[1] * differences[2] >= 0
         second = ~first & (differences[2] * differences[0] >= 0)
-        one, zero = jnp.ones_like(a), jnp.zeros_like(a)
-        x, y, z = (jnp.where(here, one, zero) for here in (first, second, ~first & ~second))
+        ones, zeros = jnp.ones_like(a), jnp.zeros_like(a)
+        x, y, z = (jnp.where(is_middle, ones, zeros) for is_middle in (first, second, ~first & ~second))
         inverses, relative = (1 / a, 1 / b, 1 / c), cp.scale(per_unit, moments)
         return cls(moments, inverses, per_unit, relative, spins, bends, gaps, (x, y, z))
 
     def on_first_root(self, y: cp.Vector) -> Array:
-        """Whether a flight of travel y begins slowly enough for its equation to have one small root.
+        """Whether h |Omega| at the start is small enough for the equation of a midpoint flight to have one small root.
 
-        The momentum of a slender body may lie so near its thin axis that it begins with many turns about it, and has
-        more than one rotation by which a midpoint rule is satisfied: from 30 radians on, as a search found.
+        y is `travel(h, momentum)`. A slender body whose momentum lies close to its thin axis starts by spinning many
+        turns per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search found
+        such cases from 30 radians on.
         """
         turn = cp.times(self.spins, y)
         return cp.dot(turn, turn) <= _LARGEST_START**2
@@ -67,5 +69,5 @@ class Inertia(NamedTuple):
         return cp.times(self.inverses, momentum)
 
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
-        """h times the momentum, in units of the largest moment: the turn of a ball of that moment."""
+        """h times the momentum, in units of the largest moment: the turn of a ball with that moment."""
         return cp.scale(h, cp.scale(self.per_unit, momentum))

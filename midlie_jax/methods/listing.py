@@ -1,14 +1,14 @@
-"""Lists of names that print with a sentence on when to take each."""
+"""`Listing`: a list of names that prints as a table, with a sentence on when to use each name."""
 
 from collections.abc import Mapping
 
 
 class Listing(list[str]):
-    """Names, best first: a list like any other, that prints as a table.
+    """A list of names, best first, that prints as a table.
 
     Attributes:
-        uses: for each name, when to take it.
-        note: a line below the table.
+        uses: for each name, when to use it.
+        note: a line printed below the table.
     """
 
     def __init__(self, uses: Mapping[str, str], note: str = ""):

@@ -1,4 +1,7 @@
-"""Every method by name, once. Laws, charts and benchmarks choose from here by what a method is, never by its name."""
+"""The registry of methods by name; each method is listed here and nowhere else.
+
+Tests, charts and benchmarks select methods from this registry by their properties, never by name.
+"""
 
 from typing import NamedTuple, overload
 
@@ -21,9 +24,10 @@ class Entry(NamedTuple):
 
     Attributes:
         method: the method.
-        use: when to take it.
-        paper: whether it is one of the methods for rigid bodies of Krysl 2004, which its Figure 1 compares.
-        chart: whether charts of error against cost show it, beside the exact flight with the leading schemes.
+        use: when to use the method.
+        paper: whether the method is one of the rigid-body methods of Krysl 2004.
+        chart: whether charts of error against cost include the method; they always show the exact flight with the
+            leading schemes.
     """
 
     method: Method
@@ -32,12 +36,12 @@ class Entry(NamedTuple):
     chart: bool = False
 
 
-def _split(flight: Flight, scheme: Scheme, use: str, name: str | None = None, *, chart: bool = False) -> Entry:
+def _entry(flight: Flight, scheme: Scheme, use: str, name: str | None = None, *, chart: bool = False) -> Entry:
     return Entry(Splitting(flight, scheme, name or f"{flight.name}[{scheme.name}]"), use, chart=chart)
 
 
-def _paper(scheme: Scheme, use: str, **options: bool) -> Entry:
-    return _split(flights.LieMidpoint(), scheme, use)._replace(paper=True, **options)
+def _paper_entry(scheme: Scheme, use: str, **options: bool) -> Entry:
+    return _entry(flights.LieMidpoint(), scheme, use)._replace(paper=True, **options)
 
 
 _PARTICLES = flights.Linear()
@@ -45,41 +49,43 @@ DEFAULT = "JACOBI[EA]"
 ENTRIES: dict[str, Entry] = {
     entry.method.name: entry
     for entry in (  # best first
-        _split(flights.Jacobi(), schemes.EA, "any body, any torque, up to three digits: start here"),
-        _split(flights.Jacobi(), schemes.SRKN6B, "any body, four to six digits"),
-        _split(flights.Jacobi(), schemes.SRKN14A, "any body, six digits and more, or long runs to them"),
-        _split(flights.Jacobi(), schemes.CHIN4A, "any body, three to five digits, torque from a potential"),
-        _split(flights.Symmetric(), schemes.EA, "two equal moments, up to three digits: three times as fast as JACOBI"),
-        _split(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
-        _split(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
-        _split(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, to many digits"),
-        Entry(DOP853, "short runs to many digits under a strong torque; keeps no structure", chart=True),
-        _split(flights.SymplecticMidpoint4(), schemes.SRKN6B, "comparison: order 4 without an exact flight"),
-        _split(flights.SymplecticMidpoint(), schemes.EA, "comparison: the paper's method made symplectic"),
-        _split(flights.NearSymmetric(), schemes.EA, "first two moments nearly equal, up to three digits"),
-        _split(flights.ThreeAxis(), schemes.EA, "comparison: the usual splitting of molecular dynamics", chart=True),
-        _split(flights.ThreeAxis(), schemes.KAHAN_LI8, "comparison: the same, composed to order 8", chart=True),
-        _split(flights.MoserVeselov(), schemes.EA, "comparison: the discrete Moser-Veselov body"),
-        _paper(schemes.E1, "the paper's flight, then a kick: order 1"),
-        _paper(schemes.E2, "a kick, then the paper's flight: order 1"),
-        _paper(schemes.EA, "the paper's alternating method: order 2, explicit, not symplectic", chart=True),
-        Entry(LieMidpointImplicit(), "the paper's implicit midpoint rule, torque half way", paper=True),
+        _entry(flights.Jacobi(), schemes.EA, "any body, any torque, up to three digits: start here"),
+        _entry(flights.Jacobi(), schemes.SRKN6B, "any body, four to six digits"),
+        _entry(flights.Jacobi(), schemes.SRKN14A, "any body, six digits and more, also over long runs"),
+        _entry(flights.Jacobi(), schemes.CHIN4A, "any body, three to five digits, torque from a potential"),
+        _entry(flights.Symmetric(), schemes.EA, "two equal moments, up to three digits: three times as fast as JACOBI"),
+        _entry(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
+        _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
+        _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),
+        Entry(DOP853, "short runs at high accuracy under a strong torque; preserves no structure", chart=True),
+        _entry(flights.SymplecticMidpoint4(), schemes.SRKN6B, "comparison: order 4 without an exact flight"),
+        _entry(flights.SymplecticMidpoint(), schemes.EA, "comparison: the paper's method made symplectic"),
+        _entry(flights.NearSymmetric(), schemes.EA, "first two moments nearly equal, up to three digits"),
+        _entry(flights.ThreeAxis(), schemes.EA, "comparison: the usual splitting of molecular dynamics", chart=True),
+        _entry(
+            flights.ThreeAxis(), schemes.KAHAN_LI8, "comparison: the DLM splitting, composed to order 8", chart=True
+        ),
+        _entry(flights.MoserVeselov(), schemes.EA, "comparison: the discrete Moser-Veselov body"),
+        _paper_entry(schemes.E1, "the paper's first Euler method, a flight and then a kick: order 1"),
+        _paper_entry(schemes.E2, "the paper's second Euler method, a kick and then a flight: order 1"),
+        _paper_entry(schemes.EA, "the paper's alternating method: order 2, explicit, not symplectic", chart=True),
+        Entry(LieMidpointImplicit(), "the paper's implicit midpoint rule, torque at mid-step", paper=True),
         Entry(AKW(), "Austin, Krishnaprasad and Wang's implicit rule, as in the paper", paper=True),
         Entry(SW(), "Simo and Wong's conserving implicit rule, as in the paper", paper=True),
         Entry(
             NewmarkBody(), "explicit Newmark in the body frame, as in the paper; spatial momentum drifts", paper=True
         ),
-        _paper(schemes.EA_STAR, "the paper's alternating method, cut the other way"),
-        Entry(RK4, "comparison: the classical Runge-Kutta method; keeps no structure", chart=True),
-        _split(_PARTICLES, schemes.EA, "particles: order 2, symplectic", "Verlet"),
-        _split(_PARTICLES, schemes.EA_STAR, "particles: Verlet with the force half way", "position Verlet"),
-        _split(_PARTICLES, schemes.E2, "particles: order 1, symplectic", "symplectic Euler"),
-        _split(_PARTICLES, schemes.E1, "particles: the adjoint of symplectic Euler", "adjoint symplectic Euler"),
+        _paper_entry(schemes.EA_STAR, "the paper's alternating method with the kick at mid-step"),
+        Entry(RK4, "comparison: the classical Runge-Kutta method; preserves no structure", chart=True),
+        _entry(_PARTICLES, schemes.EA, "particles: order 2, symplectic", "Verlet"),
+        _entry(_PARTICLES, schemes.EA_STAR, "particles: Verlet with the force at mid-step", "position Verlet"),
+        _entry(_PARTICLES, schemes.E2, "particles: order 1, symplectic", "symplectic Euler"),
+        _entry(_PARTICLES, schemes.E1, "particles: the adjoint of symplectic Euler", "adjoint symplectic Euler"),
         Entry(ImplicitMidpoint(), "particles under stiff forces: order 2, implicit"),
     )
 }
 
-_ANY = f"Any FLIGHT[SCHEME] is a method, of the flights {', '.join(FLIGHTS)} and the schemes {', '.join(SCHEMES)}."
+_ANY_PAIR = f"Any FLIGHT[SCHEME] is a method; flights: {', '.join(FLIGHTS)}; schemes: {', '.join(SCHEMES)}."
 
 
 @overload
@@ -87,20 +93,22 @@ def method(name: str | Flight, scheme: str | Scheme) -> Splitting: ...
 @overload
 def method(name: str | Flight, scheme: None = None) -> Method: ...
 def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
-    """An integrator: by its name, as "FLIGHT[SCHEME]", or from the two parts.
+    """An integrator, from its name, or from a flight and a scheme.
 
     `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and
-    `ml.method(ml.flights.SymplecticMidpoint4(), ml.schemes.SRKN6B)` are the same. Its order is the lower of the
-    flight's and the scheme's; compositions of a whole step (TJ4, S4, Y6, KL6, SU8, KL8) raise that of the flight, too.
-    "RK4" and "DOP853" are Runge-Kutta methods that keep no structure, for comparison and for short runs to many digits.
+    `ml.method(ml.flights.SymplecticMidpoint4(), ml.schemes.SRKN6B)` return the same method. The order of a
+    FLIGHT[SCHEME] is the lower of the flight's order and the scheme's; only schemes that compose whole steps (TJ4, S4,
+    Y6, KL6, SU8, KL8) reach their own order with a flight of lower order. "RK4" and "DOP853" are Runge-Kutta methods
+    that preserve no structure, for comparison and for short runs at high accuracy.
 
     Raises:
-        ValueError: unknown name; the message has the nearest and all.
+        ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes
+            without a scheme, or an argument is neither a name nor a midlie_jax Flight or Scheme.
     """
-    for what, given, kinds in (("name", name, (str, Flight)), ("scheme", scheme, (str, Scheme, type(None)))):
-        if not isinstance(given, kinds):
+    for what, value, kinds in (("name", name, (str, Flight)), ("scheme", scheme, (str, Scheme, type(None)))):
+        if not isinstance(value, kinds):
             choose = " or ".join(f"a midlie_jax {kind.__name__}" if kind is not str else "a name" for kind in kinds[:2])
-            raise ValueError(f"{what} must be {choose}, got {described(given)}.")
+            raise ValueError(f"{what} must be {choose}, got {described(value)}.")
     if scheme is None:
         name = name if isinstance(name, str) else name.name
         if name in ENTRIES:
@@ -110,20 +118,20 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
             raise ValueError(f"{name!r} is a flight; add a scheme, as in '{name}[EA]', of {', '.join(SCHEMES)}.")
         if not bracket or not rest.endswith("]"):
             more = [f"{flight}[{scheme}]" for flight in FLIGHTS for scheme in SCHEMES]
-            raise unknown("method", name, ENTRIES, more=more, note=_ANY)
+            raise unknown("method", name, ENTRIES, more=more, note=_ANY_PAIR)
         name, scheme = flight, rest.removesuffix("]")
     for kind, part, known in (("flight", name, FLIGHTS), ("scheme", scheme, SCHEMES)):
         if isinstance(part, str) and part not in known:
             raise unknown(kind, part, known)
     flight = FLIGHTS[name] if isinstance(name, str) else name
     table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
-    made = Splitting(flight, table, f"{flight.name}[{table.name}]")
-    known = ENTRIES.get(made.name)
-    return known.method if known is not None and known.method == made else made
+    splitting = Splitting(flight, table, f"{flight.name}[{table.name}]")
+    known = ENTRIES.get(splitting.name)
+    return known.method if known is not None and known.method == splitting else splitting
 
 
 def methods() -> Listing:
-    """The names of the methods, those to take first; printed, it says when to take each.
+    """The names of the methods, best first; the list prints as a table of when to use each method.
 
     Any FLIGHT[SCHEME] of `midlie_jax.flights()` and `midlie_jax.schemes()` is a method, too.
     """

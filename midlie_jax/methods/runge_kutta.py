@@ -1,9 +1,9 @@
-"""Runge-Kutta methods with a constant step on momentum and pose, as if the quaternion were any four numbers.
+"""Runge-Kutta methods with a constant step on momentum and pose, which treat the quaternion as any four numbers.
 
-They keep neither the spatial momentum of a free body nor the energy, and are not symplectic. Written on components and
-fused stage by stage, a high order is all the same the least work for a short run to many digits under a strong torque.
-All stages of all bodies stay alive through a step: few bodies at a time, that fit the first cache, go several times as
-fast (`midlie_jax.ensemble(..., chunk=64)`; `docs/work-precision.md`).
+They conserve neither the spatial momentum of a free body nor the energy, and are not symplectic. Written on components
+and fused stage by stage, a method of high order still needs the least work for a short run at high accuracy under a
+strong torque. A step keeps all stages of all bodies in memory. A chunk of few bodies, whose stages fit the first-level
+cache, therefore runs several times as fast (`midlie_jax.ensemble(..., chunk=64)`; `docs/work-precision.md`).
 """
 
 from itertools import accumulate
@@ -22,15 +22,16 @@ from .system import AnyMotion, Motion, System
 
 
 class Table(NamedTuple):
-    """An explicit tableau.
+    """The tableau of an explicit Runge-Kutta method.
 
     Attributes:
-        order: its order.
-        stages: for each stage, the weights of the earlier ones by index; a stage's time is the sum of its weights.
-        weights: of the stages in the step.
-        loops: how many stages the compiler takes in each loop, in turn: one a loop waits for memory, and more than
-            this repeats work (`python benchmarks/work_precision.py --scene asymmetric-top`).
-        source: where it is from.
+        order: order of accuracy.
+        stages: for each stage, the weights of the earlier stages by index; the time of a stage is t0 + h times their
+            sum.
+        weights: the weights of the stages in the step, by index.
+        loops: how many stages each compiled loop holds, in order. Loops of one stage each wait for memory; loops of
+            more stages than given here repeat work (`python benchmarks/work_precision.py --scene asymmetric-top`).
+        source: the publication of the tableau.
     """
 
     order: int
@@ -113,13 +114,14 @@ _DOP853 = Table(
 )
 
 
-_REACH = 2.4  # radians of h |Omega| at the start of a step, as of the other methods
+_LARGEST_TURN = 2.4  # the largest h |Omega| at the start of a step, in radians, as for the other methods
 
 
 class RungeKutta(Method):
-    """One step of a tableau; the pose is brought back to unit length at its end, by one step of Newton's.
+    """The Runge-Kutta method of a tableau. Each step ends by scaling the pose back to unit length, by one Newton step.
 
-    Says False where the step begins with more than 2.4 radians: a long way before that the result is of no use.
+    A step reports False in `ok` where h |Omega| at its start exceeds 2.4 radians; its result is useless at far smaller
+    values already.
 
     Attributes:
         table: the tableau.
@@ -147,7 +149,7 @@ class RungeKutta(Method):
 
     @property
     def chunk(self) -> int:
-        # All stages of all bodies stay alive through a step: where they fit the first cache, it is four times as fast.
+        # A step keeps all stages of all bodies in memory; it is four times as fast if they fit the first-level cache.
         return 64
 
     def keeps_force(self, system: System) -> bool:
@@ -161,7 +163,7 @@ class RungeKutta(Method):
         turn = cp.scale(h, system.velocity(motion.momentum))
 
         def total(weights: dict[int, float]) -> AnyMotion:
-            """The sum of the changes found so far, with these weights."""
+            """The sum of the changes computed so far, with these weights."""
 
             def entry(*changes: Array) -> Array:
                 first, *rest = (c * change for c, change in zip(weights.values(), changes, strict=True))
@@ -169,20 +171,20 @@ class RungeKutta(Method):
 
             return jax.tree.map(entry, *(changes[j] for j in weights))
 
-        ends, done = set(accumulate(self.table.loops)), 0
+        ends, fused_count = set(accumulate(self.table.loops)), 0
         for row in self.table.stages:
             part = sum(row.values())
             time = t0 if not row else t1 if abs(part - 1) < 1e-12 else t0 + part * h
-            here = jax.tree.map(jnp.add, motion, total(row)) if row else motion
-            force = None if system.torque is None else system.force(time, here)
-            changes.append(system.rates(here, h, force))
+            stage_motion = jax.tree.map(jnp.add, motion, total(row)) if row else motion
+            force = None if system.torque is None else system.force(time, stage_motion)
+            changes.append(system.rates(stage_motion, h, force))
             if len(changes) in ends:
-                changes[done:] = fuse(changes[done:])
-                done = len(changes)
-        whole = total(self.table.weights)
-        pose = system.kind.shift(motion.pose, whole.pose, h == 0, t0)
-        ok = cp.dot(turn, turn) <= _REACH**2
-        return Motion(cp.accumulate(motion.momentum, whole.momentum, t0), pose), None, ok
+                changes[fused_count:] = fuse(changes[fused_count:])
+                fused_count = len(changes)
+        change = total(self.table.weights)
+        pose = system.kind.shift(motion.pose, change.pose, h == 0, t0)
+        ok = cp.dot(turn, turn) <= _LARGEST_TURN**2
+        return Motion(cp.accumulate(motion.momentum, change.momentum, t0), pose), None, ok
 
 
 RK4 = RungeKutta("RK4", _RK4)

@@ -1,6 +1,6 @@
-"""What a scheme is: which kicks and flights make a step, with which coefficients; and the one function that runs one.
+"""`Scheme`, the table of kicks and flights that make a step, and `run`, the function that takes a step by a scheme.
 
-It does not know what flies: the same tables drive rigid bodies and particles.
+Neither depends on the kind of body: the same tables drive rigid bodies and particles.
 """
 
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 KICK, FLIGHT = "kick", "flight"
-_ROUNDING = 1e-12  # of the sums of coefficients, which are published with 14 digits or more
+_ROUNDING = 1e-12  # tolerance for sums of coefficients, which are published with 14 digits or more
 
 
 @dataclass(frozen=True)
@@ -17,22 +17,25 @@ class Scheme:
     """A splitting scheme.
 
     Attributes:
-        name: its name in method names.
-        order: order of accuracy when the flight's own order is no less, or the scheme is `composed`; taken at its word
-            from 3 on (`measured_order` tells).
-        stages: (KICK | FLIGHT, coefficient) in the order in which they act; coefficients of each sum to 1.
-        source: where the table is from.
-        use: when to take it, for `midlie_jax.schemes()`.
-        leading: whether it needs the least work on an exact flight, for some torque and some accuracy. `recommend`
-            tries these, and charts of error against cost show them.
-        composed: whether it is a composition of whole symmetric steps, which raises the flight's own order as well.
-        gradients: for each kick g, if any: the kick is that of the potential V - g h^2 T . I^-1 T, h the step and T
-            the torque (for forces f . M^-1 f).
-        small: for forces of a small size e, as on a fast top: the global error is e h^small + e^2 h^(order at least).
+        name: the part in brackets of a method's name.
+        order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. Whether
+            the coefficients reach an order of 3 or more is not checked; `measured_order` measures it.
+        stages: pairs (KICK | FLIGHT, coefficient), in the order in which they act. The coefficients of the kicks sum to
+            1, and so do those of the flights.
+        source: the publication of the table.
+        use: when to use the scheme, for `midlie_jax.schemes()`.
+        leading: whether the scheme, with an exact flight, needs the least work for some torque and some accuracy.
+            `recommend` tries the leading schemes, and charts of error against cost show them.
+        composed: whether the scheme is a composition of whole symmetric steps, which also raises the order of an
+            inexact flight.
+        gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
+            V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f.
+        small: an exponent n for weak forces, as on a fast top: where the forces are of size e, the global error is of
+            order e h^n + e^2 h^m, with m at least `order`.
 
     Raises:
-        ValueError: coefficients that do not sum to 1, or that miss the condition of order 2 where that is declared; a
-            stage of another kind; gradients that are not one for each kick.
+        ValueError: coefficients do not sum to 1, or violate the condition of order 2 where `order` is 2 or more; a
+            stage is neither a kick nor a flight; `gradients` is neither empty nor one number for each kick.
     """
 
     name: str
@@ -46,32 +49,33 @@ class Scheme:
     leading: bool = False
 
     def __post_init__(self) -> None:
-        place = f"scheme {self.name!r}"
+        label = f"scheme {self.name!r}"
         if not isinstance(self.stages, tuple):
-            raise ValueError(f"{place}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
+            raise ValueError(f"{label}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
         for stage in self.stages:
             if not (isinstance(stage, tuple) and len(stage) == 2 and isinstance(stage[1], (int, float))):
-                raise ValueError(f"{place}: each stage must be a pair (kind, coefficient), got {stage!r}.")
+                raise ValueError(f"{label}: each stage must be a pair (kind, coefficient), got {stage!r}.")
         kinds = [kind for kind, _ in self.stages]
         if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT}:
-            raise ValueError(f"{place} must be made of {KICK!r} and {FLIGHT!r}, got {', '.join(map(repr, kinds))}.")
+            raise ValueError(f"{label} must be made of {KICK!r} and {FLIGHT!r}, got {', '.join(map(repr, kinds))}.")
         for kind in dict.fromkeys(kinds):
             total = sum(c for k, c in self.stages if k == kind)
             if not abs(total - 1) <= _ROUNDING:
-                raise ValueError(f"{place}: the coefficients of its {kind}s must sum to 1, got {total:.15g}.")
+                raise ValueError(f"{label}: the coefficients of its {kind}s must sum to 1, got {total:.15g}.")
         if self.gradients and len(self.gradients) != kinds.count(KICK):
             raise ValueError(
-                f"{place} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one each."
+                f"{label} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
             )
         if not isinstance(self.order, int) or self.order < 1:
-            raise ValueError(f"{place}: its order must be at least 1, and whole, got {self.order!r}.")
+            raise ValueError(f"{label}: its order must be at least 1 and a whole number, got {self.order!r}.")
         if self.order > 1 and KICK in kinds and not abs(self._first_moment() - 0.5) <= _ROUNDING:
             raise ValueError(
-                f"{place} is declared of order {self.order}, but the kicks, each times the flights before it, sum to "
-                f"{self._first_moment():.15g} where order 2 needs 0.5."
+                f"{label} is declared of order {self.order}, but its kicks, each times the flights before it, sum to "
+                f"{self._first_moment():.15g} where order 2 needs 0.5; check the coefficients or declare order=1."
             )
 
     def _first_moment(self) -> float:
+        """The sum over the kicks of coefficient times elapsed time, in units of the step."""
         elapsed, total = 0.0, 0.0
         for kind, coefficient in self.stages:
             if kind == FLIGHT:
@@ -87,12 +91,12 @@ class Scheme:
 
     @property
     def reuses_force(self) -> bool:
-        """Whether a step begins and ends with a kick, so that the last force is the next step's first."""
+        """Whether a step begins and ends with a kick, so that its last force is the first force of the next step."""
         ends = self.stages[0][0] == KICK and self.stages[-1][0] == KICK
         return ends and (not self.gradients or self.gradients[0] == self.gradients[-1] == 0)
 
     def merged(self) -> "Scheme":
-        """The scheme with neighbouring stages of one kind made one: the same method where the flight is exact."""
+        """The scheme with adjacent stages of the same kind merged: the same method if the flight is exact."""
         stages = [self.stages[0]]
         for kind, coefficient in self.stages[1:]:
             if kind == stages[-1][0]:
@@ -103,24 +107,24 @@ class Scheme:
 
     @property
     def flights(self) -> int:
-        """Flights a step."""
+        """Flights per step."""
         return sum(kind == FLIGHT for kind, _ in self.stages)
 
     @property
     def alternates(self) -> bool:
-        """Whether kicks and flights take turns, and it begins and ends with the same."""
+        """Whether kicks and flights alternate, and the first and the last stage are of the same kind."""
         return all(a[0] != b[0] for a, b in pairwise(self.stages)) and self.stages[0][0] == self.stages[-1][0]
 
     def columns(self) -> tuple[list[float], list[float], list[float]]:
-        """Kicks, flights, and the times between flights from 0 to 1, of a scheme that alternates."""
+        """Of a scheme that alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""
         kicks = [c for kind, c in self.stages if kind == KICK]
         flights = [c for kind, c in self.stages if kind == FLIGHT]
-        # Coefficients are rounded; the last flight ends at the end of the step all the same.
+        # The coefficients are rounded, so their sum is not exactly 1; the time after the last flight is.
         return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
 
     @property
     def evaluations(self) -> int:
-        """Force evaluations a step, once under way."""
+        """Force evaluations per step after the first step."""
         return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force
 
 
@@ -132,14 +136,15 @@ def run(
     motion: Any,
     force: Any = None,
 ) -> tuple[Any, Any]:
-    """One step.
+    """One step of h by a scheme.
 
     Args:
-        fly: `fly(a, motion)`, the flight for a times the step.
-        kick: `kick(b, c, motion, force)`, the impulse of b times the step, c steps after its start.
-        evaluate: `evaluate(c, g, motion)`, the force there, of the potential with gradient weight g (see `gradients`).
-        motion: anything.
-        force: the force at the start, where the caller keeps it from the last step (see `reuses_force`).
+        fly: `fly(a, motion)`, the motion after a flight for the time a h.
+        kick: `kick(b, c, motion, force)`, the motion after an impulse b h force at the time c h after the start.
+        evaluate: `evaluate(c, g, motion)`, the force at the time c h after the start, with the weight g of
+            `Scheme.gradients`.
+        motion: the motion at the start, of any type.
+        force: the force at the start if the caller kept it from the last step (see `reuses_force`), else None.
 
     Returns:
         The new motion, and the force of the last kick (None where there was no kick).
@@ -150,7 +155,7 @@ def run(
         if kind == FLIGHT:
             motion = fly(coefficient, motion)
             flights_left -= 1
-            # Coefficients are rounded; the last flight ends at the end of the step all the same.
+            # The coefficients are rounded, so their sum is not exactly 1; the time after the last flight is.
             elapsed = elapsed + coefficient if flights_left else 1.0
             force = None
         else:

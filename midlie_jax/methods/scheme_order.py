@@ -1,4 +1,4 @@
-"""The order of a scheme, measured on two pendulums: no JAX, no rigid body, extended precision."""
+"""`measured_order` measures the order of a scheme on two pendulums, in extended precision and without JAX."""
 
 from itertools import pairwise
 from typing import Any
@@ -7,10 +7,10 @@ import numpy as np
 
 from .scheme import FLIGHT, Scheme, run
 
-# Two pendulums on one spring: far from quadratic, and of two masses.
+# Two pendulums of different mass joined by a spring; the potential is far from quadratic.
 _MASSES = np.array([1.0, 1.7], np.longdouble)
 _START = np.array([0.3, 0.8], np.longdouble), np.array([0.7, -0.4], np.longdouble)
-_TIME, _FEWEST, _MOST = 3, 12, 1536
+_DURATION, _FEWEST_STEPS, _MOST_STEPS = 3, 12, 1536
 
 
 def pendulums(
@@ -19,9 +19,9 @@ def pendulums(
     """Momenta and angles of two pendulums after `count` steps, in extended precision, (4,).
 
     Args:
-        before, after: stages to apply once before and after the steps: a processor.
+        before, after: stages of a processor, applied once before and once after all steps.
     """
-    h = np.longdouble(_TIME) / count
+    h = np.longdouble(_DURATION) / count
 
     def fly(a: float, motion: Any) -> Any:
         return motion[0], motion[1] + a * h * motion[0] / _MASSES
@@ -38,8 +38,8 @@ def pendulums(
         if not g:
             return force
         w = force / _MASSES
-        bend = np.sin(u[0] - u[1]) / 2 * (w[0] - w[1])
-        return force + 2 * g * h * h * (-np.cos(u) * w + np.array([bend, -bend]))
+        pull_rate = np.sin(u[0] - u[1]) / 2 * (w[0] - w[1])
+        return force + 2 * g * h * h * (-np.cos(u) * w + np.array([pull_rate, -pull_rate]))
 
     def apply(stages: tuple[tuple[str, float], ...], motion: Any) -> Any:
         for kind, x in stages:
@@ -55,23 +55,23 @@ def pendulums(
 def measured_order(
     scheme: Scheme, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
 ) -> float:
-    """The order of a table as two pendulums show it: the slope of the error at the smallest steps above rounding.
+    """The order of a scheme on two pendulums: the slope of the error at the smallest steps not dominated by rounding.
 
-    Without JAX and in NumPy's longdouble, by differences of runs with steps h, h/2 and h/4. For a table of your own, to
-    be sure of its digits. A whole number to about .1; where rounding hides the error (order 8 and more in plain
-    doubles) the slope is that of the largest steps.
+    Use it to check the digits of a table of your own. The error is estimated from differences of runs with steps h,
+    h/2 and h/4, in NumPy's longdouble and without JAX. The result is within about 0.1 of a whole number. Where rounding
+    hides the error (order 8 and more if longdouble is plain double), it is the slope at the largest steps.
 
     Args:
-        scheme: the table.
-        before, after: stages to apply once before and after a run: a processor.
+        scheme: the scheme.
+        before, after: stages of a processor, applied once before and once after a run.
     """
-    slope, count = np.nan, _FEWEST
+    slope, count = np.nan, _FEWEST_STEPS
     ends = [pendulums(scheme, count * factor, before, after) for factor in (1, 2)]
-    while 4 * count <= _MOST:
+    while 4 * count <= _MOST_STEPS:
         ends.append(pendulums(scheme, 4 * count, before, after))
-        coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends[-3:]))
-        if np.isfinite(slope) and fine < 1e4 * np.finfo(np.longdouble).eps:
+        error, half_step_error = (np.linalg.norm(a - b) for a, b in pairwise(ends[-3:]))
+        if np.isfinite(slope) and half_step_error < 1e4 * np.finfo(np.longdouble).eps:
             break
-        slope = float(np.log2(coarse / fine))
+        slope = float(np.log2(error / half_step_error))
         count *= 2
     return slope

@@ -1,6 +1,6 @@
-"""The tables: schemes by name, each with its source.
+"""The coefficient tables of all schemes, by name, each with its source.
 
-To make one of your own: `midlie_jax.schemes.Scheme`, then `measured_order` to be sure of its digits.
+To add a scheme of your own, create a `midlie_jax.schemes.Scheme`, and check its digits with `measured_order`.
 """
 
 import sys
@@ -21,11 +21,11 @@ EA = Scheme(
     2,
     ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)),
     _KRYSL,
-    use="up to three digits, any torque: the least work a step",
+    use="up to three digits, any torque: the least work per step",
     leading=True,
 )
 EA_STAR = Scheme(
-    "EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL, use="as EA, with the torque taken half way"
+    "EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL, use="like EA, with the torque at mid-step"
 )
 
 
@@ -34,7 +34,7 @@ def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
 
 
 def _composed(name: str, order: int, factors: tuple[float, ...], source: str, use: str) -> Scheme:
-    """Steps of Verlet (half kick, flight, half kick) of these lengths, whose sum is 1, neighbouring kicks merged."""
+    """Verlet steps (half kick, flight, half kick) of these lengths, whose sum is 1, with adjacent kicks merged."""
     ends = (0.0, *factors, 0.0)
     kicks = tuple((left + right) / 2 for left, right in pairwise(ends))
     return _alternating(name, order, KICK, kicks, factors, source, composed=True, use=use)
@@ -49,7 +49,7 @@ def _alternating(
     source: str,
     **options: Any,
 ) -> Scheme:
-    """outer[0], inner[0], outer[1], ..., outer[-1], beginning with `first`."""
+    """The scheme outer[0], inner[0], outer[1], ..., outer[-1], whose outer stages are of the kind `first`."""
     second = FLIGHT if first == KICK else KICK
     stages = [(first, outer[0])]
     for a, b in zip(inner, outer[1:], strict=True):
@@ -57,50 +57,50 @@ def _alternating(
     return Scheme(name, order, tuple(stages), source, **options)
 
 
-def _closed(half: tuple[float, ...]) -> tuple[float, ...]:
-    """With the centre that makes the sum one."""
+def _odd_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
+    """`half`, a centre that makes the sum 1, and `half` reversed."""
     return _mirrored(half, 1 - 2 * sum(half))
 
 
-def _even(half: tuple[float, ...]) -> tuple[float, ...]:
-    """With the two central entries that make the sum one."""
-    whole = (*half, 0.5 - sum(half))
-    return (*whole, *reversed(whole))
+def _even_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
+    """`half`, two equal central entries that make the sum 1, and `half` reversed."""
+    first_half = (*half, 0.5 - sum(half))
+    return (*first_half, *reversed(first_half))
 
 
 _CUBE = 2 ** (1 / 3)
 TRIPLE = _composed(
     "TJ4",
     4,
-    _closed((1 / (2 - _CUBE),)),
+    _odd_palindrome((1 / (2 - _CUBE),)),
     "Yoshida, Phys. Lett. A 150 (1990) 262",
-    "an inexact flight, fewest flights",
+    "an inexact flight, with the fewest flights at this order",
 )
 SUZUKI = _composed(
     "S4",
     4,
-    _closed((1 / (4 - 4 ** (1 / 3)),) * 2),
+    _odd_palindrome((1 / (4 - 4 ** (1 / 3)),) * 2),
     "Suzuki, Phys. Lett. A 146 (1990) 319",
     "an inexact flight; smaller error than TJ4",
 )
 YOSHIDA6 = _composed(
     "Y6",
     6,
-    _closed((0.78451361047755726382, 0.23557321335935813368, -1.17767998417887100695)),
+    _odd_palindrome((0.78451361047755726382, 0.23557321335935813368, -1.17767998417887100695)),
     "Yoshida, Phys. Lett. A 150 (1990) 262, solution A",
-    "an inexact flight, fewest flights",
+    "an inexact flight, with the fewest flights at this order",
 )
 KAHAN_LI6 = _composed(
     "KL6",
     6,
-    _closed((0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)),
+    _odd_palindrome((0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)),
     "Kahan & Li, Math. Comp. 66 (1997) 1089",
     "an inexact flight; smaller error than Y6",
 )
 SUZUKI_UMENO8 = _composed(
     "SU8",
     8,
-    _closed(
+    _odd_palindrome(
         (
             0.74167036435061295345,
             -0.40910082580003159400,
@@ -117,7 +117,7 @@ SUZUKI_UMENO8 = _composed(
 KAHAN_LI8 = _composed(
     "KL8",
     8,
-    _closed(
+    _odd_palindrome(
         (
             0.13020248308889008088,
             0.56116298177510838456,
@@ -137,8 +137,8 @@ BM4 = _alternating(
     "BM4",
     4,
     FLIGHT,
-    _closed((0.0792036964311957, 0.353172906049774, -0.0420650803577195)),
-    _even((0.209515106613362, -0.143851773179818)),
+    _odd_palindrome((0.0792036964311957, 0.353172906049774, -0.0420650803577195)),
+    _even_palindrome((0.209515106613362, -0.143851773179818)),
     _BLANES_MOAN + ", S6",
     use="an exact flight, any torque; SRKN6b has the smaller error",
 )
@@ -146,8 +146,8 @@ SRKN6B = _alternating(
     "SRKN6b",
     4,
     KICK,
-    _closed((0.0829844064174052, 0.396309801498368, -0.0390563049223486)),
-    _even((0.245298957184271, 0.604872665711080)),
+    _odd_palindrome((0.0829844064174052, 0.396309801498368, -0.0390563049223486)),
+    _even_palindrome((0.245298957184271, 0.604872665711080)),
     _BLANES_MOAN,
     use="four to six digits, any torque that does not read the momentum",
     leading=True,
@@ -156,8 +156,10 @@ SRKN11B = _alternating(
     "SRKN11b",
     6,
     KICK,
-    _even((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879)),
-    _closed((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928)),
+    _even_palindrome(
+        (0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879)
+    ),
+    _odd_palindrome((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928)),
     _BLANES_MOAN,
     use="six to nine digits, fewer evaluations than SRKN14a",
     leading=True,
@@ -178,7 +180,7 @@ SRKN14A = _alternating(
         ),
         0.207305069056835,
     ),
-    _even(
+    _even_palindrome(
         (
             0.091719152624462,
             0.183983170005006,
@@ -192,22 +194,23 @@ SRKN14A = _alternating(
     use="six digits and more, smaller error than SRKN11b",
     leading=True,
 )
-# With the gradient of T . I^-1 T, by one derivative of the torque in one direction.
+# TI and CHIN4A use the gradient of T . I^-1 T, which costs one directional derivative of the torque.
 TAKAHASHI_IMADA = Scheme(
     "TI",
     2,
     ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)),
     "Takahashi & Imada, J. Phys. Soc. Japan 53 (1984) 3765; effective order 4 between `TAKAHASHI_IMADA_PROCESSOR`s",
     gradients=(1 / 24,),
-    use="order 4 between its processors, one torque and its gradient a step; from a potential only",
+    use="order 4 with its processor, one torque and its gradient per step; torque from a potential only",
 )
-_STRIDE = 48**-0.5
-# Once before the first step, and undone after the last, these stages make of a run with "TI" one of order 4. An even
-# function of the step, exp(h^2 [A, B] / 24) up to h^4. Without it the error is of second order but the motion that
-# it belongs to of fourth: what is conserved wavers, and does not wander more than at order 4.
+_PROCESSOR_STEP = 48**-0.5
+# The processor of "TI". Applied before the first step, and inverted after the last step, it raises a run with "TI" to
+# order 4. The processor is an even function of the step and equals exp(h^2 [A, B] / 24) up to h^4. A run without it has
+# an error of order 2, but is conjugate to a run of order 4: conserved quantities oscillate, and drift no more than at
+# order 4.
 TAKAHASHI_IMADA_PROCESSOR = (
-    *((FLIGHT, -_STRIDE), (KICK, _STRIDE), (FLIGHT, _STRIDE), (KICK, -_STRIDE)),
-    *((FLIGHT, _STRIDE), (KICK, -_STRIDE), (FLIGHT, -_STRIDE), (KICK, _STRIDE)),
+    *((FLIGHT, -_PROCESSOR_STEP), (KICK, _PROCESSOR_STEP), (FLIGHT, _PROCESSOR_STEP), (KICK, -_PROCESSOR_STEP)),
+    *((FLIGHT, _PROCESSOR_STEP), (KICK, -_PROCESSOR_STEP), (FLIGHT, -_PROCESSOR_STEP), (KICK, _PROCESSOR_STEP)),
 )
 CHIN4A = Scheme(
     "CHIN4A",
@@ -215,18 +218,21 @@ CHIN4A = Scheme(
     ((KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)),
     "Chin, Phys. Lett. A 226 (1997) 344, scheme A; Koseleff 1993",
     gradients=(0.0, 1 / 48, 0.0),
-    use="three to five digits, two torques and one gradient a step; from a potential only",
+    use="three to five digits, two torques and one gradient per step; torque from a potential only",
     leading=True,
 )
 
-# For motion that is nearly free: fast tops, slow fields.
-_FAR, _NEAR = (525 + 70 * 30**0.5) ** 0.5 / 70, (525 - 70 * 30**0.5) ** 0.5 / 70  # half of Gauss's points on [-1, 1]
+# For nearly free motion: fast tops in weak fields.
+_FAR, _NEAR = (
+    (525 + 70 * 30**0.5) ** 0.5 / 70,
+    (525 - 70 * 30**0.5) ** 0.5 / 70,
+)  # Gauss's points on [-1, 1], halved
 ABA82 = _alternating(
     "ABA82",
     2,
     FLIGHT,
     _mirrored((0.5 - _FAR, _FAR - _NEAR), 2 * _NEAR),
-    _even((0.25 - 30**0.5 / 72,)),
+    _even_palindrome((0.25 - 30**0.5 / 72,)),
     "McLachlan, BIT 35 (1995) 258: Gauss's quadrature; Laskar & Robutel, Celest. Mech. 80 (2001) 39, SABA4",
     small=8,
     use="fast tops in weak fields, moderate accuracy",
@@ -235,11 +241,11 @@ ABA1064 = _alternating(
     "ABA1064",
     4,
     FLIGHT,
-    _closed((0.03809449742241219546, 0.14529871611691374940, 0.20762769572554125072, 0.43590970365152615922)),
-    _even((0.09585888083707521061, 0.20444615314299878068, 0.21707034797899110171)),
+    _odd_palindrome((0.03809449742241219546, 0.14529871611691374940, 0.20762769572554125072, 0.43590970365152615922)),
+    _even_palindrome((0.09585888083707521061, 0.20444615314299878068, 0.21707034797899110171)),
     "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58: ABA1064",
     small=10,
-    use="fast tops in weak fields, to many digits",
+    use="fast tops in weak fields, high accuracy",
     leading=True,
 )
 SCHEMES = {
@@ -252,12 +258,12 @@ SCHEMES = {
 }
 
 
-class _Callable(ModuleType):
-    """`midlie_jax.schemes()` beside `midlie_jax.schemes.SRKN6B`."""
+class _CallableModule(ModuleType):
+    """A module that can also be called: `midlie_jax.schemes()` as well as `midlie_jax.schemes.SRKN6B`."""
 
     def __call__(self) -> Listing:
-        """The names of the schemes, best first, with when to take each."""
+        """The names of the schemes, best first; the list prints as a table of when to use each scheme."""
         return Listing({name: f"order {scheme.order}: {scheme.use}" for name, scheme in SCHEMES.items()})
 
 
-sys.modules[__name__].__class__ = _Callable
+sys.modules[__name__].__class__ = _CallableModule

@@ -1,4 +1,4 @@
-"""Methods made of flights with kicks between them, in the order and with the coefficients of a scheme."""
+"""`Splitting`, a method whose step alternates flights and kicks in the order and with the coefficients of a scheme."""
 
 from typing import Any, NamedTuple
 
@@ -17,10 +17,11 @@ from .system import AnyMotion, Motion, System, added
 
 
 class Splitting(Method):
-    """A flight and a scheme.
+    """The method of a flight and a scheme.
 
     Attributes:
-        flight, scheme: the two parts.
+        flight: the motion under no torque.
+        scheme: the table of kicks and flights; if the flight is exact, adjacent flights are merged.
     """
 
     flight: Flight
@@ -63,63 +64,63 @@ class Splitting(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        advance = self._in_a_loop if self.loops else self._written_out
+        advance = self._step_in_loop if self.loops else self._step_unrolled
         motion, force, ok = advance(_Stages(self.flight, system, t0, t1, h), motion, force)
         return motion, force if self.keeps_force(system) else None, ok
 
     @property
     def loops(self) -> bool:
-        """Whether the step is a loop over its stages: as many flights written out would take the compiler too long."""
+        """Whether the step is a loop over its stages, because the unrolled step would take too long to compile."""
         many = self.scheme.flights > max(2, self.flight.per_loop)
         return many and self.scheme.alternates and not self.scheme.gradients
 
-    def _written_out(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
+    def _step_unrolled(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         ok: Array | bool = True
 
         def fly(a: float, motion: AnyMotion) -> AnyMotion:
             nonlocal ok
-            motion, fine = stages.fly(a, motion)
-            ok = ok & fine
-            return fuse(motion) if self.scheme.flights > self.flight.per_loop else stages.system.cut(motion)
+            motion, flight_ok = stages.fly(a, motion)
+            ok = ok & flight_ok
+            return fuse(motion) if self.scheme.flights > self.flight.per_loop else stages.system.loop_boundary(motion)
 
         motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)
         return motion, force, ok
 
-    def _in_a_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
-        """A flight and a kick a turn, beginning with whichever the scheme begins with."""
+    def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
+        """The step as a loop, with one flight and one kick per iteration; the scheme decides which comes first."""
         kicks, flights, times = self.scheme.columns()
         kicks_first = self.scheme.stages[0][0] == KICK
         if kicks_first and force is None:
             force = stages.evaluate(0.0, 0.0, motion)
 
-        light = self.flight.per_loop > 2
-        cut = stages.system.cut if light else fuse
+        short_flight = self.flight.per_loop > 2
+        after_flight = stages.system.loop_boundary if short_flight else fuse
 
-        def turn(carry: Any, row: Any) -> tuple[Any, None]:
+        def iteration(carry: Any, row: Any) -> tuple[Any, None]:
             motion, force, ok = carry
-            kick, flight, here, there = row
+            kick, flight, start_time, end_time = row
             if kicks_first:
-                motion = stages.kick(kick, here, motion, force)
-            motion, fine = stages.fly(flight, motion)
-            motion = cut(motion)
-            force = stages.evaluate(there, 0.0, motion)
+                motion = stages.kick(kick, start_time, motion, force)
+            motion, flight_ok = stages.fly(flight, motion)
+            motion = after_flight(motion)
+            force = stages.evaluate(end_time, 0.0, motion)
             if not kicks_first:
-                motion, force = stages.kick(kick, there, motion, force), None
-            return fuse((motion, force, ok & fine)), None
+                motion, force = stages.kick(kick, end_time, motion, force), None
+            return fuse((motion, force, ok & flight_ok)), None
 
         rows = [kicks, flights, times[:-1], times[1:]]
         count = min(len(kicks), len(flights))
         rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
         begin = motion, force, jnp.ones_like(stages.h, bool)
-        (motion, force, ok), _ = jax.lax.scan(turn, begin, rows, unroll=2 if light else 1)
+        (motion, force, ok), _ = jax.lax.scan(iteration, begin, rows, unroll=2 if short_flight else 1)
         if kicks_first:
             return stages.kick(kicks[-1], 1.0, motion, force), force, ok
-        motion, fine = stages.fly(flights[-1], motion)
-        return motion, None, ok & fine
+        motion, flight_ok = stages.fly(flights[-1], motion)
+        return motion, None, ok & flight_ok
 
 
 class _Stages(NamedTuple):
-    """The parts of one step; their coefficients are numbers, or scalars in a loop over stages."""
+    """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages."""
 
     flight: Flight
     system: System
@@ -128,7 +129,7 @@ class _Stages(NamedTuple):
     h: Array
 
     def _time(self, c: Any) -> Array:
-        """c steps after the start of the step, and at its two ends exactly there."""
+        """The time c h after the start of the step: exactly t0 for c = 0 and exactly t1 for c = 1."""
         if isinstance(c, float):
             return self.t0 if c == 0.0 else self.t1 if c == 1.0 else self.t0 + c * self.h
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
@@ -149,14 +150,14 @@ class _Stages(NamedTuple):
         if force is None:
             return motion
         if self.system.reads_momentum:
-            half_way = Motion(added(motion.momentum, b * self.h / 2, force), motion.pose)
-            force = self.system.force(self._time(c), half_way)
+            midpoint = Motion(added(motion.momentum, b * self.h / 2, force), motion.pose)
+            force = self.system.force(self._time(c), midpoint)
         change = jax.tree.map(lambda f: b * self.h * f, force)
         return Motion(cp.accumulate(motion.momentum, change, self.t0), motion.pose)
 
 
 @eqx.filter_jit
 def _fly(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
-    """Traced once for all the flights of a step, and of every later method with this flight."""
+    """One flight, traced once for all the flights of a step and of every later method with the same flight."""
     inertia, h, momentum = fuse_derivative((inertia, h, momentum))
     return flight(inertia, h, momentum)

@@ -1,9 +1,9 @@
-"""Free flights: what a body does in time h under no torque, exactly or nearly. One flight, one file, one line here.
+"""Flights: maps for the motion of a body under no torque for a time h, exact or approximate.
 
-A flight is called with the body's constants, the time and the momentum, and returns the rotation that the body made,
-the change of its momentum, and whether its numbers can be trusted. How the orientation is stored is the business of
-states. `midlie_jax.flights()` lists the flights, best first. To write one, take the arithmetic of `components` and
-`short_series` (`docs/extending.md`).
+A flight is called with the body's constants, the time and the momentum, and returns the rotation of the body, the
+change of its momentum, and whether the result is valid. Flights do not depend on how a state stores the orientation.
+To add a flight to the package, write one file and import the class here; `midlie_jax.flights()` then lists it, best
+first. To write a flight, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
 """
 
 import sys
@@ -28,8 +28,8 @@ from .symplectic_midpoint import SymplecticMidpoint4 as SymplecticMidpoint4
 from .three_axis import ThreeAxis as ThreeAxis
 
 
-def _better_first(flight: Flight) -> tuple[bool, bool, bool, int, str]:
-    """Rigid bodies first, then symplectic before others, exact before approximate, for any body before for some."""
+def _rank(flight: Flight) -> tuple[bool, bool, bool, int, str]:
+    """The sort key: rigid bodies first, then symplectic, then exact (for any moments first), then higher order."""
     return (
         flight.body is not RigidBody,
         not flight.symplectic,
@@ -39,18 +39,18 @@ def _better_first(flight: Flight) -> tuple[bool, bool, bool, int, str]:
     )
 
 
-_KINDS = [kind for kind in list(globals().values()) if isinstance(kind, type) and issubclass(kind, Flight)]
+_CLASSES = [kind for kind in list(globals().values()) if isinstance(kind, type) and issubclass(kind, Flight)]
 FLIGHTS: dict[str, Flight] = {
-    flight.name: flight for flight in sorted((kind() for kind in _KINDS if kind is not Flight), key=_better_first)
+    flight.name: flight for flight in sorted((kind() for kind in _CLASSES if kind is not Flight), key=_rank)
 }
 
 
-class _Callable(ModuleType):
-    """`midlie_jax.flights()` beside `midlie_jax.flights.Jacobi`."""
+class _CallableModule(ModuleType):
+    """A module that can also be called: `midlie_jax.flights()` as well as `midlie_jax.flights.Jacobi`."""
 
     def __call__(self) -> Listing:
-        """The names of the flights, best first, with when to take each."""
+        """The names of the flights, best first; the list prints as a table of when to use each flight."""
         return Listing({name: flight.use for name, flight in FLIGHTS.items()})
 
 
-sys.modules[__name__].__class__ = _Callable
+sys.modules[__name__].__class__ = _CallableModule

@@ -1,4 +1,4 @@
-"""What every flight is: a rule for motion under no torque."""
+"""`Flight`, the base class of all flights: maps for the motion of a body under no torque."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -10,19 +10,19 @@ from ...model.bodies import Particles, RigidBody
 
 
 class Flight(eqx.Module):
-    """A free flight; calling one flies.
+    """The motion of a body under no torque, as a callable.
 
     Attributes:
-        name: its name in method names.
-        use: when to take it, for `midlie_jax.flights()`.
-        order: its order of accuracy as a map; `None` when exact.
+        name: the part before the bracket of a method's name.
+        use: when to use the flight, for `midlie_jax.flights()`.
+        order: order of accuracy; `None` if the flight is exact.
         symplectic: whether the map preserves the Lie-Poisson and symplectic structure to rounding.
-        symmetric: whether a flight of time -h undoes one of h.
-        body: the kind of body it moves.
-        equal_moments: whether it moves only bodies with two equal moments.
-        per_loop: how many of it the compiler takes in one loop; a step of more is cut after each. A larger loop XLA's
-            CPU emitter cuts into functions that call each other, and so repeats the work many times over.
-        one_loop: whether one flight compiles to a single loop over the batch; False where a solve is cut in parts.
+        symmetric: whether a flight of time -h undoes a flight of time h.
+        body: the class of body that the flight moves.
+        equal_moments: whether the flight moves only bodies with two equal moments.
+        per_loop: how many flights fit in one compiled loop; in a step with more flights, each flight ends a loop. XLA's
+            CPU emitter splits a larger loop into functions that call each other, and so repeats the work many times.
+        one_loop: whether one flight compiles to a single loop over the batch; False where its solve is cut in parts.
     """
 
     name: ClassVar[str]
@@ -36,20 +36,24 @@ class Flight(eqx.Module):
     one_loop: ClassVar[bool] = True
 
     def fitted(self, moments: Array) -> "Flight":
-        """This flight made for bodies of these moments, (..., 3), all known; a ValueError if it cannot move them."""
+        """This flight specialised to bodies with these moments, (..., 3), which must be known, not traced.
+
+        Raises:
+            ValueError: the flight cannot move a body with these moments.
+        """
         del moments
         return self
 
     def moves(self, moments: Array) -> bool:
-        """Whether it moves a body of these moments, (3,)."""
+        """Whether the flight moves a body with these moments, (3,)."""
         x, y, z = map(float, moments)
         return not self.equal_moments or x == y or y == z or z == x
 
     @abstractmethod
     def __call__(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
-        """Flies for time h.
+        """The flight for the time h.
 
         Returns:
-            The increment (for a rigid body a unit quaternion in the body frame), the change of the momentum, and a
-            boolean: False where the result is not to be trusted.
+            The increment (for a rigid body a unit quaternion in the body frame), the change of the momentum, and `ok`,
+            a boolean that is False where the result is invalid.
         """

@@ -1,15 +1,15 @@
 """The exact flight of any body in closed form: Jacobi's solution by its addition theorems.
 
-The momentum's components are elliptic functions of time. So after a step they are rational in what they were before
-and in the functions of the step alone, and the current values need no inverse function: they are read off the
-momentum itself. The angle about the spatial momentum is an elliptic integral of the third kind; its addition theorem
-leaves a function of the step and the argument of a complex number that is rational again. Nothing is sorted, and
-nothing happens at the separatrix or where moments are equal: there is no period and no arithmetic-geometric mean,
-only three short sums of the step's invariants (`_kernel.weierstrass`), a few roots and a reciprocal.
+The components of the momentum are elliptic functions of time. By their addition theorems, the components after a step
+are rational in the components before the step and in functions of the step alone, so no inverse elliptic function is
+needed. The angle about the spatial momentum is an elliptic integral of the third kind. Its addition theorem leaves a
+function of the step and the argument of a complex number that is rational as well. The formulas need no sorting of the
+moments and have no special case at the separatrix or for equal moments. They use no period and no arithmetic-geometric
+mean, only three short sums in the invariants of the step (`_kernel.weierstrass`), a few roots and a reciprocal.
 
-In a unit of time, with (l, m, n) cyclic, a_l = 1/I_n - 1/I_m so that Pi_l' = a_l Pi_m Pi_n, i the axis of the middle
-moment, (i, j, k) cyclic, K = a_k Pi_j^2 - a_j Pi_k^2, and Weierstrass's function of roots e_l with
-a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
+For a unit of time, with (l, m, n) cyclic, a_l = 1/I_n - 1/I_m so that Pi_l' = a_l Pi_m Pi_n, i the axis of the middle
+moment, (i, j, k) cyclic, K = a_k Pi_j^2 - a_j Pi_k^2, and Weierstrass's function wp whose
+roots e_l satisfy a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
 
     wp(v) = e_i + a_j a_k |Pi|^2,    wp(v) - e_j = -a_k K,    wp(v) - e_k = a_j K
     S = sigma(1),    E_l^2 = S^2 (wp(1) - e_l),    V = S^2 (wp(1) - wp(v))
@@ -18,12 +18,14 @@ a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
     Z = D |Pi|^2 (E_1 + E_2 + E_3) + sum Pi_l N_l E_l - M E_i  +  i |Pi| S (K D + a_k Pi_j N_j - a_j Pi_k N_k)
     M = D |Pi|^2 + Pi . N,    |Z|^2 = V M^2
 
-The angle is that about Pi after the shortest way from one momentum to the other. Because |F Z| = V M has no root in
-it, neither has half the angle, but for a factor that drops out of the normalised quaternion.
+The rotation of the body is the shortest rotation between the two momenta, combined with a turn about Pi by the angle
+above. Because |F Z| = V M contains no square root, the sine and cosine of half the angle contain none either,
+except in a common factor that the normalisation of the quaternion removes.
 
 C. G. J. Jacobi, J. reine angew. Math. 39 (1850) 293; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145;
-E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30 (2008) 2084. These evaluate the functions anew
-at each time. The rational step was derived for this package; the tests hold it against `oracles.free_body`.
+E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30 (2008) 2084. These papers evaluate the
+elliptic functions anew at each time. The rational step was derived for this package; the tests compare it with
+`oracles.free_body`.
 """
 
 from typing import ClassVar
@@ -38,17 +40,18 @@ from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
 
-# Radians of h |Omega| up to which the sums are exact to rounding.
-_REACH = 1.2
+# The largest h |Omega|, in radians, for which the sums are exact to rounding.
+_LARGEST_TURN = 1.2
 
-Complex = tuple[Array, Array]  # (real, imaginary / |y|): only |y|^2 is ever needed
+Complex = tuple[Array, Array]  # (real, imaginary / |y|), so that only |y|^2 is needed, never |y|
 
 
 class Jacobi(Flight):
-    """Exact for any moments; symplectic, keeps energy and spatial momentum to rounding.
+    """The exact flight for any moments; symplectic; conserves energy and spatial momentum to rounding.
 
-    Says False where h |Omega| exceeds 1.2 radians; for a body that breaks the triangle inequality, and so can turn
-    over faster than it spins, also where an invariant of its motion exceeds the bound that this sets for others.
+    The flight reports False in `ok` where h |Omega| exceeds 1.2 radians. For a real body this limit also bounds the
+    invariants of the motion. A body whose moments violate the triangle inequality can turn over faster than it spins;
+    for such a body, `ok` is also False where an invariant exceeds this bound.
     """
 
     name: ClassVar[str] = "JACOBI"
@@ -62,72 +65,80 @@ class Jacobi(Flight):
         spins, y = inertia.spins, inertia.travel(h, momentum)
         turn = cp.times(spins, y)
         size = cp.dot(turn, turn)
-        # Where the momentum vanishes so does the axis of the angle; there two terms in h are the motion to rounding.
-        still = size <= cp.epsilon(h)
+        # A vanishing momentum leaves the axis of the angle undefined; there two terms of the series in h are exact to
+        # rounding.
+        at_rest = size <= cp.epsilon(h)
         change = cp.times(spins, cp.cross(y, turn))
-        little = half_turn(_where(still, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
-        large, fine = _turn(inertia, spins, _where(still, cp.times(inertia.middle, inertia.relative), y))
-        little = cp.square(little)
-        increment = (jnp.where(still, little[0], large[0]), *_where(still, little[1:], large[1:]))
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum), fine & (size <= _REACH**2)
+        series = half_turn(_select(at_rest, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
+        closed_form, ok = _turn(inertia, spins, _select(at_rest, cp.times(inertia.middle, inertia.relative), y))
+        series = cp.square(series)
+        increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (size <= _LARGEST_TURN**2)
 
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaternion, Array]:
-    """The rotation in a unit of time of a body with momentum y, in units of the largest moment.
+    """The rotation in a unit of time of a body with momentum y, in units of the largest moment; and `ok`.
 
-    The axis of the middle moment as pole of the angle keeps the invariants of any real body below |Omega|^2.
+    Letters are those of the module docstring. Choosing i as the axis of the middle moment keeps the invariants of any
+    real body below |Omega|^2.
     """
     a, middle = inertia.gaps, inertia.middle
-    k = cp.cross(a, middle)  # a_k on the axis j, -a_j on the axis k
-    depth = -(k[0] * k[1] + k[1] * k[2] + k[2] * k[0])  # a_j a_k
+    k = cp.cross(a, middle)  # component j is a_k, component k is -a_j
+    a_jk = -(k[0] * k[1] + k[1] * k[2] + k[2] * k[0])  # a_j a_k
     squares = cp.times(y, y)
     total = squares[0] + squares[1] + squares[2]
-    excess = cp.dot(k, squares)
+    K = cp.dot(k, squares)
 
-    below = cp.subtract(cp.scale(depth * total, middle), cp.scale(excess, k))
-    pole = (below[0] + below[1] + below[2]) * (1 / 3)
-    roots = cp.subtract((pole, pole, pole), below)
+    # differences[l] is wp(v) - e_l.
+    differences = cp.subtract(cp.scale(a_jk * total, middle), cp.scale(K, k))
+    wp = (differences[0] + differences[1] + differences[2]) * (1 / 3)
+    roots = cp.subtract((wp, wp, wp), differences)
     g2, g3 = 2 * cp.dot(roots, roots), 4 * roots[0] * roots[1] * roots[2]
-    s, w, odd = step_functions(pole, g2, g3, _REACH)
+    s, w, odd = step_functions(wp, g2, g3, _LARGEST_TURN)
 
-    v = w - pole * s * s
-    e = (_root(v + below[0] * s * s), _root(v + below[1] * s * s), _root(v + below[2] * s * s))
-    d = v + depth * s * s * (total - cp.dot(middle, squares))
+    v = w - wp * s * s
+    e = (
+        _square_root(v + differences[0] * s * s),
+        _square_root(v + differences[1] * s * s),
+        _square_root(v + differences[2] * s * s),
+    )
+    d = v + a_jk * s * s * (total - cp.dot(middle, squares))
     products = (y[1] * y[2] * e[0], y[2] * y[0] * e[1], y[0] * y[1] * e[2])
     n = cp.add(cp.times(y, (e[1] * e[2], e[2] * e[0], e[0] * e[1])), cp.scale(s, cp.times(a, products)))
 
-    # The two complex numbers, and M, over |y|^2.
+    # F as above; Z and M divided by |y|^2.
     per_total = cp.reciprocal(total)
     along = cp.scale(per_total, cp.times(y, n))
-    both = d + along[0] + along[1] + along[2]
-    imaginary = -2 * depth * excess * odd
-    shift = _root(v - total * imaginary * imaginary), imaginary
-    rest = (
-        d * (e[0] + e[1] + e[2]) + cp.dot(along, e) - both * cp.dot(middle, e),
-        s * (per_total * excess * d + cp.dot(k, along)),
+    M = d + along[0] + along[1] + along[2]
+    imaginary = -2 * a_jk * K * odd
+    F = _square_root(v - total * imaginary * imaginary), imaginary
+    Z = (
+        d * (e[0] + e[1] + e[2]) + cp.dot(along, e) - M * cp.dot(middle, e),
+        s * (per_total * K * d + cp.dot(k, along)),
     )
-    real, imaginary = _times(shift, rest, total)
-    cosine, sine = _times((v * both + real, imaginary), _half(cp.dot(middle, spins), total), total)
+    real, imaginary = _complex_product(F, Z, total)
+    cosine, sine = _complex_product((v * M + real, imaginary), _half_phase(cp.dot(middle, spins), total), total)
 
-    across = _across(a, y, below, e, s)
+    across = _across(a, y, differences, e, s)
     x = cp.add(cp.scale(cosine * per_total, across), cp.scale(sine, cp.add(cp.scale(d, y), n)))
-    scalar = cosine * both
+    scalar = cosine * M
     factor = cp.inverse_root(scalar * scalar + cp.dot(x, x))
-    fine = cp.largest(below) <= _REACH**2
-    return (factor * scalar, factor * x[0], factor * x[1], factor * x[2]), fine
+    ok = cp.largest(differences) <= _LARGEST_TURN**2
+    return (factor * scalar, factor * x[0], factor * x[1], factor * x[2]), ok
 
 
-def _across(a: cp.Vector, y: cp.Vector, below: cp.Vector, e: cp.Vector, s: Array) -> cp.Vector:
-    """n x y, of two vectors that are nearly parallel, with an error in proportion to it and not to both.
+def _across(a: cp.Vector, y: cp.Vector, differences: cp.Vector, e: cp.Vector, s: Array) -> cp.Vector:
+    """n x y, of two nearly parallel vectors, with an error proportional to |n x y| and not to |n| |y|.
 
-    (n x y)_l = y_m y_n E_l (E_n - E_m) + S y_l (a_m y_n^2 E_m - a_n y_m^2 E_n), and E_n^2 - E_m^2 is known without a
-    difference of roots: S^2 times that of `below`.
+    (n x y)_l = y_m y_n E_l (E_n - E_m) + S y_l (a_m y_n^2 E_m - a_n y_m^2 E_n). To avoid subtracting nearly equal
+    roots, E_n - E_m is computed from E_n^2 - E_m^2: S^2 times the difference of two entries of `differences`.
     """
     sums = (e[1] + e[2], e[2] + e[0], e[0] + e[1])
     others = (sums[1] * sums[2], sums[2] * sums[0], sums[0] * sums[1])
     share = s * s * cp.reciprocal(sums[0] * others[0])
     change = cp.times(
-        cp.scale(share, others), cp.subtract((below[2], below[0], below[1]), (below[1], below[2], below[0]))
+        cp.scale(share, others),
+        cp.subtract((differences[2], differences[0], differences[1]), (differences[1], differences[2], differences[0])),
     )
     first = cp.times((y[1] * y[2], y[2] * y[0], y[0] * y[1]), cp.times(e, change))
     pull = cp.times(a, e)
@@ -140,20 +151,20 @@ def _across(a: cp.Vector, y: cp.Vector, below: cp.Vector, e: cp.Vector, s: Array
     return cp.add(first, cp.scale(s, cp.times(y, turn)))
 
 
-def _half(rate: Array, total: Array) -> Complex:
-    """exp of half the angle rate |y|, from a quarter of it, for which the series are short."""
+def _half_phase(rate: Array, total: Array) -> Complex:
+    """exp(i rate |y| / 2), computed from the angle rate |y| / 4, for which the series are short."""
     square = rate * rate * total / 4
     cosine, sine = half_angle(square)
     return 1 - 2 * square * sine * sine, rate * cosine * sine
 
 
-def _times(a: Complex, b: Complex, total: Array) -> Complex:
+def _complex_product(a: Complex, b: Complex, total: Array) -> Complex:
     return a[0] * b[0] - total * a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-def _where(choice: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
+def _select(choice: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
     return jnp.where(choice, a[0], b[0]), jnp.where(choice, a[1], b[1]), jnp.where(choice, a[2], b[2])
 
 
-def _root(x: Array) -> Array:
+def _square_root(x: Array) -> Array:
     return x * cp.inverse_root(x)

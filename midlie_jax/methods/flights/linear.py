@@ -1,4 +1,4 @@
-"""The flight of particles: straight lines, exactly."""
+"""The exact flight of particles: motion along straight lines."""
 
 from typing import Any, ClassVar
 
@@ -10,7 +10,7 @@ from .base import Flight
 
 
 class Linear(Flight):
-    """u += h M^-1 p, the exact motion of particles under no force. The momentum stays."""
+    """u += h M^-1 p, the exact motion of particles under no force. The momentum is constant."""
 
     name: ClassVar[str] = "linear"
     use: ClassVar[str] = "particles: exact"

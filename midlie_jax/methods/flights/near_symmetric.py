@@ -1,7 +1,7 @@
-"""Near-symmetric splitting: the exact flight of a symmetric body, and what the third moment adds to it.
+"""Near-symmetric splitting: the exact flight of a symmetric body, with a correction for the unequal moment.
 
-The kinetic energy is that of a body with moments (I2, I2, I3) plus (1/I1 - 1/I2) Pi1^2 / 2, and the flow of the latter
-a rotation about axis 1. Dullweber, Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840, section III.
+The kinetic energy is the energy of a body with moments (I2, I2, I3) plus (1/I1 - 1/I2) Pi1^2 / 2. The flow of the
+second term is a rotation about axis 1. Dullweber, Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840, section III.
 """
 
 from typing import ClassVar
@@ -19,8 +19,8 @@ from .symmetric import symmetric_turn, within_reach
 class NearSymmetric(Flight):
     """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
 
-    Its error is proportional to the difference of the first two moments: name the axes so that these are nearest.
-    Says False where it turned by more than 2.4 radians in one of its parts.
+    The error is proportional to the difference of the first two moments: order the axes so that these two are closest.
+    The flight reports False in `ok` where one of its parts turned by more than 2.4 radians.
     """
 
     name: ClassVar[str] = "NEARSYM"
@@ -31,22 +31,26 @@ class NearSymmetric(Flight):
     per_loop: ClassVar[int] = 4
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        # 1/I1 - 1/I2, from the difference of the moments themselves.
+        # 1/I1 - 1/I2, computed from the difference of the moments.
         gap = -inertia.gaps[2] * inertia.per_unit
 
         def about_first(momentum: cp.Vector) -> tuple[Array, tuple[Array, Array]]:
-            """The square of half the angle, and its cosine and sine."""
+            """The square of half the angle about axis 1, and the cosine and sine of half the angle."""
             half = h / 4 * gap * momentum[0]
             return half * half, spin(half)
 
         zero = h * 0
-        first, before = about_first(momentum)
+        before_square, before = about_first(momentum)
         turned = cp.rotate_back_about(0, *before, momentum)
         _, b, c = inertia.inverses
         increment, about_third = symmetric_turn(h, b, c, turned)
         ok = within_reach(h, b, c, turned)
         turned = cp.rotate_back_about(2, *about_third, turned)
-        last, after = about_first(turned)
+        after_square, after = about_first(turned)
         increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))
-        # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (first + last <= LARGEST_SQUARE)
+        # The momentum changes by the whole increment, with one rounding; `turned` only determines the next angle.
+        return (
+            increment,
+            cp.rotation_change(cp.conjugate(increment), momentum),
+            ok & (before_square + after_square <= LARGEST_SQUARE),
+        )

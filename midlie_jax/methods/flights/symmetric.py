@@ -2,13 +2,14 @@
 
 b = h (1/I3 - 1/I1) Pi3,    R1 = R0 exp(h Pi0/I1) exp(b e3),    Pi1 = exp(-b e3) Pi0
 
-That holds for equal moments alone, and so tells nothing of the derivative in their difference. With inverse moments
-a + e, a - e, c the energy is that of the symmetric body and e H1, H1 = (Pi1^2 - Pi2^2)/2, and to first order in e the
-motion is the symmetric body's after the flow of e K, K the integral of H1 along it (variation of constants):
+These formulas hold for equal moments only, and so do not give the derivative with respect to the difference of the two
+moments. That derivative follows by variation of constants. With inverse moments a + e, a - e, c the energy is that of
+the symmetric body plus e H1, H1 = (Pi1^2 - Pi2^2)/2. To first order in e, the motion is the flow of e K followed by the
+motion of the symmetric body, where K is the integral of H1 along the motion of the symmetric body:
 
 K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    sinc(b) = sin(b)/b
 
-a turn by e grad K, which takes the momentum along.
+The flow of e K is a rotation by e grad K, which also rotates the momentum.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -26,19 +27,20 @@ from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
 
-_SLACK = 8  # units of eps by which inverse moments may differ and still count as equal
+_EQUALITY_TOLERANCE = 8  # units of eps by which inverse moments may differ and still count as equal
 
-Flown = tuple[cp.Quaternion, cp.Vector]
+FlightResult = tuple[cp.Quaternion, cp.Vector]
 
 
 class Symmetric(Flight):
-    """Exact where two moments are equal; symplectic, keeps energy and spatial momentum to rounding.
+    """The exact flight of bodies with two equal moments; symplectic; conserves energy and spatial momentum to rounding.
 
-    Says False where no two moments are equal to 8 eps, or a flight turned by more than 2.4 radians in one of its parts.
-    The derivatives are those of the motion, in the moments of first order only (a ValueError beyond: take JACOBI).
+    The flight reports False in `ok` where no two inverse moments agree to 8 eps, and where one of its rotations exceeds
+    2.4 radians. Its derivatives with respect to the moments allow the moments to become unequal. They exist to first
+    order only; a second derivative with respect to the moments raises a ValueError (use JACOBI).
 
     Attributes:
-        axis: the axis of symmetry, 0, 1 or 2; None to find it in every flight, which costs a little.
+        axis: the index of the axis of symmetry, 0, 1 or 2; None to find the axis in every flight, at a small cost.
     """
 
     axis: int | None = eqx.field(static=True, default=None)
@@ -52,13 +54,13 @@ class Symmetric(Flight):
     per_loop: ClassVar[int] = 4
 
     def fitted(self, moments: Array) -> "Symmetric":
-        """This flight about the axis of symmetry of bodies with these moments, (..., 3), if they have the same one.
+        """This flight with the axis of symmetry fixed, if all bodies with these moments, (..., 3), share an axis.
 
         Raises:
             ValueError: no two moments of a body are equal.
         """
         a, b, c = (1 / np.asarray(moments)[..., k] for k in range(3))
-        equal = {2: _equal(a, b), 0: _equal(b, c), 1: _equal(c, a)}  # the third first: a ball has every axis
+        equal = {2: _equal(a, b), 0: _equal(b, c), 1: _equal(c, a)}  # axis 2 comes first and is chosen for a ball
         if not np.all(equal[0] | equal[1] | equal[2]):
             raise ValueError(
                 "method SYMMETRIC needs bodies with two equal moments, got moments "
@@ -68,25 +70,27 @@ class Symmetric(Flight):
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         numbering = _Numbering.of(inertia.inverses, self.axis)
-        inverses = numbering.third(inertia.inverses)
-        seen = numbering.third(momentum)
-        (w, *u), change = _fly(h, inverses, seen)
-        ok = within_reach(h, inverses[0], inverses[2], seen) & _equal(inverses[0], inverses[1])
-        return (w, *numbering.back((u[0], u[1], u[2]))), numbering.back(change), ok
+        inverses = numbering.renumbered(inertia.inverses)
+        renumbered = numbering.renumbered(momentum)
+        (w, *u), change = _fly(h, inverses, renumbered)
+        ok = within_reach(h, inverses[0], inverses[2], renumbered) & _equal(inverses[0], inverses[1])
+        return (w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change), ok
 
 
 def _equal(a: Any, b: Any) -> Any:
-    return abs(a - b) <= _SLACK * float(np.finfo(a.dtype).eps) * a
+    return abs(a - b) <= _EQUALITY_TOLERANCE * float(np.finfo(a.dtype).eps) * a
 
 
 class _Numbering(NamedTuple):
-    """The axes renamed in their cyclic order so that the axis of symmetry is the third: it was the first, the second.
+    """The axes renumbered in their cyclic order, so that the axis of symmetry becomes the third axis.
 
-    Each of the two is a Python bool, or an array where the axis is not known before tracing.
+    Attributes:
+        was_first, was_second: whether the axis of symmetry is the first or the second axis of the body. Python bools,
+            or arrays if the axis is not known before tracing.
     """
 
-    first: Any
-    second: Any
+    was_first: Any
+    was_second: Any
 
     @classmethod
     def of(cls, inverses: cp.Vector, axis: int | None) -> "_Numbering":
@@ -96,34 +100,35 @@ class _Numbering(NamedTuple):
         third, first = _equal(a, b), _equal(b, c)
         return cls(~third & first, ~third & ~first & _equal(c, a))
 
-    def third(self, v: cp.Vector) -> cp.Vector:
-        """The components in the new order."""
-        return self._chosen((v[1], v[2], v[0]), (v[2], v[0], v[1]), v)
+    def renumbered(self, v: cp.Vector) -> cp.Vector:
+        """The components of v in the new order of the axes."""
+        return self._select((v[1], v[2], v[0]), (v[2], v[0], v[1]), v)
 
-    def back(self, v: cp.Vector) -> cp.Vector:
-        """The inverse of `third`."""
-        return self._chosen((v[2], v[0], v[1]), (v[1], v[2], v[0]), v)
+    def restored(self, v: cp.Vector) -> cp.Vector:
+        """The inverse of `renumbered`."""
+        return self._select((v[2], v[0], v[1]), (v[1], v[2], v[0]), v)
 
-    def _chosen(self, first: cp.Vector, second: cp.Vector, third: cp.Vector) -> cp.Vector:
-        if isinstance(self.first, bool):
-            return first if self.first else second if self.second else third
+    def _select(self, first: cp.Vector, second: cp.Vector, third: cp.Vector) -> cp.Vector:
+        if isinstance(self.was_first, bool):
+            return first if self.was_first else second if self.was_second else third
         x, y, z = (
-            jnp.where(self.first, a, jnp.where(self.second, b, c)) for a, b, c in zip(first, second, third, strict=True)
+            jnp.where(self.was_first, a, jnp.where(self.was_second, b, c))
+            for a, b, c in zip(first, second, third, strict=True)
         )
         return x, y, z
 
 
 def _rotations(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
-    """Half of the rotation about the momentum, and of the angle about axis 3."""
+    """Half of the rotation vector along the momentum, and half of the angle about axis 3."""
     return cp.scale(h / 2, cp.scale(a, momentum)), h / 2 * ((c - a) * momentum[2])
 
 
 def symmetric_turn(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, tuple[Array, Array]]:
-    """The turn of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
+    """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
 
     Returns:
-        The increment; the cosine and sine of half the angle about axis 3 by which the momentum turns back, seen from
-        the body.
+        The increment, and the cosine and sine of half the angle b; in the body frame, the momentum turns by -b about
+        axis 3.
     """
     turn, angle = _rotations(h, a, c, momentum)
     cosine, sine = spin(angle)
@@ -131,60 +136,60 @@ def symmetric_turn(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[c
 
 
 def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:
-    """Whether both rotations of `symmetric_turn` are."""
+    """Whether both rotations of `symmetric_turn` are at most 2.4 radians."""
     turn, angle = _rotations(h, a, c, momentum)
     return (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
 
 
 @jax.custom_jvp
-def _fly(h: Array, inverses: cp.Vector, momentum: cp.Vector) -> Flown:
-    """The flight about the third axis, with the derivative of a body whose moments need not stay equal."""
+def _fly(h: Array, inverses: cp.Vector, momentum: cp.Vector) -> FlightResult:
+    """The flight with symmetry axis 3, with first derivatives that allow the moments to become unequal."""
     increment, about_third = symmetric_turn(h, inverses[0], inverses[2], momentum)
     return increment, cp.rotation_change_about(2, *about_third, momentum)
 
 
-def _fly_jvp(primals: Any, tangents: Any) -> tuple[Flown, Flown]:
+def _fly_jvp(primals: Any, tangents: Any) -> tuple[FlightResult, FlightResult]:
     h, inverses, momentum = primals
-    a, _, c = _for_first_derivatives(inverses)
-    dh, (da, db, dc), dp = _numbers(tangents, primals)
+    a, _, c = _first_derivatives_only(inverses)
+    dh, (da, db, dc), dp = _with_zeros(tangents, primals)
 
-    def flown(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Flown:
+    def flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> FlightResult:
         return _fly.fun(h, (a, a, c), momentum)
 
-    (increment, _), (turning, moving) = jax.jvp(flown, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
+    (increment, _), (increment_dot, change_dot) = jax.jvp(flight, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
     if not all(map(_is_zero, tangents[1])):
-        # A turn by grad K first, which takes the momentum along, and then the flight.
+        # The derivative with respect to e: a rotation by grad K, which also rotates the momentum, then the flight.
         turn = cp.scale((da - db) / 2, _gradient(h, c - a, momentum))
-        taken = cp.cross(momentum, turn)
-        _, (onward, moved) = jax.jvp(lambda p: flown(h, a, c, p), (momentum,), (taken,))
-        before = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
-        turning = tuple(x + y + z for x, y, z in zip(turning, before, onward, strict=True))
-        moving = cp.add(moving, cp.add(taken, moved))
-    return _fly(*primals), (turning, moving)
+        momentum_shift = cp.cross(momentum, turn)
+        _, (increment_shift, change_shift) = jax.jvp(lambda p: flight(h, a, c, p), (momentum,), (momentum_shift,))
+        turn_dot = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
+        increment_dot = tuple(x + y + z for x, y, z in zip(increment_dot, turn_dot, increment_shift, strict=True))
+        change_dot = cp.add(change_dot, cp.add(momentum_shift, change_shift))
+    return _fly(*primals), (increment_dot, change_dot)
 
 
 _fly.defjvp(_fly_jvp, symbolic_zeros=True)
 
 
 @jax.custom_jvp
-def _for_first_derivatives(inverses: cp.Vector) -> cp.Vector:
-    """The same numbers, in a derivative that is not right to second order in them and so must not be differentiated."""
+def _first_derivatives_only(inverses: cp.Vector) -> cp.Vector:
+    """The inverse moments unchanged, for a derivative that is wrong in second order: differentiating again raises."""
     return inverses
 
 
-def _refuse(primals: Any, tangents: Any) -> Any:
+def _refuse_second_derivatives(primals: Any, tangents: Any) -> Any:
     if all(map(_is_zero, tangents[0])):
-        return primals[0], _numbers(tangents[0], primals[0])
+        return primals[0], _with_zeros(tangents[0], primals[0])
     raise ValueError(
-        "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all."
+        "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all orders."
     )
 
 
-_for_first_derivatives.defjvp(_refuse, symbolic_zeros=True)
+_first_derivatives_only.defjvp(_refuse_second_derivatives, symbolic_zeros=True)
 
 
 def _gradient(h: Array, gap: Array, momentum: cp.Vector) -> cp.Vector:
-    """grad K, with gap = 1/I3 - 1/I1."""
+    """The gradient of K with respect to Pi, for gap = 1/I3 - 1/I1."""
     p, q, r = momentum
     angle = h * gap * r
     x = angle * angle
@@ -200,5 +205,5 @@ def _is_zero(tangent: Any) -> bool:
     return isinstance(tangent, SymbolicZero)
 
 
-def _numbers(tangents: Any, primals: Any) -> Any:
+def _with_zeros(tangents: Any, primals: Any) -> Any:
     return jax.tree.map(lambda t, p: jnp.zeros_like(p) if _is_zero(t) else t, tangents, primals, is_leaf=_is_zero)

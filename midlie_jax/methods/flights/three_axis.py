@@ -1,6 +1,6 @@
-"""Three-axis splitting: rotations about the body's axes in turn, each exact.
+"""Three-axis splitting: exact rotations about one body axis after the other.
 
-The kinetic energy is a sum of Pi_i^2 / (2 I_i), and the flow of each term a rotation by h Pi_i / I_i about axis i.
+The kinetic energy is a sum of Pi_i^2 / (2 I_i). The flow of each term is a rotation by h Pi_i / I_i about axis i.
 Dullweber, Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840.
 """
 
@@ -14,14 +14,14 @@ from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
 
-# Axis 2 and 3 by halves around axis 1.
+# Index of the axis and fraction of h, for each rotation.
 _SWEEP = ((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5))
 
 
 class ThreeAxis(Flight):
     """Rotations about the axes 3, 2, 1, 2, 3: order 2, symplectic, no solve.
 
-    Says False where it turned by more than 2.4 radians about an axis.
+    The flight reports False in `ok` where it turned by more than 2.4 radians about an axis.
     """
 
     name: ClassVar[str] = "DLM"
@@ -34,12 +34,12 @@ class ThreeAxis(Flight):
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         zero = h * 0
         increment: cp.Quaternion = (zero + 1, zero, zero, zero)
-        largest, turned = zero, momentum
-        for axis, part in _SWEEP:
-            half = part * h / 2 * (inertia.inverses[axis] * turned[axis])
-            largest = largest + half * half
+        square_sum, turned = zero, momentum
+        for axis, fraction in _SWEEP:
+            half = fraction * h / 2 * (inertia.inverses[axis] * turned[axis])
+            square_sum = square_sum + half * half
             cosine, sine = spin(half)
             increment = cp.multiply_about(increment, axis, cosine, sine)
             turned = cp.rotate_back_about(axis, cosine, sine, turned)
-        # By the whole turn at once, which is rounded once; those between serve for the next angle alone.
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum), largest <= LARGEST_SQUARE
+        # The momentum changes by the whole increment, with one rounding; `turned` only determines the next angle.
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), square_sum <= LARGEST_SQUARE

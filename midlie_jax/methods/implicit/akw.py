@@ -1,4 +1,4 @@
-"""AKW: the midpoint rule in the momentum, with Cayley's map for the attitude."""
+"""AKW: the implicit midpoint rule in the momentum, with the Cayley map for the attitude."""
 
 from typing import Any
 
@@ -15,8 +15,8 @@ from .base import ITERATIONS, Implicit, converged
 class AKW(Implicit):
     """Pi1 = Pi0 + h Pb x I^-1 Pb + (h/2)(T0 + T1), Pb = (Pi0 + Pi1)/2, R1 = R0 cay(h I^-1 Pb).
 
-    Order 2, symmetric. Says False where the solve did not settle, or the step turned by more than 2.4 radians. Austin,
-    Krishnaprasad & Wang, J. Comput. Phys. 107 (1993) 105.
+    Order 2, symmetric. A step reports False in `ok` where the solve did not converge or the step turned by more than
+    2.4 radians. Austin, Krishnaprasad & Wang, J. Comput. Phys. 107 (1993) 105.
     """
 
     name: str = eqx.field(static=True, default="AKW")
@@ -27,25 +27,25 @@ class AKW(Implicit):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
     ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
-        def middle(half: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
-            """The mean momentum Pb and the turn h I^-1 Pb, for half of the momentum's change."""
+        def mean_and_turn(half: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
+            """The mean momentum Pb and the turn h I^-1 Pb, for `half`, half the change of the momentum."""
             mean = cp.add(motion.momentum, half)
             return mean, cp.scale(h, cp.times(system.inertia.inverses, mean))
 
         def residual(half: cp.Vector) -> cp.Vector:
-            mean, turn = middle(half)
-            there = cp.add(motion.momentum, cp.scale(2, half))
-            torque = system.force(t1, Motion(there, system.kind.rotate(motion.pose, _cayley(turn))))
+            mean, turn = mean_and_turn(half)
+            end_momentum = cp.add(motion.momentum, cp.scale(2, half))
+            torque = system.force(t1, Motion(end_momentum, system.kind.rotate(motion.pose, _cayley(turn))))
             kick = cp.scale(h / 2, cp.add(force, torque))
             return cp.subtract(cp.scale(2, half), cp.add(cp.cross(mean, turn), kick))
 
-        # The unknown is the change of the momentum, which is small, and so is its rounding; that of the mean is not.
-        rate = cp.add(cp.cross(*middle(cp.scale(0, motion.momentum))), cp.scale(h, force))
-        half, left = newton(residual, cp.scale(0.5, rate), ITERATIONS)
-        turn = middle(half)[1]
+        # The unknown is the change of the momentum, not the mean: the change is small, and so is its rounding error.
+        rate = cp.add(cp.cross(*mean_and_turn(cp.scale(0, motion.momentum))), cp.scale(h, force))
+        half, remaining = newton(residual, cp.scale(0.5, rate), ITERATIONS)
+        turn = mean_and_turn(half)[1]
         momentum = cp.accumulate(motion.momentum, cp.scale(2, half), t0)
         end = Motion(momentum, system.turned(motion.pose, _cayley(turn), t0, h))
-        ok = converged(left, momentum, motion.momentum) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
+        ok = converged(remaining, momentum, motion.momentum) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
         return end, system.force(t1, end), ok
 
 

@@ -1,4 +1,4 @@
-"""What every implicit method is, and when a solve counts as converged."""
+"""`Implicit`, the base class of the implicit methods, and the test whether a solve converged."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ from ...model.bodies import RigidBody
 from ..base import Method
 from ..system import System
 
-# Newton steps with the exact Jacobian; |Psi| = 1.5 needs five.
+# Newton steps with the exact Jacobian; a turn of |Psi| = 1.5 needs five.
 ITERATIONS = 5
-# Units of rounding of the largest term; a torque that cancels within itself is rounded more coarsely than its size.
+# In eps times the largest term; generous, because a torque whose terms cancel has a rounding error beyond its own size.
 _RESIDUAL_LIMIT = 1024
 
 
 class Implicit(Method):
-    """A step of order 2 that solves for three unknowns by Newton's method, with the torque in the residual."""
+    """A method of order 2 whose step solves for its unknowns by Newton's method, with the torque in the residual."""
 
     name: eqx.AbstractVar[str]
     order: int = eqx.field(static=True, default=2)
@@ -33,7 +33,7 @@ class Implicit(Method):
 
 
 def converged(residual: Array, *terms: cp.Vector) -> Array:
-    """Whether the residual is rounding, next to the largest of the terms that it balances."""
+    """Whether the residual is at the level of rounding of the largest of its terms."""
     size = cp.largest(terms[0])
     for term in terms[1:]:
         size = jnp.maximum(size, cp.largest(term))

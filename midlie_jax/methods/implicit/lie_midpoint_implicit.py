@@ -1,4 +1,4 @@
-"""LIEMID[I]: the midpoint rule on the group with the torque taken half way, implicit in it."""
+"""LIEMID[I]: the implicit midpoint rule on the group, with the torque at mid-step."""
 
 import equinox as eqx
 

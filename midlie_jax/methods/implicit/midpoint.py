@@ -1,4 +1,4 @@
-"""The implicit midpoint rule of the paper's vector-space part."""
+"""The implicit midpoint rule for particles, from the part of the paper on vector spaces."""
 
 from typing import Any
 
@@ -24,14 +24,14 @@ class ImplicitMidpoint(Implicit):
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[Array, Array], force: Any
     ) -> tuple[Motion[Array, Array], Any, Array | bool]:
         del t1, force
-        start, place = motion.momentum, motion.pose
+        start, position = motion.momentum, motion.pose
 
         def travel(mean: Array) -> Array:
             return h * system.inertia.velocity(mean)
 
         def residual(flat: Array) -> Array:
             mean = flat.reshape(start.shape)
-            pushed = start + h / 2 * system.force(t0 + h / 2, Motion(mean, place + travel(mean) / 2))
+            pushed = start + h / 2 * system.force(t0 + h / 2, Motion(mean, position + travel(mean) / 2))
             return (mean - pushed).ravel()
 
         def tangent(linear: Any, right: Array) -> Array:
@@ -43,8 +43,8 @@ class ImplicitMidpoint(Implicit):
             return flat
 
         flat = jax.lax.custom_root(residual, jax.lax.stop_gradient(start.ravel()), iterate, tangent)
-        left = jnp.max(jnp.abs(jax.lax.stop_gradient(residual(flat))))
+        remaining = jnp.max(jnp.abs(jax.lax.stop_gradient(residual(flat))))
         mean = flat.reshape(start.shape)
         size = jnp.maximum(jnp.max(jnp.abs(mean)), jnp.max(jnp.abs(start)))
-        ok = left <= 64 * jnp.finfo(start.dtype).eps * size
-        return Motion(2 * mean - start, place + travel(mean)), None, ok
+        ok = remaining <= 64 * jnp.finfo(start.dtype).eps * size
+        return Motion(2 * mean - start, position + travel(mean)), None, ok

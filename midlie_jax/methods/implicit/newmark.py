@@ -15,9 +15,9 @@ from .base import ITERATIONS, Implicit, converged
 class NewmarkBody(Implicit):
     """R1 = R0 exp(h Om0 + h^2 A0/2), I A1 + Om1 x I Om1 = T1, Om1 = Om0 + (h/2)(A0 + A1), gamma = 1/2.
 
-    A0 is the angular acceleration at the start. Order 2, symmetric (the two accelerations change places under
-    reversal); it does not keep the spatial momentum of a free body. Simo & Wong, IJNME 31 (1991) 19; Krysl &
-    Endres, IJNME 62 (2005) 2154.
+    A0 and A1 are the angular accelerations at the start and the end. Order 2, symmetric (reversing a step exchanges the
+    two accelerations); the method does not conserve the spatial momentum of a free body. Simo & Wong, IJNME
+    31 (1991) 19; Krysl & Endres, IJNME 62 (2005) 2154.
     """
 
     name: str = eqx.field(static=True, default="NMB")
@@ -31,7 +31,7 @@ class NewmarkBody(Implicit):
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
     ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
         def change(momentum: cp.Vector, torque: cp.Vector) -> cp.Vector:
-            """h I A, for the angular acceleration A."""
+            """h I A, with A the angular acceleration under this momentum and torque."""
             turn = cp.scale(h, system.velocity(momentum))
             return system.kind.momentum_rate(momentum, turn, cp.scale(h, torque))
 
@@ -41,20 +41,20 @@ class NewmarkBody(Implicit):
         half = half_turn(w)
         pose = system.turned(motion.pose, cp.square(half), t0, h)
 
-        def kicked(new: cp.Vector) -> cp.Vector:
-            return cp.accumulate(motion.momentum, cp.scale(0.5, cp.add(impulse, new)), t0)
+        def end_momentum(end_impulse: cp.Vector) -> cp.Vector:
+            return cp.accumulate(motion.momentum, cp.scale(0.5, cp.add(impulse, end_impulse)), t0)
 
-        # One evaluation serves all iterations, unless the torque reads the momentum that is being solved for.
+        # The torque is evaluated once for all iterations, unless it reads the momentum, which is the unknown.
         torque = None if system.reads_momentum else system.force(t1, Motion(motion.momentum, pose))
 
         def torque_at(momentum: cp.Vector) -> cp.Vector:
             return system.force(t1, Motion(momentum, pose)) if torque is None else torque
 
-        def residual(new: cp.Vector) -> cp.Vector:
-            momentum = kicked(new)
-            return cp.subtract(new, change(momentum, torque_at(momentum)))
+        def residual(end_impulse: cp.Vector) -> cp.Vector:
+            momentum = end_momentum(end_impulse)
+            return cp.subtract(end_impulse, change(momentum, torque_at(momentum)))
 
-        new, left = newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
-        momentum = kicked(new)
-        ok = converged(left, new, momentum) & (cp.dot(w, w) <= LARGEST_SQUARE)
+        end_impulse, remaining = newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
+        momentum = end_momentum(end_impulse)
+        ok = converged(remaining, end_impulse, momentum) & (cp.dot(w, w) <= LARGEST_SQUARE)
         return Motion(momentum, pose), torque_at(momentum), ok
