@@ -308,9 +308,9 @@ class RigidState(BodyState[cp.Quaternion]):
 
     @staticmethod
     def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
-        # The product is computed as a change of the pose and rounded only once. Rounding the product and then its length
-        # would turn the attitude slightly, and in the same direction at every step. The correction accounts for the
-        # lengths of both factors.
+        # The product is computed as a change of the pose and rounded only once. Rounding the product and then its
+        # length would turn the attitude slightly, and in the same direction at every step. The correction accounts for
+        # the lengths of both factors.
         correction = _length_correction(_square(pose), no_step) + 0.5 * cp.norm_defect(increment)
         w, x, y, z = increment
         factor = 1 + correction
