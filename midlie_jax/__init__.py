@@ -1,4 +1,7 @@
-"""midlie_jax: the rotation of many rigid bodies at once, by explicit midpoint Lie integrators, on JAX."""
+"""midlie_jax integrates the rotation of many rigid bodies at once, by explicit midpoint Lie methods, on JAX.
+
+This module lists the public names; everything else is internal.
+"""
 
 from .diffrax import LieInterpolation as LieInterpolation
 from .diffrax import LieSolver as LieSolver

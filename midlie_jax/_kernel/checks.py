@@ -1,7 +1,7 @@
 """Input checks: a ValueError that names the argument, what was wrong and the cure, before anything is traced.
 
-Shapes and dtypes are always known. Values are looked at only when they are concrete: inside jit, vmap or grad
-nothing can be read, and failures come back as flags instead (`Path.ok`).
+Shapes and dtypes are always checked. Values are checked only where they are concrete: inside jit, vmap or grad they
+cannot be read, and failures are reported as flags instead (`Path.ok`).
 """
 
 from collections.abc import Callable, Iterable
@@ -20,12 +20,12 @@ FLOATS = ("float32", "float64")
 
 
 def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """`value` as an array of float32 or float64 whose last axes are `shape`; leading axes are a batch.
+    """`value` as an array of float32 or float64 whose last axes have the sizes `shape`; leading axes are a batch.
 
-    Integers become JAX's default float, as in NumPy's own functions.
+    Integers become JAX's default float type. Raises a ValueError for anything else.
     """
     try:
-        # A Python integer as a Python float, which fits either dtype.
+        # A Python integer becomes a Python float: a weak type, which works with float32 and float64.
         array = jnp.asarray(float(value) if type(value) is int else value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {described(value)}.") from error
@@ -39,7 +39,7 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
 
 
 def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]:
-    """A vector (3,) that is finite, or a function of time that returns one."""
+    """A function of time unchanged; any other value as a finite vector (..., 3)."""
     if callable(value):
         return cast(Callable[[Any], Array], value)
     array = as_floats(name, value, (3,))
@@ -48,12 +48,13 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
 
 
 def require_function(name: str, value: Any, arguments: str) -> None:
+    """Raises unless the value can be called; `arguments` are listed in the message."""
     if not callable(value):
         raise ValueError(f"{name} must be a function of ({arguments}), got {described(value)}.")
 
 
 def as_count(name: str, value: Any) -> int:
-    """`value` as a Python int of at least 1: a Python or NumPy integer, but no boolean and no traced number."""
+    """`value`, a Python or NumPy integer of at least 1, as a Python int; raises for a boolean or a JAX array."""
     try:
         count = 0 if isinstance(value, (bool, np.bool_, Array)) else index(value)
     except TypeError:
@@ -63,34 +64,37 @@ def as_count(name: str, value: Any) -> int:
     return count
 
 
-def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], what: str, cure: str) -> None:
-    """Raises unless `holds(value)` for every entry of the batch; a traced value passes unread."""
+def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
+    """Raises unless all entries of `holds(value)` are true. A traced value is not checked.
+
+    The message is "{name} {problem}, got {value}; {cure}".
+    """
     if is_traced(value):
         return
     numbers = np.asarray(value)
     if not np.all(holds(numbers)):
-        raise ValueError(f"{name} {what}, got {shown(numbers)}; {cure}")
+        raise ValueError(f"{name} {problem}, got {shown(numbers)}; {cure}")
 
 
 def require_finite(name: str, value: Any) -> None:
-    require(name, value, np.isfinite, "must be finite", "NaN or infinity came in from the caller.")
+    require(name, value, np.isfinite, "must be finite", "check where the NaN or infinity comes from.")
 
 
 def is_unit(vectors: np.ndarray) -> Any:
-    """Whether vectors are of length 1, to a thousandth: what rounding leaves in any dtype and file."""
+    """Whether vectors have length 1 to 1e-3, a tolerance for numbers rounded to float32 or read from a file."""
     return np.abs(np.linalg.norm(np.asarray(vectors, np.float64), axis=-1) - 1) < 1e-3
 
 
 def same_batch(**arrays: tuple[Array, int]) -> None:
-    """Raises unless the leading axes agree, of arrays given with the number of their own axes."""
-    leading = {name: array.shape[: array.ndim - own] for name, (array, own) in arrays.items()}
+    """Raises unless all arrays have the same leading axes; each comes with the number of its trailing axes."""
+    leading = {name: array.shape[: array.ndim - trailing] for name, (array, trailing) in arrays.items()}
     if len(set(leading.values())) > 1:
         shapes = " and ".join(f"{name} {array.shape}" for name, (array, _) in arrays.items())
-        raise ValueError(f"{shapes} must have the same leading axes, one entry a body; repeat what all bodies share.")
+        raise ValueError(f"{shapes} must have the same leading axes, one entry per body; repeat shared values.")
 
 
 def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
-    """Raises unless every floating leaf of `others` has the dtype of `reference` (weakly typed scalars fit any)."""
+    """Raises unless every floating-point leaf of `others` has the dtype of `reference` or is weakly typed."""
     dtype = jnp.result_type(reference)
     for name, value in others.items():
         for leaf in jax.tree.leaves(value):
@@ -104,23 +108,26 @@ def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
 
 
 def unknown(kind: str, name: Any, known: Iterable[str], *, more: Iterable[str] = (), note: str = "") -> ValueError:
-    """The error for a name that is not among those known: the nearest of these and `more`, and all that are known."""
+    """The error for a name that is not in `known`: it suggests the nearest name and lists the known ones.
+
+    Names in `more` can be suggested but are not listed.
+    """
     known = list(known)
-    folded = {choice.casefold(): choice for choice in (*more, *reversed(known))}
-    close = get_close_matches(str(name).casefold(), folded, n=1)
-    choose = f"did you mean {folded[close[0]]!r}? Choose" if close else "choose"
-    return ValueError(f"unknown {kind} {name!r}; {choose} from {', '.join(known)}. {note}".rstrip())
+    by_folded_name = {choice.casefold(): choice for choice in (*more, *reversed(known))}
+    nearest = get_close_matches(str(name).casefold(), by_folded_name, n=1)
+    hint = f"did you mean {by_folded_name[nearest[0]]!r}? Choose" if nearest else "choose"
+    return ValueError(f"unknown {kind} {name!r}; {hint} from {', '.join(known)}. {note}".rstrip())
 
 
 def described(value: Any) -> str:
-    """What a value is, in a message: its type, and of an array its shape."""
+    """Text for messages: the shape of an array, the type of any other value."""
     if isinstance(value, (jax.Array, np.ndarray)):
         return f"an array of shape {value.shape}"
     return type(value).__name__
 
 
 def shown(value: Any) -> str:
-    """A value in a message, short."""
+    """Text for messages: the value itself, shortened; of a traced value its shape."""
     if is_traced(value):
         return described(value)
     if isinstance(value, (jax.Array, np.ndarray)):

@@ -2,9 +2,11 @@
 
 XLA fuses a step written on scalars into one loop over the batch; the same step written on (3,) arrays with
 stacking and matrix products runs 10 to 40 times slower on a CPU. So the arrays of the public interface are
-taken apart once (`vector`, `quaternion`), the step is done here, and the arrays are put together again (`pack`).
+split into components once (`vector`, `quaternion`), the step is computed on components, and the results are packed
+into arrays again (`pack`).
 
-`Vector` is (x, y, z), `Quaternion` is (w, x, y, z). Every entry is a scalar, or under `vmap` one (batch,) array.
+`Vector` is (x, y, z), `Quaternion` is (w, x, y, z). Every component is a scalar; under `vmap` it becomes a (batch,)
+array.
 """
 
 from typing import Any, NamedTuple
@@ -17,21 +19,21 @@ from jax.core import Tracer
 
 Vector = tuple[Array, Array, Array]
 Quaternion = tuple[Array, Array, Array, Array]
-Columns = tuple[Vector, Vector, Vector]  # of a 3x3 matrix
+Columns = tuple[Vector, Vector, Vector]  # the columns of a 3x3 matrix
 
 
 def vector(array: Array) -> Vector:
-    """The three entries of the last axis."""
+    """The components of an array (..., 3)."""
     return array[..., 0], array[..., 1], array[..., 2]
 
 
 def quaternion(array: Array) -> Quaternion:
-    """The four entries of the last axis."""
+    """The components of an array (..., 4)."""
     return array[..., 0], array[..., 1], array[..., 2], array[..., 3]
 
 
 def pack(entries: tuple[Array, ...]) -> Array:
-    """One array of the entries, along a new last axis: the inverse of `vector` and of `quaternion`."""
+    """Components as one array, along a new last axis: the inverse of `vector` and of `quaternion`."""
     return jnp.stack(entries, axis=-1)
 
 
@@ -48,7 +50,7 @@ def scale(c: Array | float | int, a: Vector) -> Vector:
 
 
 def times(a: Vector, b: Vector) -> Vector:
-    """Entry by entry: a diagonal matrix on a vector."""
+    """The product of each pair of components: a diagonal matrix times a vector."""
     return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
 
 
@@ -57,10 +59,10 @@ def dot(a: Vector, b: Vector) -> Array:
 
 
 def norm(a: Vector) -> Array:
-    """|a|, with the derivative zero at zero."""
+    """|a|, whose derivative at a = 0 is defined as zero."""
     square = dot(a, a)
-    some = square > 0
-    return jnp.where(some, jnp.sqrt(jnp.where(some, square, jnp.ones_like(square))), jnp.zeros_like(square))
+    nonzero = square > 0
+    return jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, square, jnp.ones_like(square))), jnp.zeros_like(square))
 
 
 def cross(a: Vector, b: Vector) -> Vector:
@@ -86,21 +88,21 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def square(q: Quaternion) -> Quaternion:
-    """q q: the same rotation twice."""
+    """q q, the rotation q applied twice."""
     double = 2 * q[0]
     return (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] - q[3] * q[3], double * q[1], double * q[2], double * q[3])
 
 
 def rotation_change(q: Quaternion, v: Vector) -> Vector:
-    """q v q* - v for a quaternion q whose length is 1 but for rounding, which to first order does not count."""
+    """q v q* - v for a unit quaternion q; a rounding error in the length of q is corrected to first order."""
     u = (q[1], q[2], q[3])
     t = scale(2, cross(u, v))
     change = add(scale(q[0], t), cross(u, t))
-    return add(change, scale(missing(q), change))
+    return add(change, scale(norm_defect(q), change))
 
 
-def missing(q: Quaternion) -> Array:
-    """1 - |q|^2, which is 0 but for rounding, without the cancellation of a sum of squares that is nearly 1."""
+def norm_defect(q: Quaternion) -> Array:
+    """1 - |q|^2 for a quaternion of length 1 up to rounding; (1 - w) (1 + w) avoids the cancellation in 1 - w^2."""
     return (1 - q[0]) * (1 + q[0]) - dot((q[1], q[2], q[3]), (q[1], q[2], q[3]))
 
 
@@ -115,7 +117,7 @@ def rotate_back(q: Quaternion, v: Vector) -> Vector:
 
 
 def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quaternion:
-    """q (cosine + sine e_axis): half of the products of `multiply`."""
+    """The product q (cosine + sine e_axis), with half as many multiplications as `multiply`."""
     j, k = (axis + 1) % 3 + 1, (axis + 2) % 3 + 1
     result = [cosine * part for part in q]
     result[0] = result[0] - sine * q[axis + 1]
@@ -126,7 +128,7 @@ def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quat
 
 
 def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """v seen from a frame turned by (cosine + sine e_axis) as a unit quaternion."""
+    """q* v q for the unit quaternion q = cosine + sine e_axis: v in components of the turned frame."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     double = 2 * sine
     result = list(v)
@@ -136,39 +138,41 @@ def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vecto
 
 
 def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """What `rotate_back_about` adds to v, for a vector that is turned at every step, perhaps always by the same angle.
+    """rotate_back_about(axis, cosine, sine, v) - v, for a vector that is turned at every step by a similar angle.
 
-    By three shears, which keep areas whatever the rounding of their coefficients. A rotation matrix that is wrong in
-    its last place would change the length of v by the same share at every step.
+    The rotation is a product of three shears, which preserve areas even though their coefficients are rounded. A
+    rotation matrix with rounded entries would change the length of v by the same factor at every step.
     """
     j, k = (axis + 1) % 3, (axis + 2) % 3
     tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
     first = tangent * v[k]
     result = [0 * part for part in v]
-    # Each shear takes up what those before it have added as a term of its own, which a sum with v would round off.
+    # The changes made by earlier shears enter as separate terms: added to v first, they would be rounded.
     result[k] = -double * v[j] - double * first
     result[j] = 2 * first + tangent * result[k]
     return (result[0], result[1], result[2])
 
 
-# Multiplied by these, as integers, the bits of a float32 become numbers that depend on the significand alone (the
-# factors are multiples of 2^9, which drops sign and exponent) and differ much where it differs little.
-_SHUFFLES = tuple(np.uint32(n << 9 & 0xFFFFFFFF).view(np.int32) for n in (0x9E3779B1, 0x85EBCA77))
-_MIX = np.uint32(0x85EBCA6B).view(np.int32)  # this and the two above: of MurmurHash3 and xxHash, A. Appleby, Y. Collet
-_EXPONENT = np.int32(0x7F800000)
+# Hash factors for the bits of a float32 read as an integer. They are multiples of 2^9, which drops the sign and the
+# exponent, so the hash depends on the significand alone; significands that are close have very different hashes.
+_HASH_FACTORS = tuple(np.uint32(n << 9 & 0xFFFFFFFF).view(np.int32) for n in (0x9E3779B1, 0x85EBCA77))
+# The constants here and above are those of xxHash (Y. Collet) and MurmurHash3 (A. Appleby).
+_HASH_MIX = np.uint32(0x85EBCA6B).view(np.int32)
+_EXPONENT_BITS = np.int32(0x7F800000)
 
 
 def accumulate(x: Any, change: Any, t: Array) -> Any:
-    """x + change, of numbers or tuples of numbers, where x takes up a small change at every step, this one at time t.
+    """x + change, for a number or tuple of numbers x to which a small change is added at every step; t is the time.
 
-    In float32 the last place is rounded up or down at random, with the probability that makes the mean right
+    In float32 the sum is rounded up or down at random, with probabilities that make the rounding error zero on average
     (stochastic rounding; Croci et al., R. Soc. Open Sci. 9 (2022) 211631). A slow motion changes x by nearly the same
-    amount at every step, and rounding to the nearest would err in the same direction thousands of times in a row. The
-    bits of the change and of the time are the source of chance, so that equal arguments give equal results. The time is
-    mixed in because equal changes, those of a constant torque for one, would otherwise always be rounded the same way.
-    A change of zero changes nothing.
+    amount at every step, and rounding to nearest would then err in the same direction thousands of times in a row. The
+    random numbers are hashes of the change and of the time, so equal arguments give equal results. Without the time,
+    equal changes, such as those of a constant torque, would always be rounded the same way. A change of zero leaves x
+    as it is.
 
-    float64 needs no such help: above 1e-6 radians a step, successive changes differ by more than the last place of x.
+    In float64 the sum is rounded to nearest: for turns above 1e-6 radians per step, successive changes differ by more
+    than one unit in the last place of x.
     """
     return jax.tree.map(lambda x, change: _accumulate(x, change, t), x, change)
 
@@ -176,53 +180,57 @@ def accumulate(x: Any, change: Any, t: Array) -> Any:
 def _accumulate(x: Array, change: Array, t: Array) -> Array:
     if x.dtype != "float32":
         return x + change
-    shuffled = (
+    hashes = (
         jax.lax.bitcast_convert_type(y.astype(x.dtype), jnp.int32) * factor
-        for y, factor in zip((change, t), _SHUFFLES, strict=True)
+        for y, factor in zip((change, t), _HASH_FACTORS, strict=True)
     )
-    bits = sum(shuffled)
-    # In a steady motion the bits grow evenly, and might keep step with what is rounded but for their upper half.
-    mixed = (bits ^ jax.lax.shift_right_logical(bits, np.int32(16))) * _MIX
-    chance = mixed.astype(x.dtype) * 2.0**-55  # within half a unit in the last place of a number from 1 to 2
-    chance = jnp.where(change == 0, jnp.zeros_like(chance), chance)
-    power = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT, x.dtype)
-    return x + (change + chance * power)
+    bits = sum(hashes)
+    # In a steady motion `bits` grows by nearly equal amounts and could be correlated with the rounding error. Mixing in
+    # the upper half of the bits breaks the correlation.
+    mixed = (bits ^ jax.lax.shift_right_logical(bits, np.int32(16))) * _HASH_MIX
+    offset = mixed.astype(x.dtype) * 2.0**-55  # within half a unit in the last place of numbers from 1 to 2
+    offset = jnp.where(change == 0, jnp.zeros_like(offset), offset)
+    power_of_two = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT_BITS, x.dtype)
+    return x + (change + offset * power_of_two)
 
 
 def largest(a: Vector) -> Array:
-    """The largest magnitude among three numbers; NaN where one is NaN."""
+    """The largest magnitude of the three components; NaN if any component is NaN."""
     return jnp.maximum(jnp.maximum(jnp.abs(a[0]), jnp.abs(a[1])), jnp.abs(a[2]))
 
 
 class Inverse3(NamedTuple):
-    """The inverse of a 3x3 matrix: the rows of its adjugate, and one over its determinant."""
+    """The inverse of a 3x3 matrix: the rows of its adjugate, and the reciprocal of its determinant."""
 
     rows: tuple[Vector, Vector, Vector]
     factor: Array
 
     @classmethod
     def of(cls, columns: Columns, exact: bool = True) -> "Inverse3":
-        """Unless exact, to five digits: enough for an iteration that corrects itself."""
+        """The inverse to rounding; with `exact` False to five digits, enough for an iteration that corrects itself."""
         a, b, c = columns
         rows = cross(b, c), cross(c, a), cross(a, b)
         determinant = dot(a, rows[0])
         return cls(rows, reciprocal(determinant) if exact else rough_reciprocal(determinant))
 
     def times(self, right: Vector) -> Vector:
+        """The inverse matrix times a vector."""
         a, b, c = self.rows
         return self.factor * dot(a, right), self.factor * dot(b, right), self.factor * dot(c, right)
 
 
-# The bits of 1/x are nearly these less the bits of x: a guess with a relative error of 5 %.
+# (integer dtype, constant, Newton steps). The bits of 1/x are approximately the constant minus the bits of x, read as
+# integers: a first guess with a relative error of 5 %.
 _RECIPROCAL = {"float64": (jnp.int64, 0x7FDE623822FC16E6, 2), "float32": (jnp.int32, 0x7EF311C7, 1)}
 
 
 def rough_reciprocal(x: Array) -> Array:
-    """1/x to five digits, in the way of `reciprocal`. Not to be differentiated."""
+    """1/x to five digits, computed like `reciprocal`. It must not be differentiated."""
     integer, magic, _ = _RECIPROCAL[str(x.dtype)]
     bits = jax.lax.bitcast_convert_type(jnp.abs(x), integer)
     guess = jnp.copysign(jax.lax.bitcast_convert_type(jnp.asarray(magic, integer) - bits, x.dtype), x)
-    # 1/x = guess (1 + e) (1 + e^2) ... with e = 1 - x guess: two factors wait less for each other than Newton's steps.
+    # 1/x = guess (1 + e) (1 + e^2) ... with e = 1 - x guess. Unlike two Newton steps, e^2 need not wait for the first
+    # factor.
     error = 1 - x * guess
     guess = guess + guess * error
     return guess + guess * (error * error)
@@ -230,10 +238,10 @@ def rough_reciprocal(x: Array) -> Array:
 
 @jax.custom_jvp
 def reciprocal(x: Array) -> Array:
-    """1/x to a unit or two in the last place, without a division. Wrong at zero and near under- and overflow.
+    """1/x to one or two units in the last place, without a division. Wrong at zero and near underflow and overflow.
 
-    XLA counts a division as too dear to repeat, and will not fuse it where its result is used more than once; one
-    division would cut the step's single loop into hundreds.
+    XLA treats a division as too expensive to repeat and does not fuse one whose result is used more than once. A single
+    division would split the step's one loop into hundreds.
     """
     guess = rough_reciprocal(x)
     for _ in range(_RECIPROCAL[str(x.dtype)][2]):
@@ -247,17 +255,18 @@ def _reciprocal_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Arra
     return result, -result * result * tangents[0]
 
 
+# (integer dtype, constant, Newton steps): the bits of 1/sqrt(x) are approximately the constant minus half those of x.
 _ROOT = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 
 @jax.custom_jvp
 def inverse_root(x: Array) -> Array:
-    """1/sqrt(x) to a unit or two in the last place for normal x > 0, in the same way and for the same reason."""
+    """1/sqrt(x) to one or two units in the last place for normal x > 0; like `reciprocal`, it avoids a division."""
     integer, magic, steps = _ROOT[str(x.dtype)]
     bits = jax.lax.bitcast_convert_type(x, integer)
     guess = jax.lax.bitcast_convert_type(jnp.asarray(magic, integer) - (bits >> 1), x.dtype)
     for _ in range(steps):
-        guess = guess + guess * (0.5 - 0.5 * x * guess * guess)  # as a correction, so that 1 has the root 1
+        guess = guess + guess * (0.5 - 0.5 * x * guess * guess)  # a small correction, so that x = 1 gives exactly 1
     return guess
 
 
@@ -268,7 +277,10 @@ def _inverse_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Ar
 
 
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    """Lowest coefficient first, by Estrin's rule: as many operations as Horner's, but not each waiting for the last."""
+    """The polynomial with these coefficients, lowest first, at x.
+
+    Estrin's scheme: about as many operations as Horner's, but most do not depend on the previous result.
+    """
     terms: list[Any] = list(coefficients)
     while len(terms) > 1:
         pairs = zip(terms[0::2], terms[1::2], strict=False)
@@ -279,8 +291,10 @@ def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
 
 
 def epsilon(x: Array) -> float:
+    """The spacing of the array's dtype at 1."""
     return float(jnp.finfo(x.dtype).eps)
 
 
 def is_traced(*values: object) -> bool:
+    """Whether any leaf of the values is a tracer, whose numbers are not known."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))

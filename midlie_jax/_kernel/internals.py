@@ -1,12 +1,13 @@
-"""What JAX knows of a value besides its numbers: whether it has any, and along which axes of a mesh it varies.
+"""Properties of a JAX type: whether its values are numbers, and along which axes of a device mesh they vary.
 
-Inside `jax.shard_map` a value may vary from one device to the next along some axes of the mesh, which JAX makes part of
-its type. JAX's functions promote their operands to the axes of all of them; the carry of a loop, a primitive bound
-directly and one of our own are left to us. A promotion costs nothing, but its transpose sums over the devices. So a run
-promotes all its arguments before its loop, which then holds no such sum.
+Inside `jax.shard_map` a value may differ between devices along some axes of the mesh; JAX makes these axes part of the
+value's type. JAX's own functions promote their operands to a common set of axes. The carry of a loop, a primitive that
+is bound directly and this package's own primitives must be promoted by hand, with the functions of this module. A
+promotion costs nothing, but its transpose is a sum over devices. So a run promotes all its arguments before its loop,
+and the loop contains no such sum.
 
-The one name here that JAX does not document is `mat`, the attribute of a type that holds the axes. Tried with JAX
-0.10.0, 0.10.1, 0.11.2 and 0.12.0.
+The only name used here that JAX does not document is `mat`, the attribute of a type that holds the axes. Tested with
+JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
 """
 
 from typing import Any
@@ -22,35 +23,35 @@ _ARRAYS = (Array, np.ndarray, np.generic)
 
 
 def is_number(kind: Any) -> bool:
-    """Whether arrays of this type hold numbers or truth values; typed keys of random numbers, for one, do not."""
+    """Whether values of this type are numbers or booleans; the typed keys of `jax.random` are not."""
     return jnp.issubdtype(kind.dtype, np.number) or kind.dtype == np.bool_
 
 
 def axes_of(*values: Any) -> Axes:
-    """The axes along which any of these varies, arrays or types of arrays; other values vary along none."""
+    """The axes along which any of the values varies: arrays or types of arrays. Other values vary along none."""
     types = (jax.typeof(value) if isinstance(value, Array) else value for value in values)
     return NONE.union(*(kind.mat.varying for kind in types if hasattr(kind, "mat")))
 
 
 def promoted(value: Any, axes: Axes) -> Any:
-    """The number or array, varying along these axes too."""
+    """The number or array, promoted to vary along these axes too."""
     missing = axes - axes_of(value)
     return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
 
 
 def all_promoted(tree: Any, axes: Axes) -> Any:
-    """The tree with its arrays promoted; what else it holds stays as it is."""
+    """The tree with its arrays promoted to these axes; other leaves are unchanged."""
     return jax.tree.map(lambda leaf: promoted(leaf, axes) if isinstance(leaf, _ARRAYS) else leaf, tree)
 
 
 def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
-    """The axes along which any array varies that a run is given, or that one of its functions has closed over.
+    """The axes along which any array used by a run varies: its arguments, and arrays that its functions close over.
 
     Args:
-        arguments: a tree.
-        calls: functions with what they are called with, or None instead of a function.
+        arguments: a pytree.
+        calls: tuples of a function, or None, and the arguments with which it will be called.
     """
     if not jax.sharding.get_abstract_mesh().manual_axes:
         return NONE
-    held = [jax.make_jaxpr(function)(*given).consts for function, *given in calls if function is not None]
-    return axes_of(*jax.tree.leaves((arguments, held)))
+    closed_over = [jax.make_jaxpr(function)(*inputs).consts for function, *inputs in calls if function is not None]
+    return axes_of(*jax.tree.leaves((arguments, closed_over)))

@@ -1,8 +1,9 @@
-"""Moving the entries of arrays: what JAX's primitives do that compute nothing, done by NumPy on places in a pool.
+"""NumPy versions of the JAX primitives that only move entries of arrays, such as reshape and concatenate.
 
-A move is called with the places of its operands, the parameters of the primitive and the shape of its (first) result,
-and gives the places of the result, or a list of them for several results. The tables at the end say for each move
-which parameters it reads.
+`replay.py` represents an array by the places of its entries in a pool of scalars: an integer array of list indices. A
+move is called with the places of its operands, the parameters of the primitive and the shape of its (first) result. It
+returns the places of the result, or a list of them for several results. The tables at the end list, for each move, the
+parameters that it reads.
 """
 
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-Places = np.ndarray
+Places = np.ndarray  # of integers: where in the pool the entries of an array are
 Shape = tuple[int, ...]
 
 
@@ -34,15 +35,15 @@ def _slice(operands: list[Places], parameters: Any, shape: Shape) -> Places:
 
 
 def _pad(operands: list[Places], parameters: Any, shape: Shape) -> Places:
-    """Negative padding cuts off, interior padding comes between."""
+    """Negative padding removes entries at the edges; interior padding goes between the entries."""
     source, filling = operands
-    inside, kept = [], []
+    targets, sources = [], []
     for (low, _, interior), size, out in zip(parameters["padding_config"], source.shape, shape, strict=True):
-        places = low + (interior + 1) * np.arange(size)
-        kept.append(np.flatnonzero((places >= 0) & (places < out)))
-        inside.append(places[kept[-1]])
+        positions = low + (interior + 1) * np.arange(size)
+        sources.append(np.flatnonzero((positions >= 0) & (positions < out)))
+        targets.append(positions[sources[-1]])
     result = np.full(shape, filling)
-    result[np.ix_(*inside)] = source[np.ix_(*kept)]
+    result[np.ix_(*targets)] = source[np.ix_(*sources)]
     return result
 
 
@@ -56,11 +57,11 @@ def _unstack(operands: list[Places], parameters: Any, shape: Shape) -> list[Plac
     return [np.asarray(part) for part in np.moveaxis(operands[0], parameters["axis"], 0)]
 
 
-# By indices: `move(operands, indices, parameters, shape)`.
+# Moves that depend on index operands: `move(operands, indices, parameters, shape)`.
 
 
 def _window(source: Places, starts: list[Any], shape: Shape) -> tuple[slice, ...]:
-    """XLA moves a window that would stick out back inside."""
+    """The slices of a window of this shape. As in XLA, a window that would exceed the array is shifted back inside."""
     begin = [min(max(int(s), 0), n - m) for s, n, m in zip(starts, source.shape, shape, strict=True)]
     return tuple(slice(b, b + m) for b, m in zip(begin, shape, strict=True))
 
@@ -79,7 +80,7 @@ def _dynamic_update_slice(operands: list[Places], indices: Any, parameters: Any,
 
 def _gather(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places | None:
     del shape
-    # Numbered from one, so that a place filled in from out of bounds shows as none of them.
+    # Entries are numbered from 1; an out-of-bounds index reads the fill value 0.
     order = np.arange(1, operands[0].size + 1, dtype=np.int32).reshape(operands[0].shape)
     with jax.ensure_compile_time_eval():
         taken = jax.lax.gather_p.bind(jnp.asarray(order), jnp.asarray(indices[0]), **{**parameters, "fill_value": 0})
@@ -94,7 +95,7 @@ def _scatter(operands: list[Places], indices: Any, parameters: Any, shape: Shape
         return np.asarray(jax.lax.scatter_p.bind(source, jnp.asarray(indices[0]), update, **parameters))
 
 
-# The moves by the names of their primitives, and the parameters that they read.
+# For each primitive: its move, and the parameters that the move reads.
 MOVES: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "broadcast_in_dim": (_broadcast, ("shape", "broadcast_dimensions")),
     "concatenate": (lambda operands, p, shape: np.concatenate(operands, axis=p["dimension"]), ("dimension",)),
@@ -109,12 +110,12 @@ MOVES: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "unstack": (_unstack, ("axis",)),
 }
 
-_LOOKUP = ("dimension_numbers", "unique_indices", "indices_are_sorted", "mode")
+_INDEXING = ("dimension_numbers", "unique_indices", "indices_are_sorted", "mode")
 
-# Those by indices, with which of the operands are indices.
+# For each primitive with index operands: its move, which of the operands are indices, and the parameters that it reads.
 INDEXED: dict[str, tuple[Callable[..., Any], slice, tuple[str, ...]]] = {
     "dynamic_slice": (_dynamic_slice, slice(1, None), ("slice_sizes",)),
     "dynamic_update_slice": (_dynamic_update_slice, slice(2, None), ()),
-    "gather": (_gather, slice(1, 2), ("slice_sizes", "fill_value", *_LOOKUP)),
-    "scatter": (_scatter, slice(1, 2), _LOOKUP),
+    "gather": (_gather, slice(1, 2), ("slice_sizes", "fill_value", *_INDEXING)),
+    "scatter": (_scatter, slice(1, 2), _INDEXING),
 }

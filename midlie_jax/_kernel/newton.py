@@ -1,8 +1,8 @@
-"""Three equations in three unknowns: the implicit part of a step whose residual holds the user's torque.
+"""Newton's method for three equations in three unknowns, which the implicit methods and flights solve.
 
-The root comes from a fixed number of Newton steps, so that it fuses into the step's one loop. Its derivative is
-that of the implicit function (`lax.custom_root`), forward and reverse and of any order: nothing is ever
-differentiated through the iterations.
+The number of iterations is fixed, so the solve can be fused into the step's loop. `newton` differentiates the root by
+the implicit function theorem (`lax.custom_root`), in forward and reverse mode and to any order; the iterations are
+never differentiated.
 """
 
 from collections.abc import Callable
@@ -19,15 +19,16 @@ Residual = Callable[[cp.Vector], cp.Vector]
 
 
 def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: bool = False) -> tuple[cp.Vector, Array]:
-    """A root by Newton's method with the Jacobian by automatic differentiation, and the size of the residual left.
+    """A root by Newton's method, and the largest magnitude of the residual there.
 
-    For the implicit methods, whose residual holds the user's torque; four evaluations of it an iteration. They run
-    in a loop of their own unless `unrolled`: with a torque in it, five copies would take the compiler minutes.
+    The Jacobian comes from automatic differentiation: four evaluations of the residual per iteration. The implicit
+    methods use this function because their residual can contain the user's torque. The iterations run in a loop of
+    their own unless `unrolled`: five copies of a residual with a torque would take the compiler minutes.
     """
 
     def improve(x: cp.Vector) -> cp.Vector:
         value, slope = jax.linearize(residual, x)
-        return cp.subtract(x, _tangent(slope, value))
+        return cp.subtract(x, _solve_linear(slope, value))
 
     def iterate(x: cp.Vector) -> cp.Vector:
         if not unrolled:
@@ -37,14 +38,15 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
         return x
 
     guess = jax.lax.stop_gradient(guess)
-    x = jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _tangent)
+    x = jax.lax.custom_root(residual, guess, lambda f, start: iterate(start), _solve_linear)
     return x, cp.largest(jax.lax.stop_gradient(residual(x)))
 
 
 def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x: cp.Vector, count: int) -> cp.Vector:
-    """Pairs of Newton's steps with one Jacobian each, the columns of `slope`; for flights, whose Jacobian is known.
+    """The approximate root after `count` pairs of Newton steps; both steps of a pair use the Jacobian at its start.
 
-    In one loop XLA's emitter repeats such residuals many times over; it cannot from loop to loop, so each pair has one.
+    `slope` gives the columns of the Jacobian; flights know theirs in closed form. Each pair is a loop of its own: XLA's
+    emitter would evaluate these residuals many times over within one loop, but it cannot repeat work across loops.
     """
     for _ in range(count):
         inverse = cp.Inverse3.of(slope(x))
@@ -54,8 +56,8 @@ def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x
     return x
 
 
-def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
-    """Solves linear(x) = right."""
+def _solve_linear(linear: Callable[[Any], Any], right: Any) -> Any:
+    """The solution x of linear(x) = right, a linear system with three unknowns."""
     one, zero = jnp.ones_like(right[0]), jnp.zeros_like(right[0])
     columns = (linear((one, zero, zero)), linear((zero, one, zero)), linear((zero, zero, one)))
     return cp.Inverse3.of(columns).times(right)

@@ -1,14 +1,14 @@
-"""Runs a function written on small arrays entry by entry, so that it fuses into a step written on scalars.
+"""Evaluates a function written on small arrays entry by entry, so that it fuses into a step written on scalars.
 
 A user's torque is written on (3,) and (4,) arrays: stacks, slices, cross products, small matrix products, perhaps
-the gradient of a potential. Inside a fused loop XLA evaluates each stacked array once per entry read, which
-multiplies at every stacking; a torque of ten lines can run a thousand times slower than it should, or never
-finish compiling. So the function is traced once, and its operations are replayed on scalars: moving entries about
-costs nothing, products become sums of scalars. Operations that have no rule (loops, solvers, large tables) are
-replayed as they are.
+the gradient of a potential. Inside a fused loop XLA evaluates each stacked array once for every entry that is read, and
+nested stacks multiply the cost: a torque of ten lines can run a thousand times slower than it should, or never finish
+compiling. So the function is traced once, and its operations are replayed on scalars: moving entries costs nothing, and
+products become sums of scalars. Operations without a rule (loops, solvers, large tables) are executed on arrays.
 
-An array being replayed is an integer array of places in a pool of scalars. Moving entries is then indexing, done
-by NumPy; only arithmetic touches the pool. The rules for single operations are in `rules.py`.
+During the replay an array is represented by the places of its entries in a pool of scalars: an integer array of list
+indices. Operations that move entries become NumPy indexing of the places; only arithmetic adds scalars to the pool. The
+rules for single operations are in `rules.py`.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,11 +27,11 @@ from .rules import Pool, bind, body_of, fits, rule_for
 
 
 class Traits(NamedTuple):
-    """What a function is like.
+    """Properties of a function that its trace shows.
 
     Attributes:
-        costly: whether it holds anything that XLA counts as expensive, or that is replayed as it is.
-        reads: its arguments, with True for each leaf that the result depends on.
+        costly: whether it contains an operation that XLA treats as expensive or that has no rule.
+        reads: the arguments, with each leaf replaced by True if the result depends on it, otherwise by False.
     """
 
     costly: bool
@@ -39,7 +39,7 @@ class Traits(NamedTuple):
 
 
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
-    """Found by tracing the function once."""
+    """The traits of a function called with these arguments; it is traced once and not run."""
     closed = jax.make_jaxpr(function)(*arguments)
     _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
     return Traits(_has_costly(closed), jax.tree.unflatten(jax.tree.structure(arguments), used))
@@ -54,79 +54,84 @@ def _is_costly(equation: Any) -> bool:
     if body is not None:
         return _has_costly(body)
     rule = rule_for(equation)
-    return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # a power with a negative exponent
+    return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # `y` is the exponent of integer_pow
 
 
 class Packed(NamedTuple):
-    """A vector given by its entries."""
+    """A vector represented by its entries."""
 
     entries: tuple[Array, ...]
 
 
 class _Entries(NamedTuple):
-    """A small array given by the places of its entries in the pool."""
+    """A small array represented by the places of its entries in the pool."""
 
     places: np.ndarray
 
 
 def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list[Any], jax.ShapeDtypeStruct]:
-    """Evaluates `function` on arguments whose vectors are given by their entries.
+    """Evaluates a function of arrays on arguments whose vectors are represented by their entries.
 
     Args:
         function: returns one array.
-        arguments: pytrees whose leaves are scalars, or `Packed` vectors, which the function sees as arrays.
+        arguments: pytrees of scalars and `Packed` vectors; the function receives the latter as arrays.
 
     Returns:
-        The entries of the result in order, and its shape and dtype.
+        The entries of the result in row-major order, and its shape and dtype.
+
+    Raises:
+        ValueError: the function returns something other than one array.
     """
     pool = Pool()
     leaves, structure = jax.tree.flatten(arguments, is_leaf=lambda x: isinstance(x, Packed))
-    inputs, kinds = [], []
+    inputs, avals = [], []
     for leaf in leaves:
         vector = isinstance(leaf, Packed)
-        # The type of the whole array, with all that JAX counts as a part of it.
-        (kind,) = jax.make_jaxpr(lambda x=leaf, v=vector: jnp.stack(x.entries) if v else jnp.asarray(x))().out_avals
-        inputs.append(_Entries(pool.store(leaf.entries if vector else [leaf], kind.shape)))
-        kinds.append(kind)
-    closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, kinds))
+        # The full JAX type of the array, including weak typing and mesh axes.
+        (aval,) = jax.make_jaxpr(lambda x=leaf, v=vector: jnp.stack(x.entries) if v else jnp.asarray(x))().out_avals
+        inputs.append(_Entries(pool.store(leaf.entries if vector else [leaf], aval.shape)))
+        avals.append(aval)
+    closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, avals))
     if not isinstance(out, jax.ShapeDtypeStruct):
         raise ValueError(f"the torque must return one array, got {type(out).__name__}; use jnp.stack([...]).")
     (result,) = _replay(pool, closed, inputs)
-    places = result.places if isinstance(result, _Entries) else _taken_apart(pool, result).places
+    places = result.places if isinstance(result, _Entries) else _to_entries(pool, result).places
     return pool.at(places), out
 
 
-def _taken_apart(pool: Pool, value: Any) -> _Entries:
+def _to_entries(pool: Pool, value: Any) -> _Entries:
+    """An array split into its entries, which are stored in the pool."""
     shape = jnp.shape(value)
     if not isinstance(value, Tracer):
         value = np.asarray(value)
     return _Entries(pool.store([value[i] if i else value for i in np.ndindex(shape)], shape))
 
 
-def _small(pool: Pool, value: Any) -> Any:
-    """Taken apart where that can be done."""
-    return _taken_apart(pool, value) if fits(jax.typeof(value)) else value
+def _to_entries_if_small(pool: Pool, value: Any) -> Any:
+    """A small array of numbers split into its entries; any other value unchanged."""
+    return _to_entries(pool, value) if fits(jax.typeof(value)) else value
 
 
-def _array(pool: Pool, value: Any, kind: Any) -> Any:
-    """The array of this type again, for an operation that needs it whole."""
+def _to_array(pool: Pool, value: Any, aval: Any) -> Any:
+    """The inverse of `_to_entries_if_small`: the array of type `aval`, for an operation that has no rule."""
     if isinstance(value, _Entries):
-        scalars = [jnp.asarray(scalar, kind.dtype) for scalar in pool.at(value.places)]
-        if not kind.shape:
+        scalars = [jnp.asarray(scalar, aval.dtype) for scalar in pool.at(value.places)]
+        if not aval.shape:
             (value,) = scalars
         else:
-            value = jnp.stack(scalars).reshape(kind.shape) if scalars else jnp.zeros(kind.shape, kind.dtype)
-    return promoted(value, axes_of(kind))
+            value = jnp.stack(scalars).reshape(aval.shape) if scalars else jnp.zeros(aval.shape, aval.dtype)
+    return promoted(value, axes_of(aval))
 
 
 def _replay(pool: Pool, closed: ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
+    """The outputs of a traced function; inputs and outputs are `_Entries`, or arrays where they are not small."""
     jaxpr = closed.jaxpr
     environment: dict[Any, Any] = {}
 
     def read(atom: Any) -> Any:
-        return _small(pool, np.asarray(atom.val)) if isinstance(atom, Literal) else environment[atom]
+        return _to_entries_if_small(pool, np.asarray(atom.val)) if isinstance(atom, Literal) else environment[atom]
 
-    environment.update(zip(jaxpr.constvars, (_small(pool, c) for c in closed.consts), strict=True))
+    environment.update(zip(jaxpr.constvars, (_to_entries_if_small(pool, c) for c in closed.consts), strict=True))
     environment.update(zip(jaxpr.invars, inputs, strict=True))
     for equation in jaxpr.eqns:
         results = _apply(pool, equation, [read(atom) for atom in equation.invars])
@@ -135,6 +140,7 @@ def _replay(pool: Pool, closed: ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]
 
 
 def _apply(pool: Pool, equation: Any, values: list[Any]) -> list[Any]:
+    """The results of one operation: replayed by its rule if it has one, otherwise executed on arrays."""
     body = body_of(equation)
     if body is not None:
         return _replay(pool, body, values)
@@ -144,5 +150,5 @@ def _apply(pool: Pool, equation: Any, values: list[Any]) -> list[Any]:
             places = None if rule is None else rule.replay(pool, equation, [v.places for v in values])
             if places is not None:
                 return [_Entries(p) for p in places]
-        arrays = [_array(pool, v, atom.aval) for v, atom in zip(values, equation.invars, strict=True)]
-        return [_small(pool, result) for result in bind(equation, arrays)]
+        arrays = [_to_array(pool, v, atom.aval) for v, atom in zip(values, equation.invars, strict=True)]
+        return [_to_entries_if_small(pool, result) for result in bind(equation, arrays)]

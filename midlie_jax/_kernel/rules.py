@@ -1,11 +1,11 @@
-"""How single operations are replayed on scalars: the rules of `replay.py`, one for each primitive of JAX.
+"""The rules by which `replay.py` computes single operations on scalars: one rule for each JAX primitive it knows.
 
-A rule says which parameters of its primitive it understands, and with which values. An operation with any other
-parameter or value has no rule, and is replayed as it is: a parameter that a later JAX adds is never ignored. Tried with
-JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
+A rule lists the parameters of its primitive that it understands, and which values of them. An operation with any other
+parameter or value is executed on arrays instead, so a parameter that a later version of JAX adds is never ignored.
+Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
 
-The results are those of the primitive but for the sign of a zero, which XLA does not keep either, and the order in
-which a sum is taken.
+A rule gives the same result as its primitive, except for the sign of a zero (which XLA does not preserve either) and
+the order in which the terms of a sum are added.
 """
 
 import math
@@ -22,28 +22,30 @@ from jax.extend.core import ClosedJaxpr
 from .internals import axes_of, is_number, promoted
 from .moves import INDEXED, MOVES, Places
 
-# Arrays of more entries than this stay arrays.
-_LARGEST = 64
+# Arrays with more entries than this are not split into scalars.
+_LARGEST_SIZE = 64
 
 Parameters = Mapping[str, Any]
 
 
 class Pool:
-    """The scalars that arrays are made of while they are replayed; an array is an integer array of places here."""
+    """The scalars of a replay. An array is represented by its places: an integer array of indices into `scalars`."""
 
     def __init__(self) -> None:
         self.scalars: list[Any] = []
 
     def store(self, scalars: Sequence[Any], shape: tuple[int, ...]) -> Places:
+        """Adds the entries of an array of this shape, in row-major order, and returns their places."""
         first = len(self.scalars)
         self.scalars.extend(scalars)
         return np.arange(first, len(self.scalars)).reshape(shape)
 
     def at(self, places: Any) -> list[Any]:
+        """The scalars at these places, in row-major order."""
         return [self.scalars[i] for i in np.ravel(places)]
 
     def constants(self, places: Places, dtype: Any) -> np.ndarray | None:
-        """The numbers themselves, where they are known while tracing."""
+        """The entries at these places as a NumPy array; None if any of them is traced and so not known."""
         numbers = self.at(places)
         if any(isinstance(n, Tracer) for n in numbers):
             return None
@@ -54,48 +56,48 @@ class Rule(NamedTuple):
     """How one primitive is replayed.
 
     Attributes:
-        replay: `replay(pool, equation, operands)`, from the places of the operands to those of the results; None where
-            it cannot be done.
-        understood: for each parameter that the rule knows, whether it understands a value.
-        cheap: whether XLA's CPU compiler will repeat the operation rather than store its result.
-        takes: whether the rule applies to operands and results of these dtypes.
+        replay: `replay(pool, equation, operands)` takes the places of the operands and returns those of the results,
+            or None if the operation must be executed on arrays.
+        understood: for each parameter that the rule knows, a predicate: whether the rule understands a value.
+        cheap: whether XLA's CPU compiler repeats the operation rather than store its result.
+        accepts: whether the rule applies to operands and results with these dtypes.
     """
 
     replay: Callable[[Pool, Any, list[Places]], list[Places] | None]
     understood: Mapping[str, Callable[[Any], bool]]
     cheap: bool
-    takes: Callable[[list[Any]], bool] = lambda dtypes: True
+    accepts: Callable[[list[Any]], bool] = lambda dtypes: True
 
 
 def rule_for(equation: Any) -> Rule | None:
-    """The rule by which an equation can be replayed, whatever the size of its arrays."""
+    """The rule for an operation, or None if it has none. The sizes of its arrays are not considered."""
     rule = RULES.get(equation.primitive.name)
     if rule is None or not _understands(rule.understood, equation.params):
         return None
     dtypes = [atom.aval.dtype for atom in (*equation.invars, *equation.outvars)]
-    return rule if rule.takes(dtypes) else None
+    return rule if rule.accepts(dtypes) else None
 
 
 def body_of(equation: Any) -> ClosedJaxpr | None:
-    """What a call computes, where calling is all that it does."""
+    """The function that a plain `jit` call executes; None for any other operation."""
     if equation.primitive.name != "jit" or not _understands(_JIT, equation.params):
         return None
     return equation.params["jaxpr"]
 
 
-def fits(kind: Any) -> bool:
-    """Whether values of this type are taken apart: small arrays of numbers, not keys, references and the like."""
-    return isinstance(kind, ShapedArray) and is_number(kind) and math.prod(kind.shape) <= _LARGEST
+def fits(aval: Any) -> bool:
+    """Whether values of this type are split into scalars: small arrays of numbers, but not keys or references."""
+    return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= _LARGEST_SIZE
 
 
 def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
-    """The operation itself."""
+    """The results of the operation, executed by JAX on these operands."""
     primitive = equation.primitive
     results = primitive.bind(*operands, **primitive.get_bind_params(equation.params))
     return list(results) if primitive.multiple_results else [results]
 
 
-# Parameters and their values.
+# Predicates for the values of parameters.
 
 
 def _understands(understood: Mapping[str, Callable[[Any], bool]], parameters: Parameters) -> bool:
@@ -106,48 +108,51 @@ def _any(*names: str) -> dict[str, Callable[[Any], bool]]:
     return {name: lambda value: True for name in names}
 
 
-def _only(accepted: Any, *names: str) -> dict[str, Callable[[Any], bool]]:
+def _exactly(accepted: Any, *names: str) -> dict[str, Callable[[Any], bool]]:
     return {name: lambda value: type(value) is type(accepted) and value == accepted for name in names}
 
 
-def _precision(value: Any) -> bool:
-    """At most what the scalars are computed with; a named algorithm asks for something else."""
+def _is_plain_precision(value: Any) -> bool:
+    """Whether scalars meet the requested precision: they meet every `jax.lax.Precision`, but not a named algorithm."""
     pair = value if isinstance(value, tuple) else (value,)
     return all(part is None or isinstance(part, jax.lax.Precision) for part in pair)
 
 
 @cache
 def _plain_jit() -> Parameters:
-    """What `jax.jit` without any option writes."""
+    """The parameters of a `jax.jit` call without options."""
     return jax.make_jaxpr(jax.jit(lambda x: x))(0.0).eqns[0].params
 
 
-def _as_plain(name: str) -> dict[str, Callable[[Any], bool]]:
+def _as_plain_jit(name: str) -> dict[str, Callable[[Any], bool]]:
     return {name: lambda value: all(part == plain for part in value for plain in _plain_jit()[name])}
 
 
-# Donated arguments and inlining are nothing inside of another jit.
+# The parameters of a jit call that can be replayed. Donation and inlining have no effect inside another jit.
 _JIT = {
     **_any("jaxpr", "name", "donated_invars", "ctx_mesh", "keep_unused", "inline"),
-    **_as_plain("in_shardings"),
-    **_as_plain("out_shardings"),
-    **_as_plain("in_layouts"),
-    **_as_plain("out_layouts"),
-    **_only((), "compiler_options_kvs"),
+    **_as_plain_jit("in_shardings"),
+    **_as_plain_jit("out_shardings"),
+    **_as_plain_jit("in_layouts"),
+    **_as_plain_jit("out_layouts"),
+    **_exactly((), "compiler_options_kvs"),
 }
 
 
-def _one_kind_of_number(dtypes: list[Any]) -> bool:
-    """Sums of small floats are taken in a larger dtype, and those of truth values are something else."""
+def _same_summable_dtype(dtypes: list[Any]) -> bool:
+    """Whether all dtypes are equal, and float32, float64 or an integer type.
+
+    JAX adds smaller floats in a larger dtype, and a sum of booleans is a logical operation.
+    """
     return all(d == dtypes[0] for d in dtypes) and (
         dtypes[0] in (np.float32, np.float64) or jnp.issubdtype(dtypes[0], np.integer)
     )
 
 
-# Entry by entry: the operation itself, with all its parameters.
+# Elementwise operations: the operation is applied to each entry, with all its parameters.
 
 
-def _each(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
+def _replay_entries(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
     shape = equation.outvars[0].aval.shape
     columns = zip(*(np.broadcast_to(p, shape).flat for p in operands), strict=True)
     return [pool.store([_on_scalars(equation, pool.at(column)) for column in columns], shape)]
@@ -159,46 +164,49 @@ def _on_scalars(equation: Any, scalars: list[Any]) -> Any:
     return result
 
 
-def _pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    """A constant stays what it is, lest an index be lost from sight; operations promote it where they must."""
+def _replay_pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
+    """Promotes traced entries only.
+
+    A constant stays a NumPy value, so that it can still serve as an index; operations promote it where necessary.
+    """
     axes = frozenset(equation.params["axes"])
     scalars = [promoted(s, axes) if isinstance(s, Tracer) else s for s in pool.at(operands[0])]
     return [pool.store(scalars, operands[0].shape)]
 
 
-# Moving entries.
+# Operations that move entries.
 
 
-def _moved(move: Callable[..., Any], pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
+def _replay_move(move: Callable[..., Any], pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
     del pool
     result = move(operands, equation.params, equation.outvars[0].aval.shape)
     return result if isinstance(result, list) else [result]
 
 
-def _moved_by(
+def _replay_indexed_move(
     indices: slice, move: Callable[..., Any], pool: Pool, equation: Any, operands: list[Places]
 ) -> list[Places] | None:
-    """Where the indices are known."""
-    numbers = [
+    """A move that depends on index operands; None if the indices are not known while tracing."""
+    index_values = [
         pool.constants(p, a.aval.dtype) for p, a in zip(operands[indices], equation.invars[indices], strict=True)
     ]
-    if any(n is None for n in numbers):
+    if any(value is None for value in index_values):
         return None
-    result = move(operands, numbers, equation.params, equation.outvars[0].aval.shape)
+    result = move(operands, index_values, equation.params, equation.outvars[0].aval.shape)
     return None if result is None else [result]
 
 
-def _iota(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
+def _replay_iota(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
     del operands
-    parameters, kind = equation.params, equation.outvars[0].aval
-    counted = np.indices(kind.shape)[parameters["dimension"]].astype(parameters["dtype"])
-    return [pool.store(list(counted.flat), kind.shape)]
+    parameters, aval = equation.params, equation.outvars[0].aval
+    positions = np.indices(aval.shape)[parameters["dimension"]].astype(parameters["dtype"])
+    return [pool.store(list(positions.flat), aval.shape)]
 
 
-# Sums and their like.
+# Reductions and matrix products.
 
 
-def _fold(operation: Callable[[Any, Any], Any], pool: Pool, equation: Any, operands: list[Places]) -> Any:
+def _replay_reduction(operation: Callable[[Any, Any], Any], pool: Pool, equation: Any, operands: list[Places]) -> Any:
     if not operands[0].size:
         return None
     axes, shape = equation.params["axes"], equation.outvars[0].aval.shape
@@ -206,12 +214,13 @@ def _fold(operation: Callable[[Any, Any], Any], pool: Pool, equation: Any, opera
     return [pool.store([reduce(operation, pool.at(column)) for column in layers.T], shape)]
 
 
-def _dot_general(pool: Pool, equation: Any, operands: list[Places]) -> Any:
+def _replay_dot_general(pool: Pool, equation: Any, operands: list[Places]) -> Any:
     if not operands[0].size:
         return None
     contract, batch = equation.params["dimension_numbers"]
 
     def arranged(value: Places, contracted: Any, batched: Any) -> Places:
+        """The places with three axes: batch, free and contracted."""
         free = [a for a in range(value.ndim) if a not in (*contracted, *batched)]
         sizes = [math.prod(value.shape[a] for a in axes) for axes in (batched, free, contracted)]
         return value.transpose((*batched, *free, *contracted)).reshape(sizes)
@@ -226,16 +235,16 @@ def _dot_general(pool: Pool, equation: Any, operands: list[Places]) -> Any:
     return [pool.store(sums, equation.outvars[0].aval.shape)]
 
 
-# The rules.
+# The table of rules.
 
 
 def _elementwise(names: str, cheap: bool, *parameters: str) -> dict[str, Rule]:
-    return {name: Rule(_each, _any(*parameters), cheap) for name in names.split()}
+    return {name: Rule(_replay_entries, _any(*parameters), cheap) for name in names.split()}
 
 
-def _folding(operation: Callable[[Any, Any], Any]) -> Rule:
-    understood = {**_any("axes"), **_only(None, "out_sharding")}
-    return Rule(partial(_fold, operation), understood, cheap=True, takes=_one_kind_of_number)
+def _reduction_rule(operation: Callable[[Any, Any], Any]) -> Rule:
+    understood = {**_any("axes"), **_exactly(None, "out_sharding")}
+    return Rule(partial(_replay_reduction, operation), understood, cheap=True, accepts=_same_summable_dtype)
 
 
 RULES: dict[str, Rule] = {
@@ -251,33 +260,35 @@ RULES: dict[str, Rule] = {
     **_elementwise("integer_pow", True, "y"),
     **_elementwise("reduce_precision", False, "exponent_bits", "mantissa_bits"),
     **_elementwise("round", False, "rounding_method"),
-    "convert_element_type": Rule(_each, {**_any("new_dtype", "weak_type"), **_only(None, "sharding")}, cheap=True),
-    "pvary": Rule(_pvary, _any("axes"), cheap=True),
+    "convert_element_type": Rule(
+        _replay_entries, {**_any("new_dtype", "weak_type"), **_exactly(None, "sharding")}, cheap=True
+    ),
+    "pvary": Rule(_replay_pvary, _any("axes"), cheap=True),
     **{
-        name: Rule(partial(_moved, move), {**_any(*parameters), **_only(None, "sharding")}, cheap=True)
+        name: Rule(partial(_replay_move, move), {**_any(*parameters), **_exactly(None, "sharding")}, cheap=True)
         for name, (move, parameters) in MOVES.items()
     },
     **{
         name: Rule(
-            partial(_moved_by, indices, move),
-            {**_any(*parameters), **_only(None, "update_jaxpr"), **_only((), "update_consts")},
+            partial(_replay_indexed_move, indices, move),
+            {**_any(*parameters), **_exactly(None, "update_jaxpr"), **_exactly((), "update_consts")},
             cheap=name.startswith("dynamic"),
         )
         for name, (move, indices, parameters) in INDEXED.items()
     },
-    "iota": Rule(_iota, {**_any("dtype", "shape", "dimension"), **_only(None, "sharding")}, cheap=True),
+    "iota": Rule(_replay_iota, {**_any("dtype", "shape", "dimension"), **_exactly(None, "sharding")}, cheap=True),
     "dot_general": Rule(
-        _dot_general,
+        _replay_dot_general,
         {
-            **_any("dimension_numbers", "preferred_element_type"),  # the latter shows in the dtype of the result
-            "precision": _precision,
-            **_only(None, "out_sharding"),
+            **_any("dimension_numbers", "preferred_element_type"),  # the latter is the dtype of the result
+            "precision": _is_plain_precision,
+            **_exactly(None, "out_sharding"),
         },
         cheap=True,
-        takes=_one_kind_of_number,
+        accepts=_same_summable_dtype,
     ),
-    "reduce_max": _folding(jax.lax.max),
-    "reduce_min": _folding(jax.lax.min),
-    "reduce_prod": _folding(jax.lax.mul),
-    "reduce_sum": _folding(jax.lax.add),
+    "reduce_max": _reduction_rule(jax.lax.max),
+    "reduce_min": _reduction_rule(jax.lax.min),
+    "reduce_prod": _reduction_rule(jax.lax.mul),
+    "reduce_sum": _reduction_rule(jax.lax.add),
 }

@@ -1,8 +1,8 @@
-"""Trigonometry of small turns by short polynomials.
+"""Trigonometric functions of small angles as short polynomials, which fuse into a step.
 
-float64 sin and cos cost a CPU several times the rest of a step and do not vectorise. A step turns by a small
-angle, whose half is smaller still: Taylor polynomials in its square are exact to rounding and fuse. The
-quaternion of the whole turn is then the square of that of the half.
+On a CPU, float64 sin and cos take several times as long as the rest of a step, and they do not vectorise. A step turns
+a body by a small angle, and for half the angle short Taylor polynomials in its square are exact to rounding. The
+quaternion of the whole turn is the square of the quaternion of half the turn.
 """
 
 from fractions import Fraction
@@ -12,7 +12,7 @@ from jax import Array
 
 from . import components as cp
 
-# |w|^2 for which the polynomials below are exact to rounding; |w| <= 1.22.
+# The Taylor polynomials below are exact to rounding for |w|^2 up to this bound, |w| <= 1.22.
 LARGEST_SQUARE = 1.5
 _TERMS = {"float64": 9, "float32": 5}
 _SPIN_TERMS = {"float64": 11, "float32": 7}
@@ -20,18 +20,18 @@ _STUMPFF_TERMS = {"float64": 11, "float32": 6}
 
 
 def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
-    """scale^(2n) (-1)^n / (2n + shift)!"""
+    """Coefficients scale^(2n) (-1)^n / (2n + shift)! for n = 0 to terms - 1."""
     return tuple((-1) ** n * scale ** (2 * n) / factorial(2 * n + shift) for n in range(terms))
 
 
 def half_turn(w: cp.Vector) -> cp.Quaternion:
-    """exp(w) as a unit quaternion, for |w|^2 <= LARGEST_SQUARE; its square is exp(2 w)."""
+    """exp(w), the unit quaternion of a turn by |w| about w, for |w|^2 <= LARGEST_SQUARE; its square is exp(2 w)."""
     cosine, sine = half_angle(cp.dot(w, w))
     return cosine, sine * w[0], sine * w[1], sine * w[2]
 
 
 def spin(w: Array) -> tuple[Array, Array]:
-    """(cos w, sin w) for w^2 <= LARGEST_SQUARE: a turn by 2 w about one axis, as the two parts of its quaternion."""
+    """(cos w, sin w) for w^2 <= LARGEST_SQUARE: the quaternion components of a turn by 2 w about one axis."""
     x = w * w
     terms = _SPIN_TERMS[str(x.dtype)]
     cosine = cp.polynomial(_taylor(0, 1.0, terms), x)
@@ -40,16 +40,17 @@ def spin(w: Array) -> tuple[Array, Array]:
 
 
 def half_angle(x: Array) -> tuple[Array, Array]:
-    """cos(a/2) and sin(a/2)/a at a^2 = x <= LARGEST_SQUARE."""
+    """cos(a/2) and sin(a/2)/a, where a^2 = x <= LARGEST_SQUARE."""
     terms = _TERMS[str(x.dtype)]
     sine = tuple(0.5 * c for c in _taylor(1, 0.5, terms))
     return cp.polynomial(_taylor(0, 0.5, terms), x), cp.polynomial(sine, x)
 
 
 def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:
-    """Stumpff's c2, c3, c4, c5 at x = a^2 <= 4 LARGEST_SQUARE: c2 = (1 - cos a)/a^2, c3 = (a - sin a)/a^3.
+    """Stumpff's functions c2, c3, c4 and c5 of x = a^2 <= 4 LARGEST_SQUARE.
 
-    c_k = sum of (-x)^n / (2n + k)!, so that c_k = 1/k! - x c_{k+2} and 2 dc_k/dx = k c_{k+2} - c_{k+1}.
+    c_k = sum of (-x)^n / (2n + k)!: c2 = (1 - cos a)/a^2, c3 = (a - sin a)/a^3. It follows that
+    c_k = 1/k! - x c_{k+2} and 2 dc_k/dx = k c_{k+2} - c_{k+1}.
     """
     terms = _STUMPFF_TERMS[str(x.dtype)]
     four = cp.polynomial(_taylor(4, 1.0, terms), x)
@@ -57,31 +58,31 @@ def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:
     return 0.5 - x * four, 1 / 6 - x * five, four, five
 
 
-# |u|^2 for u = tan(|w|/2) at which |w|^2 = LARGEST_SQUARE
+# The bound for the arctangent series: tan(|w|/2)^2 where |w|^2 = LARGEST_SQUARE.
 LARGEST_TANGENT_SQUARE = 0.4935
 _ARCTANGENT_TERMS = {"float64": 16, "float32": 8}
 _FEW_ARCTANGENT_TERMS = {"float64": 8, "float32": 5}
 
 
 def _economised_arctangent(terms: int) -> tuple[float, ...]:
-    """atan(t)/t in powers of t^2, the best of so many terms for t^2 <= LARGEST_TANGENT_SQUARE: Chebyshev's series.
+    """Coefficients of atan(t)/t in powers of t^2, from the truncated Chebyshev series on t^2 <= a^2.
 
-    atan(a c) = 2 sum (-1)^k r^(2k+1) / (2k+1) T_{2k+1}(c), r = (sqrt(1 + a^2) - 1)/a; the powers of c by exact
-    arithmetic, because they cancel.
+    a^2 = LARGEST_TANGENT_SQUARE and atan(a c) = 2 sum (-1)^k r^(2k+1) / (2k+1) T_{2k+1}(c), r = (sqrt(1 + a^2) - 1)/a.
+    The conversion to powers of c cancels strongly, so it is done in exact fractions.
     """
     a = Fraction(LARGEST_TANGENT_SQUARE**0.5)
     r = Fraction((1 + LARGEST_TANGENT_SQUARE) ** 0.5 - 1) / a
     total = [Fraction(0)] * (2 * terms)
-    before, chebyshev = [1], [0, 1]
+    previous, chebyshev = [1], [0, 1]
     for degree in range(1, 2 * terms):
         if degree % 2:
             weight = 2 * (-1) ** (degree // 2) * r**degree / degree
             for n, c in enumerate(chebyshev):
                 total[n] += weight * c
-        following = [0] + [2 * c for c in chebyshev]
-        for n, c in enumerate(before):
-            following[n] -= c
-        before, chebyshev = chebyshev, following
+        next_chebyshev = [0] + [2 * c for c in chebyshev]
+        for n, c in enumerate(previous):
+            next_chebyshev[n] -= c
+        previous, chebyshev = chebyshev, next_chebyshev
     return tuple(float(total[n] / a**n) for n in range(1, 2 * terms, 2))
 
 
@@ -90,18 +91,18 @@ _FEW_ARCTANGENT = {name: _economised_arctangent(terms) for name, terms in _FEW_A
 
 
 def arctangent(x: Array, exact: bool) -> Array:
-    """atan(t)/t at t^2 = x <= LARGEST_TANGENT_SQUARE; unless exact, to eight digits (float32: five)."""
+    """atan(t)/t, where t^2 = x <= LARGEST_TANGENT_SQUARE; with `exact` False to eight digits (float32: five)."""
     return cp.polynomial((_ARCTANGENT if exact else _FEW_ARCTANGENT)[str(x.dtype)], x)
 
 
 def arctangent_slope(x: Array, exact: bool) -> Array:
-    """Its derivative in x."""
+    """The derivative of `arctangent(x, exact)` with respect to x."""
     coefficients = (_ARCTANGENT if exact else _FEW_ARCTANGENT)[str(x.dtype)]
     return cp.polynomial(tuple(n * c for n, c in enumerate(coefficients) if n), x)
 
 
 def share_of_one(x: Array) -> Array:
-    """1/(1 + x) for 0 <= x <= LARGEST_TANGENT_SQUARE, exact at zero: Newton's steps from a parabola."""
+    """1/(1 + x) for 0 <= x <= LARGEST_TANGENT_SQUARE, exact at zero: Newton steps from a quadratic first guess."""
     share = 1 - x * (0.942 - 0.559 * x)
     for _ in range(3 if x.dtype == "float64" else 2):
         share = share + share * (1 - share * (1 + x))

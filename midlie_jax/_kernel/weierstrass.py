@@ -1,12 +1,13 @@
-"""Weierstrass's sigma function and its shift, as polynomials in the invariants: what an exact flight is made of.
+"""Weierstrass's sigma function as polynomials in the invariants g2 and g3: the functions that `JACOBI` needs.
 
-Three entire functions of time, at time one,
+Three entire functions of time, at time one and with the parameter v,
 
     S = sigma,    W = sigma^2 wp,    F = sigma(v - 1) exp(zeta(v)) / sigma(v) = even + wp'(v) odd
 
-have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). They are found here by exact recurrences, and
-summed up to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6, which is so where the three roots of wp
-and p are real and within r^2 of each other. No period and no nome: nothing happens where two roots meet.
+have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). The coefficients are computed by exact
+recurrences, and the sums are exact to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6. These bounds hold
+where p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. The method uses neither periods
+nor the nome, so two equal roots are not a special case.
 
 E. T. Whittaker & G. N. Watson, A Course of Modern Analysis, chapter XX; DLMF 23.
 """
@@ -21,19 +22,19 @@ from jax import Array
 
 from . import components as cp
 
-# What is left out of a sum, in units of eps, and the highest power of time that can be needed for this.
-_SLACK = 1 / 8
+# Terms of a sum below _TRUNCATION eps are dropped; no term of a higher power of time than _DEGREE is needed.
+_TRUNCATION = 1 / 8
 _DEGREE = 30
 
-# A polynomial: coefficients by the powers of (p, g2, g3), which weigh 2, 4 and 6 powers of time.
+# The coefficients of a polynomial by its powers of (p, g2, g3), which count as 2, 4 and 6 powers of time.
 Polynomial = dict[tuple[int, int, int], Fraction]
 _ZERO: Polynomial = {}
 _ONE: Polynomial = {(0, 0, 0): Fraction(1)}
 _G2: Polynomial = {(0, 1, 0): Fraction(1)}
 _G3: Polynomial = {(0, 0, 1): Fraction(1)}
 # wp'^2 = 4 p^3 - g2 p - g3 and wp'' = 6 p^2 - g2 / 2
-_SQUARE: Polynomial = {(3, 0, 0): Fraction(4), (1, 1, 0): Fraction(-1), (0, 0, 1): Fraction(-1)}
-_SECOND: Polynomial = {(2, 0, 0): Fraction(6), (0, 1, 0): Fraction(-1, 2)}
+_WP_PRIME_SQUARED: Polynomial = {(3, 0, 0): Fraction(4), (1, 1, 0): Fraction(-1), (0, 0, 1): Fraction(-1)}
+_WP_SECOND: Polynomial = {(2, 0, 0): Fraction(6), (0, 1, 0): Fraction(-1, 2)}
 
 
 def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
@@ -53,28 +54,28 @@ def _product(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 class _Pair(NamedTuple):
-    """even + wp'(v) odd."""
+    """The function even + wp'(v) odd of v, where `even` and `odd` are polynomials in p, g2 and g3."""
 
     even: Polynomial
     odd: Polynomial
 
     def times(self, other: "_Pair") -> "_Pair":
-        both = _product(_product(self.odd, other.odd), _SQUARE)
-        even = _sum((1, _product(self.even, other.even)), (1, both))
+        odd_odd = _product(_product(self.odd, other.odd), _WP_PRIME_SQUARED)
+        even = _sum((1, _product(self.even, other.even)), (1, odd_odd))
         return _Pair(even, _sum((1, _product(self.even, other.odd)), (1, _product(self.odd, other.even))))
 
     def derivative(self) -> "_Pair":
-        """In v."""
-        even, odd = _by_p(self.even), _by_p(self.odd)
-        return _Pair(_sum((1, _product(odd, _SQUARE)), (1, _product(self.odd, _SECOND))), even)
+        """The derivative with respect to v."""
+        even, odd = _derivative_in_p(self.even), _derivative_in_p(self.odd)
+        return _Pair(_sum((1, _product(odd, _WP_PRIME_SQUARED)), (1, _product(self.odd, _WP_SECOND))), even)
 
 
-def _by_p(polynomial: Polynomial) -> Polynomial:
+def _derivative_in_p(polynomial: Polynomial) -> Polynomial:
     return {(i - 1, j, k): i * c for (i, j, k), c in polynomial.items() if i}
 
 
 def _exponential(logarithm: dict[int, _Pair]) -> list[_Pair]:
-    """The power series whose logarithm has these coefficients: n f_n = sum of k l_k f_(n-k)."""
+    """The power series f = exp(l) from the coefficients l_k: n f_n = sum of k l_k f_(n-k)."""
     series = [_Pair(_ONE, _ZERO)]
     for n in range(1, _DEGREE + 1):
         terms = [(Fraction(k, n), logarithm[k].times(series[n - k])) for k in logarithm if k <= n]
@@ -84,7 +85,7 @@ def _exponential(logarithm: dict[int, _Pair]) -> list[_Pair]:
 
 @cache
 def coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
-    """S, W and the odd part of F. A coefficient's power of time is told by its weight."""
+    """S, W and the odd part of F; the power of time of a term is the `_weight` of its powers."""
     laurent = {0: _ONE, 2: _sum((Fraction(1, 20), _G2)), 3: _sum((Fraction(1, 28), _G3))}  # of t^2 wp(t), in t^2
     for n in range(4, _DEGREE // 2 + 1):
         products = [(1, _product(laurent[k], laurent[n - k])) for k in range(2, n - 1)]
@@ -105,31 +106,34 @@ def coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
 
 
 def _weight(powers: tuple[int, int, int]) -> int:
+    """The power of time that belongs to these powers of (p, g2, g3)."""
     return 2 * powers[0] + 4 * powers[1] + 6 * powers[2]
 
 
 @cache
 def _table(which: int, radius: float, eps: float) -> Any:
-    """The coefficients that matter, nested: by power of g3, in that by power of g2, in that by power of p."""
-    kept = {
+    """The coefficients not dropped for this radius and eps, as nested tuples: by powers of g3, then g2, then p."""
+    terms = {
         powers: float(c)
         for powers, c in coefficients()[which].items()
         if abs(c) * (2 / 3) ** powers[0] * (4 / 3) ** powers[1] * (8 / 27) ** powers[2] * radius ** _weight(powers)
-        > _SLACK * eps
+        > _TRUNCATION * eps
     }
-    return _nested(kept, 3)
+    return _nested(terms, 3)
 
 
-def _nested(kept: dict[tuple[int, ...], float], depth: int) -> Any:
+def _nested(terms: dict[tuple[int, ...], float], depth: int) -> Any:
+    """Coefficients by tuples of `depth` powers, as nested tuples; the outermost index is the last power."""
     if not depth:
-        return kept[()]
+        return terms[()]
     parts = defaultdict(dict)
-    for powers, c in kept.items():
+    for powers, c in terms.items():
         parts[powers[-1]][powers[:-1]] = c
     return tuple(_nested(parts[n], depth - 1) if n in parts else 0.0 for n in range(max(parts) + 1))
 
 
 def _horner(table: Any, x: tuple[Array, ...]) -> Any:
+    """The polynomial with these nested coefficients at x, by Horner's rule in each variable."""
     if isinstance(table, float):
         return table
     total = _horner(table[-1], x[1:])
@@ -139,7 +143,7 @@ def _horner(table: Any, x: tuple[Array, ...]) -> Any:
 
 
 def step_functions(p: Array, g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
-    """S, W and the odd part of F, exact to rounding for roots within radius^2 of each other, and p among them."""
+    """S, W and the odd part of F; exact to rounding where p and the three roots are within radius^2 of each other."""
     tables = (_table(which, radius, cp.epsilon(p)) for which in range(3))
     s, w, odd = (_horner(table, (g3, g2, p)) for table in tables)
     return s, w, odd

@@ -1,1 +1,4 @@
-"""What moves, and under what: rotations, bodies, states, torques, orbits, densities, and what is read off a motion."""
+"""The mechanical model: rotations, bodies, states, torques, orbits, step densities, and observables such as the energy.
+
+It is independent of the methods that integrate it.
+"""

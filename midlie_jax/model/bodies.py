@@ -1,6 +1,6 @@
-"""Bodies: the inertia of what moves. States (`states.py`) say where it is and how it goes.
+"""Bodies: rigid bodies and particles with their inertia. Their configuration and momentum are in `states.py`.
 
-Every kind of body turns momentum into velocity and back (`velocity`, `momentum`): what a torque needs of it.
+Every kind of body converts momentum to velocity (`velocity`) and velocity to momentum (`momentum`).
 """
 
 from typing import Any
@@ -16,11 +16,12 @@ from .._kernel import components as cp
 from .._kernel.checks import as_floats, require, require_finite
 from . import so3
 
-# A flat body has I1 + I2 = I3 exactly; moments from a file miss it by rounding.
-_TRIANGLE_SLACK = 1e-6
-_SYMMETRIC_SLACK = 1e-5  # of a tensor, relative to its largest entry
-# Moments lie between these powers of the smallest number of their dtype, so that their products do not leave it.
-_RANGE = 0.8
+# A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
+_TRIANGLE_TOLERANCE = 1e-6
+_SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
+# Moments must lie between s and 1/s, where s is the smallest normal number of their dtype to this power. Their products
+# then neither overflow nor underflow.
+_RANGE_EXPONENT = 0.8
 
 
 def _positive(numbers: np.ndarray) -> Any:
@@ -28,43 +29,45 @@ def _positive(numbers: np.ndarray) -> Any:
 
 
 def _within_range(moments: np.ndarray) -> Any:
-    least = float(np.finfo(moments.dtype).tiny) ** _RANGE
-    return (moments >= least) & (moments <= 1 / least)
+    smallest = float(np.finfo(moments.dtype).tiny) ** _RANGE_EXPONENT
+    return (moments >= smallest) & (moments <= 1 / smallest)
 
 
 def _triangle(moments: np.ndarray) -> Any:
-    return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_SLACK)
+    """Whether the largest moment is at most the sum of the other two."""
+    return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_TOLERANCE)
 
 
 def _symmetric(matrix: np.ndarray) -> bool:
-    slack = _SYMMETRIC_SLACK * np.abs(matrix).max()
-    return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=slack))
+    tolerance = _SYMMETRY_TOLERANCE * np.abs(matrix).max()
+    return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=tolerance))
 
 
 class RigidBody(eqx.Module):
     """A rigid body turning about a fixed point or its centre of mass.
 
     Attributes:
-        moments: principal moments of inertia about that point, (..., 3), mass x length^2. The body frame
-            is the principal frame, in the order of the moments.
+        moments: principal moments of inertia about this point, (..., 3), mass x length^2. The axes of the body frame
+            are the principal axes, in the order of the moments.
 
     Args:
         moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`.
-        physical: False admits moments that break the triangle inequality I1 <= I2 + I3, which no mass
-            distribution has but which are fine as mathematics.
+        physical: False admits moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has
+            such moments, but the equations of motion still make sense.
 
     Raises:
-        ValueError: moments not of shape (..., 3), not positive, unphysical, or beyond 1e30 (float64: 1e246) or its
-            inverse; a full tensor, for which there are `TensorBody` and `from_tensor`.
+        ValueError: the moments are not of shape (..., 3), not positive, unphysical, or not between 1e-30 and 1e30
+            (float64: 1e-246 and 1e246); or a full tensor was passed, which `TensorBody` and `from_tensor` accept.
     """
 
     moments: Float[Array, "*batch 3"]
 
     def __init__(self, moments: Any, *, physical: bool = True):
         self.moments = as_floats("moments", moments, (3,))
-        # Three rows of moments have the shape of a tensor; a physical tensor breaks one of the rules for moments.
-        tensor = self.moments.shape[-2:] == (3, 3)
-        cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor else ""
+        # A (3, 3) array can be three bodies or, by mistake, a tensor. The rows of a physical tensor always fail one of
+        # the checks below, and the message then names the classes for tensors.
+        tensor_shaped = self.moments.shape[-2:] == (3, 3)
+        cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         require("moments", self.moments, _positive, "must be positive and finite", cure or "check units and order.")
         require("moments", self.moments, _within_range, "are out of range", "take other units of mass or length.")
         if physical:
@@ -73,31 +76,33 @@ class RigidBody(eqx.Module):
                 self.moments,
                 _triangle,
                 "are unphysical: the largest must not exceed the sum of the other two",
-                cure or "check the tensor, or pass physical=False for a body that exists on paper alone.",
+                cure or "check the moments, or pass physical=False to allow moments that no real body has.",
             )
 
     @classmethod
     def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "*batch 3 3"]]:
-        """The body of a full inertia tensor, and its principal axes; `TensorBody` keeps account of them by itself.
+        """The body with a full inertia tensor, and its principal axes. `TensorBody` makes the conversions by itself.
 
         Args:
-            tensor: (..., 3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body.
+            tensor: (..., 3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body,
+                mass x length^2.
             physical: as for the class.
 
         Returns:
-            The body, moments ascending, and rotation matrices `axes` (..., 3, 3) whose columns are the principal axes
-            in G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
+            The body, with ascending moments, and rotation matrices `axes` (..., 3, 3) whose columns are the principal
+            axes in G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
             attitude R of G becomes R @ axes. Derivatives are those of eigenvectors: NaN where moments are equal.
 
         Raises:
-            ValueError: not (..., 3, 3), not symmetric, or moments as for the class.
+            ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are invalid as for the
+                class.
         """
         tensor = as_floats("tensor", tensor, (3, 3))
         require_finite("tensor", tensor)
-        require("tensor", tensor, _symmetric, "must be symmetric", "pass (J + J.T) / 2 if the rest is rounding.")
+        require("tensor", tensor, _symmetric, "must be symmetric", "pass (J + J.T) / 2 if it differs by rounding.")
         moments, axes = jnp.linalg.eigh(tensor)
-        hand = jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
-        return cls(moments, physical=physical), axes * hand[..., None, None]
+        sign = jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
+        return cls(moments, physical=physical), axes * sign[..., None, None]
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular velocity I^-1 Pi, body frame."""
@@ -114,23 +119,24 @@ class RigidBody(eqx.Module):
 
 
 class TensorBody(eqx.Module):
-    """A rigid body given by its full inertia tensor, in a frame of your own fixed in the body.
+    """A rigid body with a full inertia tensor, in any frame fixed in the body ("your frame").
 
-    Momentum, attitude, torque and angular velocity are all in this frame, whatever the principal axes are:
-    `midlie_jax.integrate` and its kin change to the principal frame and back. A run that is continued from a kept
-    state changes frames twice more than one that was never stopped, and differs from it by rounding. Where two moments
-    are equal the principal axes have no derivative in the tensor, and gradients in it are NaN; a `RigidBody` has them.
+    Momentum, attitude, torque and angular velocity are all in your frame; `midlie_jax.integrate` and the other drivers
+    convert to the principal frame and back. A run that is continued from a kept state makes two more conversions than
+    an uninterrupted run, and differs from it by rounding. Where two moments are equal, the principal axes have no
+    derivative with respect to the tensor and gradients with respect to it are NaN; use a `RigidBody` there.
 
     Attributes:
         principal: the same body in its principal frame, a `RigidBody`.
-        axes: unit quaternion, components in the principal frame to those in your frame, (..., 4).
+        axes: unit quaternion that takes components in the principal frame to components in your frame, (..., 4).
 
     Args:
         tensor: (..., 3, 3) symmetric positive definite inertia tensor, mass x length^2.
         physical: as for `RigidBody`.
 
     Raises:
-        ValueError: not (..., 3, 3), not symmetric, or its moments as for `RigidBody`.
+        ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are invalid as for
+            `RigidBody`.
     """
 
     principal: RigidBody
@@ -147,11 +153,11 @@ class TensorBody(eqx.Module):
         return (axes * self.principal.moments[..., None, :]) @ jnp.swapaxes(axes, -1, -2)
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-        """The angular velocity I^-1 Pi."""
+        """The angular velocity I^-1 Pi, your frame."""
         return so3.rotate(self.axes, self.principal.velocity(self.to_principal(momentum)))
 
     def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-        """The angular momentum I Omega."""
+        """The angular momentum I Omega, your frame."""
         return so3.rotate(self.axes, self.principal.momentum(self.to_principal(velocity)))
 
     @property
@@ -160,7 +166,7 @@ class TensorBody(eqx.Module):
         return self.principal.trace
 
     def to_principal(self, vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-        """A vector of your frame in principal components."""
+        """The components in the principal frame of a vector in your frame."""
         return so3.rotate(so3.conjugate(self.axes), vector)
 
 
@@ -168,14 +174,15 @@ class Particles(eqx.Module):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
     Attributes:
-        mass: a scalar, one per coordinate (n,), or the lower Cholesky factor (n, n) of a full matrix.
+        mass: one mass for all coordinates (), one per coordinate (n,), or the lower Cholesky factor (n, n) of a full
+            mass matrix.
 
     Args:
-        mass: positive scalar, positive (n,), or symmetric positive definite (n, n), which is factorised
-            here, once.
+        mass: a positive scalar, positive masses (n,), or a symmetric positive definite matrix (n, n), which is
+            factorised on construction.
 
     Raises:
-        ValueError: more than two axes, not positive, or not symmetric positive definite.
+        ValueError: the mass has more than two axes, is not positive, or is not symmetric positive definite.
     """
 
     mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
@@ -187,9 +194,7 @@ class Particles(eqx.Module):
                 f"mass must be a scalar, (n,) or (n, n), got {mass.shape}; map over a batch with jax.vmap."
             )
         if mass.ndim < 2:
-            require(
-                "mass", mass, _positive, "must be positive and finite", "a coordinate without mass cannot be kicked."
-            )
+            require("mass", mass, _positive, "must be positive and finite", "give every coordinate a positive mass.")
             self.mass = mass
             return
         require_finite("mass", mass)
@@ -200,13 +205,13 @@ class Particles(eqx.Module):
         self.mass = factor
 
     def velocity(self, momentum: Array) -> Array:
-        """M^-1 p."""
+        """The velocity u' = M^-1 p."""
         if self.mass.ndim == 2:
             return jax.scipy.linalg.cho_solve((self.mass, True), momentum)
         return momentum / self.mass
 
     def momentum(self, velocity: Array) -> Array:
-        """M u'."""
+        """The momentum p = M u'."""
         if self.mass.ndim == 2:
             return self.mass @ (self.mass.T @ velocity)
         return self.mass * velocity
@@ -216,5 +221,5 @@ Body = RigidBody | TensorBody | Particles
 
 
 def principal_of(body: Any) -> Any:
-    """A body in its principal frame; particles, and what is no body, as they are."""
+    """A `TensorBody` in its principal frame; any other argument unchanged."""
     return body.principal if isinstance(body, TensorBody) else body

@@ -1,4 +1,7 @@
-"""Whether a body, a state and a torque go with each other: checked before anything is traced."""
+"""Checks that a body, a state and a torque are valid and fit each other, made before anything is traced.
+
+Every function raises a ValueError that names the argument.
+"""
 
 from typing import Any
 
@@ -10,14 +13,14 @@ from .states import AnyState, State
 
 
 def check_state(name: str, state: Any) -> None:
-    """Raises unless it is a state whose arrays have the same leading axes."""
+    """Raises unless the argument is a state whose arrays have the same leading axes."""
     if not isinstance(state, State):
         raise ValueError(f"{name} must be a state such as midlie_jax.RigidState, got {described(state)}.")
     state.check_batch()
 
 
 def check_body(body: Any, state: AnyState) -> None:
-    """Raises unless the state is one of the body's."""
+    """Raises unless the body is of the kind that the state belongs to."""
     if not isinstance(principal_of(body), state.body):
         kind = state.body.__name__
         cure = "" if isinstance(body, eqx.Module) else f"; make one with midlie_jax.{kind}"
@@ -25,20 +28,20 @@ def check_body(body: Any, state: AnyState) -> None:
 
 
 def check_torque(torque: Any) -> None:
-    """Raises unless it is None or can be called."""
+    """Raises unless the torque is None or can be called."""
     if torque is not None and not callable(torque):
         raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
 
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
-    """Raises unless the state has `batch` leading axes, and the body as many or none."""
+    """Raises unless the state has `batch` leading axes, and the body at most as many; particles are not checked."""
     principal = principal_of(body)
     if not isinstance(principal, RigidBody):
         return
     moments = "body.moments" if principal is body else "body.principal.moments"
-    for what, array, fewest in ((moments, principal.moments, 0), (f"{name}.momentum", state.momentum, batch)):
-        if not fewest <= array.ndim - 1 <= batch:
+    for argument, array, min_axes in ((moments, principal.moments, 0), (f"{name}.momentum", state.momentum, batch)):
+        if not min_axes <= array.ndim - 1 <= batch:
             wanted, cure = "(3,)", "map over a batch with jax.vmap, or use midlie_jax.ensemble"
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
-            raise ValueError(f"{what} must be {wanted}, got {array.shape}; {cure}.")
+            raise ValueError(f"{argument} must be {wanted}, got {array.shape}; {cure}.")

@@ -1,8 +1,8 @@
-"""Step densities: where a motion wants its steps close, for `integrate_adaptive`.
+"""Step densities, which tell `integrate_adaptive` where a motion needs short steps.
 
-A density is any callable `density(t, state) -> ()`, positive and smooth: the steps are `dt / density`. Those here are 1
-at a reference that is given with them, so that `dt` is the step there. A density should change little in a step, and
-follow the scale of time of the motion rather than its error: a step control needs no more.
+A density is any callable `density(t, state) -> ()` that is positive and smooth; the step is `dt / density`. The
+densities here are 1, or about 1, at a reference value that you choose, so `dt` is the step at the reference. A density
+should change little within a step and should follow the time scale of the motion; it need not estimate the error.
 """
 
 from collections.abc import Callable
@@ -23,19 +23,23 @@ DensityLike = Callable[[Any, Any], Array]
 
 def _positive(name: str, value: Any) -> Array:
     array = as_floats(name, value)
-    require(name, array, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "densities are relative.")
+    require(name, array, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its sign and units.")
     return array
 
 
 class OrbitalDistance(eqx.Module):
-    """(reference / r)^power, r the distance of an orbit from its centre.
+    """(reference / r)^power, where r is the distance of an orbit from its centre.
 
-    The power 3/2 is that of every time in the problem, free fall and gravity gradient alike.
+    With the default power 3/2 the step is proportional to r^(3/2), as are the times of free fall and of the rotation in
+    a gravity gradient.
 
     Attributes:
-        orbit: `orbit(t) -> (3,)`, such as `midlie_jax.orbits.KeplerOrbit`.
-        reference: the distance at which the density is 1, ().
-        power: static.
+        orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.
+        reference: the distance at which the density is 1, (), length.
+        power: exponent, a static Python float.
+
+    Raises:
+        ValueError: the reference is not positive and finite.
     """
 
     orbit: Callable[[Any], Array]
@@ -49,20 +53,24 @@ class OrbitalDistance(eqx.Module):
 
     def __call__(self, t: Any, state: Any) -> Array:
         del state
-        place = cp.vector(self.orbit(t))
-        return _power(self.reference * self.reference / cp.dot(place, place), self.power / 2)
+        position = cp.vector(self.orbit(t))
+        return _power(self.reference * self.reference / cp.dot(position, position), self.power / 2)
 
 
 class TorqueSize(eqx.Module):
-    """((|T|^2 + floor^2) / reference^2)^(power / 2), T a torque.
+    """((|T|^2 + floor^2) / reference^2)^(power / 2), where T is a torque.
 
-    The power 1/2 is that of a rate: sqrt(|T| / I) is how fast a torque turns a body that it finds at rest.
+    With the default power 1/2 the density is proportional to sqrt(|T|), as is sqrt(|T| / I), the rate at which a torque
+    turns a body with moment of inertia I that starts at rest.
 
     Attributes:
-        torque: `torque(t, state) -> (3,)`, the one that acts or another.
+        torque: `torque(t, state) -> (3,)`, the torque of the run or any other.
         reference: the torque at which the density is about 1, ().
-        floor: added so that the step stays bounded, and the density smooth, where the torque vanishes, ().
-        power: static.
+        floor: a torque, (); it keeps the step bounded and the density smooth where the torque vanishes.
+        power: exponent, a static Python float.
+
+    Raises:
+        ValueError: the reference or the floor is not positive and finite.
     """
 
     torque: TorqueLike
@@ -83,12 +91,15 @@ class TorqueSize(eqx.Module):
 
 
 class Spin(eqx.Module):
-    """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: steps of like angles.
+    """sqrt((|Omega|^2 + floor^2) / reference^2), where Omega is the angular velocity: all steps turn by similar angles.
 
     Attributes:
-        moments: principal moments of a `RigidBody`, (3,); the states of a `TensorBody` are in other axes.
+        moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states are in other axes.
         reference: the angular velocity at which the density is about 1, ().
-        floor: added so that the step stays bounded, and the density smooth, where the body rests, ().
+        floor: an angular velocity, (); it keeps the step bounded and the density smooth where the body is at rest.
+
+    Raises:
+        ValueError: the moments do not have three entries, or the reference or the floor is not positive and finite.
     """
 
     moments: Float[Array, "*batch 3"]
@@ -108,7 +119,7 @@ class Spin(eqx.Module):
 
 
 def _power(x: Array, exponent: float) -> Array:
-    """x^exponent for x > 0: by square roots where they do, several times cheaper than a power."""
+    """x^exponent for x > 0; quarters up to 3/4 use square roots, which are several times cheaper than a power."""
     quarters = 4 * exponent
     if quarters not in (1, 2, 3):
         return x**exponent

@@ -1,4 +1,4 @@
-"""Where a satellite is: orbits about a point mass, for the gravity-gradient torque."""
+"""Orbits about a point mass, and a magnetic field along an orbit: inputs of torques and step densities."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,23 +13,31 @@ from .._kernel import components as cp
 from .._kernel.checks import as_floats, require_finite
 
 _KEPLER_ITERATIONS = 8
-_SMOOTH_ITERATIONS = 2
+_SMOOTH_ITERATIONS = 2  # the last iterations, which are differentiated
 
 
 class Orbit(eqx.Module):
-    """A place that depends on time alone."""
+    """A position in space as a function of time: `orbit(t) -> (..., 3)`."""
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t).")
 
 
 class CircularOrbit(Orbit):
-    """A circle about the origin, starting at `position` towards `direction`.
+    """A circular orbit about the origin.
 
     Attributes:
-        position: at t = 0, (3,), length.
-        across: the place a quarter of a turn later, (3,), length.
-        rate: angular rate, sqrt(mu/r^3), ().
+        position: the position at t = 0, (3,), length.
+        across: the position a quarter of a turn later, (3,), length.
+        rate: angular velocity sqrt(mu/r^3), (), radians per unit of time.
+
+    Args:
+        position: as above.
+        direction: the direction of motion at t = 0, (3,); only its part perpendicular to `position` counts.
+        mu: gravitational parameter, (), length^3/time^2.
+
+    Raises:
+        ValueError: position or direction not of shape (..., 3) or not finite.
     """
 
     position: Float[Array, "*batch 3"]
@@ -53,19 +61,20 @@ class CircularOrbit(Orbit):
 
 
 class KeplerOrbit(Orbit):
-    """An ellipse about the origin from a position and a velocity.
+    """An elliptic orbit about a focus at the origin, from a position and a velocity.
 
-    Lagrange's f and g functions, with the difference of eccentric anomaly from a fixed number of Newton steps
-    on Kepler's equation (Bate, Mueller & White, Fundamentals of Astrodynamics, chapter 4); to rounding for
-    eccentricity up to .8, with the first three derivatives.
+    Computed from Lagrange's f and g functions; the change of eccentric anomaly comes from a fixed number of Newton
+    steps on Kepler's equation (Bate, Mueller & White, Fundamentals of Astrodynamics, chapter 4). The position and its
+    first three derivatives are exact to rounding for eccentricities up to 0.8.
 
     Attributes:
-        position: at t = 0, (3,), length.
-        velocity: at t = 0, (3,), length/time.
-        mu: gravitational parameter, ().
+        position: the position at t = 0, (3,), length.
+        velocity: the velocity at t = 0, (3,), length/time.
+        mu: gravitational parameter, (), length^3/time^2.
 
     Raises:
-        ValueError: wrong shape or NaN. A hyperbola gives NaN, hence `path.ok` False.
+        ValueError: position or velocity not of shape (..., 3) or not finite. A hyperbolic orbit raises nothing: its
+            positions are NaN, so `path.ok` is False.
     """
 
     position: Float[Array, "*batch 3"]
@@ -87,16 +96,16 @@ class KeplerOrbit(Orbit):
         motion = jnp.sqrt(self.mu * inverse_axis**3)
         sine_part = cp.dot(position, velocity) / jnp.sqrt(self.mu * axis)  # e sin E0
         cosine_part = 1 - radius * inverse_axis  # e cos E0
-        # Whole turns change nothing: solving for the rest keeps the iteration count fixed.
+        # Whole turns do not change the position. Without them a fixed number of iterations is enough at any time.
         turns = jnp.round(motion * t / (2 * jnp.pi))
         mean = motion * t - 2 * jnp.pi * turns
         equation = (mean, sine_part, cosine_part)
-        # Of a root found, each further Newton step makes twice as many derivatives right, the first of them for the
-        # root itself: two give the first three, and the steps before need none.
-        fixed = jax.lax.stop_gradient(equation)
-        change = fixed[0]
+        # A differentiated Newton step from the root doubles the number of correct Taylor coefficients: from 1, the root
+        # itself, to 2 and then to 4, which includes the first three derivatives. The earlier steps need no derivatives.
+        constants = jax.lax.stop_gradient(equation)
+        change = constants[0]
         for n in range(_KEPLER_ITERATIONS):
-            change = _newton(change, *(fixed if n < _KEPLER_ITERATIONS - _SMOOTH_ITERATIONS else equation))
+            change = _newton(change, *(constants if n < _KEPLER_ITERATIONS - _SMOOTH_ITERATIONS else equation))
         versine, s = 2 * jnp.sin(change / 2) ** 2, jnp.sin(change)
         f = 1 - versine * axis / radius
         g = (mean - change + s) / motion
@@ -104,15 +113,18 @@ class KeplerOrbit(Orbit):
 
 
 class DipoleField(eqx.Module):
-    """The field of a magnetic dipole along an orbit, B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r / |r|.
+    """The field of a magnetic dipole at the origin, along an orbit: B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r/|r|.
 
-    A first approximation to the Earth's has a moment of 7.7e22 A m^2 along the geomagnetic axis, towards the south, for
-    orbits in metres (J. R. Wertz, Spacecraft Attitude Determination and Control (1978), appendix H).
+    A first approximation to the Earth's field has a moment m of 7.7e22 A m^2 along the geomagnetic axis, towards the
+    south, for orbits in metres (J. R. Wertz, Spacecraft Attitude Determination and Control (1978), appendix H).
 
     Attributes:
-        orbit: the place in space, `orbit(t) -> (3,)`, length.
-        moment: dipole moment in space, (3,).
-        constant: mu_0 / 4 pi in the units of the scene, (); 1e-7 T m/A in SI units.
+        orbit: the position in the space frame, `orbit(t) -> (3,)`, length.
+        moment: dipole moment m in the space frame, (3,).
+        constant: mu_0 / 4 pi in the units of the problem, (); 1e-7 T m/A in SI units.
+
+    Raises:
+        ValueError: moment not of shape (..., 3), or moment or constant not finite.
     """
 
     orbit: Callable[[Any], Array]
@@ -127,16 +139,16 @@ class DipoleField(eqx.Module):
         require_finite("constant", self.constant)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        place, moment = cp.vector(self.orbit(t)), cp.vector(self.moment)
-        square = cp.dot(place, place)
+        position, moment = cp.vector(self.orbit(t)), cp.vector(self.moment)
+        square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
-        e = cp.scale(inverse, place)
+        e = cp.scale(inverse, position)
         field = cp.subtract(cp.scale(3 * cp.dot(moment, e), e), moment)
         return cp.pack(cp.scale(self.constant * inverse / square, field))
 
 
 def _newton(change: Array, mean: Array, sine_part: Array, cosine_part: Array) -> Array:
-    """One step on Kepler's equation for the change of eccentric anomaly."""
+    """One Newton step on Kepler's equation for the change of eccentric anomaly since t = 0."""
     s, c = jnp.sin(change), jnp.cos(change)
     residual = change - cosine_part * s + sine_part * (1 - c) - mean
     return change - residual / (1 - cosine_part * c + sine_part * s)

@@ -1,8 +1,8 @@
-"""Rotations: unit quaternions (w, x, y, z) and rotation vectors, in arrays of any leading batch shape.
+"""Rotations: unit quaternions (w, x, y, z) and rotation vectors, as arrays with any leading batch axes.
 
-The lowest layer of the package: it knows no bodies and no time. All functions are smooth to second order at
-and near rotation zero and rotation pi, in float32 and float64. `exp(v)` turns by |v| radians about v; as a
-map, attitude q takes body components to space components, `rotate(q, v_body) = v_space`.
+This module depends on no other part of the model. All functions are smooth to second order at and
+near rotations by zero and by pi, in float32 and float64. `exp(v)` turns by |v| radians about v. An attitude q takes
+body components to space components: `rotate(q, v_body) = v_space`.
 """
 
 from collections.abc import Callable
@@ -16,53 +16,53 @@ from jaxtyping import Float
 
 from .._kernel import components as cp
 
-# Below these arguments the series are exact to rounding with the terms kept, derivatives included.
+# With these numbers of terms the series and their derivatives are exact to rounding below these arguments.
 _SERIES_TERMS = 12
-_SMALL_ANGLE_SQUARED = 1.0  # for sin(a)/a and its like, as functions of a^2
-_SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z, as a function of z^2
+_SMALL_ANGLE_SQUARED = 1.0  # for sin(a)/a and similar functions of a^2
+_SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z as a function of z^2
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 
 
 def _even(series: tuple[float, ...], x: Array, closed_form: Callable[[Array], Array]) -> Array:
-    """A function analytic in x >= 0: its series for small x, `closed_form(sqrt(x))` elsewhere."""
-    small = x < _SMALL_ANGLE_SQUARED
-    angle = jnp.sqrt(jnp.where(small, jnp.ones_like(x), x))
-    return jnp.where(small, cp.polynomial(series, jnp.where(small, x, jnp.zeros_like(x))), closed_form(angle))
+    """A function analytic in x >= 0: its power series for small x, otherwise `closed_form(sqrt(x))`."""
+    use_series = x < _SMALL_ANGLE_SQUARED
+    angle = jnp.sqrt(jnp.where(use_series, jnp.ones_like(x), x))
+    return jnp.where(use_series, cp.polynomial(series, jnp.where(use_series, x, jnp.zeros_like(x))), closed_form(angle))
 
 
 def _series(shift: int) -> tuple[float, ...]:
-    """sum over n of (-x)^n / (2n + shift)!"""
+    """The coefficients of the sum over n of (-x)^n / (2n + shift)!"""
     return tuple((-1) ** n / factorial(2 * n + shift) for n in range(_SERIES_TERMS))
 
 
 def _sinc(x: Array) -> Array:
-    """sin(a)/a at a^2 = x."""
+    """sin(a)/a, where a^2 = x."""
     return _even(_series(1), x, lambda a: jnp.sin(a) / a)
 
 
 def _cosine(x: Array) -> Array:
-    """cos(a) at a^2 = x."""
+    """cos(a), where a^2 = x."""
     return _even(_series(0), x, jnp.cos)
 
 
 def _versine(x: Array) -> Array:
-    """(1 - cos a)/a^2 at a^2 = x."""
+    """(1 - cos a)/a^2, where a^2 = x."""
     return _even(_series(2), x, lambda a: 2 * (jnp.sin(a / 2) / a) ** 2)
 
 
 def _remainder(x: Array) -> Array:
-    """(a - sin a)/a^3 at a^2 = x."""
+    """(a - sin a)/a^3, where a^2 = x."""
     return _even(_series(3), x, lambda a: (a - jnp.sin(a)) / a**3)
 
 
 def _cotangent(x: Array) -> Array:
-    """(1 - (a/2) cot(a/2))/a^2 at a^2 = x."""
+    """(1 - (a/2) cot(a/2))/a^2, where a^2 = x."""
     series = tuple(b / factorial(2 * n + 2) for n, b in enumerate(_BERNOULLI))
     return _even(series, x, lambda a: (1 - (a / 2) * jnp.cos(a / 2) / jnp.sin(a / 2)) / (a * a))
 
 
 def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """The unit quaternion that turns by |vector| radians about vector."""
+    """The unit quaternion (..., 4) of the rotation by |vector| radians about `vector` (..., 3)."""
     v = cp.vector(vector)
     quarter = cp.dot(v, v) / 4
     s = _sinc(quarter) / 2
@@ -70,19 +70,19 @@ def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """The rotation vector of a unit quaternion, of length at most pi; q and -q give the same."""
+    """The rotation vector (..., 3) of a unit quaternion, of length at most pi radians; q and -q give the same."""
     w, *rest = cp.quaternion(quaternion)
     u = (rest[0], rest[1], rest[2])
     sign = jnp.where(w < 0, -jnp.ones_like(w), jnp.ones_like(w))
     w = sign * w
     square = cp.dot(u, u)
-    small = square < _SMALL_TANGENT_SQUARED * w * w
-    safe_w = jnp.where(small, w, jnp.ones_like(w))
-    safe_square = jnp.where(small, jnp.ones_like(square), square)
+    use_series = square < _SMALL_TANGENT_SQUARED * w * w
+    safe_w = jnp.where(use_series, w, jnp.ones_like(w))
+    safe_square = jnp.where(use_series, jnp.ones_like(square), square)
     series = tuple((-1) ** n / (2 * n + 1) for n in range(2 * _SERIES_TERMS))
-    near = cp.polynomial(series, jnp.where(small, square, jnp.zeros_like(square)) / safe_w**2) / safe_w
+    series_factor = cp.polynomial(series, jnp.where(use_series, square, jnp.zeros_like(square)) / safe_w**2) / safe_w
     norm = jnp.sqrt(safe_square)
-    factor = 2 * sign * jnp.where(small, near, jnp.arctan2(norm, w) / norm)
+    factor = 2 * sign * jnp.where(use_series, series_factor, jnp.arctan2(norm, w) / norm)
     return cp.pack((factor * u[0], factor * u[1], factor * u[2]))
 
 
@@ -97,12 +97,12 @@ def conjugate(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def rotate(quaternion: Float[Array, "*#batch 4"], vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-    """The vector turned: body components in, space components out, for an attitude."""
+    """The rotated vector. For an attitude: the space components of a vector given in body components."""
     return cp.pack(cp.rotate(cp.quaternion(quaternion), cp.vector(vector)))
 
 
 def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """The rotation matrix of a unit quaternion."""
+    """The rotation matrix (..., 3, 3) of a unit quaternion."""
     w, x, y, z = cp.quaternion(quaternion)
     rows = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -113,9 +113,12 @@ def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
 
 
 def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
-    """The unit quaternion, w >= 0, of a rotation matrix (Shepperd 1978: the best conditioned of four formulas)."""
+    """The unit quaternion, w >= 0, of a rotation matrix.
+
+    The best conditioned of Shepperd's four formulas (S. W. Shepperd, J. Guid. Control 1 (1978) 223).
+    """
     (a, b, c), (d, e, f), (g, h, i) = (cp.vector(matrix[..., row, :]) for row in range(3))
-    # Row k holds 4 q_k q, so its own entry k is 4 q_k^2; the largest is at least 1.
+    # Row k is 4 q_k q, so its entry k is 4 q_k^2. The largest of these four entries is at least 1.
     candidates = (
         (1 + a + e + i, h - f, c - g, d - b),
         (h - f, 1 + a - e - i, b + d, c + g),
@@ -135,29 +138,32 @@ def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 def slerp(
     start: Float[Array, "*#batch 4"], end: Float[Array, "*#batch 4"], share: Float[Array, "*#batch"] | float
 ) -> Float[Array, "*#batch 4"]:
-    """Between two unit quaternions, at constant angular velocity and the short way round; `share` is 0 at the start."""
+    """The rotation between two unit quaternions, at constant angular velocity along the shorter way.
+
+    `share` is the fraction of the way: 0 gives `start`, 1 gives `end` (or its negative, the same rotation).
+    """
     x, y, z = cp.vector(log(multiply(conjugate(start), end)))
     share = jnp.asarray(share, x.dtype)
     return multiply(start, exp(cp.pack((share * x, share * y, share * z))))
 
 
 def from_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """A quaternion with the scalar last, as SciPy and ROS write it, in the order of this package."""
+    """The quaternion (w, x, y, z), scalar first, from (x, y, z, w), the order of SciPy and ROS."""
     return jnp.roll(quaternion, 1, axis=-1)
 
 
 def to_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """The inverse of `from_xyzw`."""
+    """The quaternion (x, y, z, w) from (w, x, y, z): the inverse of `from_xyzw`."""
     return jnp.roll(quaternion, -1, axis=-1)
 
 
 def to_scipy(quaternion: Float[Array, "*batch 4"]) -> Any:
-    """The same rotations as a `scipy.spatial.transform.Rotation`, for Euler angles and the rest of what it can do.
+    """The same rotations as a `scipy.spatial.transform.Rotation`, for example to get Euler angles.
 
-    Of concrete arrays, with at most one batch axis. `Rotation.as_quat(scalar_first=True)` leads back.
+    The quaternions must be concrete, with at most one batch axis. `Rotation.as_quat(scalar_first=True)` is the inverse.
 
     Raises:
-        ImportError: SciPy is missing.
+        ImportError: SciPy is not installed.
     """
     from scipy.spatial.transform import Rotation
 
@@ -165,9 +171,10 @@ def to_scipy(quaternion: Float[Array, "*batch 4"]) -> Any:
 
 
 def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-    """The angular velocity, in space, of exp(vector) when vector changes at `rate`.
+    """The angular velocity, in the space frame, of the rotation exp(vector) when `vector` changes at `rate`.
 
-    d/dt exp(v) = skew(dexp(v, v')) exp(v); in the body it is dexp(-v, v'). Hairer, Lubich & Wanner, III.4.
+    For v = vector and matrices, d/dt exp(v) = skew(dexp(v, v')) exp(v). The angular velocity in the body frame is
+    dexp(-v, v'). Hairer, Lubich & Wanner, Geometric Numerical Integration, III.4.
     """
     v, r = cp.vector(vector), cp.vector(rate)
     x = cp.dot(v, v)

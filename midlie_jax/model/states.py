@@ -1,10 +1,11 @@
-"""States: the numbers that say where a body is and how it moves.
+"""States: the momentum of a body or of particles, and its configuration.
 
-A state holds the momentum and as much of the configuration as a scene needs: nothing (`MomentumState`), one direction
-(`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). Users see arrays. Steps see components:
-`parts` gives a momentum of type P and a *pose*, the configuration, of type Q. The class of a state says how a rotation
-carries the pose along (`turn`), how fast the pose and the momentum change (`rate`, `momentum_rate`), and how a function
-written on states is evaluated on components (`evaluate`). No other part of the package needs to know which it is.
+A state holds the momentum and as much of the configuration as a problem needs: nothing (`MomentumState`), one direction
+(`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). Users work with arrays, the integration
+steps with components: `parts` splits a state into a momentum of type P and a *pose*, the configuration, of type Q. The
+class of a state defines how a rotation changes the pose (`turn`), the rates of change of the pose and the momentum
+(`rate`, `momentum_rate`), and how a function written on states is evaluated on components (`evaluate`). So the rest of
+the package need not distinguish the kinds of state.
 """
 
 from abc import abstractmethod
@@ -23,36 +24,39 @@ from .._kernel.checks import as_floats, is_unit, require, require_finite, same_b
 from .._kernel.replay import Packed, by_components
 from .bodies import Particles, RigidBody
 
-P = TypeVar("P")  # a momentum as the steps hold it: components, or the array of particles
-Q = TypeVar("Q")  # a pose as the steps hold it
-Value = tuple[list[Any], jax.ShapeDtypeStruct]  # entries of an array (constants may be NumPy's), its shape and dtype
+P = TypeVar("P")  # a momentum in a step: components, or an array for particles
+Q = TypeVar("Q")  # a pose in a step: components, or an array for particles
+# The value of a function: the entries of an array (constants can be NumPy values), and its shape and dtype.
+Value = tuple[list[Any], jax.ShapeDtypeStruct]
 
 
 class State(eqx.Module, Generic[P, Q]):
-    """What the steps and the torques need from a state."""
+    """The interface of a state to the steps and the torques."""
 
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
-    own_axes: ClassVar[int] = 1  # axes of each array that belong to one body; those before them are a batch
+    own_axes: ClassVar[int] = (
+        1  # number of trailing axes of each array that belong to one body; the axes before them are a batch
+    )
 
     def check_batch(self) -> None:
         """Raises a ValueError unless all arrays have the same batch axes."""
         same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A space vector in body components; a ValueError where the state knows no direction."""
+        """The body components of a vector in the space frame; a ValueError if the state holds no direction."""
         del vector
         raise ValueError(
             f"a {type(self).__name__} knows no direction; start from a DirectionState or a RigidState instead."
         )
 
     def vertical(self) -> cp.Vector:
-        """The space z axis in body components; a ValueError where the state knows no direction."""
+        """The space z axis in body components; a ValueError if the state holds no direction."""
         return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
 
     @abstractmethod
     def parts(self) -> tuple[P, Q]:
-        """(momentum, pose) as the steps hold them."""
+        """(momentum, pose) in the form that the steps use."""
 
     @classmethod
     @abstractmethod
@@ -62,53 +66,54 @@ class State(eqx.Module, Generic[P, Q]):
     @classmethod
     @abstractmethod
     def of(cls, momentum: Array, pose: Any) -> "State[P, Q]":
-        """The state of the momentum and pose given as arrays (the pose () where there is none)."""
+        """The state with this momentum and pose as arrays; the pose of a `MomentumState` is ()."""
 
     @staticmethod
     @abstractmethod
     def rotate(pose: Q, increment: Any) -> Q:
-        """The pose after the body has turned by `increment`, a rotation in the body frame; of particles, a shift."""
+        """The pose after the body turns by `increment`, a rotation in the body frame; for particles, a displacement."""
 
     @staticmethod
     @abstractmethod
-    def turn(pose: Q, increment: Any, still: Array, t: Array) -> Q:
-        """The same for a pose that takes up a rotation at every step, this one at time t, as `accumulate` adds it.
+    def turn(pose: Q, increment: Any, no_step: Array, t: Array) -> Q:
+        """`rotate` for a pose that is turned at every step; t is the time of this step.
 
-        Corrects the length of the pose for what rounding changed before. Where `still`, no bit is changed.
+        The change is added with the rounding of `accumulate`, and the length of the pose is corrected for earlier
+        rounding errors. Where `no_step` is True (a step of size zero), no bit is changed.
         """
 
     @staticmethod
     @abstractmethod
-    def shift(pose: Q, change: Q, still: Array, t: Array) -> Q:
-        """pose + change, brought to the length of a pose, to second order; where `still`, no bit is changed."""
+    def shift(pose: Q, change: Q, no_step: Array, t: Array) -> Q:
+        """pose + change, normalised by one Newton step; where `no_step` is True, no bit is changed."""
 
     @staticmethod
     @abstractmethod
     def rate(pose: Q, velocity: P) -> Q:
-        """d pose / dt at a body-frame angular velocity; linear in it."""
+        """d pose / dt for a body-frame angular velocity, in which it is linear; for particles, the velocity."""
 
     @staticmethod
     @abstractmethod
     def momentum_rate(momentum: P, velocity: P, force: P) -> P:
-        """d momentum / dt, Euler's equation Pi' = Pi x Omega + T; linear in velocity and force together.
+        """d momentum / dt by Euler's equation, Pi' = Pi x Omega + T; for particles, p' = f.
 
-        Particles have p' = f.
+        It is jointly linear in velocity and force.
         """
 
     @staticmethod
     @abstractmethod
     def commutator(velocity: P, force: P) -> P:
-        """The part of the change of a force along the body's motion that comes from the turning of its axes."""
+        """The part of the rate of change of a force that comes from the rotation of the body axes, Omega x T."""
 
     @classmethod
     @abstractmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: P, pose: Q) -> Value:
-        """The array `function(t, state)`, for a function written on states of arrays."""
+        """The value `function(t, state)` of a function written on states with arrays, evaluated on components."""
 
     @staticmethod
     @abstractmethod
     def from_entries(entries: list[Any]) -> P:
-        """A force, from the entries that `evaluate` gives."""
+        """A force from the entries that `evaluate` returns."""
 
     @staticmethod
     @abstractmethod
@@ -125,7 +130,7 @@ AnyState = State[Any, Any]
 
 
 class BodyState(State[cp.Vector, Q]):
-    """A state of one rigid body: what does not depend on how much of the attitude is followed."""
+    """A state of one rigid body: the methods that are the same for all three kinds of pose."""
 
     body: ClassVar[type] = RigidBody
 
@@ -139,8 +144,8 @@ class BodyState(State[cp.Vector, Q]):
 
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: Q) -> Value:
-        boxed = tuple(Packed(tuple(part)) if part else () for part in (momentum, pose))  # pyright: ignore
-        return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *boxed)
+        packed = tuple(Packed(tuple(part)) if part else () for part in (momentum, pose))  # pyright: ignore
+        return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *packed)
 
     @staticmethod
     def from_entries(entries: list[Any]) -> Any:
@@ -156,7 +161,7 @@ class BodyState(State[cp.Vector, Q]):
 
 
 class MomentumState(BodyState[tuple[()]]):
-    """A body whose attitude nobody asks for: three numbers.
+    """The state of a rigid body without its attitude: three numbers.
 
     Attributes:
         momentum: body-frame angular momentum Pi, (..., 3).
@@ -187,13 +192,13 @@ class MomentumState(BodyState[tuple[()]]):
         return pose
 
     @staticmethod
-    def turn(pose: tuple[()], increment: cp.Quaternion, still: Array, t: Array) -> tuple[()]:
-        del increment, still, t
+    def turn(pose: tuple[()], increment: cp.Quaternion, no_step: Array, t: Array) -> tuple[()]:
+        del increment, no_step, t
         return pose
 
     @staticmethod
-    def shift(pose: tuple[()], change: tuple[()], still: Array, t: Array) -> tuple[()]:
-        del change, still, t
+    def shift(pose: tuple[()], change: tuple[()], no_step: Array, t: Array) -> tuple[()]:
+        del change, no_step, t
         return pose
 
     @staticmethod
@@ -203,12 +208,15 @@ class MomentumState(BodyState[tuple[()]]):
 
 
 class DirectionState(BodyState[cp.Vector]):
-    """A body in a field that depends on one space direction only: six numbers.
+    """The state of a rigid body in a field with one fixed direction d in space: six numbers.
 
     Attributes:
         momentum: body-frame angular momentum Pi, (..., 3).
-        direction: the field's unit direction seen from the body, R^T d, (..., 3). For `HeavyTop` d is the
-            upward vertical, for `DipoleInField` the direction of the field.
+        direction: the unit vector d in body components, R^T d, (..., 3). For `HeavyTop` d is the upward vertical, for
+            `DipoleInField` the direction of the field.
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, or a direction whose length is not 1 to 1e-3.
     """
 
     momentum: Float[Array, "*batch 3"]
@@ -237,37 +245,40 @@ class DirectionState(BodyState[cp.Vector]):
         return cp.rotate_back(increment, pose)
 
     @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion, still: Array, t: Array) -> cp.Vector:
-        share = _missing(cp.dot(pose, pose), still)
+    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Vector:
+        correction = _length_correction(cp.dot(pose, pose), no_step)
         change = cp.rotation_change(cp.conjugate(increment), pose)
-        # Along the pose as it will be: what is missing of its length would grow if it were added along another.
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, cp.add(pose, change))), t)
+        # The length is corrected along the new pose; along another direction, errors of the length would grow.
+        return cp.accumulate(pose, cp.add(change, cp.scale(correction, cp.add(pose, change))), t)
 
     @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, still: Array, t: Array) -> cp.Vector:
-        there = cp.add(pose, change)
-        share = _missing(cp.dot(there, there), still)
-        return cp.accumulate(pose, cp.add(change, cp.scale(share, there)), t)
+    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array, t: Array) -> cp.Vector:
+        new_pose = cp.add(pose, change)
+        correction = _length_correction(cp.dot(new_pose, new_pose), no_step)
+        return cp.accumulate(pose, cp.add(change, cp.scale(correction, new_pose)), t)
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
         return cp.cross(pose, velocity)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A space vector along the field's direction, in body components."""
+        """The body components of a space vector, which must point in the direction d of the field."""
         return cp.scale(cp.norm(vector), cp.vector(self.direction))
 
     def vertical(self) -> cp.Vector:
-        """The space z axis in body components, which the direction then is."""
+        """The space z axis in body components, provided that the direction d is the space z axis."""
         return cp.vector(self.direction)
 
 
 class RigidState(BodyState[cp.Quaternion]):
-    """A body's momentum and attitude: seven numbers.
+    """The momentum and attitude of a rigid body: seven numbers.
 
     Attributes:
         momentum: body-frame angular momentum Pi, (..., 3).
-        attitude: unit quaternion (w, x, y, z), body components to space components, (..., 4).
+        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
     """
 
     momentum: Float[Array, "*batch 3"]
@@ -296,21 +307,22 @@ class RigidState(BodyState[cp.Quaternion]):
         return cp.multiply(pose, increment)
 
     @staticmethod
-    def turn(pose: cp.Quaternion, increment: cp.Quaternion, still: Array, t: Array) -> cp.Quaternion:
-        # As a change of the pose, so that it is rounded once. Rounding the product, and then the length, would turn the
-        # attitude a little, and at every step the same way. The share is that of both factors' lengths.
-        share = _missing(_square(pose), still) + 0.5 * cp.missing(increment)
+    def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
+        # The product is computed as a change of the pose and rounded only once. Rounding the product and then its
+        # length would turn the attitude slightly, and in the same direction at every step. The correction accounts for
+        # the lengths of both factors.
+        correction = _length_correction(_square(pose), no_step) + 0.5 * cp.norm_defect(increment)
         w, x, y, z = increment
-        factor = 1 + share
-        change = cp.multiply(pose, ((w - 1) * factor + share, factor * x, factor * y, factor * z))
+        factor = 1 + correction
+        change = cp.multiply(pose, ((w - 1) * factor + correction, factor * x, factor * y, factor * z))
         return cp.accumulate(pose, change, t)
 
     @staticmethod
-    def shift(pose: cp.Quaternion, change: cp.Quaternion, still: Array, t: Array) -> cp.Quaternion:
+    def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
         w, x, y, z = (p + c for p, c in zip(pose, change, strict=True))
-        share = _missing(_square((w, x, y, z)), still)
+        k = _length_correction(_square((w, x, y, z)), no_step)
         a, b, c, d = change
-        return cp.accumulate(pose, (a + share * w, b + share * x, c + share * y, d + share * z), t)
+        return cp.accumulate(pose, (a + k * w, b + k * x, c + k * y, d + k * z), t)
 
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
@@ -320,7 +332,7 @@ class RigidState(BodyState[cp.Quaternion]):
         return (0.5 * half[0], 0.5 * half[1], 0.5 * half[2], 0.5 * half[3])
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A space vector in body components, R^T vector."""
+        """The body components of a vector in the space frame, R^T vector."""
         return cp.rotate_back(cp.quaternion(self.attitude), vector)
 
     def vertical(self) -> cp.Vector:
@@ -333,14 +345,17 @@ class ParticleState(State[Array, Array]):
     """Positions and momenta of particles.
 
     Attributes:
-        momentum: p, (n,) or any shape.
-        position: u, the same shape.
+        momentum: p, of any shape, such as (n,).
+        position: u, of the same shape.
+
+    Raises:
+        ValueError: different shapes, wrong dtypes, or NaN or infinity.
     """
 
     momentum: Float[Array, "..."]
     position: Float[Array, "..."]
     body: ClassVar[type] = Particles
-    own_axes: ClassVar[int] = 0  # of any shape, the same for both
+    own_axes: ClassVar[int] = 0  # the arrays can have any shape, so no axes are known to be a batch
 
     def __init__(self, momentum: Any, position: Any):
         self.momentum = as_floats("momentum", momentum)
@@ -366,13 +381,13 @@ class ParticleState(State[Array, Array]):
         return pose + increment
 
     @staticmethod
-    def turn(pose: Array, increment: Array, still: Array, t: Array) -> Array:
-        del still
+    def turn(pose: Array, increment: Array, no_step: Array, t: Array) -> Array:
+        del no_step
         return cp.accumulate(pose, increment, t)
 
     @staticmethod
-    def shift(pose: Array, change: Array, still: Array, t: Array) -> Array:
-        del still
+    def shift(pose: Array, change: Array, no_step: Array, t: Array) -> Array:
+        del no_step
         return cp.accumulate(pose, change, t)
 
     @staticmethod
@@ -409,16 +424,17 @@ class ParticleState(State[Array, Array]):
 
 
 def attitude_of(state: State[Any, Any]) -> Array:
-    """The attitude (..., 4); a ValueError for a state without one."""
+    """The attitude (..., 4) of a `RigidState`; a ValueError for any other state."""
     if not isinstance(state, RigidState):
         raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
     return state.attitude
 
 
 def _square(q: cp.Quaternion) -> Array:
+    """The squared length |q|^2."""
     return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
 
 
-def _missing(square: Array, still: Array) -> Array:
-    """The share by which something of this squared length must grow to have length 1, by one step of Newton's."""
-    return jnp.where(still, jnp.zeros_like(square), 0.5 - 0.5 * square)
+def _length_correction(square: Array, no_step: Array) -> Array:
+    """The c for which (1 + c) v has length 1 when |v|^2 = square, by one Newton step; zero where `no_step` is True."""
+    return jnp.where(no_step, jnp.zeros_like(square), 0.5 - 0.5 * square)

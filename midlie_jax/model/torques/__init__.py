@@ -1,7 +1,7 @@
-"""Torques: any callable of (t, state) that returns the body-frame torque (3,), and the ones that are ready made.
+"""Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); common ones are ready here.
 
-`base` has what a torque may be told of (its potential, the body it acts on) and how torques are combined; `fields` has
-those that depend on the attitude, `spacecraft` those that control or disturb a satellite.
+`base` defines the interface (potential energy, dependence on the body) and sums of torques. `fields` has torques that
+depend on the attitude, `spacecraft` torques that control or disturb a satellite.
 """
 
 from .base import BodyTorque as BodyTorque

@@ -1,8 +1,8 @@
-"""What a torque is, and the torques that are made of functions or of other torques.
+"""The interface of a torque, and torques made from functions or from other torques.
 
-The classes are pytrees whose leaves are their parameters, so they can be mapped over and differentiated; most know
-their potential, which is what `midlie_jax.energy` adds to the kinetic energy. `a + b` acts together. Forces on
-particles are callables of the same kind, returning an array of the shape of the momentum.
+The classes are pytrees whose leaves are their parameters, so they can be mapped over and differentiated. Most have a
+potential, which `midlie_jax.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles
+are callables of the same kind that return an array with the shape of the momentum.
 """
 
 from collections.abc import Callable
@@ -21,22 +21,26 @@ TorqueLike = Callable[[Any, Any], Array]
 
 
 class Torque(eqx.Module):
-    """A torque field; subclasses say whether it has a potential, reads the momentum, or reads the body."""
+    """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
+
+    `torque(t, state)` is the torque (3,) in the body frame.
+    """
 
     def __call__(self, t: Any, state: Any) -> Array:
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
     def potential(self, t: Any, state: Any) -> Array:
-        """The potential energy, torque x angle; a ValueError where there is none."""
+        """The potential energy (), torque x angle; a ValueError if the torque has no potential."""
         del t, state
         raise _no_potential(self)
 
     @property
     def velocity_dependent(self) -> bool:
+        """Whether the torque is declared to read the momentum."""
         return False
 
     def on(self, body: Any) -> "Torque":
-        """This torque as it acts on a body; itself, unless it reads the body."""
+        """The torque on this body: for torques that read the body an `OnBody`, otherwise the torque itself."""
         del body
         return self
 
@@ -44,7 +48,7 @@ class Torque(eqx.Module):
         return Sum(self, other)
 
     def __radd__(self, other: TorqueLike | int) -> "Torque":
-        """A function plus this; or 0, with which Python's `sum` begins."""
+        """The sum of a function and this torque; 0, with which Python's `sum` starts, is no torque."""
         return self if isinstance(other, int) else Sum(other, self)
 
 
@@ -53,7 +57,7 @@ def _no_potential(torque: Torque) -> ValueError:
 
 
 def velocity_dependent(torque: TorqueLike | None) -> bool:
-    """Whether the torque was declared to read the momentum (`VelocityDependent`, or a sum holding one)."""
+    """Whether the torque is declared to read the momentum, as `VelocityDependent` and sums that contain it are."""
     return isinstance(torque, Torque) and torque.velocity_dependent
 
 
@@ -62,7 +66,7 @@ def on_body(torque: TorqueLike, body: Any) -> TorqueLike: ...
 @overload
 def on_body(torque: None, body: Any) -> None: ...
 def on_body(torque: TorqueLike | None, body: Any) -> TorqueLike | None:
-    """A torque, or None, as it acts on a body."""
+    """The torque on this body: `torque.on(body)`, or the argument itself if it is None or a plain callable."""
     return torque.on(body) if isinstance(torque, Torque) else torque
 
 
@@ -71,16 +75,19 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
     if isinstance(torque, Torque):
         return torque.potential
     raise ValueError(
-        "a plain callable has no potential energy; give the potential to midlie_jax.torques.FromPotential, "
+        "a plain callable has no potential energy; pass the potential to midlie_jax.torques.FromPotential, "
         "or use midlie_jax.kinetic_energy."
     )
 
 
 class Sum(Torque):
-    """Several torques acting together.
+    """The sum of several torques.
 
     Attributes:
-        terms: the torques, each a callable of (t, state); None counts as no torque.
+        terms: the torques, each a callable of (t, state); None among the arguments is ignored.
+
+    Raises:
+        ValueError: no torque is left, or a term cannot be called.
     """
 
     terms: tuple[TorqueLike, ...]
@@ -88,7 +95,7 @@ class Sum(Torque):
     def __init__(self, *terms: TorqueLike | None):
         self.terms = tuple(term for term in terms if term is not None)
         if not self.terms:
-            raise ValueError("a sum of torques needs one at least; None is no torque.")
+            raise ValueError("a sum of torques needs one at least; pass a torque that is not None.")
         for term in self.terms:
             require_function("a torque", term, "t, state")
 
@@ -108,12 +115,16 @@ class Sum(Torque):
 
 
 class Prescribed(Torque):
-    """A body-frame torque given as a function of time alone.
+    """A body-frame torque that is a function of time alone.
 
-    At a jump return the mean of both sides and let steps end there: second order is then kept.
+    Where the torque jumps, let a step end at the jump and return the mean of both sides there: methods of second order
+    then keep their order.
 
     Attributes:
-        function: `function(t) -> (3,)`; a pytree if it has parameters to differentiate.
+        function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
+
+    Raises:
+        ValueError: the function cannot be called.
     """
 
     function: Callable[[Any], Array]
@@ -130,8 +141,11 @@ class FromPotential(Torque):
     """The torque, or the force on particles, of a potential energy, by automatic differentiation.
 
     Attributes:
-        function: `function(t, state) -> ()`, the potential energy; differentiable in the state's pose.
-            It may be written on arrays (`midlie_jax.so3.to_matrix` and so on).
+        function: `function(t, state) -> ()`, the potential energy; differentiable with respect to the state's pose.
+            It may be written on arrays, for example with `midlie_jax.so3.to_matrix`.
+
+    Raises:
+        ValueError: the function cannot be called.
     """
 
     function: Callable[[Any, Any], Array]
@@ -142,25 +156,29 @@ class FromPotential(Torque):
     def __call__(self, t: Any, state: Any) -> Array:
         kind = type(state)
         momentum, pose = state.parts()
-        slope = jax.grad(lambda p: self.function(t, kind.join(momentum, p)))(pose)
-        # dV/dt = slope . rate(pose, velocity) = -torque . velocity, and the rate is linear in velocity.
-        (along,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(slope)
-        return jax.tree.map(jnp.negative, along) if isinstance(along, jax.Array) else -cp.pack(along)
+        gradient = jax.grad(lambda p: self.function(t, kind.join(momentum, p)))(pose)
+        # dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
+        # is the transpose of `rate`, applied to the gradient.
+        (neg_torque,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(gradient)
+        return jax.tree.map(jnp.negative, neg_torque) if isinstance(neg_torque, jax.Array) else -cp.pack(neg_torque)
 
     def potential(self, t: Any, state: Any) -> Array:
         return self.function(t, state)
 
 
 class VelocityDependent(Torque):
-    """A torque that reads the momentum: damping, control, a magnetic field on a moving charge.
+    """A torque that is declared to read the momentum: damping, control, a magnetic field on a moving charge.
 
-    The kicks of the explicit methods then take two evaluations (the explicit midpoint rule in the momentum),
-    which keeps order 2 for LIEMID[EA]; symplecticity and exact reversal do not apply to such torques. A run sees for
-    itself whether a torque reads the momentum; this says so where there is no run to see it, as in
-    `LieSolver.order` and `recommend`.
+    The kicks of the explicit methods then evaluate the torque twice (the explicit midpoint rule in the momentum), so
+    LIEMID[EA] keeps order 2. Methods are neither symplectic nor exactly reversible with such torques. A run detects by
+    itself whether a torque reads the momentum; `LieSolver.order` cannot, because it does not trace the torque, and
+    relies on this declaration.
 
     Attributes:
         function: `function(t, state) -> (3,)`, body frame.
+
+    Raises:
+        ValueError: the function cannot be called.
     """
 
     function: TorqueLike
@@ -180,14 +198,14 @@ class VelocityDependent(Torque):
 
 
 class ReadsBody(Torque):
-    """A torque that reads the body on which it acts; a run tells it which (`on`)."""
+    """Base class of torques that read the body on which they act; a run passes the body to `on`."""
 
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
-        """The torque (3,), body frame, on a body."""
+        """The torque (3,) on this body, body frame."""
         raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
 
     def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
-        """The potential energy; a ValueError where there is none."""
+        """The potential energy () of this body; a ValueError if the torque has no potential."""
         del t, state, body
         raise _no_potential(self)
 
@@ -202,11 +220,11 @@ class ReadsBody(Torque):
 
 
 class OnBody(Torque):
-    """A torque that reads the body, and the body.
+    """A torque that reads the body, bound to a body: a callable of (t, state).
 
     Attributes:
         torque: a `ReadsBody`.
-        body: as given to `integrate`.
+        body: the body on which the torque acts.
     """
 
     torque: ReadsBody
@@ -224,11 +242,14 @@ class OnBody(Torque):
 
 
 class BodyTorque(ReadsBody):
-    """A torque as a function of the body as well: of its inertia, or its angular velocity.
+    """A torque that is a function of time, state and body: for example of the inertia or the angular velocity.
 
     Attributes:
-        function: `function(t, state, body) -> (3,)`, body frame; the body is the one given to `integrate`, and
-            `body.velocity(state.momentum)` its angular velocity.
+        function: `function(t, state, body) -> (3,)`, body frame; `body` is the body passed to `integrate`, and
+            `body.velocity(state.momentum)` is its angular velocity.
+
+    Raises:
+        ValueError: the function cannot be called.
     """
 
     function: Callable[[Any, Any, Any], Array]

@@ -1,4 +1,4 @@
-"""Torques of fields, which depend on the attitude and have a potential: gravity, magnetism, tides."""
+"""Torques of force fields, which depend on the attitude and have a potential: gravity, magnetism, gravity gradient."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,11 +18,11 @@ from .base import ReadsBody, Torque
 
 
 class HeavyTop(Torque):
-    """A top in uniform gravity, V = weight * z of the tip: for axis e3, weight * (R e3)_z.
+    """A top in uniform gravity with potential V = weight * (R axis)_z; z points upward in the space frame.
 
     Attributes:
-        weight: m g l, the moment of the weight about the pivot at full lever, (): torque.
-        axis: unit vector from the pivot to the centre of mass, in the body, a tuple of three numbers.
+        weight: m g l, mass times gravity times the distance from the pivot to the centre of mass, (), torque.
+        axis: unit vector from the pivot to the centre of mass, body frame, a tuple of three numbers.
 
     Raises:
         ValueError: weight not finite, or axis not a unit vector.
@@ -50,7 +50,7 @@ class HeavyTop(Torque):
 
 
 def _cross_constant(a: cp.Vector, b: tuple[float, float, float]) -> cp.Vector:
-    """a x b without the products by zero, which XLA must keep (they could be NaN)."""
+    """a x b for a constant b, leaving out products with zero; XLA would have to keep them because they could be NaN."""
 
     def minor(i: int, j: int) -> Array:
         total = jnp.zeros_like(a[0])
@@ -64,13 +64,19 @@ def _cross_constant(a: cp.Vector, b: tuple[float, float, float]) -> cp.Vector:
 
 
 class DipoleInField(Torque):
-    """A dipole fixed in the body in a field of space, V = -moment . R^T field: a compass, a residual magnetic dipole.
+    """A dipole fixed in the body, in an external field: V = -moment . R^T field.
+
+    Examples are a compass needle and the residual magnetic dipole of a satellite.
 
     Attributes:
-        moment: dipole moment in the body, (3,).
-        field: the field in space, (3,), or a function `field(t) -> (3,)` where it changes in time, such as
-            `midlie_jax.orbits.DipoleField` along an orbit; moment x field is a torque. Where it changes, the state must
-            have an attitude.
+        moment: dipole moment, body frame, (3,).
+        field: the field in the space frame, (3,), in units such that moment x field is a torque. A field that changes
+            in time is a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit; the state
+            must then be a `RigidState`.
+
+    Raises:
+        ValueError: moment or field not of shape (..., 3) or not finite. When called: the state holds no direction, or
+            the field changes and the state is a `DirectionState`.
     """
 
     moment: Float[Array, "*batch 3"]
@@ -82,7 +88,7 @@ class DipoleInField(Torque):
         self.field = as_function_of_time("field", field)
 
     def _local(self, t: Any, state: Any) -> cp.Vector:
-        return from_body(self.field, t, state)
+        return to_body_components(self.field, t, state)
 
     def __call__(self, t: Any, state: Any) -> Array:
         return cp.pack(cp.cross(cp.vector(self.moment), self._local(t, state)))
@@ -92,16 +98,20 @@ class DipoleInField(Torque):
 
 
 class GravityGradient(ReadsBody):
-    """The torque of a point mass's gravity on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
+    """The gravity-gradient torque of a point mass on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
+
+    It is exact to first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1). The state must
+    be a `RigidState`.
 
     Attributes:
-        moments: principal moments of the body, (3,); None for the inertia of the body on which it acts, which may then
-            be a `TensorBody`.
-        orbit: the body's place seen from the attracting mass, `orbit(t) -> (3,)` in space; a
-            `midlie_jax.orbits.CircularOrbit`, `KeplerOrbit`, or any callable.
-        mu: gravitational parameter, length^3/time^2, ().
+        moments: principal moments of the body, (3,); None for the inertia of the body of the run, which can then be a
+            `TensorBody`.
+        orbit: the position r of the body relative to the attracting mass, `orbit(t) -> (3,)`, space frame, length: a
+            `midlie_jax.orbits.CircularOrbit`, a `KeplerOrbit`, or any callable.
+        mu: gravitational parameter of the attracting mass, (), length^3/time^2.
 
-    To first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1).
+    Raises:
+        ValueError: moments not positive and of shape (..., 3), or mu not positive; moments with a `TensorBody`.
     """
 
     moments: Float[Array, "*batch 3"] | None
@@ -112,50 +122,50 @@ class GravityGradient(ReadsBody):
         self.moments = None if moments is None else RigidBody(moments, physical=False).moments
         self.orbit = orbit
         self.mu = as_floats("mu", mu)
-        require("mu", self.mu, lambda m: m > 0, "must be positive", "it attracts.")
+        require("mu", self.mu, lambda m: m > 0, "must be positive", "pass G times the attracting mass.")
 
     def on(self, body: Any) -> Torque:
         if self.moments is None:
             return super().on(body)
         if isinstance(body, TensorBody):
-            raise ValueError("moments are of principal axes; give None for the inertia of the TensorBody itself.")
+            raise ValueError("moments are of principal axes; give None to use the TensorBody.")
         return self
 
     def _local(self, t: Any, state: Any) -> tuple[Array, cp.Vector]:
-        """3 mu/r^3 and u."""
-        place = cp.vector(self.orbit(t))
-        square = cp.dot(place, place)
+        """3 mu/r^3, and the unit vector u in body components."""
+        position = cp.vector(self.orbit(t))
+        square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
-        return 3 * self.mu * inverse / square, changing(state).seen_from_body(cp.scale(inverse, place))
+        return 3 * self.mu * inverse / square, require_all_directions(state).seen_from_body(cp.scale(inverse, position))
 
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         strength, u = self._local(t, state)
         return cp.pack(cp.scale(strength, cp.cross(u, cp.vector(body.momentum(cp.pack(u))))))
 
     def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
-        """The part that depends on the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
+        """The potential energy up to terms independent of the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
         strength, u = self._local(t, state)
         return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)
 
     def __call__(self, t: Any, state: Any) -> Array:
-        return super().__call__(t, state) if self.moments is None else self.at(t, state, self._given())
+        return super().__call__(t, state) if self.moments is None else self.at(t, state, self._own_body())
 
     def potential(self, t: Any, state: Any) -> Array:
-        return super().potential(t, state) if self.moments is None else self.potential_at(t, state, self._given())
+        return super().potential(t, state) if self.moments is None else self.potential_at(t, state, self._own_body())
 
-    def _given(self) -> RigidBody:
+    def _own_body(self) -> RigidBody:
         return RigidBody(self.moments, physical=False)
 
 
-def from_body(vector: Array | Callable[[Any], Array], t: Any, state: Any) -> cp.Vector:
-    """A vector of space, or a function of time that gives one, in body components."""
+def to_body_components(vector: Array | Callable[[Any], Array], t: Any, state: Any) -> cp.Vector:
+    """A space vector in body components; it is an array (3,) or a function of time that returns one."""
     if callable(vector):
-        return changing(state).seen_from_body(cp.vector(vector(t)))
+        return require_all_directions(state).seen_from_body(cp.vector(vector(t)))
     return state.seen_from_body(cp.vector(vector))
 
 
-def changing(state: Any) -> Any:
-    """The state, where a direction changes in space; a `DirectionState` knows one that does not."""
+def require_all_directions(state: Any) -> Any:
+    """The state itself; a ValueError for a `DirectionState`, which can convert vectors of one space direction only."""
     if isinstance(state, DirectionState):
-        raise ValueError("a DirectionState knows one fixed direction; start from a RigidState in a field that changes.")
+        raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
     return state

@@ -1,8 +1,8 @@
-"""Torques on a spacecraft: its control, what spins inside it, and the air that it meets.
+"""Torques on a spacecraft: control, damping, rotors and reaction wheels, and air drag.
 
-A residual magnetic dipole is a `DipoleInField` whose field is a function of time (`midlie_jax.orbits.DipoleField`).
+The torque of a residual magnetic dipole is a `DipoleInField` (`fields.py`) in a `midlie_jax.orbits.DipoleField`.
 
-P. C. Hughes, Spacecraft Attitude Dynamics (1986), chapters 6 (gyrostats) and 8 (environment).
+Reference: P. C. Hughes, Spacecraft Attitude Dynamics (1986), chapters 6 (gyrostats) and 8 (environment).
 """
 
 from collections.abc import Callable
@@ -20,20 +20,20 @@ from .. import so3
 from ..bodies import RigidBody, TensorBody
 from ..states import attitude_of
 from .base import ReadsBody, Torque
-from .fields import from_body
+from .fields import to_body_components
 
 
 def _gain(name: str, value: Any) -> Array:
-    """One number not below zero, or one for each body axis."""
+    """A gain as an array: one number that is not negative, or one for each body axis (3,)."""
     gain = as_floats(name, value)
     if gain.ndim and gain.shape[-1] != 3:
         raise ValueError(f"{name} must be a number or have shape (3,), one for each body axis, got {gain.shape}.")
-    require(name, gain, lambda g: np.isfinite(g) & (g >= 0), "must be finite and not negative", "its sign is built in.")
+    require(name, gain, lambda g: np.isfinite(g) & (g >= 0), "must be finite and not negative", "pass its magnitude.")
     return gain
 
 
 class _ReadsVelocity(ReadsBody):
-    """A torque that depends on the angular velocity, and takes the body to know it."""
+    """A torque that depends on the angular velocity, which it computes from the momentum and the body."""
 
     @property
     def velocity_dependent(self) -> bool:
@@ -45,6 +45,9 @@ class Damping(_ReadsVelocity):
 
     Attributes:
         coefficient: torque per angular velocity, () or one for each body axis (3,), not negative.
+
+    Raises:
+        ValueError: a negative or not finite coefficient, or another shape.
     """
 
     coefficient: Float[Array, "*batch"]
@@ -58,16 +61,21 @@ class Damping(_ReadsVelocity):
 
 
 class PDControl(_ReadsVelocity):
-    """Proportional and derivative feedback to an attitude, -proportional * 2 sgn(w) v - derivative * Omega.
+    """Proportional and derivative feedback towards an attitude, -proportional * 2 sgn(w) v - derivative * Omega.
 
-    (w, v) is the quaternion from the target to the attitude; for small errors 2 v is the error's rotation vector, in
-    the body frame, and `sgn(w)` takes the short way round. B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12
-    (1989) 375. Stable about the target for every positive gain. The torque jumps where the error is half a turn.
+    (w, v) is the quaternion of the rotation from the target to the attitude. For small errors 2 v is the rotation
+    vector of the error in the body frame; `sgn(w)` selects the shorter way to the target. The target is stable for all
+    positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque jumps where the
+    error is half a turn.
 
     Attributes:
-        target: unit quaternion (w, x, y, z), body to space, (4,).
+        target: unit quaternion (w, x, y, z) that takes body components to space components, (4,).
         proportional: torque per radian, () or one for each body axis (3,), not negative.
-        derivative: torque per angular velocity, () or (3,), not negative.
+        derivative: torque per angular velocity, () or one for each body axis (3,), not negative.
+
+    Raises:
+        ValueError: a target that is not a unit quaternion, or gains that are negative, not finite or of another shape.
+            When called: the state has no attitude.
     """
 
     target: Float[Array, "*batch 4"]
@@ -83,18 +91,21 @@ class PDControl(_ReadsVelocity):
     def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
         del t
         error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
-        short = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)
-        return -self.proportional * (short * error[..., 1:]) - self.derivative * body.velocity(state.momentum)
+        factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
+        return -self.proportional * (factor * error[..., 1:]) - self.derivative * body.velocity(state.momentum)
 
 
 class Rotors(_ReadsVelocity):
-    """Rotors that spin at constant speed in the body, h x Omega: a gyrostat (Hughes, section 6.3).
+    """Rotors that spin at constant speed relative to the body, torque h x Omega: a gyrostat (Hughes, section 6.3).
 
-    The state's momentum is that of the body without the spin of the rotors, I Omega; R (Pi + h) is conserved where
-    nothing else acts, and so is the kinetic energy of the body, which `midlie_jax.energy` gives.
+    The momentum of the state is I Omega, without the spin of the rotors. If no other torque acts, R (Pi + h) is
+    conserved, and so is the kinetic energy of the body, which `midlie_jax.energy` returns.
 
     Attributes:
         momentum: angular momentum h of the rotors relative to the body, body frame, (3,).
+
+    Raises:
+        ValueError: momentum not of shape (..., 3) or not finite.
     """
 
     momentum: Float[Array, "*batch 3"]
@@ -108,17 +119,21 @@ class Rotors(_ReadsVelocity):
         return _cross(self.momentum, body.velocity(state.momentum))
 
     def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
-        """Zero: the torque is across the angular velocity and does no work."""
+        """Zero: the torque is perpendicular to the angular velocity and does no work."""
         del t, body
         return jnp.zeros_like(state.momentum[..., 0])
 
 
 class ReactionWheels(_ReadsVelocity):
-    """Wheels that are sped up and slowed down by their motors, -h' - Omega x h.
+    """Wheels whose speed is changed by motors, torque -h' - Omega x h.
 
     Attributes:
-        momentum: `momentum(t) -> (3,)`, the angular momentum h of all wheels relative to the body, body frame; it is
-            differentiated for the torque of the motors. A pytree if it has parameters to differentiate.
+        momentum: `momentum(t) -> (3,)`, the angular momentum h of all wheels relative to the body, body frame. Its
+            derivative h' is computed by automatic differentiation. Make it a pytree if you differentiate with respect
+            to its parameters.
+
+    Raises:
+        ValueError: momentum cannot be called.
     """
 
     momentum: Callable[[Any], Array]
@@ -133,16 +148,21 @@ class ReactionWheels(_ReadsVelocity):
 
 
 class Drag(Torque):
-    """The drag of thin air on a body whose shadow is about the same from all sides, lever x F, F = -1/2 rho A |v| v.
+    """The torque of air drag on a body whose cross section does not depend on the attitude, lever x F.
 
-    Free molecular flow (Hughes, section 8.2), for an area that does not change with the attitude; for plates, add one
-    of these for each, or write a torque of your own.
+    The force is F = -1/2 rho A |v| v, for free molecular flow (Hughes, section 8.2). For a body made of plates, add one
+    `Drag` for each plate, or write your own torque.
 
     Attributes:
-        lever: from the centre of mass to the centre of pressure, in the body, (3,): length.
-        area: drag coefficient times area, (): length^2.
-        density: of the air, (): mass/length^3.
-        velocity: of the body through the air, in space, (3,), or a function `velocity(t) -> (3,)`: length/time.
+        lever: vector from the centre of mass to the centre of pressure, body frame, (3,), length.
+        area: drag coefficient times cross section A, (), length^2, not negative.
+        density: density rho of the air, (), mass/length^3, not negative.
+        velocity: velocity v of the body relative to the air, space frame, (3,), or a function `velocity(t) -> (3,)`,
+            length/time.
+
+    Raises:
+        ValueError: wrong shapes, values that are not finite, or a negative area or density. When called: as for
+            `DipoleInField`.
     """
 
     lever: Float[Array, "*batch 3"]
@@ -159,7 +179,7 @@ class Drag(Torque):
         self.velocity = as_function_of_time("velocity", velocity)
 
     def __call__(self, t: Any, state: Any) -> Array:
-        velocity = from_body(self.velocity, t, state)
+        velocity = to_body_components(self.velocity, t, state)
         force = cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
         return cp.pack(cp.cross(cp.vector(self.lever), force))
 
