@@ -126,13 +126,13 @@ def survey(
     methods: Sequence[str | Method],
     rungs: Sequence[int],
     reference: Reference,
-    seen: Callable[[Row], None] = lambda row: None,
+    report: Callable[[Row], None] = lambda row: None,
 ) -> tuple[list[Row], int]:
     """The rows of `measure`, with times from several rounds over all methods.
 
     Args:
         scene, methods, rungs, reference: as for `measure`.
-        seen: callback that is called with each row once its errors are computed; its time is that of the first round.
+        report: callback that is called with each row once its errors are computed; its time is that of the first round.
 
     Returns:
         The rows, and the number of rounds, which is smaller if a round takes seconds.
@@ -140,7 +140,7 @@ def survey(
     ladders = [_Ladder(scene, method, rungs, reference) for method in map(_as_method, methods)]
     for measured in ladders:
         for row in measured.rows():
-            seen(row)
+            report(row)
     rounds, began = 1, time.perf_counter()
     for _ in range(_ROUNDS):
         if time.perf_counter() - began + sum(measured.round_seconds() for measured in ladders) > _ROUND_SECONDS:

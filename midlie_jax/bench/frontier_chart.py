@@ -63,7 +63,7 @@ def work_precision_figure(
     if torque_free:
         label = "Steps, whole run  [-]  (no torque to evaluate; without heyoka, whose steps are Taylor series)"
     line_styles = _styles(ours, rivals, set(symplectic))
-    error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies judged  [-]"
+    error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies  [-]"
     panel(left, "Against time", f"{clock.capitalize()}, whole run, per body  [s]", error)
     _draw(left, ours, rivals, line_styles, "seconds")
     panel(right, "Against steps" if torque_free else "Against torque evaluations", label, "")

@@ -16,25 +16,25 @@ _GROWTH = 1.6  # factor between the numbers of steps of two rungs
 CHUNK = 256  # bodies moved at once, or `method.chunk` if that is smaller
 
 
-def ladder(method: Method, given: Problem) -> Iterator[Point]:
-    """Points of a method on the problem `given`, from coarse steps until rounding dominates or runs take too long."""
-    scene = given.scene
-    starts = RigidState.of(jnp.asarray(given.momentum), jnp.asarray(given.attitude))
+def ladder(method: Method, case: Problem) -> Iterator[Point]:
+    """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long."""
+    scene = case.scene
+    starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
     program = Program(method, scene.body, scene.torque, starts, chunk=min(CHUNK, method.chunk))
-    count = max(1, given.scene.steps // 100)
+    count = max(1, case.scene.steps // 100)
     best, rungs_without_gain = np.inf, 0
     while rungs_without_gain < 3:
         steps = program.whole(count)
-        (states, bodies_ok), timing = given.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
+        (states, bodies_ok), timing = case.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
         ends, ok = np.asarray(states.attitude), bool(np.all(bodies_ok))
-        error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
+        error = case.error(ends) if np.all(np.isfinite(ends)) else np.inf
         if ok and np.isfinite(error):
-            evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
+            evaluations = float("nan") if case.scene.torque is None else method.evaluations * steps
             yield Point(
                 method.name,
-                f"step {given.scene.duration / steps:.2e}",
+                f"step {case.scene.duration / steps:.2e}",
                 error,
-                timing.seconds / given.bodies,
+                timing.seconds / case.bodies,
                 evaluations,
                 steps,
                 timing.spread,
@@ -43,6 +43,6 @@ def ladder(method: Method, given: Problem) -> Iterator[Point]:
             no_gain = error < _FLOOR or (best < _ROUGH and error > 0.7 * best)
             rungs_without_gain = rungs_without_gain + 1 if no_gain else 0
             best = min(best, error)
-        if timing.seconds > given.longest:
+        if timing.seconds > case.longest:
             return
         count = max(count + 1, round(count * _GROWTH))

@@ -76,14 +76,14 @@ def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
 
 
 def measure(
-    given: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
+    case: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
 ) -> tuple[list[Point], list[Point]]:
     """The points of our methods and of the rivals on a problem.
 
     If a method or program fails, the failure is reported and the others are still measured.
 
     Args:
-        given: from `problem`.
+        case: from `problem`.
         ours: names of our methods.
         said: callback that is called with progress messages and failures.
     """
@@ -96,8 +96,8 @@ def measure(
             said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
             return []
 
-    our_points = [p for name in ours for p in attempt(name, lambda name=name: ladder(find_method(name), given))]
-    rival_points = [p for rival in rivals for p in attempt(rival.label, lambda rival=rival: rival.measure(given))]
+    our_points = [p for name in ours for p in attempt(name, lambda name=name: ladder(find_method(name), case))]
+    rival_points = [p for rival in rivals for p in attempt(rival.label, lambda rival=rival: rival.measure(case))]
     return our_points, rival_points
 
 
@@ -143,23 +143,23 @@ def symplectic(points: Sequence[Point]) -> list[str]:
     return [name for name, method in methods.items() if method.symplectic]
 
 
-def title(given: Problem) -> str:
+def title(case: Problem) -> str:
     """The title of a chart: the scene and its duration."""
-    return f"{given.scene.name}: {given.scene.title}, T = {given.scene.duration:g}"
+    return f"{case.scene.name}: {case.scene.title}, T = {case.scene.duration:g}"
 
 
-def note(found: Comparison) -> str:
+def note(comparison: Comparison) -> str:
     """The note of a chart: how errors and times were measured."""
-    case = found.problem
+    case = comparison.problem
     return (
         f"{case.bodies} bodies in a batch, one core, float64. Errors against the {case.source}, uncertainty "
         f"{case.uncertainty:.0e}. Wide line: the frontier of our methods (filled marks; dashed if not symplectic). "
-        f"Hollow marks: other programs and methods. {timing_note(found)}"
+        f"Hollow marks: other programs and methods. {timing_note(comparison)}"
     )
 
 
-def timing_note(found: Comparison) -> str:
+def timing_note(comparison: Comparison) -> str:
     """How times were measured, their spread, and a warning if the machine was busy."""
-    spread = spread_in_words([point.spread for point in found.ours + found.rivals])
+    spread = spread_in_words([point.spread for point in comparison.ours + comparison.rivals])
     text = f"Times: medians of {cost_clock().name}; ± or bars: half the distance between quartiles ({spread})"
-    return f"{text}. {found.warning}".strip()
+    return f"{text}. {comparison.warning}".strip()

@@ -258,7 +258,7 @@ def _ends(ladder: dict[int, _Run]) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def _fastest_seconds(runs: dict[str, dict[int, _Run]], tolerance: float) -> float:
-    """Seconds of the fastest run so far within the tolerance of the last run of its ladder; infinity if there is none."""
+    """Seconds of the fastest run so far that is within the tolerance of its ladder's last run; infinity if none is."""
     seconds = [math.inf]
     for ladder in runs.values():
         ordered = [run for _, run in sorted(ladder.items())]

@@ -19,8 +19,8 @@ _BODIES = 4  # bodies timed
 _LONGEST = 0.5  # seconds of a run of these bodies after which no smaller step is taken
 
 
-def mj_model(scene: Scene, integrator: str) -> Any:
-    """MuJoCo's mj_model of the body."""
+def model(scene: Scene, integrator: str) -> Any:
+    """MuJoCo's model of the body."""
     mujoco = program("mujoco")
 
     weight = 0.0 if scene.torque is None else float(scene.torque.weight)  # pyright: ignore
@@ -31,7 +31,7 @@ def mj_model(scene: Scene, integrator: str) -> Any:
         <inertial pos="0 0 {_LEVER!r}" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
     )
     # The XML parser would refuse a flat body, whose largest moment is the sum of the others only up to rounding. So the
-    # moments are set in the mj_model mj_model.
+    # moments are set in the compiled model.
     mj_model.body_inertia[1] = np.asarray(scene.body.moments) - _LEVER**2 * np.array([1.0, 1.0, 0.0])
     mujoco.mj_setConst(mj_model, mujoco.MjData(mj_model))
     return mj_model
@@ -44,7 +44,7 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
     scene = problem.scene
     if scene.torque is not None and not isinstance(scene.torque, torques.HeavyTop):
         return
-    mj_model = mj_model(scene, integrator)
+    mj_model = model(scene, integrator)
     moments = np.asarray(scene.body.moments)
     starts = np.concatenate(
         [np.zeros((_BODIES, 1)), problem.attitude[:_BODIES], problem.momentum[:_BODIES] / moments], axis=1
