@@ -166,14 +166,14 @@ def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
             note = "" if ok else " (failed)"
             print(f"| {label} | {control}{note} | {count} |", *(f"{e:.1e} |" for e in numbers), flush=True)
 
-        ours = jax.jit(
+        adaptive = jax.jit(
             lambda case=case: ml.integrate_adaptive(
                 name, *case[:3], density=case[3], dt=dt, steps=steps, save_every=every
             )
         )()
-        lengths = np.diff(np.asarray(ours.times))
-        duration = ours.times[-1]
-        show("reversible", steps, ours.states, ours.ok)
+        lengths = np.diff(np.asarray(adaptive.times))
+        duration = adaptive.times[-1]
+        show("reversible", steps, adaptive.states, adaptive.ok)
         states, ok = jax.jit(lambda case=case: density_at_start(ml.method(name), case, dt, steps, every))()
         show("density at the start of a step", steps, states, ok)
         path = jax.jit(lambda d, case=case: ml.integrate(name, *case[:3], dt=d / steps, steps=steps, save_every=every))(
