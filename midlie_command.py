@@ -1,9 +1,9 @@
-"""The `midlie` command up to the point where JAX is needed: its options, its help, and what is wrong with a line.
+"""The command line of `midlie`: its options, its help, and its error messages, without JAX.
 
-It stands beside the package because whatever lies in the package imports JAX first, which takes a second. What the
-commands do is in `midlie_jax.bench.commands`.
+It is a module outside the package, because any import from the package imports JAX, which takes a second. The commands
+themselves are in `midlie_jax.bench.commands`.
 
-Everything a user can get wrong ends as one line on stderr and exit code 2; tracebacks are for bugs.
+Every mistake of the user gives one line on stderr and exit code 2; only bugs give a traceback.
 """
 
 import argparse
@@ -16,17 +16,17 @@ from pathlib import Path
 from typing import NoReturn
 
 COMMANDS = ("chart", "run", "methods", "scenes")
-_MOST = 2**31 - 1  # steps are counted in 32 bits
+_MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
 
     Args:
-        arguments: as on the command line, without the program's name; those of the process if None.
+        arguments: as on the command line, without the program's name; by default those of the process.
 
     Returns:
-        The exit code: 0, or 2 after an error of the user's, which has been printed.
+        The exit code: 0, or 2 after a mistake of the user, which is printed on stderr.
     """
     try:
         options = _read(sys.argv[1:] if arguments is None else arguments)
@@ -49,7 +49,7 @@ def _failed(message: str) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports a wrong command line like every other error."""
+    """Raises a ValueError for a wrong command line, so that it is printed like every other error."""
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")
@@ -61,7 +61,7 @@ def _read(arguments: Sequence[str]) -> argparse.Namespace:
         parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], COMMANDS)}")
     options, rest = parser.parse_known_args(arguments)
     if rest:
-        # argparse itself would blame the parent for what a subcommand does not know.
+        # argparse itself would report an unknown option of a subcommand as an error of `midlie`.
         command = commands[options.command]
         known = [option for action in command._actions for option in action.option_strings]
         hint = f"; {_choice(rest[0].split('=')[0], known)}" if rest[0].startswith("-") else ""
@@ -70,13 +70,13 @@ def _read(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _choice(name: str, known: Sequence[str]) -> str:
-    """What to write instead of a name: the one meant, or all."""
+    """A hint after a wrong name: the most similar known name, or else all known names."""
     close = get_close_matches(name, known, n=1)
     return f"did you mean {close[0]}?" if close else f"choose from {', '.join(known)}"
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The parser, and that of each command."""
+    """The parser of `midlie`, and the parser of each command by its name."""
     parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
@@ -89,22 +89,26 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
 def _add_chart(chart: argparse.ArgumentParser) -> None:
     chart.description = (
         "Runs every method over a ladder of steps and writes the errors and the times as a table and a picture. "
-        "Times are of one core, to which the command keeps."
+        "The command runs on one core, so times are those of one core."
     )
     chart.add_argument("scene", nargs="?", default="P1", metavar="SCENE", help="see `midlie scenes` (default: P1)")
     chart.add_argument("--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
-    chart.add_argument("--methods", nargs="+", metavar="NAME", help="only these (default: those of the paper)")
-    chart.add_argument("--steps", type=_whole(1, _MOST), metavar="N", help="steps on the coarsest rung of the ladder")
-    chart.add_argument("--levels", type=_whole(1), metavar="K", help="rungs, each half the step before (default: 5)")
+    chart.add_argument("--methods", nargs="+", metavar="NAME", help="methods (default: those of the paper)")
     chart.add_argument(
-        "--rivals", action="store_true", help="error against cost instead, beside other programs (the extra bench)"
+        "--steps", type=_whole(1, _MOST_STEPS), metavar="N", help="steps on the coarsest rung of the ladder"
+    )
+    chart.add_argument("--levels", type=_whole(1), metavar="K", help="rungs; each halves the step (default: 5)")
+    chart.add_argument(
+        "--rivals",
+        action="store_true",
+        help="instead, draw error against cost, also of other programs (needs the extra bench)",
     )
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
     run.description = (
-        "Integrates a scene and prints how well energy and momentum are kept and how long it takes. --out keeps "
-        "the states in a file, --plot draws them."
+        "Integrates a scene and prints the errors of energy and momentum and the run time. --out saves the states in a "
+        "file, --plot draws them."
     )
     run.add_argument("scene", metavar="SCENE", help="see `midlie scenes`")
     run.add_argument(
@@ -112,13 +116,13 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     )
     run.add_argument("--dt", type=_number, metavar="H", help="step (default: the scene's)")
     run.add_argument(
-        "--steps", type=_whole(1, _MOST), metavar="N", help="number of steps (default: the scene's duration)"
+        "--steps", type=_whole(1, _MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)"
     )
     run.add_argument(
         "--bodies", type=_whole(1), default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)"
     )
     run.add_argument("--size", type=_number, default=1e-3, help="relative size of the perturbations (default: 1e-3)")
-    run.add_argument("--seed", type=_whole(0), default=0, help="of the perturbations (default: 0)")
+    run.add_argument("--seed", type=_whole(0), default=0, help="seed of the perturbations (default: 0)")
     run.add_argument("--float32", action="store_true", help="integrate in single precision")
     run.add_argument(
         "--out", type=_file(".npz", ".csv"), metavar="FILE", help="save times, momenta and attitudes: .npz or .csv"
@@ -132,7 +136,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
 
 
 def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
-    """Reads a whole number, also one that is written as 1e3."""
+    """A reader of whole numbers, which may also be written as 1e3."""
     span = f"at least {least}" + (f" and at most {most}" if math.isfinite(most) else "")
 
     def read(text: str) -> int:
@@ -150,7 +154,7 @@ def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
 
 
 def _integer(text: str) -> int | None:
-    """The whole number that is written as a float, if it is one."""
+    """The whole number that a text such as 1e3 stands for, or None."""
     try:
         number = float(text)
     except ValueError:
@@ -166,16 +170,16 @@ def _number(text: str) -> float:
 
 
 def _file(*endings: str) -> Callable[[str], str]:
-    """Reads the name of a file to write, and says at once why it cannot be written."""
+    """A reader of names of output files, which raises an error at once if the file cannot be written."""
 
     def read(text: str) -> str:
         path = Path(text)
         if path.suffix.lower() not in endings:
             raise argparse.ArgumentTypeError(f"cannot write {text}: its name must end in {' or '.join(endings)}")
         if not path.absolute().parent.is_dir():
-            raise argparse.ArgumentTypeError(f"cannot write {text}: there is no such folder; make it first")
+            raise argparse.ArgumentTypeError(f"cannot write {text}: there is no such folder; create it first")
         if path.is_dir():
-            raise argparse.ArgumentTypeError(f"cannot write {text}: it is a folder; name a file")
+            raise argparse.ArgumentTypeError(f"cannot write {text}: it is a folder; give the name of a file")
         if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
             raise argparse.ArgumentTypeError(f"cannot write {text}: permission denied; choose another folder")
         return text

@@ -1,10 +1,10 @@
-"""What the reversible step control of `ml.integrate_adaptive` is worth, and what it costs.
+"""Gain and cost of the reversible step control of `ml.integrate_adaptive`.
 
     python benchmarks/adaptive.py [gain] [energy] [cost]
 
-gain    error of the attitude at the end, by constant steps and by as many that adapt: equal torque evaluations
-energy  two tops over a long time, one of them integrable: their energy errors under four step controls
-cost    a step beside one of `ml.integrate`, vmapped; and what a batch waits for whose bodies take unequal steps
+gain    error of the attitude at the end, with constant steps and with as many adaptive steps: equal torque evaluations
+energy  energy errors of two tops, one of them integrable, over a long time under four step controls
+cost    time of a step relative to a step of `ml.integrate`, vmapped; and of a batch whose bodies take unequal steps
 """
 
 import sys
@@ -20,17 +20,17 @@ jax.config.update("jax_enable_x64", True)
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed  # noqa: E402
-from midlie_jax.methods.system import Motion, System  # noqa: E402  (the control that is not reversible is not in the package)
+from midlie_jax.methods.system import Motion, System  # noqa: E402  (for a step control that is not in the package)
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 
 
 def satellite(eccentricity, orbits=5.3):
-    """On an eccentric orbit, from its periapsis, in units of half the orbit's length and of its period."""
+    """A satellite on an eccentric orbit, from the periapsis, in units of the semi-major axis and the period."""
     mu = jnp.array(4 * np.pi**2)
-    place = jnp.array([1 - eccentricity, 0.0, 0.0])
-    speed = jnp.array([0.0, 2 * np.pi * jnp.sqrt((1 + eccentricity) / (1 - eccentricity)), 0.0])
-    orbit = ml.orbits.KeplerOrbit(place, speed, mu)
+    position = jnp.array([1 - eccentricity, 0.0, 0.0])
+    velocity = jnp.array([0.0, 2 * np.pi * jnp.sqrt((1 + eccentricity) / (1 - eccentricity)), 0.0])
+    orbit = ml.orbits.KeplerOrbit(position, velocity, mu)
     body = ml.RigidBody(jnp.array([1.0, 1.05, 1.1]))
     torque = ml.torques.GravityGradient(body.moments, orbit, mu)
     start = ml.RigidState(body.moments * jnp.array([0.5, 1.0, 6.0]), ml.so3.exp(jnp.array([0.2, 0.3, 0.4])))
@@ -46,7 +46,7 @@ def by_torque(scene):
     return ml.densities.TorqueSize(scene.torque, jnp.array(147.15), jnp.array(14.715))
 
 
-def even(t, state):
+def constant_density(t, state):
     del state
     return jnp.ones_like(t)
 
@@ -59,7 +59,7 @@ CASES = {
 
 
 def ends(name, case, density, dts, most):
-    """The last states, steps taken and whether all went well, for some steps side by side."""
+    """Rotation matrices at the end, numbers of steps taken, and `ok`, for each of `dts`."""
     body, torque, start, _, t1 = case
 
     @jax.jit
@@ -78,28 +78,29 @@ def gain():
     print("|---|---|---|---|---|---|", flush=True)
     for label, (case, ladder) in CASES.items():
         density, t1 = case[3], case[4]
-        fine = t1 / (30 * ladder[-1])
-        # The best that is known, and how far it is from the same at another step.
-        exact, taken, ok = ends("JACOBI[SRKN6b]", case, density, [fine, 0.7 * fine], 1 << 20)
-        mean = taken[0] * fine / t1
-        apart = np.linalg.norm(exact[1] - exact[0])
+        smallest = t1 / (30 * ladder[-1])
+        # The reference, and its uncertainty: the distance between the results with two small steps.
+        exact, taken, ok = ends("JACOBI[SRKN6b]", case, density, [smallest, 0.7 * smallest], 1 << 20)
+        mean = taken[0] * smallest / t1
+        uncertainty = np.linalg.norm(exact[1] - exact[0])
         assert ok.all(), label
         for name in METHODS:
             dts = t1 * mean / np.array(ladder)
-            adapted, taken, ok = ends(name, case, density, dts, 1 << 20)
-            constant, same, fine_ok = ends(name, case, even, t1 / taken, 1 << 20)
-            assert (np.abs(same - taken)[fine_ok & ok] <= 1).all(), (same, taken)
+            adaptive, taken, ok = ends(name, case, density, dts, 1 << 20)
+            constant, constant_taken, constant_ok = ends(name, case, constant_density, t1 / taken, 1 << 20)
+            assert (np.abs(constant_taken - taken)[constant_ok & ok] <= 1).all(), (constant_taken, taken)
             for i, count in enumerate(taken):
-                ours, theirs = (np.linalg.norm(x[i] - exact[1]) for x in (adapted, constant))
-                shown = [f"{e:.1e}" if good else "failed" for e, good in ((theirs, fine_ok[i]), (ours, ok[i]))]
-                known = ok[i] and fine_ok[i] and min(theirs, ours) > 10 * apart
-                ratio = f"{theirs / ours:.2g}" if known else "not known"
-                print(f"| {label} | `{name}` | {count} | {shown[0]} | {shown[1]} | {ratio} |", flush=True)
-        print(f"(reference known to {apart:.0e})", flush=True)
+                adaptive_error, constant_error = (np.linalg.norm(x[i] - exact[1]) for x in (adaptive, constant))
+                results = (constant_error, constant_ok[i]), (adaptive_error, ok[i])
+                texts = [f"{error:.1e}" if succeeded else "failed" for error, succeeded in results]
+                known = ok[i] and constant_ok[i] and min(constant_error, adaptive_error) > 10 * uncertainty
+                ratio = f"{constant_error / adaptive_error:.2g}" if known else "not known"
+                print(f"| {label} | `{name}` | {count} | {texts[0]} | {texts[1]} | {ratio} |", flush=True)
+        print(f"(uncertainty of the reference {uncertainty:.0e})", flush=True)
 
 
 def top(moments, momentum, turn, axis, floor):
-    """A heavy top whose steps are to be of like angles."""
+    """A heavy top, with a density by which it turns through similar angles in all steps."""
     body, torque = ml.RigidBody(jnp.array(moments)), ml.torques.HeavyTop(20.0, axis)
     start = ml.RigidState(jnp.array(momentum), ml.so3.exp(jnp.array(turn)))
     return body, torque, start, ml.densities.Spin(body.moments, jnp.array(1.0), jnp.array(floor))
@@ -111,8 +112,8 @@ TOPS = {
 }
 
 
-def looking_back(method, case, dt, steps, every):
-    """The control that one writes first: the step from the density at its start."""
+def density_at_start(method, case, dt, steps, every):
+    """States and `ok` under the simplest control, dt / density at the start of the step; it is not reversible."""
     body, torque, start, density = case
     zero = jnp.array(0.0)
     system, motion = System.of(body, torque, start, zero), Motion(*start.parts())
@@ -120,20 +121,20 @@ def looking_back(method, case, dt, steps, every):
     def advance(carry, _):
         t, motion, force, ok = carry
         h = dt / density(t, type(start).join(*motion))
-        motion, force, fine = method.step(system, t, t + h, h, motion, force)
-        return (t + h, motion, force, ok & fine), None
+        motion, force, step_ok = method.step(system, t, t + h, h, motion, force)
+        return (t + h, motion, force, ok & step_ok), None
 
-    def leap(carry, _):
+    def save_interval(carry, _):
         carry, _ = jax.lax.scan(advance, carry, length=every)
         return carry, type(start).join(*carry[1])
 
     force = system.force(zero, motion) if method.keeps_force(system) else None
-    (_, _, _, ok), states = jax.lax.scan(leap, (zero, motion, force, jnp.array(True)), length=steps // every)
+    (_, _, _, ok), states = jax.lax.scan(save_interval, (zero, motion, force, jnp.array(True)), length=steps // every)
     return states, ok
 
 
-def controlled(name, case, duration, tolerance):
-    """By diffrax's PIDController: states, whether all went well, steps."""
+def pid_controlled(name, case, duration, tolerance):
+    """States, `ok` and number of steps under diffrax's PIDController."""
     body, torque, start, _ = case
     solution = diffrax.diffeqsolve(
         ml.RigidBodyTerm(body, torque),
@@ -148,8 +149,8 @@ def controlled(name, case, duration, tolerance):
         max_steps=1 << 20,
         throw=False,
     )
-    fine = solution.result == diffrax.RESULTS.successful
-    return solution.ys, fine, solution.stats["num_accepted_steps"]
+    ok = solution.result == diffrax.RESULTS.successful
+    return solution.ys, ok, solution.stats["num_accepted_steps"]
 
 
 def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
@@ -165,34 +166,34 @@ def energy(name="JACOBI[EA]", dt=0.1, steps=1 << 18, every=16):
             note = "" if ok else " (failed)"
             print(f"| {label} | {control}{note} | {count} |", *(f"{e:.1e} |" for e in numbers), flush=True)
 
-        ours = jax.jit(
+        adaptive = jax.jit(
             lambda case=case: ml.integrate_adaptive(
                 name, *case[:3], density=case[3], dt=dt, steps=steps, save_every=every
             )
         )()
-        lengths = np.diff(np.asarray(ours.times))
-        duration = ours.times[-1]
-        show("reversible", steps, ours.states, ours.ok)
-        states, ok = jax.jit(lambda case=case: looking_back(ml.method(name), case, dt, steps, every))()
+        lengths = np.diff(np.asarray(adaptive.times))
+        duration = adaptive.times[-1]
+        show("reversible", steps, adaptive.states, adaptive.ok)
+        states, ok = jax.jit(lambda case=case: density_at_start(ml.method(name), case, dt, steps, every))()
         show("density at the start of a step", steps, states, ok)
         path = jax.jit(lambda d, case=case: ml.integrate(name, *case[:3], dt=d / steps, steps=steps, save_every=every))(
             duration
         )
         show("constant step", steps, path.states, path.ok)
         for tolerance in (3e-4, 1e-4):
-            states, ok, count = eqx.filter_jit(controlled)(name, case, duration, tolerance)
+            states, ok, count = eqx.filter_jit(pid_controlled)(name, case, duration, tolerance)
             show(f"`PIDController`, atol {tolerance:g}", int(count), states, ok)
         shortest, longest = lengths.min() / every, lengths.max() / every
         print(f"({label}: {float(duration):.0f} time units, steps from {shortest:.3f} to {longest:.3f})", flush=True)
 
 
 def seconds(function, *arguments):
-    """The median of some runs after the first, which compiles."""
+    """Median time of the runs after the first, which compiles."""
     return timed(lambda: jax.block_until_ready(function(*arguments)), most=8)[1].seconds
 
 
 def cost(count=2048, steps=128):
-    """On one body repeated for (a step), and on satellites of eccentricities 0 to .8 for (a batch)."""
+    """The time of a step, on copies of one body; and of a batch, on satellites of eccentricities 0 to .8."""
     print("| a step, vmapped over 2048 bodies | method | density | time, by that of `ml.integrate` |")
     print("|---|---|---|---|", flush=True)
     swinging, eccentric = TOPS["a swinging Lagrange top"], satellite(0.6)
@@ -204,21 +205,21 @@ def cost(count=2048, steps=128):
     ):
         starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *x.shape)), start)
         for name in METHODS[1:]:
-            # A step for each body, lest all be at one time and share one orbit.
+            # Each body has its own step: with equal times all bodies would share the computation of the orbit.
             dts = jnp.linspace(1e-3, 2e-3, count)
-            given = {"steps": steps, "save_every": steps}
+            counts = {"steps": steps, "save_every": steps}
 
-            def even_steps(s, dt, name=name, body=body, torque=torque, given=given):
-                return ml.integrate(name, body, torque, s, dt=dt, **given)
+            def constant(s, dt, name=name, body=body, torque=torque, counts=counts):
+                return ml.integrate(name, body, torque, s, dt=dt, **counts)
 
-            def ours(s, dt, name=name, body=body, torque=torque, given=given, density=density):
-                return ml.integrate_adaptive(name, body, torque, s, density=density, dt=dt, **given)
+            def adaptive(s, dt, name=name, body=body, torque=torque, counts=counts, density=density):
+                return ml.integrate_adaptive(name, body, torque, s, density=density, dt=dt, **counts)
 
-            times = [seconds(jax.jit(jax.vmap(f)), starts, dts) for f in (ours, even_steps)]
+            times = [seconds(jax.jit(jax.vmap(f)), starts, dts) for f in (adaptive, constant)]
             kind = type(density).__name__
             print(f"| {label} | `{name}` | `{kind}` | {times[0] / times[1]:.2f} |", flush=True)
 
-    def until(eccentricity, reverse):
+    def run_to_t1(eccentricity, reverse):
         body, torque, start, density, _ = satellite(eccentricity)
         path = ml.integrate_adaptive(
             "JACOBI[EA]",
@@ -240,15 +241,15 @@ def cost(count=2048, steps=128):
     print("|---|---|---|---|", flush=True)
     eccentricities = jnp.linspace(0.0, 0.8, count)
     for label, batch, reverse in (
-        ("all alike (.4)", jnp.full(count, 0.4), False),
+        ("all equal (.4)", jnp.full(count, 0.4), False),
         ("all in one batch", eccentricities, False),
         ("all in one batch, reverse=True, of 1024", eccentricities, True),
     ):
-        run = jax.jit(jax.vmap(lambda e, reverse=reverse: until(e, reverse)))
-        spent = seconds(run, batch)
+        run = jax.jit(jax.vmap(lambda e, reverse=reverse: run_to_t1(e, reverse)))
+        batch_seconds = seconds(run, batch)
         taken, ok = map(np.asarray, run(batch))
         assert ok.all()
-        useful = spent / taken.sum() * 1e6
+        useful = batch_seconds / taken.sum() * 1e6
         print(f"| {label} | {taken.max()} | {taken.mean():.0f} | {useful:.2f} us |", flush=True)
 
 

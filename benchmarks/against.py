@@ -1,10 +1,11 @@
-"""This checkout beside another of its commits, in one run: what a change costs or gains.
+"""Compares the speed of this checkout with that of another commit in one run: the cost or gain of a change.
 
     git worktree add --detach ../before COMMIT
     python benchmarks/against.py ../before
 
-Speed of the methods on the fast top P1, batch 4096, on one core in processor time, float64 and float32. A process for
-each checkout holds all programs compiled; the two are timed in turn, so that the machine's changes of pace strike both.
+Speed of the methods on the fast top P1, batch 4096, on one core in processor time, float64 and float32. One process for
+each checkout compiles and keeps all programs. The two processes run alternately, so that a change of the speed of the
+machine affects both.
 """
 
 import argparse
@@ -25,7 +26,7 @@ BATCH, STEPS, REPEATS = 4096, 100, 7
 
 
 def serve():
-    """Times the program that each line of the input names, and prints seconds a body-step. Runs in either checkout."""
+    """For each line of the input, times the program that it names and prints seconds a body-step."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -33,11 +34,11 @@ def serve():
     import midlie_jax as ml
     from midlie_jax.bench import scenes
 
-    ready = {}
+    compiled = {}
     print(Path(ml.__file__).parent.parent, flush=True)
     for line in sys.stdin:
         name, dtype = key = tuple(line.rstrip("\n").split("\t"))
-        if key not in ready:
+        if key not in compiled:
             scene = scenes.scene("P1", jax.numpy.dtype(dtype))
             many = scenes.perturbed(scene, BATCH, 1e-3)
 
@@ -45,23 +46,25 @@ def serve():
                 options = {"dt": 0.005, "steps": STEPS, "save_every": STEPS}
                 return ml.integrate(name, scene.body, scene.torque, start, **options)
 
-            ready[key] = jax.jit(jax.vmap(run)), many
-            jax.block_until_ready(ready[key][0](many))
-        program, many = ready[key]
+            compiled[key] = jax.jit(jax.vmap(run)), many
+            jax.block_until_ready(compiled[key][0](many))
+        program, many = compiled[key]
         began = time.process_time()
         jax.block_until_ready(program(many))
         print((time.process_time() - began) / (BATCH * STEPS), flush=True)
 
 
 class Checkout:
+    """A process that times the programs of a checkout in a folder."""
+
     def __init__(self, folder):
         environment = {**os.environ, "PYTHONPATH": str(folder)}
         command = [sys.executable, __file__, "--serve"]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
         self.process = subprocess.Popen(command, env=environment, cwd=folder, **pipes)
-        found = Path(self.process.stdout.readline().strip())
-        if found != Path(folder).resolve():
-            raise SystemExit(f"{folder} is no checkout of midlie_jax: Python found {found}")
+        imported = Path(self.process.stdout.readline().strip())
+        if imported != Path(folder).resolve():
+            raise SystemExit(f"{folder} is not a checkout of midlie_jax: Python imported it from {imported}.")
 
     def seconds(self, name, dtype):
         self.process.stdin.write(f"{name}\t{dtype}\n")
@@ -78,7 +81,7 @@ def main():
         serve()
         return
     if options.other is None:
-        parser.error("name the folder of another checkout")
+        parser.error("give the folder of another checkout")
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     before, after = Checkout(options.other), Checkout(HERE)

@@ -1,10 +1,10 @@
-"""What is said of the way through diffrax, measured: one table a name.
+"""Measures the integrators through diffrax: a table for each name.
 
     python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32]
 
-solvers  one term under five solvers of diffrax and ours: error, order, and the drift of a free body's spatial momentum
-energy   an asymmetric top over a long time: its energy error at a constant step, and under a PIDController
-float32  1e5 steps in float32: the torque as it is, against the torque recovered from the derivative of the arrays
+solvers  one term with five solvers of diffrax and two of ours: error, order, drift of a free body's spatial momentum
+energy   energy error of an asymmetric top over a long time, with a constant step and with a PIDController
+float32  1e5 steps in float32: the torque itself, against the torque recovered from the derivative of the arrays
 """
 
 import sys
@@ -68,17 +68,17 @@ def solvers():
 
 
 def energy(duration=2000.0, parts=8):
-    """The largest error of the energy in each of the equal parts of the time, over the energy at the start."""
+    """Prints the largest relative error of the energy in each of `parts` equal parts of the time."""
     weight = jnp.array(WEIGHT)
     first = ml.energy(TERM.body, top(weight), start())
 
     @eqx.filter_jit
     def run(solver, dt, controller):
-        def kept(t, y, args):
+        def saved(t, y, args):
             del t
             return ml.energy(TERM.body, top(args), y)
 
-        saveat = diffrax.SaveAt(steps=True, fn=kept)
+        saveat = diffrax.SaveAt(steps=True, fn=saved)
         return diffrax.diffeqsolve(
             TERM,
             solver,
@@ -110,17 +110,17 @@ def energy(duration=2000.0, parts=8):
 
 
 def float32(steps=100_000, dt=0.005, count=64):
-    """Over starts of the fast top P1 off its axis, where Pi x Om is large beside the torque."""
+    """Starts of the fast top P1 with a momentum off its axis, so that Pi x Omega is large compared with the torque."""
 
     def recovered(body, torque, t, state):
-        """The torque by way of the ambient derivative, as in a solver that sees nothing else."""
+        """The torque recovered from the derivative of the arrays, as a general solver would have to compute it."""
         velocity = state.momentum / body.moments
         spin = jnp.cross(state.momentum, velocity)
         return (spin + torque(t, state)) - spin
 
     scene = scenes.scene("P1")
-    aside = np.random.default_rng(0).uniform(-20, 20, (count, 2))
-    momenta = jnp.asarray(np.concatenate([aside, np.full((count, 1), 50.0)], axis=-1))
+    off_axis = np.random.default_rng(0).uniform(-20, 20, (count, 2))
+    momenta = jnp.asarray(np.concatenate([off_axis, np.full((count, 1), 50.0)], axis=-1))
     ends = {}
     for dtype in (jnp.float64, jnp.float32):
         body, torque, attitude = jax.tree.map(
@@ -133,8 +133,8 @@ def float32(steps=100_000, dt=0.005, count=64):
                 path = ml.integrate("LIEMID[EA]", body, used, begin, dt=dt, steps=steps, save_every=steps)
                 return jax.tree.map(lambda x: x[-1], path.states)
 
-            done = jax.jit(jax.vmap(end))(momenta.astype(dtype))
-            ends[dtype, way] = jax.tree.map(lambda x: x.astype(jnp.float64), done)
+            states = jax.jit(jax.vmap(end))(momenta.astype(dtype))
+            ends[dtype, way] = jax.tree.map(lambda x: x.astype(jnp.float64), states)
     first = ml.spatial_momentum(jax.vmap(lambda m: ml.RigidState(m, scene.start.attitude))(momenta))
     exact = ends[jnp.float64, "as it is"]
     size = jnp.linalg.norm(momenta, axis=-1)

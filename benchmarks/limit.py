@@ -1,8 +1,8 @@
-"""The limit in C: builds `limit.c` with the machine's own compiler and times it.
+"""The speed limit, hand-written C: builds `limit.c` with the machine's own compiler and times it.
 
-    python benchmarks/limit.py      prints body-steps a second for both methods, dtypes, and one and all cores
+    python benchmarks/limit.py      prints body-steps a second for each method, dtype and number of vectors, on one core
 
-The polynomials are those of midlie_jax, written to a header; how many vectors are worth having in flight is measured.
+The polynomials of midlie_jax are written to a header. The best number of vectors that are computed at once is measured.
 """
 
 import os
@@ -22,12 +22,12 @@ FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-std=gnu11", "-Wno-
 
 
 def header(dtype: str, vectors: int) -> str:
-    few = short_series._FEW_ARCTANGENT[dtype]
+    rough = short_series._FEW_ARCTANGENT[dtype]
     terms = short_series._TERMS[dtype]
     tables = {
         "ARCTANGENT": short_series._ARCTANGENT[dtype],
-        "ROUGH_ARCTANGENT": few,
-        "ROUGH_SLOPE": tuple(n * c for n, c in enumerate(few) if n),
+        "ROUGH_ARCTANGENT": rough,
+        "ROUGH_SLOPE": tuple(n * c for n, c in enumerate(rough) if n),
         "COSINE": short_series._taylor(0, 0.5, terms),
         "SPIN_COSINE": short_series._taylor(0, 1.0, short_series._SPIN_TERMS[dtype]),
         "SPIN_SINE": short_series._taylor(1, 1.0, short_series._SPIN_TERMS[dtype]),
@@ -45,16 +45,16 @@ def header(dtype: str, vectors: int) -> str:
 
 @cache
 def built(dtype: str, vectors: int) -> Path:
-    """The program, or an error that says what the compiler said."""
+    """The path of the compiled program; if compiling fails, a RuntimeError with the compiler's message."""
     folder = Path(tempfile.mkdtemp(prefix="midlie-limit-"))
     (folder / "limit.h").write_text(header(dtype, vectors))
     shutil.copy(SOURCE, folder)
     compiler = os.environ.get("CC", "cc")
-    done = subprocess.run(
+    result = subprocess.run(
         [compiler, *FLAGS, "-o", "limit", "limit.c", "-lm"], cwd=folder, capture_output=True, text=True, check=False
     )
-    if done.returncode:
-        raise RuntimeError(f"{compiler} did not build {SOURCE.name}: {done.stderr.strip()}")
+    if result.returncode:
+        raise RuntimeError(f"{compiler} failed to compile {SOURCE.name}: {result.stderr.strip()}")
     return folder / "limit"
 
 
@@ -67,7 +67,7 @@ def measured(method: str, dtype: str, vectors: int, cores: int, bodies: int, ste
 
 
 def limit(method: str, dtype: str, cores: int = 1, bodies: int = 4096, steps: int = 400) -> float:
-    """The best seconds a body-step over the widths tried."""
+    """Seconds a body-step with the faster number of vectors."""
     return min(measured(method, dtype, vectors, cores, bodies, steps)[0] for vectors in (1, 2))
 
 

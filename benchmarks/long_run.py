@@ -1,10 +1,10 @@
-"""Energy over ten million steps: who wanders off and who does not.
+"""Energy over ten million steps: which methods drift and which do not.
 
     python benchmarks/long_run.py [--steps 10000000] [--write]
 
 For the fast top P1 and an asymmetric heavy top, at a coarse step: the largest error of the energy, and how much its
 mean over the last tenth of the run differs from that over the first, both relative to the energy at the start. A
-symplectic method's energy wavers within a band that does not move. `--write` puts the table between the markers in
+symplectic method's energy stays within a band that does not move. `--write` puts the table between the markers in
 docs/theory.md and the picture in docs/long-run.png.
 """
 
@@ -32,7 +32,7 @@ STEP = {"P1": 0.02, "asymmetric-top": 0.05}
 
 
 def energies(name, scene, dt, steps):
-    """(times, relative error of the energy), kept every so often, and whether every solve succeeded."""
+    """Times, relative energy errors at these times, and whether every solve succeeded."""
     every = steps // KEPT
 
     @jax.jit
@@ -56,12 +56,12 @@ def measured(steps):
 
 
 def draw(results, path):
-    """How far the mean of each fortieth of the run has gone from that of the first."""
+    """Draws how much the mean energy error of each part of the run differs from that of the first part."""
     from midlie_jax.bench.figures import heading, new_figure, panel, write
     from midlie_jax.bench.line_labels import End, label_ends
 
     figure = new_figure(13.0, 5.6)
-    heading(figure, "Energy over a long run", f"Means over each of {PARTS} equal parts, against that of the first.")
+    heading(figure, "Energy over a long run", f"Means over {PARTS} equal parts of the run, minus that of the first.")
     figure.subplots_adjust(bottom=0.11, wspace=0.2)
     colours = ("#D55E00", "#0072B2", "#009E73", "#56B4E9", "#CC79A7")
     for axes, scene_name in zip(figure.subplots(1, 2), METHODS, strict=True):
@@ -69,8 +69,8 @@ def draw(results, path):
         title = f"{scene_name}, step {STEP[scene_name]:g}"
         panel(axes, title, "Time t  [time]", "Shift of the mean energy error  [of E at the start]")
         ends = []
-        mine = [r for r in results if r[0] == scene_name]
-        for colour, (_, name, times, error, _, _) in zip(colours, mine, strict=True):
+        scene_results = [r for r in results if r[0] == scene_name]
+        for colour, (_, name, times, error, _, _) in zip(colours, scene_results, strict=True):
             means = np.array([part.mean() for part in np.array_split(error, PARTS)])
             middles = np.array([part.mean() for part in np.array_split(times, PARTS)])
             shift = np.maximum(np.abs(means - means[0])[1:], 1e-16)

@@ -1,11 +1,11 @@
-"""How rounding grows over many free steps: its constants, written to docs/rounding.md.
+"""Measures how rounding errors grow over many steps without torque, for docs/rounding.md.
 
     python benchmarks/rounding.py [--steps 1000000] [--write]
 
-A free flight keeps the spatial momentum R Pi, the length of Pi and, if it is exact, the energy. What it loses of these
-is rounding alone. Each figure is the root mean square over 16 bodies of the relative change, in units of eps times the
-square root of the number of steps, at the worst of six turns a step, 1e-5 to 1 radian. A figure that stays the same for
-any number of steps says that rounding grows as a random walk.
+A free flight conserves the spatial momentum R Pi, the length of Pi and, if it is exact, the energy, up to rounding.
+Each figure is the root mean square over 16 bodies of the relative change of one of these, in units of eps times the
+square root of the number of steps, for the worst of six angles per step, 1e-5 to 1 radian. If a figure is the same for
+any number of steps, rounding errors grow as a random walk.
 """
 
 import argparse
@@ -45,26 +45,26 @@ def bodies(symmetric, dtype):
 
 
 def spatial(attitude, momentum):
-    """R Pi, R the rotation that the attitude stands for."""
+    """R Pi, where R is the rotation of the attitude."""
     w, u = attitude[..., :1], attitude[..., 1:]
     square = np.sum(attitude**2, axis=-1, keepdims=True)
     return momentum + 2 * np.cross(u, w * momentum + np.cross(u, momentum)) / square
 
 
 def constants(flight, dtype, steps):
-    """One for each of QUANTITIES; None for the energy of a flight that does not keep it."""
-    given = bodies(flight.name == "SYMMETRIC", dtype)
+    """The figure for each of QUANTITIES; None for the energy of a flight that does not conserve it."""
+    inputs = bodies(flight.name == "SYMMETRIC", dtype)
 
     def run(moments, momentum, attitude, dt):
         start = ml.RigidState(momentum, attitude)
         method, body = ml.method(flight, "E1"), ml.RigidBody(moments)
         return ml.integrate(method, body, None, start, dt=dt, steps=steps, save_every=steps)
 
-    path = jax.jit(jax.vmap(run))(*given)
+    path = jax.jit(jax.vmap(run))(*inputs)
     if not path.ok.all():
-        raise RuntimeError(f"{flight.name} failed")
+        raise RuntimeError(f"{flight.name} failed: a solve did not succeed, or a number is not finite.")
     moments, momentum, attitude = (
-        np.asarray(x, np.longdouble) for x in (given[0], path.states.momentum, path.states.attitude)
+        np.asarray(x, np.longdouble) for x in (inputs[0], path.states.momentum, path.states.attitude)
     )
     space, square = spatial(attitude, momentum), np.sum(momentum**2, axis=-1)
     energy = np.sum(momentum**2 / moments[:, None], axis=-1)
@@ -84,14 +84,14 @@ def worst(change):
 ABOUT = """# Rounding
 
 Written by `python benchmarks/rounding.py --write`. Free bodies, {steps:.0e} steps of 1e-5 to 1 radian: the relative
-change of what the motion keeps, root mean square over 16 bodies, at the worst of six turns a step, in units of eps
-times the square root of the number of steps (eps is 2.2e-16 in float64 and 1.2e-7 in float32). A figure of 0.5 is an
-error of 1.1e-13 after a million steps in float64, and of 6.0e-5 in float32. The energy is listed for the flights that
-keep it.
+change of the conserved quantities, root mean square over 16 bodies, for the worst of six angles per step, in units of
+eps times the square root of the number of steps (eps is 2.2e-16 in float64 and 1.2e-7 in float32). A figure of 0.5 is
+an error of 1.1e-13 after a million steps in float64, and of 6.0e-5 in float32. The energy is listed for the flights
+that conserve it.
 
-In float32 sums are rounded up or down at random (stochastic rounding), from a hash of the time and of what is added:
-the same run gives the same numbers. In float64 they are rounded to the nearest, which is enough down to 1e-6 radians
-a step.
+In float32 sums are rounded up or down at random (stochastic rounding). The random numbers are a hash of the time and of
+the number that is added, so the same run gives the same numbers. In float64 sums are rounded to the nearest, which is
+enough down to 1e-6 radians a step.
 """
 
 
@@ -100,8 +100,8 @@ def page(steps):
     lines = [ABOUT.format(steps=steps), "| flight | " + " | ".join(heads) + " |", "|---" * 7 + "|"]
     print("\n".join(lines), flush=True)
     for flight in FLIGHTS:
-        found = [c for dtype in ("float64", "float32") for c in constants(flight, dtype, steps)]
-        lines.append(f"| `{flight.name}` | " + " | ".join("" if c is None else f"{c:.2f}" for c in found) + " |")
+        figures = [c for dtype in ("float64", "float32") for c in constants(flight, dtype, steps)]
+        lines.append(f"| `{flight.name}` | " + " | ".join("" if c is None else f"{c:.2f}" for c in figures) + " |")
         print(lines[-1], flush=True)
     return "\n".join(lines) + "\n"
 

@@ -1,10 +1,10 @@
-"""`make bench`: what a step costs, in one table, as ratios within one run.
+"""`make bench`: a table of the cost of a step, as ratios of times measured in one run.
 
     python benchmarks/run.py [--quick | --flights] [--write]
 
-Every figure is a median of five warm runs of the fast top P1 on one core, to which it pins itself, in processor time;
-compile times are the first call, tracing included, by the wall clock. The C limit is `limit.c`, built here. `--write`
-puts the table between the markers in docs/performance.md.
+Every figure is the median of five runs of the fast top P1 after a first run, in processor time on one core; the process
+pins itself to that core. Compile times are of the first call, with tracing, by the wall clock. The limit in C is
+`limit.c`, which is compiled here. `--write` puts the table between the markers in docs/performance.md.
 """
 
 import argparse
@@ -40,7 +40,7 @@ BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 
 
 def median_seconds(call, repeats=6):
-    """Of the runs after the first."""
+    """Median time of the runs after the first."""
     return timed(lambda: jax.block_until_ready(call()), least=1, most=repeats, clock=user_clock())[1].seconds
 
 
@@ -51,18 +51,18 @@ def starts(scene, batch):
 def compiled(function, argument):
     """The compiled function, and the seconds that tracing and compiling took."""
     begin = time.perf_counter()
-    done = jax.jit(function).lower(argument).compile()
-    return done, time.perf_counter() - begin
+    program = jax.jit(function).lower(argument).compile()
+    return program, time.perf_counter() - begin
 
 
 def body_step(run, scene, batch, steps):
-    """Seconds a body-step of `run(start)` over a batch of starts (solo for 1), and seconds of compiling."""
+    """Seconds a body-step of `run(start)` over a batch of starts (without vmap for 1), and seconds of compiling."""
     many = starts(scene, batch)
     if batch == 1:
-        done, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
-        return median_seconds(lambda: done(jax.tree.map(lambda x: x[0], many))) / steps, compiling
-    done, compiling = compiled(jax.vmap(run), many)
-    return median_seconds(lambda: done(many)) / (steps * batch), compiling
+        program, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
+        return median_seconds(lambda: program(jax.tree.map(lambda x: x[0], many))) / steps, compiling
+    program, compiling = compiled(jax.vmap(run), many)
+    return median_seconds(lambda: program(many)) / (steps * batch), compiling
 
 
 def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
@@ -76,7 +76,7 @@ def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
 
 
 def ambient(scene, t, y):
-    """d/dt of momentum and quaternion as one array (7,): what a general solver is given."""
+    """d/dt of momentum and quaternion as one array (7,), for a general solver."""
     state = ml.RigidState.of(y[:3], y[3:])
     velocity = y[:3] / scene.body.moments
     rate = ml.RigidState.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
@@ -84,7 +84,7 @@ def ambient(scene, t, y):
 
 
 def tsit5_run(scene, dt, steps):
-    """diffrax on the quaternion state, constant step."""
+    """diffrax's Tsit5 on momentum and quaternion with a constant step, as a function of the start."""
 
     def run(start):
         return diffrax.diffeqsolve(
@@ -103,7 +103,7 @@ def tsit5_run(scene, dt, steps):
 
 
 def scipy_step(scene, steps):
-    """Seconds a step of SciPy's RK45 at a constant step, on Python's floats, which are quicker here than NumPy's."""
+    """Seconds a step of SciPy's RK45 at a constant step, on Python floats, which are faster here than NumPy's."""
     field = rates(scene)
     start = np.concatenate([np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)])
     options = {"method": "RK45", "first_step": 0.005, "max_step": 0.005, "rtol": 1e-2, "atol": 1e3}
@@ -115,20 +115,20 @@ def scipy_step(scene, steps):
 
 
 def equal_time_errors(scene, ratio, time=1.0, steps=400):
-    """Errors of the momentum at `time` by LIEMID[EA] with so many steps, and by Tsit5 with `ratio` times as many."""
-    other = max(1, round(steps * ratio))
+    """Errors of the momentum at `time`: LIEMID[EA] with `steps` steps, and Tsit5 with `ratio` times as many."""
+    tsit5_steps = max(1, round(steps * ratio))
 
     def momentum(count):
         return ml.integrate("LIEMID[EA]", scene.body, scene.torque, scene.start, dt=time / count, steps=count).states
 
-    mine = momentum(steps).momentum[-1]
-    its = tsit5_run(scene, time / other, other)(scene.start)[:3]
+    liemid = momentum(steps).momentum[-1]
+    tsit5 = tsit5_run(scene, time / tsit5_steps, tsit5_steps)(scene.start)[:3]
     exact = tsit5_run(scene, time / 8000, 8000)(scene.start)[:3]
-    return float(jnp.linalg.norm(mine - exact)), float(jnp.linalg.norm(its - exact))
+    return float(jnp.linalg.norm(liemid - exact)), float(jnp.linalg.norm(tsit5 - exact))
 
 
 def through_diffrax(scene, batch, steps):
-    """LIEMID[EA] as a solver of diffrax, the steps and the end of `ours`; no derivative asked for."""
+    """Cost of LIEMID[EA] as a solver of diffrax, with the steps and the end of `ours` and no derivative."""
     times = 0.005 * jnp.arange(steps + 1.0)
 
     def run(start):
@@ -148,7 +148,7 @@ def through_diffrax(scene, batch, steps):
 
 
 def gradient_cost(name, scene, batch, steps):
-    """Time of value and gradient (moments, weight) over time of the value; and its compile time."""
+    """Time of value and gradient in (moments, weight) over time of the value alone; and seconds of compiling."""
 
     def end(parameters, start):
         moments, weight = parameters
@@ -164,7 +164,7 @@ def gradient_cost(name, scene, batch, steps):
 
 
 def elsewhere(*options, **environment):
-    """The figure of LIEMID[EA], batch 4096, in a process of its own."""
+    """Seconds a body-step of LIEMID[EA], batch 4096, measured in a separate process."""
     command = [sys.executable, __file__, "--quick", "--only-first", *options]
     environment = {**os.environ, **environment}
     out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
@@ -172,7 +172,7 @@ def elsewhere(*options, **environment):
 
 
 def limits(scene, batch, steps):
-    """Beside the hand-written C of the same methods, alternately, so that both see the same machine."""
+    """Rows that compare with hand-written C of the same methods, timed alternately under the same conditions."""
     kinds = {"LIEMID": ("the same arithmetic in C",), "SYMMETRIC": ("the same arithmetic in C",)}
     kinds["LIEMID"] += ("C that stops a solve early",)
     for flight, rivals in kinds.items():
@@ -196,32 +196,32 @@ def sizes(scene, name, reference):
         def run(start, steps=steps):
             return ml.ensemble(name, scene.body, scene.torque, start, dt=0.005, steps=steps)
 
-        done, _ = compiled(run, starting)
-        cost = median_seconds(lambda done=done, starting=starting: done(starting)) / (steps * many)
-        memory = done.memory_analysis()
-        held = (memory.output_size_in_bytes + memory.temp_size_in_bytes) / many
+        program, _ = compiled(run, starting)
+        cost = median_seconds(lambda program=program, starting=starting: program(starting)) / (steps * many)
+        memory = program.memory_analysis()
+        body_bytes = (memory.output_size_in_bytes + memory.temp_size_in_bytes) / many
         note = f"{1e9 * cost:.1f} ns a body-step"
         if many == 1_000_000:
-            note += f"; memory beside the start: {held / 56:.1f} times it"
+            note += f"; memory besides the start: {body_bytes / 56:.1f} times the start"
         yield f"{name}, ensemble of {many}", note, f"{reference / cost:.2f}", ""
 
 
 def flight_rows(scene, batch, steps):
-    """Each beside LIEMID[EA], in turn, so that the machine's changes of pace strike both."""
+    """Rows that compare with LIEMID[EA], timed alternately, so that a change of the machine's speed affects both."""
 
-    def ready(name):
+    def prepared(name):
         def run(start):
             return ml.integrate(name, scene.body, scene.torque, start, dt=0.005, steps=steps, save_every=steps)
 
         many = starts(scene, batch)
-        done, compiling = compiled(jax.vmap(run), many)
-        return lambda: done(many), compiling
+        program, compiling = compiled(jax.vmap(run), many)
+        return lambda: program(many), compiling
 
-    beside, _ = ready("LIEMID[EA]")
+    baseline, _ = prepared("LIEMID[EA]")
     flights = ("SLIEMID", "SLIEMID4", "JACOBI", "SYMMETRIC", "NEARSYM", "DLM", "DMV", "DMV6")
     for name in (*(f"{flight}[EA]" for flight in flights), *SCHEMES_SHOWN):
-        call, compiling = ready(name)
-        ratio = statistics.median(median_seconds(beside, 1) / median_seconds(call, 1) for _ in range(7))
+        call, compiling = prepared(name)
+        ratio = statistics.median(median_seconds(baseline, 1) / median_seconds(call, 1) for _ in range(7))
         yield name, "", f"{ratio:.2f}", f"{compiling:.1f} s"
 
 
@@ -252,8 +252,8 @@ def rows(scene, quick):
     yield from flight_rows(scene, batch, steps)
     cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    mine, its = equal_time_errors(scene, reference / cost)
-    yield "error of Pi at equal time, T = 1", f"LIEMID[EA] {mine:.1e}, Tsit5 {its:.1e}", "", ""
+    liemid, tsit5 = equal_time_errors(scene, reference / cost)
+    yield "error of Pi at equal time, T = 1", f"LIEMID[EA] {liemid:.1e}, Tsit5 {tsit5:.1e}", "", ""
     yield from sizes(scene, "LIEMID[EA]", reference)
     yield from sizes(scene, "SYMMETRIC[EA]", reference)
     solo, _ = ours("LIEMID[EA]", scene, 1, 20_000)

@@ -1,10 +1,11 @@
-"""What a scheme costs for what it is worth: its effective error, measured.
+"""Measures the effective error of each scheme: its cost for a given accuracy.
 
     python benchmarks/schemes.py
 
-On two coupled pendulums with exact flights, in extended precision and without JAX: evaluations a step times the
-order-th root of the error constant, as a multiple of the least among the schemes of the same order. A force with its
-gradient counts as two evaluations. Smaller is better; ABA82 and ABA1064 are made for small forces, which these are not.
+The effective error is the number of evaluations a step times the order-th root of the error constant, as a multiple of
+the smallest among the schemes of the same order. It is measured on two coupled pendulums with exact flights, in
+extended precision and without JAX. A force with its gradient counts as two evaluations. Smaller is better. ABA82
+and ABA1064 are made for small forces; the forces here are not small.
 """
 
 from itertools import pairwise
@@ -16,7 +17,7 @@ from midlie_jax.methods.scheme_order import pendulums
 
 
 def effective_error(scheme):
-    """Evaluations a unit of time for a unit error, were the scheme of its order at every step."""
+    """Evaluations in a unit of time for an error of 1, extrapolated with the order of the scheme."""
     for count in (24, 48, 96, 192, 384):
         ends = [pendulums(scheme, count * factor) for factor in (1, 2, 4)]
         coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends))
@@ -27,13 +28,13 @@ def effective_error(scheme):
 
 
 def main():
-    found = {name: effective_error(scheme) for name, scheme in schemes.SCHEMES.items() if scheme.order > 1}
+    errors = {name: effective_error(scheme) for name, scheme in schemes.SCHEMES.items() if scheme.order > 1}
     best = {}
-    for name, value in found.items():
+    for name, value in errors.items():
         order = schemes.SCHEMES[name].order
         best[order] = min(value, best.get(order, value))
     print("| scheme | order | evaluations | effective error, by the best of its order |\n| --- | --- | --- | --- |")
-    for name, value in sorted(found.items(), key=lambda item: (schemes.SCHEMES[item[0]].order, item[1])):
+    for name, value in sorted(errors.items(), key=lambda item: (schemes.SCHEMES[item[0]].order, item[1])):
         scheme = schemes.SCHEMES[name]
         print(f"| {name} | {scheme.order} | {scheme.evaluations} | {value / best[scheme.order]:.2f} |")
 

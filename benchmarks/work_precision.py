@@ -1,9 +1,10 @@
-"""Error against time, ours and others', on one core: the charts and the table under docs/.
+"""Error against time, for our methods and for other programs, on one core: the charts and tables under docs/.
 
     python benchmarks/work_precision.py [--scene NAME ...] [--quick] [--out FOLDER]
 
-Pins itself to one core before XLA counts them. Writes FOLDER/work-precision-SCENE.png for each scene and, for all
-scenes, FOLDER/work-precision.md. `--quick` times less, and writes into a temporary folder unless told otherwise.
+The process pins itself to one core before XLA counts the cores. It writes FOLDER/work-precision-SCENE.png for each
+scene and, if all scenes are measured, FOLDER/work-precision.md. `--quick` times fewer runs, and by default writes into
+a temporary folder.
 """
 
 import argparse
@@ -25,20 +26,21 @@ pin()
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
-# What is asked of ours over heyoka's, at each decade; over diffrax's best it is 1/100 everywhere.
+# Largest wanted ratio of our time to heyoka's, at each error; to diffrax's best it is 1/100 for all scenes.
 TARGETS = {"P1": 0.2, "gravity-gradient-10": 0.5, "asymmetric-top": 1.0}
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 HEAD = """# Error against time
 
-Written by `make rivals`. One core, float64, {bodies} bodies that start a little apart. Times are of the processor, per
-body, medians of some runs, compiling not counted: on one core that is wall time, less what other processes take of it;
-± is half the distance between the quartiles of the runs. Errors are of the attitude at the end, root mean square over
-the first {judged} bodies. A ratio below 1 is ours quicker; "-" where one of the two does not reach the error. Costs
-between two points of a method are interpolated in logarithms; at an error larger than that of a method's coarsest run
-that run counts. heyoka: `taylor_adaptive_batch`, without the time that its loop over batches takes in Python. diffrax:
-the better of a constant step and a PID controller. SciPy, MuJoCo: a few bodies, one after another; MuJoCo is not asked
-for the satellite, whose torque it would need from Python. NO_SQUISH is DLM with other names
-(`tests/test_work_precision.py`). Methods that are not symplectic are dashed on the charts. {versions}; {machine}.
+Written by `make rivals`. One core, float64, {bodies} bodies with slightly different starts. Times are processor times
+per body, medians of several runs, without compiling; on one core that is wall time without the time that other
+processes take. ± is half the distance between the quartiles of the runs. Errors are of the attitude at the end, root
+mean square over the first {judged} bodies. A ratio below 1 means that our method is faster; "-" means that one of the
+two does not reach the error. Costs between two points of a method are interpolated in logarithms; for errors larger
+than that of a method's coarsest run, the cost is that of the coarsest run. heyoka: `taylor_adaptive_batch`, without the
+time of the Python loop over batches. diffrax: the better of a constant step and a PID controller. SciPy, MuJoCo: a few
+bodies, one after another; MuJoCo does not run the satellite, whose torque would need a callback in Python. NO_SQUISH is
+another name of DLM (`tests/test_work_precision.py`). Methods that are not symplectic are dashed on the charts.
+{versions}; {machine}.
 """
 
 
@@ -54,7 +56,7 @@ def main() -> None:
     began = time.perf_counter()
     parts = []
     for name in options.scene:
-        parts.append(one(name, out, options.quick))
+        parts.append(scene_report(name, out, options.quick))
         print(f"[{time.perf_counter() - began:.0f} s]", flush=True)
     if set(options.scene) == set(work_precision.SCENES):
         versions = ", ".join(f"{p} {version(p)}" for p in PROGRAMS)
@@ -76,7 +78,7 @@ def main() -> None:
 
 
 def into_page(text: str) -> None:
-    """Puts the first table of the file, ours over heyoka's and diffrax's times, into docs/how-it-compares.md."""
+    """Copies the first table of the text, ratios of our times to heyoka's and diffrax's, to docs/how-it-compares.md."""
     lines = text.split("\n")
     first = next(i for i, line in enumerate(lines) if line.startswith("|"))
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
@@ -86,23 +88,25 @@ def into_page(text: str) -> None:
     page.write_text(f"{head}{BEGIN}\n{table}\n{END}{rest.split(END)[1]}")
 
 
-def one(name: str, out: Path, quick: bool) -> tuple[str, str]:
-    """Measures and draws a scene; its section of the file, and its row of the summary."""
-    found = work_precision.compared(name, quick=quick)
-    given, rows = found.problem, found.ratios
+def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
+    """Measures and draws a scene; returns its section of the file and its row of the summary."""
+    comparison = work_precision.compared(name, quick=quick)
+    problem, rows = comparison.problem, comparison.ratios
     picture = out / f"work-precision-{name}.png"
     work_precision_chart(
-        *(found.ours, found.rivals, work_precision.symplectic(found.ours), str(picture)),
-        title=work_precision.title(given),
-        note=work_precision.note(found),
+        *(comparison.ours, comparison.rivals, work_precision.symplectic(comparison.ours), str(picture)),
+        title=work_precision.title(problem),
+        note=work_precision.note(comparison),
         clock=cost_clock().name,
     )
     curve = "\n".join(
-        f"| {p.setting[4:]} | {p.error:.1e} | {1e6 * p.seconds:.3g} |" for p in found.rivals if p.method == "heyoka"
+        f"| {p.setting[4:]} | {p.error:.1e} | {1e6 * p.seconds:.3g} |"
+        for p in comparison.rivals
+        if p.method == "heyoka"
     )
-    section = f"""## {work_precision.title(given)}
+    section = f"""## {work_precision.title(problem)}
 
-Errors against the {given.source}, good to {given.uncertainty:.0e}. {work_precision.timing_note(found)}
+Errors against the {problem.source}, uncertainty {problem.uncertainty:.0e}. {work_precision.timing_note(comparison)}
 
 ![error against cost]({picture.name})
 

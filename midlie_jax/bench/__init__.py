@@ -1,4 +1,4 @@
-"""The laboratory: scenes, closed forms, other programs, convergence, charts and the `midlie` command.
+"""Benchmarks: scenes, closed-form solutions, other programs, convergence, charts and the `midlie` command.
 
-Nothing outside this folder imports it.
+No other part of the package imports this one.
 """

@@ -1,7 +1,7 @@
-"""The picture of what `convergence` measured: errors against step, time and torque evaluations.
+"""The chart of the errors that `convergence` measured, against step, time and torque evaluations.
 
-`convergence_chart` draws the paper's Figure 1, the errors of momentum and attitude against the step, and beside it
-the attitude error against what it costs, in time and in torque evaluations.
+`convergence_chart` draws Figure 1 of the paper, the errors of momentum and attitude against the step. Two more panels
+show the attitude error against its cost, in time and in torque evaluations.
 """
 
 import math
@@ -16,7 +16,8 @@ from .line_labels import End, apart, label_ends
 from .line_styles import COOL, DASHED, RING, SOLID, WARM, Style, styles
 
 _GUIDE_SIZE = 8.5  # points
-# The methods of the paper keep the style that they have in every chart; LIEMID[EA*] nearly coincides with LIEMID[EA].
+# The methods of the paper have the same style in every chart. LIEMID[EA*] nearly coincides with LIEMID[EA], so its mark
+# is a ring around the other's.
 _PAPER = {
     "LIEMID[E1]": Style("#56B4E9", "v", SOLID, True),
     "LIEMID[E2]": Style("#009E73", "^", SOLID, True),
@@ -37,12 +38,12 @@ def convergence_chart(
     """Draws the rows and writes a PNG.
 
     Args:
-        rows: from `convergence.survey` or `measure`; failed ones and those without a finite error are left out.
-        path: file to write; overwritten.
-        title: what moved.
-        reference: what the errors were measured against.
-        clock: the label of the times.
-        timing: how they were taken.
+        rows: from `convergence.survey` or `measure`; rows that failed or have no finite error are left out.
+        path: file to write; an existing file is replaced.
+        title: the scene.
+        reference: the solution against which errors were measured.
+        clock: the label of the time axis.
+        timing: how times were measured.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -55,22 +56,22 @@ def convergence_chart(
 def convergence_figure(
     rows: Sequence[Row], *, title: str, reference: str, clock: str = "Time  [s]", timing: str = ""
 ) -> Any:
-    """The same as a matplotlib figure, for those who want to change it; it needs no display."""
+    """The chart as a matplotlib figure, which can be changed further; needs no display. Arguments as for the chart."""
     figure = new_figure(14.0, 11.0)
-    good = [row for row in rows if not row.failure and math.isfinite(row.momentum_error + row.attitude_error)]
-    if not good:
+    finite = [row for row in rows if not row.failure and math.isfinite(row.momentum_error + row.attitude_error)]
+    if not finite:
         raise ValueError("no method gave a finite result, so there is nothing to draw; see the table for the reasons.")
-    legend = "Bold lines, filled marks: the LIEMID family. Dashed lines, hollow marks: its rivals."
+    legend = "Bold lines, filled marks: the LIEMID family. Dashed lines, hollow marks: other methods."
     heading(figure, title, f"Errors at the end against the {reference}. {legend} {timing}")
     figure.subplots_adjust(bottom=0.062, wspace=0.16, hspace=0.27)
     panels = figure.subplots(2, 2)
-    torque_free = all(row.evaluations == 0 for row in good)
+    torque_free = all(row.evaluations == 0 for row in finite)
     momentum, attitude = (lambda row: row.momentum_error), (lambda row: row.attitude_error)
     pi, r = "Error of body momentum  |Π - Π*|  [mass·length²/time]", "Error of attitude  |R - R*|, Frobenius  [-]"
     effort, effort_label = (lambda row: row.evaluations), "Torque evaluations, whole run  [-]"
     if torque_free:
         effort, effort_label = (lambda row: row.steps), "Steps, whole run  [-]  (no torque to evaluate)"
-    chart = _Panels(good)
+    chart = _Panels(finite)
     chart.draw(panels[0, 0], _step, momentum, "Step h  [time]", pi, "Body momentum against step", finest="left")
     chart.draw(panels[1, 0], _step, attitude, "Step h  [time]", r, "Attitude against step", finest="left")
     chart.draw(panels[0, 1], _seconds, attitude, clock, r, "Attitude against time", finest="right")
@@ -88,7 +89,7 @@ def _seconds(row: Row) -> float:
 
 
 class _Panels:
-    """Draws panels of the same rows."""
+    """Draws several panels from the same rows."""
 
     def __init__(self, rows: Sequence[Row]):
         self.lines = {name: [r for r in rows if r.method == name] for name in dict.fromkeys(r.method for r in rows)}
@@ -108,14 +109,14 @@ class _Panels:
         *,
         finest: str,
     ) -> None:
-        """One panel; `finest` is the side on which the smallest steps lie, and so the labels."""
+        """Draws one panel; `finest` is the side of the smallest steps, where the names of the lines are written."""
         axes.set(xscale="log", yscale="log")
         panel(axes, title, x_label, y_label)
         ends = []
         for index, (name, rows) in enumerate(self.lines.items()):
             style = self.styles[name]
             x = [across(row) for row in rows]
-            # An error of exactly zero has no logarithm: it is shown below rounding.
+            # An error of exactly zero has no logarithm: it is drawn below rounding.
             y = [max(error(row), 1e-17) for row in rows]
             shape = style.drawn(2.4, 7.5) if style.ours else style.drawn(1.3, 6.0)
             axes.plot(x, y, label=name, zorder=(4 if style.ours else 3) - 0.01 * index, **shape)
@@ -132,7 +133,7 @@ class _Panels:
 
 
 def _limits(axes: Any) -> None:
-    """Close around the lines, with space below them for the guides."""
+    """Sets the limits of a panel close around its lines, with space below them for the guides."""
     lines = [line for line in axes.lines if len(line.get_xdata())]
     x = np.log10(np.concatenate([line.get_xdata() for line in lines]))
     y = np.log10(np.concatenate([line.get_ydata() for line in lines]))
@@ -142,7 +143,7 @@ def _limits(axes: Any) -> None:
 
 
 def _guides(axes: Any, finest: str) -> None:
-    """The slopes of orders 1 and 2, in the corner that falling errors leave free."""
+    """Draws the slopes of orders 1 and 2 in the corner that the lines leave free."""
     (x0, x1), (y0, y1) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
     length = min(0.15 * (x1 - x0), 0.14 * (y1 - y0))
     inset, sign, align = 0.12 * (x1 - x0), (1 if finest == "left" else -1), ("left" if finest == "left" else "right")

@@ -1,7 +1,7 @@
-"""Where a scene truly ends, if a closed form is known; and a body's axes numbered so that its symmetry is seen.
+"""The exact end of a scene where a closed form is known; and a renumbering of a body's axes for it.
 
-The exact flight of a symmetric body, and the closed form of Lagrange's top, want the axis of symmetry third. `oracles`
-has the motions themselves, on plain numbers.
+The exact flight of a symmetric body and the closed form of Lagrange's top need the axis of symmetry as third axis. The
+formulas themselves are in `oracles`.
 """
 
 from collections.abc import Iterable
@@ -17,10 +17,10 @@ from .scenes import Scene
 
 
 class Numbering(NamedTuple):
-    """The axes of a body numbered anew, in the same cyclic order.
+    """A cyclic renumbering of the axes of a body.
 
     Attributes:
-        order: the old numbers of the new axes.
+        order: the old number of each new axis.
         turn: unit quaternion from the new body frame to the old.
     """
 
@@ -29,14 +29,14 @@ class Numbering(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene) -> "Numbering":
-        """That which makes the body's axis of symmetry the third; as it is where it has none."""
+        """The numbering that makes the body's axis of symmetry the third; the identity if there is no such axis."""
         axis = symmetry_axis(scene)
         k = 2 if axis is None else axis
         turn = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, -0.5), (1.0, 0.0, 0.0, 0.0))[k]
         return cls(((k + 1) % 3, (k + 2) % 3, k), turn)
 
     def apply(self, scene: Scene) -> Scene | None:
-        """The same scene in the new frame; None if its torque is not known here."""
+        """The same scene in the new frame; None if the torque is of a class that this function does not renumber."""
         if self.order == (0, 1, 2):
             return scene
         pick, torque = jnp.array(self.order), scene.torque
@@ -53,7 +53,7 @@ class Numbering(NamedTuple):
         return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)
 
     def undo(self, momentum: np.ndarray, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A momentum (3,) and attitude (4,) of the new frame in the old."""
+        """Momentum (3,) and attitude (4,) in the old frame, from those in the new frame."""
         if self.order == (0, 1, 2):
             return momentum, attitude
         back = so3.multiply(jnp.asarray(attitude), so3.conjugate(jnp.array(self.turn, attitude.dtype)))
@@ -61,20 +61,23 @@ class Numbering(NamedTuple):
 
 
 def symmetry_axis(scene: Scene) -> int | None:
-    """The axis about which the other two moments are equal, or None; of several that of the torque, or the last."""
+    """The index of the axis of symmetry, whose other two moments are equal, or None.
+
+    If there are several, the axis of the torque is taken, or else the last.
+    """
     moments, torque = np.asarray(scene.body.moments), scene.torque
-    along = torque.axis if isinstance(torque, torques.HeavyTop) else (0.0, 0.0, 0.0)
+    torque_axis = torque.axis if isinstance(torque, torques.HeavyTop) else (0.0, 0.0, 0.0)
     axes = [k for k in range(3) if moments[(k + 1) % 3] == moments[(k + 2) % 3]]
-    return max(axes, key=lambda k: (abs(along[k]), k), default=None)
+    return max(axes, key=lambda k: (abs(torque_axis[k]), k), default=None)
 
 
 def axis_third(scene: Scene) -> Scene:
-    """The same scene with the axis of symmetry third; as it is if there is none, or its torque is not known here."""
+    """The same scene with the axis of symmetry third; unchanged without one, or if `apply` gives None."""
     return Numbering.of(scene).apply(scene) or scene
 
 
 class Ends(NamedTuple):
-    """Momenta (n, 3), body frame, and attitudes (n, 4) at the end of a scene, and which closed form gave them."""
+    """Momenta (n, 3), body frame, and attitudes (n, 4) at the end of a scene, and the name of the closed form."""
 
     momenta: np.ndarray
     attitudes: np.ndarray
@@ -82,11 +85,11 @@ class Ends(NamedTuple):
 
 
 def exact_ends(scene: Scene, starts: Iterable[np.ndarray]) -> Ends | None:
-    """Ends of a body without torque, or of a symmetric top about its third axis; of anything else None.
+    """The ends in closed form of a body without torque, or of a symmetric top about its third axis; otherwise None.
 
     Args:
-        scene: the body, the torque, and how long.
-        starts: momentum and attitude side by side, (7,) each.
+        scene: its body, torque and duration are used.
+        starts: for each body the momentum and the attitude, concatenated to (7,).
 
     Raises:
         ImportError: mpmath is missing.
@@ -95,14 +98,14 @@ def exact_ends(scene: Scene, starts: Iterable[np.ndarray]) -> Ends | None:
 
     moments, times, top = np.asarray(scene.body.moments), [scene.duration], scene.torque
     if top is None:
-        source, found = (
+        source, motions = (
             "closed form of the free body",
             [oracles.free_body(moments, s[:3], s[3:], times) for s in starts],
         )
     elif isinstance(top, torques.HeavyTop) and top.axis[:2] == (0, 0) and moments[0] == moments[1]:
         source, weight = "closed form of Lagrange's top", float(top.weight) * top.axis[2]
-        found = [oracles.lagrange_top(moments, weight, s[:3], s[3:], times) for s in starts]
+        motions = [oracles.lagrange_top(moments, weight, s[:3], s[3:], times) for s in starts]
     else:
         return None
-    momenta, attitudes = zip(*found, strict=True)
+    momenta, attitudes = zip(*motions, strict=True)
     return Ends(np.concatenate(momenta), np.concatenate(attitudes), source)

@@ -1,10 +1,10 @@
-"""Every method over a ladder of step sizes: errors at the end of a scene, and what they cost. The charts' numbers.
+"""Measures methods over a ladder of step sizes: errors at the end of a scene and their cost, for table and chart.
 
-`measure` yields a row as soon as it is known; `survey` also times each method again after all the others have had
-their turn, so that a machine that was slow for a while is seen in the spread of all rather than in the time of one.
+`measure` yields each row as soon as it is computed. `survey` also times every method again in further rounds over all
+methods: if the machine was slow for a while, that shows in the spread of all times, not in the time of one method.
 
-The step and the number of steps are arguments of the compiled program, so that one compilation serves the whole ladder
-of a method. Timed are the first steps of a run, as many for every rung.
+The step and the number of steps are arguments of the compiled program, so one compilation serves the whole ladder of a
+method. Only the first steps of a run are timed, the same number on every rung.
 """
 
 import math
@@ -24,24 +24,26 @@ from ..model import so3
 from .closed_form import Numbering, exact_ends
 from .scenes import Scene
 
-COPIES = 256  # bodies moved side by side when a run is timed: enough to drown the cost of starting each loop
-LEVELS = 5
-_TIMINGS = 5  # runs of a rung that are timed in a row
-_ROUNDS, _ROUND_SECONDS = 2, 5.0  # times that `survey` comes back to every method, unless that takes longer in all
-_AGAIN = 3  # runs of a rung timed when it does: all rounds together outvote the first
-_COARSEST = {"P1": 500}  # steps on the first rung where the paper's figure has them; elsewhere twice the scene's step
-_ROMBERG = 4  # runs extrapolated where no closed form is known
-_REFERENCE = "LIEMID[EA]"
+COPIES = 256  # bodies in a timed batch: with so many, the cost of starting a loop is negligible
+LEVELS = 5  # rungs of the ladder by default
+_TIMINGS = 5  # timings of a rung in the first round
+_ROUNDS, _ROUND_SECONDS = 2, 5.0  # further rounds of `survey`, and the seconds after which no further round starts
+_AGAIN = 3  # timings of a rung in each further round: in total more than in the first round
+_COARSEST = {
+    "P1": 500
+}  # steps on the first rung in the paper's figure; for other scenes twice the scene's step is used
+_ROMBERG = 4  # runs that are extrapolated if no closed form is known
+_REFERENCE = "LIEMID[EA]"  # the method that is extrapolated
 
 
 class Reference(NamedTuple):
-    """Where a scene truly ends.
+    """The end of a scene against which errors are measured.
 
     Attributes:
         momentum: body-frame angular momentum, (3,).
         attitude: rotation matrix, body to space, (3, 3).
-        source: how it was found.
-        uncertainty: what it may be wrong by, as far as is known, relative to the norms of both.
+        source: how it was computed.
+        uncertainty: estimate of the error of momentum and attitude, relative to their norms.
     """
 
     momentum: np.ndarray
@@ -59,12 +61,12 @@ class Row(NamedTuple):
         steps: number of steps.
         momentum_error: |Pi - Pi_reference| at the end, body frame.
         attitude_error: |R - R_reference| at the end, Frobenius norm.
-        momentum_slope, attitude_slope: order seen between this rung and the one before; NaN on the first.
+        momentum_slope, attitude_slope: order of accuracy measured from the previous rung to this one; NaN on the first.
         evaluations: torque evaluations of the run; 0 without torque.
-        seconds: median time of the run for one body, moved in a batch of `COPIES`; compiling not counted. It is
-            processor time, all threads added up, where the processor does the work (`timing.cost_clock`).
-        ok: whether every solve converged and every number stayed finite.
-        failure: what stopped the method; "" if nothing did.
+        seconds: median time of the run for one body in a batch of `COPIES`, without compiling; processor time of all
+            threads where the processor does the work (`timing.cost_clock`).
+        ok: whether every solve converged and every number is finite.
+        failure: the error that stopped the method; "" if there was none.
         spread: half the distance between the quartiles of the timings, relative to the median.
     """
 
@@ -83,11 +85,11 @@ class Row(NamedTuple):
 
 
 def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:
-    """Numbers of steps, each twice the one before.
+    """Numbers of steps, each twice the previous number.
 
     Args:
         scene: from `midlie_jax.bench.scenes.scene`.
-        coarsest: steps on the first rung; without it, the paper's figure's or twice the scene's own step.
+        coarsest: steps on the first rung; by default as in the paper's figure, or else for twice the scene's own step.
         levels: number of rungs.
 
     Raises:
@@ -99,15 +101,15 @@ def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> l
         raise ValueError(f"steps and levels must be positive, got {coarsest} and {levels}.")
     if math.log2(coarsest) + levels > 31:
         raise ValueError(
-            f"{levels} levels from {coarsest} steps end beyond the 2^31 that can be counted; ask for fewer."
+            f"{levels} levels from {coarsest} steps exceed the largest number of steps, 2^31; ask for fewer."
         )
     return [coarsest * 2**level for level in range(levels)]
 
 
 def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int], reference: Reference) -> Iterator[Row]:
-    """A row for each method and rung, in that order, each as soon as it is known.
+    """A row for each method and rung, in that order, each as soon as it is computed.
 
-    A method that raises gives rows that say so, and the next one is tried.
+    If a method raises an error, its rows report the error in `failure` and the next method is measured.
 
     Args:
         scene: from `midlie_jax.bench.scenes.scene`.
@@ -116,7 +118,7 @@ def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int],
         reference: from `find_reference`.
     """
     for method in map(_as_method, methods):
-        yield from _Rungs(scene, method, rungs, reference).rows()
+        yield from _Ladder(scene, method, rungs, reference).rows()
 
 
 def survey(
@@ -124,29 +126,29 @@ def survey(
     methods: Sequence[str | Method],
     rungs: Sequence[int],
     reference: Reference,
-    seen: Callable[[Row], None] = lambda row: None,
+    report: Callable[[Row], None] = lambda row: None,
 ) -> tuple[list[Row], int]:
-    """The rows of `measure`, their times from several rounds over all methods.
+    """The rows of `measure`, with times from several rounds over all methods.
 
     Args:
         scene, methods, rungs, reference: as for `measure`.
-        seen: told of each row when its errors are known; its time is that of the first round.
+        report: callback that is called with each row once its errors are computed; its time is that of the first round.
 
     Returns:
-        The rows, and how many rounds there were: fewer where a round takes seconds.
+        The rows, and the number of rounds, which is smaller if a round takes seconds.
     """
-    trials = [_Rungs(scene, method, rungs, reference) for method in map(_as_method, methods)]
-    for trial in trials:
-        for row in trial.rows():
-            seen(row)
+    ladders = [_Ladder(scene, method, rungs, reference) for method in map(_as_method, methods)]
+    for measured in ladders:
+        for row in measured.rows():
+            report(row)
     rounds, began = 1, time.perf_counter()
     for _ in range(_ROUNDS):
-        if time.perf_counter() - began + sum(trial.again_seconds() for trial in trials) > _ROUND_SECONDS:
+        if time.perf_counter() - began + sum(measured.round_seconds() for measured in ladders) > _ROUND_SECONDS:
             break
-        for trial in trials:
-            trial.again()
+        for measured in ladders:
+            measured.time_again()
         rounds += 1
-    return [row for trial in trials for row in trial.timed_rows()], rounds
+    return [row for measured in ladders for row in measured.timed_rows()], rounds
 
 
 def _as_method(method: str | Method) -> Method:
@@ -154,11 +156,11 @@ def _as_method(method: str | Method) -> Method:
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
-    """The end of a scene: in closed form where one is known, else by extrapolation.
+    """The end of a scene: in closed form if that is known, otherwise by extrapolation.
 
     Args:
         scene: from `midlie_jax.bench.scenes.scene`.
-        finest: steps of the finest run to be judged; the extrapolation starts from twice as many.
+        finest: largest number of steps of the runs to be measured; the extrapolation starts from twice as many.
 
     Raises:
         ValueError: the reference run failed.
@@ -169,44 +171,44 @@ def find_reference(scene: Scene, finest: int) -> Reference:
 
 
 def by_halving(scene: Scene, name: str, steps: int) -> Reference:
-    """The end of a scene by twice `steps` steps of a method; it is in doubt by what the step's halving changed.
+    """The end of a scene by `2 * steps` steps of a method; its uncertainty is the change from `steps` to `2 * steps`.
 
     Raises:
         ValueError: the run failed.
     """
     program = _program(find_method(name), scene, steps, copies=1)
     coarse, _ = _end(program, scene.duration / steps, steps)
-    fine, ok = _end(program, scene.duration / (2 * steps), 2 * steps)
-    doubt = float(np.linalg.norm(_matrix(fine.attitude) - _matrix(coarse.attitude)))
-    if not ok or not math.isfinite(doubt):
+    refined, ok = _end(program, scene.duration / (2 * steps), 2 * steps)
+    uncertainty = float(np.linalg.norm(_matrix(refined.attitude) - _matrix(coarse.attitude)))
+    if not ok or not math.isfinite(uncertainty):
         raise ValueError(f"no reference: {name} failed with {2 * steps} steps; check the torque for NaN.")
-    return Reference(fine.momentum, _matrix(fine.attitude), f"{name} with {2 * steps} steps", doubt)
+    return Reference(refined.momentum, _matrix(refined.attitude), f"{name} with {2 * steps} steps", uncertainty)
 
 
 def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:
-    """The method on copies of a scene, for any multiple of `coarsest` steps."""
+    """The compiled method on copies of a scene; it can run any multiple of `coarsest` steps."""
     starts = jax.tree.map(lambda leaf: jnp.tile(leaf, (copies, 1)), scene.start)
     unroll = method.unroll if coarsest % method.unroll == 0 else 1
     return Program(method, scene.body, scene.torque, starts, unroll=unroll)
 
 
 def _end(program: Program, dt: float, steps: int) -> tuple[Any, bool]:
-    """The end of the first copy, in NumPy's arrays, and whether all went well."""
+    """The final state of the first copy, as NumPy arrays, and whether all copies are ok."""
     states, ok = program.run(dt, steps)
     return jax.tree.map(lambda leaf: np.asarray(leaf[0]), states), bool(jnp.all(ok))
 
 
-class _Rungs:
-    """One method on one scene over a ladder, and a stopwatch for each rung."""
+class _Ladder:
+    """One method on one scene over a ladder of step sizes, with a stopwatch for each rung."""
 
     def __init__(self, scene: Scene, method: Method, rungs: Sequence[int], reference: Reference):
         self.scene, self.method, self.rungs, self.reference = scene, method, rungs, reference
         self.program: Program | None = None
         self.watches = {steps: Stopwatch() for steps in rungs}
-        self.found: list[Row] = []
+        self.measured: list[Row] = []
 
     def rows(self) -> Iterator[Row]:
-        """A row for each rung, each as soon as it is known."""
+        """A row for each rung, each as soon as it is computed."""
         failure = ""
         for steps in self.rungs:
             row = Row(self.method.name, self.scene.duration / steps, steps, failure=failure)
@@ -215,15 +217,15 @@ class _Rungs:
                     self.program = _program(self.method, self.scene, self.rungs[0], COPIES)
                 if self.program is not None:
                     row = self._row(self.program, row)
-            except Exception as error:  # one broken method must not cost the user the others
+            except Exception as error:  # the other methods are measured even if one raises an error
                 reason = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-                failure = reason if self.program is None else ""  # what does not compile does not on any rung
+                failure = reason if self.program is None else ""  # a method that does not compile fails on all rungs
                 row = row._replace(failure=reason)
-            self.found.append(row)
+            self.measured.append(row)
             yield row
 
     def _row(self, program: Program, row: Row) -> Row:
-        before = self.found[-1] if self.found else None
+        before = self.measured[-1] if self.measured else None
         state, ok = _end(program, row.dt, row.steps)
         self._time(program, row, _TIMINGS)
         momentum = float(np.linalg.norm(state.momentum - self.reference.momentum))
@@ -241,23 +243,23 @@ class _Rungs:
         )
 
     def _time(self, program: Program, row: Row, laps: int) -> None:
-        """Times the first steps of a rung, as many as the coarsest rung has."""
+        """Times the first steps of a run, as many as the coarsest rung has."""
         for _ in range(laps):
             self.watches[row.steps].time(lambda: program.run(row.dt, self.rungs[0]))
 
-    def again(self) -> None:
-        """Times what ran once more."""
-        for row in self.found:
+    def time_again(self) -> None:
+        """Times each rung that did not fail in a further round."""
+        for row in self.measured:
             if self.program is not None and not row.failure:
                 self._time(self.program, row, _AGAIN)
 
-    def again_seconds(self) -> float:
-        """What that takes."""
-        return sum((_AGAIN * self.watches[row.steps].timing().seconds for row in self.found if not row.failure), 0.0)
+    def round_seconds(self) -> float:
+        """Estimated seconds of a further round."""
+        return sum((_AGAIN * self.watches[row.steps].timing().seconds for row in self.measured if not row.failure), 0.0)
 
     def timed_rows(self) -> list[Row]:
-        """The rows that `rows` gave, with the times of all laps so far."""
-        return [row if row.failure else self._timed(row) for row in self.found]
+        """The rows of `rows`, with times from all rounds so far."""
+        return [row if row.failure else self._timed(row) for row in self.measured]
 
     def _timed(self, row: Row) -> Row:
         whole = self.watches[row.steps].timing().scaled(row.steps // self.rungs[0] / COPIES)
@@ -278,29 +280,32 @@ def _closed_form(scene: Scene) -> Reference | None:
     if third is None:
         return None
     start = np.concatenate([np.asarray(third.start.momentum), np.asarray(third.start.attitude)])
-    found = exact_ends(third, [start])
-    if found is None:
+    ends = exact_ends(third, [start])
+    if ends is None:
         return None
-    momentum, attitude = numbering.undo(found.momenta[0], found.attitudes[0])
-    return Reference(momentum, _matrix(attitude), found.source, 1e-14)
+    momentum, attitude = numbering.undo(ends.momenta[0], ends.attitudes[0])
+    return Reference(momentum, _matrix(attitude), ends.source, 1e-14)
 
 
 def _extrapolated(scene: Scene, finest: int) -> Reference:
-    """Romberg's extrapolation of a symmetric method, whose error holds even powers of the step only."""
+    """Romberg's extrapolation of a symmetric method, whose error has only even powers of the step."""
     program = _program(find_method(_REFERENCE), scene, finest, copies=1)
     row: list[np.ndarray] = []
-    doubt, steps = math.inf, finest
+    uncertainty, steps = math.inf, finest
     for _ in range(_ROMBERG):
         steps *= 2
         state, ok = _end(program, scene.duration / steps, steps)
         if not ok:
-            raise ValueError(f"no reference for scene {scene.name!r}: {_REFERENCE} failed with {steps} steps.")
+            raise ValueError(
+                f"no reference for scene {scene.name!r}: {_REFERENCE} failed with {steps} steps; check the torque "
+                "for NaN."
+            )
         above, row = row, [np.concatenate([state.momentum, state.attitude])]
         for power, coarse in enumerate(above, start=1):
             row.append(row[-1] + (row[-1] - coarse) / (4**power - 1))
         if above:
             change = np.abs(row[-1] - above[-1])
-            doubt = float(max(change[:3].max() / np.linalg.norm(row[-1][:3]), change[3:].max()))
+            uncertainty = float(max(change[:3].max() / np.linalg.norm(row[-1][:3]), change[3:].max()))
     momentum, attitude = row[-1][:3], row[-1][3:]
     matrix = _matrix(attitude / np.linalg.norm(attitude))
-    return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {steps} steps", doubt)
+    return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {steps} steps", uncertainty)

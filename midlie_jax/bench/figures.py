@@ -1,6 +1,6 @@
-"""The frame of every picture: a figure that needs no display, its heading, and panels that keep clear of it.
+"""What all charts share: a figure that needs no display, its heading above the panels, and the style of a panel.
 
-matplotlib comes with an extra and is imported when a picture is asked for.
+matplotlib is an optional dependency, so it is imported only when a chart is drawn.
 """
 
 import math
@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from typing import Any
 
 INK, FAINT, GRID = "#222222", "#8a8a8a", "#e3e3e3"
-_LEFT, _RIGHT = 0.06, 0.985  # edges of what is drawn, as parts of the width
-_EDGE = 12.0  # points between the heading and the top of the picture
+_LEFT, _RIGHT = 0.06, 0.985  # edges of panels and heading, as fractions of the width of the figure
+_EDGE = 12.0  # points between the heading and the top of the figure
 _TITLE, _NOTE = 15.0, 10.0  # font sizes, points
 PANEL_TITLE = 11.5
 _CLEAR = 36.0  # points from the heading to the panels: a panel's title and a gap on either side of it
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty matplotlib figure of a size in inches.
+    """An empty matplotlib figure; width and height in inches.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -25,14 +25,14 @@ def new_figure(width: float, height: float) -> Any:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ImportError("pictures need matplotlib: pip install 'midlie_jax[cli]'.") from error
+        raise ImportError("charts need matplotlib: pip install 'midlie_jax[cli]'.") from error
     figure = Figure(figsize=(width, height), dpi=110)
     FigureCanvasAgg(figure)
     return figure
 
 
 def heading(figure: Any, title: str, note: str) -> None:
-    """Title and note at the top, broken into lines that fit, and the panels' upper edge below them."""
+    """Writes title and note at the top, in lines that fit the width, and moves the panels below them."""
     renderer, points = figure.canvas.get_renderer(), 72 / figure.dpi
     height = figure.bbox.height * points
     top = height - _EDGE
@@ -46,7 +46,7 @@ def heading(figure: Any, title: str, note: str) -> None:
 
 
 def panel(axes: Any, title: str, x_label: str, y_label: str) -> None:
-    """Title, labels and grid, alike in all pictures."""
+    """Sets title, labels and grid of a panel, in the style of all charts."""
     axes.set_title(title, loc="left", fontsize=PANEL_TITLE, weight="bold", color=INK)
     axes.set_xlabel(x_label, color=INK)
     axes.set_ylabel(y_label, color=INK)
@@ -66,7 +66,7 @@ def write(figure: Any, path: str) -> None:
 
 
 def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:
-    """Writes a text in lines no wider than so many pixels."""
+    """Sets a text in lines of at most `width` pixels."""
     lines: list[str] = []
     for word in text.split():
         longer = f"{lines[-1]} {word}" if lines else word
@@ -79,7 +79,7 @@ def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:
 
 
 def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Sequence[float], colour: str) -> None:
-    """Bars along x from x (1 - spread) to x (1 + spread); a spread that is not known, NaN, draws none."""
+    """Draws horizontal bars from x (1 - spread) to x (1 + spread); none where the spread is NaN, which is unknown."""
     bars = [(h, a * max(1 - s, 0.01), a * (1 + s)) for a, h, s in zip(x, y, spread, strict=True) if math.isfinite(s)]
     if bars:
         axes.hlines(*zip(*bars, strict=True), color=colour, linewidth=3.0, alpha=0.45, zorder=2.5)

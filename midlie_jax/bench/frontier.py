@@ -1,7 +1,8 @@
-"""Who is quickest at an error: the lower envelope of many methods' points, and the ratios of two of them.
+"""Which method is cheapest at a given error: the frontier (lower envelope) of many methods, and ratios of costs.
 
-Plain numbers, no JAX. Between two points of a method its cost is interpolated in the logarithms of both; beyond its
-points nothing is claimed, but that a smaller error serves a larger one as well.
+Works on plain numbers, without JAX. Between two points of a method its cost is interpolated in the logarithms of cost
+and error. For errors larger than that of its cheapest point the cost is that of the cheapest point; for errors smaller
+than its smallest the cost is infinite.
 """
 
 import math
@@ -14,12 +15,12 @@ DECADES = tuple(10.0**-n for n in range(3, 13))
 
 
 class Best(NamedTuple):
-    """The cheapest way to an error: its cost, and whose it is; infinity and "" where there is none.
+    """The cheapest method at an error; cost infinity and method "" if no method reaches the error.
 
     Attributes:
-        cost: as in the points.
-        method: whose it is.
-        spread: of the times that it was found from, the larger of two; NaN where unknown.
+        cost: in the unit of the points.
+        method: name of the method.
+        spread: the larger spread of the two points between which the cost was interpolated; NaN if unknown.
     """
 
     cost: float
@@ -29,35 +30,37 @@ class Best(NamedTuple):
 
 def by_method(points: Iterable[Point]) -> dict[str, list[Point]]:
     """The points of each method, in the order in which the methods first appear."""
-    found: dict[str, list[Point]] = {}
+    groups: dict[str, list[Point]] = {}
     for point in points:
-        found.setdefault(point.method, []).append(point)
-    return found
+        groups.setdefault(point.method, []).append(point)
+    return groups
 
 
 def envelope(costs: Sequence[float], errors: Sequence[float]) -> list[tuple[float, float]]:
-    """The points that no other one betters in both, cheapest first: errors fall along it."""
-    kept: list[tuple[float, float]] = []
+    """The points (cost, error) for which no other point is better in both, cheapest first; their errors decrease."""
+    best: list[tuple[float, float]] = []
     for cost, error in sorted(zip(costs, errors, strict=True)):
-        if math.isfinite(cost) and math.isfinite(error) and (not kept or error < kept[-1][1]):
-            kept.append((cost, error))
-    return kept
+        if math.isfinite(cost) and math.isfinite(error) and (not best or error < best[-1][1]):
+            best.append((cost, error))
+    return best
 
 
 def cost_at(line: Sequence[tuple[float, float]], error: float) -> float:
-    """What an envelope asks for an error: interpolated in logarithms, that of its first point for any larger error,
-    infinity for a smaller one than its last.
+    """The cost at which an envelope reaches an error, interpolated in logarithms.
+
+    For an error larger than that of the first point it is the cost of the first point; for an error smaller than that
+    of the last point it is infinity.
     """
-    about = _about(line, error)
-    if len(about) < 2:
-        return about[0][0] if about else math.inf
-    (before, coarser), (cost, reached) = about
+    neighbours = _neighbours(line, error)
+    if len(neighbours) < 2:
+        return neighbours[0][0] if neighbours else math.inf
+    (before, coarser), (cost, reached) = neighbours
     part = math.log(coarser / error) / math.log(coarser / max(reached, 1e-300))
     return math.exp(math.log(before) + part * (math.log(cost) - math.log(before)))
 
 
-def _about(line: Sequence[tuple[float, float]], error: float) -> Sequence[tuple[float, float]]:
-    """The points of an envelope from which the cost of an error is found: none, one or two."""
+def _neighbours(line: Sequence[tuple[float, float]], error: float) -> Sequence[tuple[float, float]]:
+    """The points of an envelope from which the cost at an error is interpolated: none, one or two."""
     index = next((i for i, (_, reached) in enumerate(line) if reached <= error), None)
     if index is None:
         return []
@@ -65,19 +68,23 @@ def _about(line: Sequence[tuple[float, float]], error: float) -> Sequence[tuple[
 
 
 def best_at(points: Iterable[Point], error: float, cost: str = "seconds") -> Best:
-    """The cheapest method at an error, among those whose points are given."""
+    """The cheapest method at an error among the methods of the points.
+
+    Args:
+        cost: the attribute of the points that is the cost: "seconds", "evaluations" or "steps".
+    """
     best = Best(math.inf, "")
     for name, line in by_method(points).items():
         edge = envelope([getattr(p, cost) for p in line], [p.error for p in line])
-        here = cost_at(edge, error)
-        if here < best.cost:
-            about = _about(edge, error)
-            best = Best(here, name, max(p.spread for p in line if (getattr(p, cost), p.error) in about))
+        method_cost = cost_at(edge, error)
+        if method_cost < best.cost:
+            neighbours = _neighbours(edge, error)
+            best = Best(method_cost, name, max(p.spread for p in line if (getattr(p, cost), p.error) in neighbours))
     return best
 
 
 def frontier(points: Sequence[Point], cost: str = "seconds", per_decade: int = 24) -> list[tuple[float, float]]:
-    """The lower envelope of all methods' lines, finely sampled, as (cost, error) with errors falling."""
+    """The lower envelope of the lines of all methods, finely sampled: pairs (cost, error) with decreasing errors."""
     errors = [p.error for p in points if math.isfinite(p.error) and p.error > 0]
     if not errors:
         return []
@@ -86,21 +93,21 @@ def frontier(points: Sequence[Point], cost: str = "seconds", per_decade: int = 2
     levels = [10 ** (top + (bottom - top) * i / count) for i in range(count)] + [min(errors)]
     sampled = [(best_at(points, level, cost).cost, level) for level in levels]
     edge = [pair for pair in sampled if math.isfinite(pair[0])]
-    # An error larger than that of the cheapest run is nobody's.
+    # For errors larger than that of the cheapest run the frontier would be vertical: these samples are dropped.
     first = next((i for i, (cost, _) in enumerate(edge) if cost > edge[0][0]), len(edge))
     return edge[max(0, first - 1) :]
 
 
 class Ratio(NamedTuple):
-    """Our wall time over others' at one error; NaN where either does not reach it.
+    """Times of our methods over those of rivals at one error; a ratio is NaN if either side does not reach the error.
 
     Attributes:
-        error: of attitude.
-        ours: our quickest.
-        symplectic: our quickest that is symplectic.
-        rival: the quickest rival.
-        over_rival, over_heyoka, over_diffrax: of our quickest.
-        symplectic_over_heyoka: of our quickest that is symplectic.
+        error: error of the attitude.
+        ours: our fastest method.
+        symplectic: our fastest symplectic method.
+        rival: the fastest rival.
+        over_rival, over_heyoka, over_diffrax: time of `ours` over that of the fastest rival, of heyoka, and of diffrax.
+        symplectic_over_heyoka: time of `symplectic` over that of heyoka.
     """
 
     error: float
@@ -119,28 +126,30 @@ def ratios(
     """One row for each error.
 
     Args:
-        ours, rivals: points.
-        symplectic: the names of our methods that are.
-        errors: where to compare.
+        ours, rivals: points of our methods and of the rivals.
+        symplectic: the names of our symplectic methods.
+        errors: the errors at which to compare.
     """
-    chosen = set(symplectic)
-    whole = [p for p in ours if p.method in chosen]
+    symplectic_names = set(symplectic)
+    symplectic_points = [p for p in ours if p.method in symplectic_names]
     rows = []
     for error in errors:
-        mine, true, best = best_at(ours, error), best_at(whole, error), best_at(rivals, error)
+        our_best, our_symplectic = best_at(ours, error), best_at(symplectic_points, error)
+        rival = best_at(rivals, error)
         heyoka = best_at([p for p in rivals if p.method.startswith("heyoka")], error)
         diffrax = best_at([p for p in rivals if p.method.startswith("diffrax")], error)
         rows.append(
             Ratio(
-                *(error, mine, true, best),
-                *(_over(mine, best), _over(mine, heyoka), _over(mine, diffrax), _over(true, heyoka)),
+                *(error, our_best, our_symplectic, rival),
+                *(_over(our_best, rival), _over(our_best, heyoka), _over(our_best, diffrax)),
+                _over(our_symplectic, heyoka),
             )
         )
     return rows
 
 
-def _over(mine: Best, other: Best) -> float:
-    return mine.cost / other.cost if math.isfinite(mine.cost) and math.isfinite(other.cost) else math.nan
+def _over(first: Best, second: Best) -> float:
+    return first.cost / second.cost if math.isfinite(first.cost) and math.isfinite(second.cost) else math.nan
 
 
 HEADS = (
@@ -158,7 +167,7 @@ HEADS = (
 
 
 def cells(row: Ratio) -> list[str]:
-    """A row of the table, a text for each of `HEADS`."""
+    """A row of the table: a text for each column of `HEADS`."""
 
     def show(value: float) -> str:
         return "-" if not math.isfinite(value) else f"{value:.3g}"
@@ -187,7 +196,7 @@ def markdown(rows: Sequence[Ratio]) -> str:
 
 
 def verdict(values: Sequence[tuple[float, float]], target: float) -> str:
-    """How (error, ratio) pairs stand to a target, in words."""
+    """In words, whether the ratios in (error, ratio) pairs meet a target, the largest ratio that is wanted."""
     known = [(error, ratio) for error, ratio in values if math.isfinite(ratio)]
     if not known:
         return "not compared: one of the two reaches none of these errors"

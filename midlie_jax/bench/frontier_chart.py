@@ -1,4 +1,4 @@
-"""The picture of error against cost: our methods and their frontier, the rivals thin and hollow, all named."""
+"""The chart of error against cost: our methods with their frontier, and the rivals in thin lines with hollow marks."""
 
 import math
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ def work_precision_chart(
 
     Args:
         ours, rivals: from `work_precision.measure`.
-        symplectic: the names of our methods that are; the rest are dashed.
-        path: file to write; overwritten.
-        title: what moved.
-        note: how it was measured.
-        clock: what the times are, as "processor time".
+        symplectic: the names of our symplectic methods; the others are dashed.
+        path: file to write; an existing file is replaced.
+        title: the scene.
+        note: how errors and times were measured.
+        clock: the kind of time, such as "processor time".
 
     Raises:
         ImportError: matplotlib is missing.
@@ -49,36 +49,38 @@ def work_precision_figure(
     note: str,
     clock: str = "time",
 ) -> Any:
-    """The same as a matplotlib figure."""
+    """The chart as a matplotlib figure. Arguments as for `work_precision_chart`."""
     figure = new_figure(15.0, 8.0)
     if not ours and not rivals:
-        raise ValueError("no method gave a finite result, so there is nothing to draw.")
+        raise ValueError(
+            "no method gave a finite result, so there is nothing to draw; see the failures printed before."
+        )
     heading(figure, title, note)
     figure.subplots_adjust(bottom=0.08, wspace=0.13)
     left, right = figure.subplots(1, 2)
-    free = all(math.isnan(p.evaluations) for p in ours)
-    label = "Torque evaluations, whole run  [-]  (a Taylor series has none: heyoka is not here)"
-    if free:
-        label = "Steps, whole run  [-]  (no torque to evaluate; heyoka's are Taylor series: not here)"
-    chosen = _styles(ours, rivals, set(symplectic))
-    error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies judged  [-]"
+    torque_free = all(math.isnan(p.evaluations) for p in ours)
+    label = "Torque evaluations, whole run  [-]  (without heyoka, whose Taylor series evaluates no torque)"
+    if torque_free:
+        label = "Steps, whole run  [-]  (no torque to evaluate; without heyoka, whose steps are Taylor series)"
+    line_styles = _styles(ours, rivals, set(symplectic))
+    error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies  [-]"
     panel(left, "Against time", f"{clock.capitalize()}, whole run, per body  [s]", error)
-    _draw(left, ours, rivals, chosen, "seconds")
-    panel(right, "Against steps" if free else "Against torque evaluations", label, "")
-    _draw(right, ours, rivals, chosen, "steps" if free else "evaluations")
+    _draw(left, ours, rivals, line_styles, "seconds")
+    panel(right, "Against steps" if torque_free else "Against torque evaluations", label, "")
+    _draw(right, ours, rivals, line_styles, "steps" if torque_free else "evaluations")
     return figure
 
 
 def _styles(ours: Sequence[Point], rivals: Sequence[Point], symplectic: set[str]) -> dict[str, Style]:
-    """Ours in cool colours, dashed if not symplectic; rivals in warm ones, each the same on all charts."""
-    mine = {
+    """Cool colours for our methods, dashed if not symplectic; warm colours for rivals, the same on all charts."""
+    our_styles = {
         name: style if name in symplectic else style._replace(dash=DASHED)
         for name, style in styles(by_method(ours), COOL, SOLID, ours=True).items()
     }
-    return mine | styles([*(rival.label for rival in RIVALS), *by_method(rivals)], WARM, SOLID, ours=False)
+    return our_styles | styles([*(rival.label for rival in RIVALS), *by_method(rivals)], WARM, SOLID, ours=False)
 
 
-def _draw(axes: Any, ours: Sequence[Point], rivals: Sequence[Point], chosen: dict[str, Style], cost: str) -> None:
+def _draw(axes: Any, ours: Sequence[Point], rivals: Sequence[Point], line_styles: dict[str, Style], cost: str) -> None:
     axes.set(xscale="log", yscale="log")
     ends: list[End] = []
     edge = frontier(ours, cost)
@@ -90,14 +92,14 @@ def _draw(axes: Any, ours: Sequence[Point], rivals: Sequence[Point], chosen: dic
         line = envelope([getattr(p, cost) for p in points], [max(p.error, 1e-17) for p in points])
         if not line:
             continue
-        style = chosen[name]
+        style = line_styles[name]
         x, y = zip(*line, strict=True)
         shape = style.drawn(1.7, 6.0) if style.ours else style.drawn(1.0, 4.6)
         axes.plot(x, y, label=name, zorder=4 if style.ours else 3, **shape)
         if cost == "seconds":
             spreads = {(p.seconds, max(p.error, 1e-17)): p.spread for p in points}
-            spread_bars(axes, x, y, [spreads[at] for at in line], style.colour)
+            spread_bars(axes, x, y, [spreads[point] for point in line], style.colour)
         ends.append(End(name, style.colour, x[-1], y[-1], style.ours))
     bottom = min((end.y for end in ends), default=1e-14)
-    axes.set_ylim(min(bottom, 1e-13) / 3, 10)  # errors above 10 say nothing
+    axes.set_ylim(min(bottom, 1e-13) / 3, 10)  # an error above 10 has no meaning
     label_ends(axes, ends)

@@ -1,4 +1,4 @@
-"""The points of one of our methods on a problem: error against cost, from coarse steps to fine."""
+"""Measures one of our methods on a problem over a ladder of steps: points of error against cost."""
 
 from collections.abc import Iterator
 
@@ -10,38 +10,39 @@ from ..methods.base import Method
 from ..model.states import RigidState
 from .rivals.problem import Point, Problem
 
-_FLOOR = 3e-14  # an attitude error at which rounding rules, and a finer step tells nothing
-_ROUGH = 0.1  # an attitude error above which a method has not begun to converge
-_GROWTH = 1.6  # from one rung of a ladder to the next
-CHUNK = 256  # bodies moved at once, or fewer where the method asks for fewer
+_FLOOR = 3e-14  # below this attitude error rounding dominates, and smaller steps give no more information
+_ROUGH = 0.1  # above this attitude error a method has not begun to converge
+_GROWTH = 1.6  # factor between the numbers of steps of two rungs
+CHUNK = 256  # bodies moved at once, or `method.chunk` if that is smaller
 
 
-def ladder(method: Method, given: Problem) -> Iterator[Point]:
-    """Points of a method from a coarse step to where rounding rules or a run takes too long."""
-    scene = given.scene
-    starts = RigidState.of(jnp.asarray(given.momentum), jnp.asarray(given.attitude))
+def ladder(method: Method, case: Problem) -> Iterator[Point]:
+    """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long."""
+    scene = case.scene
+    starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
     program = Program(method, scene.body, scene.torque, starts, chunk=min(CHUNK, method.chunk))
-    count = max(1, given.scene.steps // 100)
-    best, worse = np.inf, 0
-    while worse < 3:
+    count = max(1, case.scene.steps // 100)
+    best, rungs_without_gain = np.inf, 0
+    while rungs_without_gain < 3:
         steps = program.whole(count)
-        (found, fine), timing = given.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
-        ends, ok = np.asarray(found.attitude), bool(np.all(fine))
-        error = given.error(ends) if np.all(np.isfinite(ends)) else np.inf
+        (states, bodies_ok), timing = case.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
+        ends, ok = np.asarray(states.attitude), bool(np.all(bodies_ok))
+        error = case.error(ends) if np.all(np.isfinite(ends)) else np.inf
         if ok and np.isfinite(error):
-            evaluations = float("nan") if given.scene.torque is None else method.evaluations * steps
+            evaluations = float("nan") if case.scene.torque is None else method.evaluations * steps
             yield Point(
                 method.name,
-                f"step {given.scene.duration / steps:.2e}",
+                f"step {case.scene.duration / steps:.2e}",
                 error,
-                timing.seconds / given.bodies,
+                timing.seconds / case.bodies,
                 evaluations,
                 steps,
                 timing.spread,
             )
-            # Past the floor, and past three rungs that gain nothing on a good one, there is rounding alone.
-            worse = worse + 1 if error < _FLOOR or (best < _ROUGH and error > 0.7 * best) else 0
+            # Three rungs below the floor, or without gain on a run that has begun to converge, show only rounding.
+            no_gain = error < _FLOOR or (best < _ROUGH and error > 0.7 * best)
+            rungs_without_gain = rungs_without_gain + 1 if no_gain else 0
             best = min(best, error)
-        if timing.seconds > given.longest:
+        if timing.seconds > case.longest:
             return
         count = max(count + 1, round(count * _GROWTH))

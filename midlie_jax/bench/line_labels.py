@@ -1,6 +1,6 @@
-"""The names of lines, in one column beside a panel's lines, each joined to its line's end by a thin leader.
+"""Writes the names of lines in one column beside the lines of a panel; a thin leader joins each name to its line.
 
-All ends lie on one side of the column and all leaders stop at its edge, so no leader crosses a name.
+All line ends lie on one side of the column and all leaders stop at its edge, so no leader crosses a name.
 """
 
 from collections.abc import Sequence
@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-_SIZE = 8.5  # points, of the names
-_GAP = 1.3  # from one name's middle to the next, of the size
-_LEADER = 26.0  # points from the last end to the names
+_SIZE = 8.5  # font size of the names, points
+_GAP = 1.3  # distance between the middles of two names, in units of the font size
+_LEADER = 26.0  # points from the last line end to the names
 _INSET = 4.0  # points from the names to the panel's edges
 
 
 class End(NamedTuple):
     """Attributes:
-    name: of the line.
-    colour: of its name.
-    x, y: where it ends.
-    bold: whether its name is.
+    name: name of the line.
+    colour: colour of the name.
+    x, y: where the line ends.
+    bold: whether the name is bold.
     """
 
     name: str
@@ -30,15 +30,15 @@ class End(NamedTuple):
 
 
 def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float = _SIZE) -> None:
-    """Widens a panel on one side, and names the lines there.
+    """Widens a panel on one side, and writes the names of its lines there.
 
-    The panel's limits, which must hold all of its lines, and its place in the figure must be final.
+    The limits of the panel, which must contain all its lines, and its place in the figure must be final before.
 
     Args:
-        axes: matplotlib's, of a figure with an Agg canvas.
-        ends: of the lines.
+        axes: matplotlib's axes, of a figure with an Agg canvas.
+        ends: the ends of the lines.
         side: "left" or "right".
-        size: of the names, points; smaller where they are many.
+        size: largest font size of the names, points; it is reduced if there are many names.
     """
     if not ends:
         return
@@ -59,7 +59,7 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float 
             va="center",
             ha="left" if side == "right" else "right",
             path_effects=[withStroke(linewidth=2.5, foreground="white")],
-            # The leader aims at the edge of the name; to its middle, it would pass under the names beside it.
+            # The leader points to the edge of the name; if it pointed to the middle, it would cross other names.
             arrowprops={
                 "arrowstyle": "-",
                 "color": end.colour,
@@ -73,18 +73,18 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float 
         )
         for end in ends
     ]
-    # Of the text alone: an annotation's own extent includes its leader.
-    wide = max(Text.get_window_extent(text, renderer).width for text in texts) * points
-    _make_room(axes, side, (wide + _INSET + _LEADER) / (axes.bbox.width * points))
+    # Width of the text alone, because the extent of an annotation includes its leader.
+    width = max(Text.get_window_extent(text, renderer).width for text in texts) * points
+    _make_room(axes, side, (width + _INSET + _LEADER) / (axes.bbox.width * points))
     places = [axes.transData.transform((end.x, end.y)) * points for end in ends]
-    edge = axes.bbox.x1 * points - wide - _INSET if side == "right" else axes.bbox.x0 * points + wide + _INSET
-    back = axes.transData.inverted()
+    edge = axes.bbox.x1 * points - width - _INSET if side == "right" else axes.bbox.x0 * points + width + _INSET
+    to_data = axes.transData.inverted()
     for text, height in zip(texts, apart([place[1] for place in places], gap, low, high), strict=True):
-        text.set_position(back.transform((edge / points, height / points)))
+        text.set_position(to_data.transform((edge / points, height / points)))
 
 
 def _make_room(axes: Any, side: str, part: float) -> None:
-    """Widens the panel's limits, so that what it held leaves that part of its width free."""
+    """Widens the limits of a panel, so that a fraction `part` of its width is free on one side."""
     scale = axes.xaxis.get_transform()
     low, high = scale.transform(np.array(axes.get_xlim()))
     room = (high - low) * min(part, 0.8) / (1 - min(part, 0.8))
@@ -93,12 +93,12 @@ def _make_room(axes: Any, side: str, part: float) -> None:
 
 
 def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """The nearest heights, in the sense of least squares, that are `gap` apart and in the same order.
+    """The nearest heights, by least squares, that are at least `gap` apart, in the same order, and within low to high.
 
     With the gaps subtracted this is isotonic regression: neighbours out of order are pooled at their mean.
     """
     order = sorted(range(len(heights)), key=lambda i: heights[i])
-    pools: list[list[float]] = []  # (mean, members)
+    pools: list[list[float]] = []  # [mean, number of members]
     for rank, i in enumerate(order):
         pools.append([heights[i] - rank * gap, 1])
         while len(pools) > 1 and pools[-2][0] > pools[-1][0]:

@@ -1,7 +1,7 @@
-"""Scenes: named starting points, each a body, a torque, a start and how long to watch.
+"""Scenes: named test problems, each with a body, a torque, a start and a duration.
 
-The published cases against which the package is checked, and a few that are good to look at. They are built when
-asked for, in the dtype asked for; nothing here runs on import.
+They are the published cases against which the package is checked, and a few others that make good pictures. Each is
+built on demand in the requested dtype, not on import.
 """
 
 from collections.abc import Callable
@@ -24,18 +24,18 @@ from ..model.torques import GravityGradient, HeavyTop, Prescribed, TorqueLike
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A named starting point.
+    """A named test problem.
 
     Attributes:
         name: as in `scenes()`.
-        title: what it is, one line.
+        title: description in one line.
         body: the body, about its fixed point or its centre of mass.
         torque: body-frame torque, or None for a free body.
         start: body-frame angular momentum (3,) and attitude (4,), at time 0.
-        dt: a step at which LIEMID[EA] looks right.
-        duration: how long to watch, a whole number of steps.
+        dt: a step with which the motion by LIEMID[EA] is right to the eye.
+        duration: duration of the motion, a whole number of steps.
         source: where the numbers are from.
-        units: the units of mass, length and time, and what the space frame is where that is not plain.
+        units: the units of mass, length and time, and the space frame if it needs a definition.
         axes: (3, 3) for a body given by a full tensor: the principal axes, as columns, in the frame in which the
             tensor was given (see `RigidBody.from_tensor`); None where the body frame is the given frame.
     """
@@ -53,12 +53,12 @@ class Scene:
 
     @property
     def steps(self) -> int:
-        """Steps of `dt` in `duration`."""
+        """Number of steps `dt` in `duration`."""
         return round(self.duration / self.dt)
 
     @property
     def time_unit(self) -> str:
-        """The unit of time, as in "s"; "" for any."""
+        """The unit of time, such as "s"; "" if any consistent units may be used."""
         units = self.units.partition(";")[0].split(",")  # mass, length, time
         return units[-1].strip() if len(units) == 3 else ""
 
@@ -66,10 +66,10 @@ class Scene:
 class Pulse(eqx.Module):
     """A constant torque switched on and off, for `Prescribed`.
 
-    At a switch it is the mean of both sides, so that steps which end there keep second order.
+    At a switch the torque is the mean of the values on both sides, so that steps that end there keep second order.
 
     Attributes:
-        torque: while it is on, (3,), body frame.
+        torque: the torque between the switches, (3,), body frame.
         on, off: times of the switches, on < off.
     """
 
@@ -84,23 +84,23 @@ class Pulse(eqx.Module):
 
 def _side(t: Float[Array, ""], switch: float) -> Float[Array, ""]:
     """-1 before the switch, 0 at it, 1 after it."""
-    # A step that ends at the switch may miss it by the rounding of n * dt: half a unit for dt, half for the product.
+    # The end of a step may differ from the switch by the rounding of n * dt: half a unit for dt, half for the product.
     slack = 4 * float(jnp.finfo(t.dtype).eps) * abs(switch)
     return jnp.where(jnp.abs(t - switch) <= slack, jnp.zeros_like(t), jnp.sign(t - switch))
 
 
-Maker = Callable[[Any], Scene]  # from a dtype
+Maker = Callable[[Any], Scene]  # builds a scene in a dtype
 _SCENES: dict[str, Maker] = {}
 
 
 def _named(name: str) -> Callable[[Maker], Maker]:
-    """Enters a scene, by its name, among those that `scene` finds."""
+    """Decorator that registers the builder of a scene by the name of the scene."""
 
-    def enter(make: Maker) -> Maker:
+    def register(make: Maker) -> Maker:
         _SCENES[name] = make
         return make
 
-    return enter
+    return register
 
 
 def scenes() -> list[str]:
@@ -113,41 +113,41 @@ def scene(name: str, dtype: Any = None) -> Scene:
 
     Args:
         name: one of `scenes()`.
-        dtype: of every array in it; by default float64 where JAX has it on (`jax_enable_x64`), else float32.
+        dtype: of every array of the scene; by default float64 if it is enabled in JAX (`jax_enable_x64`), else float32.
 
     Raises:
-        ValueError: unknown name, with the nearest and a list of all; or a dtype that is not floating or that JAX has
-            not on.
+        ValueError: the name is unknown (the message gives the nearest and all names); or the dtype is not floating
+            point, or not enabled in JAX.
     """
     if name not in _SCENES:
         lower = {known.lower(): known for known in _SCENES}
         close = get_close_matches(name.lower(), lower, n=1)
-        meant = f" Did you mean {lower[close[0]]!r}?" if close else ""
-        raise ValueError(f"unknown scene {name!r}; choose from {', '.join(_SCENES)}.{meant}")
+        hint = f" Did you mean {lower[close[0]]!r}?" if close else ""
+        raise ValueError(f"unknown scene {name!r}; choose from {', '.join(_SCENES)}.{hint}")
     widest = jnp.result_type(float)
     dtype = jnp.dtype(widest if dtype is None else dtype)
     if not jnp.issubdtype(dtype, jnp.floating):
-        raise ValueError(f"dtype must be floating point, got {dtype}.")
+        raise ValueError(f"dtype must be floating point, got {dtype}; take float32 or float64.")
     if dtype.itemsize > widest.itemsize:
         raise ValueError(f"dtype {dtype} is off; turn it on with jax.config.update('jax_enable_x64', True).")
     return replace(_SCENES[name](dtype), name=name)
 
 
 def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidState:
-    """Copies of a scene's start, each a little different.
+    """Perturbed copies of the start of a scene.
 
     Args:
         scene: from `scene(name)`.
-        count: how many.
-        size: standard deviation of each component of the change: of the momentum as a part of its norm, of the
-            attitude as a rotation vector in the body, radian.
-        seed: the same seed gives the same copies, whatever the dtype, and more of them for a larger count.
+        count: number of copies.
+        size: standard deviation of each component of the perturbation: for the momentum relative to its norm, for the
+            attitude a rotation vector in the body frame, radian.
+        seed: the same seed gives the same copies in any dtype, and the same first copies for a larger count.
 
     Returns:
-        The states, leading axis `count`; the first is the start itself. For `jax.vmap`.
+        The states, with leading axis `count`, as for `jax.vmap`; the first is the start itself.
 
     Raises:
-        ValueError: count not a positive int, or size negative or not finite.
+        ValueError: `count` is not a positive int, or `size` is negative or not finite.
     """
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise ValueError(f"count must be a positive Python int, got {count!r}.")
@@ -155,10 +155,10 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidStat
         raise ValueError(f"size must be finite and not negative, got {size!r}.")
     changes = size * np.random.default_rng(seed).standard_normal((count, 2, 3))
     momentum, attitude = scene.start.momentum, scene.start.attitude
-    push, turn = (jnp.asarray(changes[1:, i], momentum.dtype) for i in (0, 1))
+    momentum_change, rotation = (jnp.asarray(changes[1:, i], momentum.dtype) for i in (0, 1))
     norm = jnp.sqrt(jnp.sum(momentum**2))
-    others = (momentum[None] + norm * push, so3.multiply(attitude[None], so3.exp(turn)))
-    # The first is put in front rather than perturbed by zero: it is then the start to the bit.
+    others = (momentum[None] + norm * momentum_change, so3.multiply(attitude[None], so3.exp(rotation)))
+    # The start is prepended instead of perturbed by zero, so that the first state equals it bit for bit.
     return RigidState(
         momentum=jnp.concatenate([momentum[None], others[0]]),
         attitude=jnp.concatenate([attitude[None], others[1]]),
@@ -166,7 +166,7 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidStat
 
 
 def _rotation(vector: tuple[float, float, float]) -> np.ndarray:
-    """exp(vector) in float64, whatever JAX has on."""
+    """The unit quaternion exp(vector), in float64 even if that is not enabled in JAX."""
     angle = np.linalg.norm(vector)
     return np.append(np.cos(angle / 2), np.asarray(vector) * np.sinc(angle / (2 * np.pi)) / 2)
 
@@ -185,7 +185,7 @@ _SIMO_WONG = "parameters of Simo & Wong, IJNME 31 (1991) 19, and of those who fo
 
 
 def _p1(title: str, tilt: float, spin: float, duration: float, source: str, dtype: Any) -> Scene:
-    """The top of P1 let go with some tilt and spin."""
+    """The top of scene P1, started with a tilt (radian) and a momentum `spin` about its axis."""
     return Scene(
         name="",
         title=title,
@@ -211,9 +211,9 @@ def _tilted_top(dtype: Any) -> Scene:
 
 @_named("slow-top")
 def _slow_top(dtype: Any) -> Scene:
-    # Upright sleep needs Pi3^2 > 4 I1 mgl = 400.
-    source = "P1's body; spin 10, half of the 20 below which it cannot sleep upright: chosen here, not published"
-    return _p1("slow heavy top: too slow to sleep, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
+    # A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
+    source = "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published"
+    return _p1("slow heavy top: too slow to spin upright, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
 
 
 @_named("P2")
@@ -253,7 +253,7 @@ def _dzhanibekov(dtype: Any) -> Scene:
     moments = np.array([0.6, 0.8, 1.0])
     return Scene(
         name="",
-        title="Dzhanibekov's body: spun about its middle axis, it turns over again and again",
+        title="Dzhanibekov's body: it spins about its middle axis and turns over again and again",
         body=_body(moments, dtype),
         torque=None,
         start=_start(moments * np.array([0.01, 10.0, 0.01]), _UPRIGHT, dtype),
@@ -317,7 +317,7 @@ def _gravity_gradient(dtype: Any) -> Scene:
         title="satellite in the Earth's gravity gradient, on a nearly circular orbit",
         body=_body(moments, dtype),
         torque=GravityGradient(jnp.asarray(moments, dtype), orbit, jnp.asarray(mu, dtype)),
-        # The source gives the matrix that takes inertial components to the body; attitudes go the other way.
+        # The source gives the matrix from inertial to body components; an attitude is its inverse, from body to space.
         start=RigidState(
             momentum=jnp.asarray(moments * np.array([-1.97989570839746e-5, -0.001134281491669957, 0.0]), dtype),
             attitude=so3.from_matrix(to_body.T),
@@ -343,7 +343,7 @@ def _asymmetric_top(dtype: Any) -> Scene:
     attitude = np.array([0.8, 0.3, -0.4, 0.33])
     return Scene(
         name="",
-        title="asymmetric heavy top, strongly forced: no symmetry to use and no closed form",
+        title="asymmetric heavy top with a strong torque: no symmetry and no closed form",
         body=_body([1.0, 2.0, 3.0], dtype),
         torque=HeavyTop(jnp.asarray(3.0, dtype)),
         start=_start([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude), dtype),
@@ -366,7 +366,7 @@ def _pulsed_body(dtype: Any) -> Scene:
         body=body,
         torque=Prescribed(Pulse(jnp.asarray(to_principal @ np.array([10.0, 0.0, 0.0]), dtype), 1000.0, 2000.0)),
         start=_start(to_principal @ np.array(tensor) @ np.array(velocity), so3.from_matrix(axes), dtype),
-        # Both switches fall on the end of a step.
+        # Both switches are at the end of a step.
         dt=10.0,
         duration=28800.0,
         source="NASA JEOD, verification case RUN_9B",

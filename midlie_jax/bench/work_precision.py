@@ -1,8 +1,8 @@
-"""Error against what it costs, for the methods of this package and for other programs, on the same bodies.
+"""Measures error against cost, for the methods of this package and for other programs, on the same bodies.
 
-A method is compiled once a scene, with its number of steps and its step as arguments, and run over a ladder of steps.
-The loop is that of `integrate` and the batch is cut as `ensemble` cuts it: `tests/test_work_precision.py` holds them
-to the same result.
+Each method is compiled once for each scene, with the number of steps and the step as arguments, and run over a ladder
+of steps. It uses the loop of `integrate` and moves the bodies in chunks, as `ensemble` does;
+`tests/test_work_precision.py` checks that the results are equal.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,84 +23,92 @@ from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
 from .scenes import Scene
 
-BODIES, JUDGED, SIZE = 1024, 16, 1e-3
+BODIES, JUDGED, SIZE = 1024, 16, 1e-3  # bodies moved, bodies whose error is measured, size of the perturbations
 SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
-_ROUNDING = 2.3e-16  # of an entry of a matrix, in the doubles that errors are taken in
+_ROUNDING = 2.3e-16  # rounding error of an entry of a matrix in float64, in which errors are computed
 
 
 def methods_for(scene: Scene) -> tuple[str, ...]:
-    """The methods to chart for a scene: the exact flight of its body with the leading schemes, and those beside it."""
+    """The methods in the chart of a scene: the exact flight of its body with the leading schemes, and a few others."""
     flight = exact_flight(scene.body.moments)
     leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if scene.torque is None:
         leading = leading[:1]
-    beside = [entry.method.name for entry in ENTRIES.values() if entry.chart]
-    return (*(f"{flight.name}[{scheme.name}]" for scheme in leading), *beside)
+    others = [entry.method.name for entry in ENTRIES.values() if entry.chart]
+    return (*(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
 
 
 def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
-    """The bodies of a scene, a little different from each other, and where the first of them end.
+    """Perturbed copies of the body of a scene, and the reference ends of the first of them.
 
-    The ends are those of a closed form where there is one, else of heyoka's Taylor series in 38 digits.
+    The ends are from the closed form if there is one, otherwise from heyoka's Taylor series in 38 digits.
 
     Args:
-        name: of a scene.
-        bodies, judged: how many are moved, and how many of these are judged.
-        quick: fewer and shorter runs.
+        name: name of a scene.
+        bodies, judged: number of bodies moved, and number of these whose error is measured.
+        quick: whether to time fewer and shorter runs.
 
     Raises:
-        ValueError: unknown scene.
+        ValueError: the scene is unknown.
         ImportError: heyoka or mpmath is missing.
     """
     scene = axis_third(scenes.scene(name, jnp.float64))
     starts = scenes.perturbed(scene, bodies, SIZE)
     momentum, attitude = np.asarray(starts.momentum), np.asarray(starts.attitude)
-    # To rounding: off the unit sphere programs differ in what an attitude means.
+    # Normalised to rounding, because programs differ in the rotation that they assign to other quaternions.
     attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
     states = np.concatenate([momentum, attitude], axis=1)[: min(judged, bodies)]
-    ends, source, doubt = _ends(scene, states)
+    ends, source, uncertainty = _ends(scene, states)
     repeats, longest = (2, 0.2) if quick else (5, 0.3)
-    return Problem(scene, momentum, attitude, ends, source, doubt, repeats, longest)
+    return Problem(scene, momentum, attitude, ends, source, uncertainty, repeats, longest)
 
 
 def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
-    """Rotation matrices at the end, how they were found, and what they may be wrong by."""
+    """Rotation matrices at the end, how they were computed, and their uncertainty."""
     exact = exact_ends(scene, states)
     if exact is not None:
         return np.stack([matrix(q) for q in exact.attitudes]), exact.source, 1e-15
     from .rivals.heyoka_taylor import reference
 
-    found = reference(scene, states)
-    change = float(np.max(np.abs(found[:1] - reference(scene, states[:1], digits=46))))
-    return found, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
+    ends = reference(scene, states)
+    change = float(np.max(np.abs(ends[:1] - reference(scene, states[:1], digits=46))))
+    return ends, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
 
 
 def measure(
-    given: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
+    case: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
 ) -> tuple[list[Point], list[Point]]:
-    """The points of our methods and of the rivals; one that fails is said, and the others go on."""
+    """The points of our methods and of the rivals on a problem.
 
-    def tried(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:
+    If a method or program fails, the failure is reported and the others are still measured.
+
+    Args:
+        case: from `problem`.
+        ours: names of our methods.
+        said: callback that is called with progress messages and failures.
+    """
+
+    def attempt(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:
         said(label)
         try:
             return list(points())
-        except Exception as error:  # one broken method or program must not cost the user the others
+        except Exception as error:  # the other methods and programs are measured even if one raises an error
             said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
             return []
 
-    mine = [point for name in ours for point in tried(name, lambda name=name: ladder(find_method(name), given))]
-    theirs = [point for r in rivals for point in tried(r.label, lambda r=r: r.measure(given))]
-    return mine, theirs
+    our_points = [p for name in ours for p in attempt(name, lambda name=name: ladder(find_method(name), case))]
+    rival_points = [p for rival in rivals for p in attempt(rival.label, lambda rival=rival: rival.measure(case))]
+    return our_points, rival_points
 
 
 class Comparison(NamedTuple):
-    """What was measured on a scene.
+    """The measurements on a scene.
 
     Attributes:
-        problem: the bodies.
-        ratios: our times over others'.
-        ours, rivals: points.
-        warning: what the user must know of the machine, or nothing.
+        problem: the bodies and their reference ends.
+        ratios: times of our methods over those of the rivals.
+        ours, rivals: points of our methods and of the rivals.
+        warning: a warning if the machine was busy, else "".
     """
 
     problem: Problem
@@ -113,39 +121,45 @@ class Comparison(NamedTuple):
 def compared(
     name: str, ours: Sequence[str] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
 ) -> Comparison:
-    """Measures a scene."""
+    """Measures our methods and the rivals on a scene.
+
+    Args:
+        name: name of the scene.
+        ours: names of our methods; by default `methods_for` the scene.
+        quick: as for `problem`.
+        said: as for `measure`.
+    """
     load = Load()
-    given = problem(name, quick=quick)
-    chosen = methods_for(given.scene) if ours is None else ours
-    mine, theirs = measure(given, chosen, said=said)
-    return Comparison(given, ratios(mine, theirs, symplectic(mine)), mine, theirs, load.warning())
+    case = problem(name, quick=quick)
+    names = methods_for(case.scene) if ours is None else ours
+    our_points, rival_points = measure(case, names, said=said)
+    our_ratios = ratios(our_points, rival_points, symplectic(our_points))
+    return Comparison(case, our_ratios, our_points, rival_points, load.warning())
 
 
 def symplectic(points: Sequence[Point]) -> list[str]:
-    """The names of our methods among the points that are symplectic: kicks, and flights that are."""
+    """The names of the symplectic methods among those of the points."""
     methods = {name: find_method(name) for name in dict.fromkeys(point.method for point in points)}
     return [name for name, method in methods.items() if method.symplectic]
 
 
-def title(given: Problem) -> str:
-    """What moved, for how long."""
-    return f"{given.scene.name}: {given.scene.title}, T = {given.scene.duration:g}"
+def title(case: Problem) -> str:
+    """The title of a chart: the scene and its duration."""
+    return f"{case.scene.name}: {case.scene.title}, T = {case.scene.duration:g}"
 
 
-def note(found: Comparison) -> str:
-    """How it was measured, for a chart."""
-    given = found.problem
+def note(comparison: Comparison) -> str:
+    """The note of a chart: how errors and times were measured."""
+    case = comparison.problem
     return (
-        f"{given.bodies} bodies side by side, one core, float64. Errors against the {given.source}, good to "
-        f"{given.uncertainty:.0e}. Wide line: the frontier of our methods (filled marks; dashed if not symplectic). "
-        f"Hollow marks: other programs and methods. {timing_note(found)}"
+        f"{case.bodies} bodies in a batch, one core, float64. Errors against the {case.source}, uncertainty "
+        f"{case.uncertainty:.0e}. Wide line: the frontier of our methods (filled marks; dashed if not symplectic). "
+        f"Hollow marks: other programs and methods. {timing_note(comparison)}"
     )
 
 
-def timing_note(found: Comparison) -> str:
-    """How times were taken, how far they spread, and whether the machine was busy."""
-    spread = spread_in_words([point.spread for point in found.ours + found.rivals])
-    said = (
-        f"Times: medians of {cost_clock().name}; ± or bars either way: half the distance between quartiles ({spread})"
-    )
-    return f"{said}. {found.warning}".strip()
+def timing_note(comparison: Comparison) -> str:
+    """How times were measured, their spread, and a warning if the machine was busy."""
+    spread = spread_in_words([point.spread for point in comparison.ours + comparison.rivals])
+    text = f"Times: medians of {cost_clock().name}; ± or bars: half the distance between quartiles ({spread})"
+    return f"{text}. {comparison.warning}".strip()

@@ -1,1 +1,1 @@
-"""Many steps and many bodies: `integrate`, `integrate_adaptive`, `ensemble`, `recommend`, and how runs are timed."""
+"""The drivers: `integrate`, `integrate_adaptive` and `ensemble` take many steps; `recommend` chooses a method."""

@@ -1,26 +1,27 @@
-"""Many steps, each as long as the motion allows: a step control that keeps what symmetric methods are for.
+"""`integrate_adaptive`: a driver with variable steps, whose step control is reversible in time.
 
-A step chosen from an error estimate looks back only, and the long-time behaviour of the method is lost. Here the
-inverse of the step is a variable of its own, integrated along with the motion (Hairer & Soderlind, "Explicit, time
-reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005) 1838). With a density Q(t, y), how close the
-steps should lie, and G = d(log Q)/dt along the motion,
+A step chosen from an error estimate depends on the past only, and a symmetric method loses its good long-time
+behaviour. Here the inverse of the step is a separate variable that is integrated along with the motion (Hairer &
+Soderlind, "Explicit, time reversible, adaptive step size control", SIAM J. Sci. Comput. 26 (2005) 1838). The density
+Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt along the motion, a step is
 
-    half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y'),
+    half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
-which is Verlet for rho' = G, h = dt / rho: rho stays near Q. It is explicit, and -dt undoes it exactly, the steps
-being the same. A step costs one derivative of the density along the motion more than it does in `integrate`.
+This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and the run with -dt takes
+the same steps back. Each step costs one derivative of the density along the motion more than in `integrate`.
 
-What that is worth (`python benchmarks/adaptive.py`): where the scale of time changes, much. On an orbit of eccentricity
-.6, 801 steps of JACOBI[EA] in 5.3 orbits leave an attitude error of 8.3e-4 instead of 1.8e-2, and of JACOBI[SRKN6b]
-5.4e-10 instead of 5.5e-8. Where it does not change, less than nothing: for the top of Bruls and Cardona the error
-doubles (.48 of a gain, JACOBI[EA], by the size of the torque). The energy of a swinging Lagrange top does not drift in
-2.6e5 steps (largest error 1.3e-3 in the first eighth and the last; with the density taken at the start of each step
-3.7e-2 and 1.5e-1). That is for motions that are integrable or nearly so: of an asymmetric top's energy the mean wanders
-between 3.1e-3 and -2.9e-3, and a constant step is better.
+Measured gain (`python benchmarks/adaptive.py`): large where the time scale of the motion changes. On an orbit of
+eccentricity .6, 801 steps of JACOBI[EA] in 5.3 orbits leave an attitude error of 8.3e-4 instead of 1.8e-2, and those of
+JACOBI[SRKN6b] 5.4e-10 instead of 5.5e-8. Where the time scale is constant, the control makes the error larger: for the
+top of Bruls and Cardona it doubles (a gain of .48, JACOBI[EA], density from the size of the torque). The energy of a
+swinging Lagrange top does not drift in 2.6e5 steps: its largest error is 1.3e-3 in the first eighth of the run and in
+the last; with the density taken at the start of each step it is 3.7e-2 and 1.5e-1. This holds for motions that are
+integrable or nearly so. For an asymmetric top the mean of the energy error wanders between 3.1e-3 and -2.9e-3, and a
+constant step is better.
 
-The loop carries the next step rather than rho, so that the divisions stand between two steps and the step itself stays
-one loop (see `_kernel.fusion`). A step of zero length leaves a motion as it is, bit for bit: that is how a body which
-has arrived, or failed, waits for the rest of the batch, without a select over its state.
+The loop carries the next step in addition to rho, so that the divisions are computed between two steps and the step
+itself remains one loop (see `_kernel.fusion`). A step of length zero leaves a motion unchanged, bit for bit. A body
+that has reached t1 or has failed takes such steps while the rest of the batch goes on, without a select over its state.
 """
 
 from functools import partial
@@ -44,26 +45,26 @@ from ..model.states import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_method, as_scalar, check_saving, check_step, check_system
 
-# A last step may be longer than the density asks for by this share, lest rounding leave a step of no length.
+# The last step may exceed dt / half by this fraction: otherwise rounding could leave one more step of length near zero.
 _SLACK = 1e-3
-# A factor between rho and the density beyond which the steps no longer follow the density.
-_STRAYED = 2.0
-# Steps between two looks at whether every body has arrived.
+# The run fails where rho and the density differ by more than this factor: the steps no longer follow the density.
+_LARGEST_FACTOR = 2.0
+# At most so many steps are taken between two checks whether every body has reached t1.
 _BLOCK = 32
 
 
 class AdaptivePath(NamedTuple):
-    """A motion at the times that were kept.
+    """A motion at the saved times.
 
     Attributes:
         times: (n,), the start first; n = 1 + steps / save_every.
-        states: the states at those times, of the class of the start, with a leading axis (n,).
-        densities: rho at those times, (n,): the next step is about dt / rho. Near the density, and what `rho` takes
-            in a run that goes on, or back, from there.
-        taken: steps taken, (); fewer than asked for where t1 or a failure came before.
-        ok: (), False when a solve failed, a number stopped being finite, rho or the density stopped being positive,
-            the two came to differ by more than a factor of 2 (the density jumped, or its steps are too large to follow
-            it), or t1 was not reached.
+        states: the states at these times, of the class of the start, with a leading axis (n,).
+        densities: rho at these times, (n,), which is near the density: the next step is about dt / rho. To continue a
+            run from a saved state, or to run back from it, pass its entry as `rho`.
+        taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed before.
+        ok: (), False when a solve failed, a number was not finite, rho or the density was not positive, the two
+            differed by more than a factor of 2 (the density jumped, or the steps are too large to follow it), or t1
+            was not reached.
     """
 
     times: Float[Array, "*batch n"]
@@ -74,15 +75,15 @@ class AdaptivePath(NamedTuple):
 
 
 class _Clock(NamedTuple):
-    """What the control carries from step to step, at time t."""
+    """The state of the step control at time t."""
 
     t: Array
-    lost: Array  # what rounding took from t: float32 would lose the time otherwise
+    residue: Array  # the rounding error of t, to be added to it: without this sum float32 would lose the time
     rho: Array
     half: Array  # rho in the middle of the next step
     h: Array  # the next step
-    last: Array  # whether that ends at t1
-    taken: Array
+    last: Array  # whether the next step ends at t1
+    taken: Array  # number of steps taken
 
 
 def integrate_adaptive(
@@ -100,49 +101,52 @@ def integrate_adaptive(
     rho: float | Array | None = None,
     reverse: bool = False,
 ) -> AdaptivePath:
-    """Integrates one body with steps dt / density, reversibly; map over anything with `jax.vmap`.
+    """Integrates one body with steps of about dt / density, reversibly; map over any argument with `jax.vmap`.
 
-    Without `t1` a fixed number of steps: bodies of a batch end at different times, and no work is lost. With `t1` at
-    most so many: a batch runs until its slowest body has arrived, looking every 32 steps at most, and the others
-    wait at the price of a step; keep bodies of like step counts in one batch. Each body has a time of its own, so
-    what depends on time alone, such as an orbit that all share, is computed for each.
+    Without `t1` the run takes `steps` steps: the bodies of a batch end at different times, and no step is wasted. With
+    `t1` it takes at most `steps`: a batch runs until its slowest body has reached `t1`, which is checked every 32 steps
+    or sooner. A body that waits costs as much as one that moves, so put bodies with similar numbers of steps in one
+    batch. Each body has its own time. So whatever depends on time alone, such as an orbit that all bodies share, is
+    computed for each body.
 
-    Reversible: the run back, from the last state with its `densities` as `rho` and -dt, takes the same steps and comes
-    home to rounding, unless it ends at `t1`, whose last step is cut to end there and is not the control's.
+    Reversible: a run with -dt from the last state, with the last of `densities` as `rho`, takes the same steps and
+    returns to the start up to rounding. This does not hold for a run that ends at `t1`, because its last step is cut
+    short to end there.
 
     Compiled on the first call for each method, torque, density function, shape and step count. Differentiable in
-    every array, forward and reverse; with `t1` in reverse only if asked for.
+    every array, forward and reverse; with `t1`, reverse mode needs `reverse=True`.
 
     Args:
-        method: symmetric, from `midlie_jax.method`, or its name. Its order is kept.
+        method: a symmetric method from `midlie_jax.method`, or its name. The run has the order of the method.
         body, torque, start, t0: as for `midlie_jax.integrate`.
         density: `density(t, state) -> ()`, positive and smooth, or one of `midlie_jax.densities`. Pass the same
             function object again to reuse what was compiled.
         dt: the step where the density is 1, (), may be negative.
-        steps: number of steps; with `t1` the most that are taken.
-        save_every: keep every so many steps; must divide `steps`. Once at `t1` the kept times and states repeat.
-        t1: where to end, exactly, on the side of t0 to which dt points.
-        rho: the density to start with, by default that of the start; for a run that goes on or back, from a path's
-            `densities`.
-        reverse: with `t1`, run all of `steps` whatever happens, so that there is a reverse derivative.
+        steps: number of steps; with `t1` the largest number.
+        save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state
+            repeat.
+        t1: the exact end time, (); dt must point from t0 to t1.
+        rho: the initial rho, (); by default the density at the start. To continue a run or to run it back, the entry
+            of `densities` of its path.
+        reverse: with `t1`, always run all of `steps`, as reverse-mode differentiation needs.
 
     Returns:
-        The path. Failures show in `path.ok`, never as an exception; a body that failed waits where it failed.
+        The path. A failure shows as False in `path.ok`, never as an exception; a body that failed does not move on.
 
     Raises:
-        ValueError: an argument does not fit, or the method is not symmetric; the message names it and the cure. Raised
-            before anything is traced.
+        ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the cure.
+            Raised before anything is traced.
     """
     steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
     check_saving(steps, save_every)
     method = check_system(as_method(method), body, torque, start)
     if not method.symmetric:
         raise ValueError(
-            f"method {method.name!r} is not symmetric, and a reversible step control needs one that is, such as "
-            "LIEMID[EA] or JACOBI[SRKN6b]."
+            f"method {method.name!r} is not symmetric, but a reversible step control needs a symmetric method; "
+            "take for example LIEMID[EA] or JACOBI[SRKN6b]."
         )
     if not callable(density):
-        raise ValueError(f"density must be a callable of (t, state), got {described(density)}.")
+        raise ValueError(f"density must be a function of (t, state), got {described(density)}.")
     same_dtype("start.momentum", start.momentum, density=density)
     for leaf in jax.tree.leaves(eqx.filter(density, eqx.is_inexact_array)):
         require_finite("density", leaf)
@@ -152,7 +156,7 @@ def integrate_adaptive(
     if rho is not None:
         rho = as_scalar("rho", rho, dtype)
         if not cp.is_traced(rho) and rho <= 0:
-            raise ValueError(f"rho must be positive, got {rho}; give a path's `densities`, or None.")
+            raise ValueError(f"rho must be positive, got {rho}; pass an entry of `densities` of a path, or None.")
     if t1 is not None:
         t1 = as_scalar("t1", t1, dtype)
         if not any(cp.is_traced(x) for x in (t0, t1, dt)) and (t1 - t0) * dt < 0:
@@ -182,120 +186,125 @@ def _run(
 
     def advance(carry: tuple[Progress, _Clock], _: None) -> tuple[tuple[Progress, _Clock], None]:
         progress, clock = carry
-        # The step is one loop, the control, with its divisions, another.
-        progress, (there, lost) = method.advance(system, (clock, t1), _ends_of_step, clock.h, progress, axes)
-        value, slope = _along(system, density, there, progress)
-        clock, ok = _next(clock, there, lost, dt, t1, value, slope, progress.ok)
+        # In the compiled program the step is one loop, and the step control with its divisions is another.
+        progress, (t_end, residue) = method.advance(system, (clock, t1), _ends_of_step, clock.h, progress, axes)
+        value, slope = _density_and_slope(system, density, t_end, progress)
+        clock, ok = _clock_after_step(clock, t_end, residue, dt, t1, value, slope, progress.ok)
         return fuse(all_promoted((progress._replace(ok=ok), clock), axes)), None
 
     motion = system.motion(start)
     force = system.force(t0, motion) if method.keeps_force(system) else None
     progress = Progress(motion, force, jnp.ones((), bool))
-    value, slope = _along(system, density, t0, progress)
-    clock = _first(t0, dt, t1, value if rho is None else rho, slope)
-    # Twice, because each order of reverse mode takes one off: see `integrate`.
+    value, slope = _density_and_slope(system, density, t0, progress)
+    clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
+    # Two checkpoints, because each order of reverse mode removes one: see `integrate`.
     step = jax.checkpoint(jax.checkpoint(advance, prevent_cse=False), prevent_cse=False)
 
-    def go(carry: Any, count: int) -> Any:
+    def take_steps(carry: Any, count: int) -> Any:
         return jax.lax.scan(step, carry, length=count, unroll=method.unroll)[0]
 
     def save_interval(carry: Any, _: None) -> tuple[Any, Any]:
         if t1 is None or reverse:
-            carry = go(carry, save_every)
+            carry = take_steps(carry, save_every)
         else:
-            carry = _while_any_moves(partial(go, count=_block(save_every)), carry, save_every // _block(save_every))
+            take_block = partial(take_steps, count=_block(save_every))
+            carry = _while_any_moves(take_block, carry, save_every // _block(save_every))
         progress, clock = carry
         return carry, (system.state(progress.motion), clock.t, clock.rho)
 
-    progress = progress._replace(ok=_near(clock.rho, value) & (clock.half > 0))
+    progress = progress._replace(ok=_follows(clock.rho, value) & (clock.half > 0))
     begin = all_promoted((progress, clock), axes)
-    (progress, clock), kept = jax.lax.scan(save_interval, begin, length=steps // save_every)
+    (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // save_every)
     first = (start, t0, begin[1].rho)
-    states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
+    states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, saved)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((progress.motion, clock.rho))]
     ok = progress.ok & jnp.all(jnp.stack(finite))
     return AdaptivePath(times, states, densities, clock.taken, ok if t1 is None else ok & (clock.t == t1))
 
 
-def _first(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:
-    # Made from one number of the motion, so that they have its type on a mesh of devices, too.
+def _first_clock(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:
+    # All fields derive from rho, so that on a mesh of devices, too, they have the type of the motion.
     zero = jnp.zeros_like(rho)
     clock = _Clock(t0 + zero, zero, rho, rho, zero, jnp.zeros_like(rho, bool), jnp.zeros_like(rho, jnp.int32))
-    return _planned(clock, dt, t1, slope, jnp.ones_like(rho, bool))
+    return _with_next_step(clock, dt, t1, slope, jnp.ones_like(rho, bool))
 
 
-def _ends_of_step(given: tuple[_Clock, Array | None]) -> tuple[Array, Array, tuple[Array, Array]]:
-    """The times of the next step; the later one again, and what rounding takes from it (Kahan)."""
-    clock, t1 = given
-    part = clock.h + clock.lost
-    there = clock.t + part
-    lost = part - (there - clock.t)
+def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Array, tuple[Array, Array]]:
+    """The times at both ends of the next step; the end time again, with its rounding error (Kahan's summation)."""
+    clock, t1 = clock_and_t1
+    increment = clock.h + clock.residue
+    t_end = clock.t + increment
+    residue = increment - (t_end - clock.t)
     if t1 is not None:
-        there, lost = jnp.where(clock.last, t1, there), jnp.where(clock.last, jnp.zeros_like(lost), lost)
-    return clock.t, there, (there, lost)
+        t_end = jnp.where(clock.last, t1, t_end)
+        residue = jnp.where(clock.last, jnp.zeros_like(residue), residue)
+    return clock.t, t_end, (t_end, residue)
 
 
-def _next(
-    clock: _Clock, there: Array, lost: Array, dt: Array, t1: Array | None, value: Array, slope: Array, ok: Array
+def _clock_after_step(
+    clock: _Clock, t_end: Array, residue: Array, dt: Array, t1: Array | None, value: Array, slope: Array, ok: Array
 ) -> tuple[_Clock, Array]:
-    """The clock after a step, with Q and d(log Q)/dt there."""
+    """The clock after a step, from Q (value) and d(log Q)/dt (slope) at its end; and whether the run is still ok."""
     moved = clock.h != 0
     rho = jnp.where(moved, clock.half + dt / 2 * slope, clock.rho)
-    ok = ok & _near(rho, value)
+    ok = ok & _follows(rho, value)
     taken = clock.taken + moved.astype(jnp.int32)
-    clock = _planned(clock._replace(t=there, lost=lost, rho=rho, taken=taken), dt, t1, slope, ok)
+    clock = _with_next_step(clock._replace(t=t_end, residue=residue, rho=rho, taken=taken), dt, t1, slope, ok)
     return clock, ok & (clock.half > 0)
 
 
-def _near(rho: Array, value: Array) -> Array:
-    """Whether the density is positive and rho has kept to it; it has not where the density jumped."""
-    return (value > 0) & (rho <= _STRAYED * value) & (value <= _STRAYED * rho)
+def _follows(rho: Array, value: Array) -> Array:
+    """Whether the density is positive and rho is near it; rho is not near it after the density has jumped."""
+    return (value > 0) & (rho <= _LARGEST_FACTOR * value) & (value <= _LARGEST_FACTOR * rho)
 
 
-def _planned(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array) -> _Clock:
-    """The clock with its next step; none where rho would be lost, or all is done."""
+def _with_next_step(clock: _Clock, dt: Array, t1: Array | None, slope: Array, ok: Array) -> _Clock:
+    """The clock with its next step: zero if the run has failed, if rho would become negative, or if t1 is reached."""
     half = clock.rho + dt / 2 * slope
     ok = ok & (half > 0)
     h = jnp.where(ok, dt / jnp.where(ok, half, jnp.ones_like(half)), jnp.zeros_like(half))
     if t1 is None:
         return clock._replace(half=half, h=h)
-    left = (t1 - clock.t) - clock.lost
-    last = ok & (left * jnp.sign(dt) <= jnp.abs(h) * (1 + _SLACK))
-    # Where dt points away from t1 there is nothing to take.
-    left = jnp.where(left * jnp.sign(dt) > 0, left, jnp.zeros_like(left))
+    remaining = (t1 - clock.t) - clock.residue
+    last = ok & (remaining * jnp.sign(dt) <= jnp.abs(h) * (1 + _SLACK))
+    # Where dt points away from t1 the step is zero.
+    remaining = jnp.where(remaining * jnp.sign(dt) > 0, remaining, jnp.zeros_like(remaining))
     away = (t1 - clock.t) * jnp.sign(dt) < 0
-    return clock._replace(half=half, h=jnp.where(last, left, h), last=last & ~away)
+    return clock._replace(half=half, h=jnp.where(last, remaining, h), last=last & ~away)
 
 
-def _along(system: System, density: Any, t: Array, progress: Progress) -> tuple[Array, Array]:
-    """The density and the rate of its logarithm along the motion."""
+def _density_and_slope(system: System, density: Any, t: Array, progress: Progress) -> tuple[Array, Array]:
+    """The density Q and its slope d(log Q)/dt along the motion."""
     motion = progress.motion
     force = system.force(t, motion) if progress.force is None else progress.force
     velocity = system.velocity(motion.momentum)
     rate = system.kind.momentum_rate(motion.momentum, velocity, force)
-    moving = (jnp.ones_like(t), rate, system.kind.rate(motion.pose, velocity))
-    value, change = jax.jvp(partial(_evaluate, density, system), (t, motion.momentum, motion.pose), moving)
+    tangents = (jnp.ones_like(t), rate, system.kind.rate(motion.pose, velocity))
+    value, change = jax.jvp(partial(_evaluate, density, system), (t, motion.momentum, motion.pose), tangents)
     return value, change / value
 
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
-    """The density, on components as a torque is."""
-    (value, *_), found = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
-    if found.shape:
-        raise ValueError(f"density must return one number, got an array of shape {found.shape}.")
+    """The density of a motion in components; it is evaluated in the same way as a torque."""
+    (value, *_), like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
+    if like.shape:
+        raise ValueError(
+            f"density must return one number, got an array of shape {like.shape}; reduce it, e.g. jnp.sum."
+        )
     return jnp.asarray(value, t.dtype)
 
 
-def _while_any_moves(go: Any, carry: Any, turns: int) -> Any:
-    """So many turns, or as many as it takes until every body of the batch has no next step."""
+def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
+    """The carry after `blocks` blocks of steps, or fewer if before that the next step of every body is zero."""
 
     def moves(state: Any) -> Array:
-        turn, (_, clock) = state
-        return (turn < turns) & (clock.h != 0)
+        count, (_, clock) = state
+        return (count < blocks) & (clock.h != 0)
 
-    return jax.lax.while_loop(moves, lambda state: (state[0] + 1, go(state[1])), (jnp.array(0, jnp.int32), carry))[1]
+    start = jnp.array(0, jnp.int32), carry
+    return jax.lax.while_loop(moves, lambda state: (state[0] + 1, take_block(state[1])), start)[1]
 
 
 def _block(count: int) -> int:
-    """The largest divisor of the count that is no larger than _BLOCK."""
+    """The largest divisor of `count` that is at most _BLOCK."""
     return max(n for n in range(1, _BLOCK + 1) if count % n == 0)

@@ -1,4 +1,4 @@
-"""The arguments that every driver takes, checked in one place before anything is traced."""
+"""Checks of the arguments that all drivers share; they run before anything is traced."""
 
 from typing import Any
 
@@ -15,22 +15,25 @@ from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import check_batch, check_body, check_state, check_torque
 
-LAST_STEP = 2**31 - 1  # steps are counted in 32 bits
+LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
 
 def as_method(method: Any) -> Method:
-    """The method, or that of the name; a ValueError for anything else."""
-    found = find_method(method) if isinstance(method, str) else method
-    if not isinstance(found, Method):
+    """The method itself, or the method of that name; a ValueError for anything else."""
+    result = find_method(method) if isinstance(method, str) else method
+    if not isinstance(result, Method):
         raise ValueError(f"method must be a name or come from midlie_jax.method(name), got {described(method)}.")
-    return found
+    return result
 
 
 def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: int = 0) -> Method:
-    """Raises unless the four belong together, with `batch` leading axes of the state and as many or none of the body.
+    """Raises unless method, body, torque and start fit each other.
+
+    Args:
+        batch: number of leading axes of the state; the body has as many, or none.
 
     Returns:
-        The method, made for the body.
+        The method, fitted to the body.
     """
     check_state("start", start)
     check_body(body, start)
@@ -39,7 +42,9 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     check_batch("start", body, start, batch)
     for leaf in jax.tree.leaves(start):
         if leaf.dtype != start.momentum.dtype:
-            raise ValueError(f"all of start must have one dtype, got {leaf.dtype} beside {start.momentum.dtype}.")
+            raise ValueError(
+                f"all of start must have one dtype, got {leaf.dtype} and {start.momentum.dtype}; cast one of them."
+            )
     same_dtype("start.momentum", start.momentum, body=body, torque=torque)
     for name, value in (("body", body), ("start", start), ("torque", torque)):
         for leaf in jax.tree.leaves(eqx.filter(value, eqx.is_inexact_array)):
@@ -48,11 +53,11 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
 
 
 def check_moves(method: Method, body: Any) -> None:
-    """Raises unless the method moves such bodies."""
+    """Raises unless the method moves bodies of this class."""
     if not isinstance(principal_of(body), method.bodies):
         raise ValueError(
             f"method {method.name!r} moves {method.bodies.__name__}, but body is {described(body)}; "
-            "midlie_jax.methods() lists all."
+            "choose another method from midlie_jax.methods()."
         )
 
 
@@ -62,30 +67,30 @@ def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     if array.ndim:
         raise ValueError(f"{name} must be a scalar, got shape {array.shape}; map over a batch with jax.vmap.")
     array = array.astype(dtype)
-    require_finite(name, array)  # in the dtype of the run, which may be narrower
+    require_finite(name, array)  # after the cast, because a narrower dtype may turn the number into infinity
     return array
 
 
 def check_step(dt: Array) -> None:
-    """Raises where a step is known to be zero, in the dtype of the run: time would stand still."""
+    """Raises if a step that is not traced is zero or not finite in the dtype of the run."""
     if not is_traced(dt) and not np.all(np.isfinite(dt) & (np.asarray(dt) != 0)):
         raise ValueError(f"dt must be finite and not zero, got {dt}.")
 
 
 def check_saving(steps: int, save_every: int) -> None:
-    """Raises unless whole intervals fit."""
+    """Raises unless `save_every` divides `steps`."""
     if steps % save_every:
-        raise ValueError(f"steps ({steps}) must be divisible by save_every ({save_every}).")
+        raise ValueError(f"steps ({steps}) must be divisible by save_every ({save_every}); change one of them.")
 
 
 def as_first_step(first_step: Any, steps: int) -> Array:
-    """The index of the first step, (); a ValueError if it is no integer, or known to leave no room for `steps`."""
+    """The index of the first step, (); a ValueError if it is not an integer, or if the last index exceeds 32 bits."""
     if isinstance(first_step, (bool, np.bool_)) or not isinstance(first_step, (int, np.integer, np.ndarray, Array)):
         raise ValueError(f"first_step must be an integer, got {shown(first_step)}.")
     if not is_traced(first_step) and np.size(first_step) == 1 and not counts(np.asarray(first_step), steps):
         raise ValueError(
-            f"first_step ({first_step}) and steps ({steps}) count beyond {LAST_STEP}; start again from the last state, "
-            "with t0 its time and first_step 0."
+            f"first_step ({first_step}) and steps ({steps}) count beyond {LAST_STEP}; start a new run from the last "
+            "state, with its time as t0 and first_step 0."
         )
     index = jnp.asarray(first_step)
     if index.ndim or not jnp.issubdtype(index.dtype, jnp.integer):
@@ -94,6 +99,6 @@ def as_first_step(first_step: Any, steps: int) -> Array:
 
 
 def counts(first_step: Any, steps: int) -> Any:
-    """Whether 32 bits can count the steps."""
-    below = True if jnp.issubdtype(first_step.dtype, jnp.unsignedinteger) else first_step > -LAST_STEP
-    return (first_step <= LAST_STEP - steps) & below
+    """Whether 32 bits hold every step index of the run."""
+    above_least = True if jnp.issubdtype(first_step.dtype, jnp.unsignedinteger) else first_step > -LAST_STEP
+    return (first_step <= LAST_STEP - steps) & above_least

@@ -1,7 +1,7 @@
-"""Many bodies at once: a batch cut into chunks that stay in the cache, on all the cores that there are.
+"""`ensemble`: the driver for many bodies, which are moved in chunks that fit the cache.
 
-`jax.vmap` of `integrate` is the same computation. What this adds is the cut: a step passes over the whole batch, and
-a batch larger than the cache would be fetched from memory at every step. XLA spreads each pass over the cores.
+`jax.vmap` of `integrate` is the same computation. But there each step passes over the whole batch, and a batch larger
+than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores.
 """
 
 from typing import Any
@@ -36,31 +36,31 @@ def ensemble(
     torque_axes: Any = None,
     chunk: int | None = None,
 ) -> Path:
-    """Integrates n bodies, each as `integrate` would alone, to a few units in the last place.
+    """Integrates n bodies; the results are those of `integrate` for each body, up to a few units in the last place.
 
-    It can be jitted and differentiated, and is compiled once for each method, torque function and shape.
+    Can be jitted and differentiated. Compiled once for each method, torque function and shape.
 
     Args:
         method, steps, first_step: as for `integrate`.
-        body: one for all, or a `RigidBody` with moments (n, 3), or a `TensorBody` with a tensor (n, 3, 3).
-        torque: as for `integrate`. One whose parameters have a leading axis (n,) more than it can be called with acts
-            on each body with its own, such as `HeavyTop(weights)` with weights (n,); the others are shared by all.
+        body: one body for all, or a `RigidBody` with moments (n, 3), or a `TensorBody` with a tensor (n, 3, 3).
+        torque: as for `integrate`. A parameter may have an additional leading axis (n,), as in `HeavyTop(weights)` with
+            weights (n,): then each body has its own row. All bodies share the other parameters.
         start: with a leading axis (n,): momentum (n, 3), attitude (n, 4).
-        dt, t0: (), or one for each body, (n,).
-        save_every: keep every so many steps, the start first, as `integrate` does; `None` keeps the end alone, and
-            memory for it alone.
-        torque_axes: says which parameters of the torque have one row a body, where shapes do not tell: with three
-            bodies, (3,) may be one vector for all or one number for each. 0 for all of them, or a tree like the
-            torque's with 0 and None, as for the `in_axes` of `jax.vmap`; `jax.tree.map(lambda leaf: 0, torque)` makes
-            one.
-        chunk: how many bodies are moved at once; as many as the method moves fastest unless given.
+        dt, t0: (), or (n,) with one value for each body.
+        save_every: save the state every `save_every` steps, the start first, as `integrate` does; `None` returns only
+            the state at the end and needs memory only for that.
+        torque_axes: which parameters of the torque have one row for each body. Needed only where shapes do not tell:
+            with three bodies, (3,) may be one vector for all or one number for each. 0 if all parameters have rows, or
+            a tree like the torque's with leaves 0 and None, like the `in_axes` of `jax.vmap`. To get such a tree, use
+            `jax.tree.map(lambda leaf: 0, torque)`.
+        chunk: number of bodies that are moved at once; by default the number that is fastest for the method.
 
     Returns:
-        The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) where `dt` or `t0` differ, and `states`
+        The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,), and `states`
         with leading axes (n, k). Without: `times` (), or (n,), and `states` with a leading axis (n,).
 
     Raises:
-        ValueError: as `integrate`, or where the sizes of the batch differ; the message names the argument and the cure.
+        ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the cure.
     """
     steps = as_count("steps", steps)
     chunk = chunk if chunk is None else as_count("chunk", chunk)
@@ -71,8 +71,8 @@ def ensemble(
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     method = check_system(as_method(method), body, torque, start, batch=1)
     if count == 0:
-        raise ValueError(f"start holds no bodies: its momentum has shape {start.momentum.shape}.")
-    dt, t0 = (_one_or_many(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
+        raise ValueError(f"start holds no bodies: its momentum has shape {start.momentum.shape}; give one row a body.")
+    dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(dt)
     principal = principal_of(body)
     own_body = isinstance(principal, RigidBody) and principal.moments.ndim == 2
@@ -83,17 +83,17 @@ def ensemble(
         dt.ndim == 1,
         t0.ndim == 1,
     )
-    given = (body, torque, start, dt, t0)
-    count_rows(("body", "torque", "start", "dt", "t0"), given, rows, count)
-    mapped, shared = eqx.partition(given, rows)
+    arguments = (body, torque, start, dt, t0)
+    count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
+    mapped, shared = eqx.partition(arguments, rows)
     return _run(method, mapped, shared, first, steps, save_every, chunk or method.chunk)
 
 
-def _one_or_many(name: str, value: Any, count: int, dtype: Any) -> Array:
+def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
     array = as_floats(name, value).astype(dtype)
     require_finite(name, array)
     if array.ndim > 1:
-        raise ValueError(f"{name} must be one for all, or ({count},), got {array.shape}.")
+        raise ValueError(f"{name} must be a scalar, or one number a body, ({count},), got shape {array.shape}.")
     return array
 
 
@@ -107,11 +107,16 @@ def _run(
     save_every: int | None,
     chunk: int,
 ) -> Path:
-    """The bodies of `mapped`, whose leaves have a leading axis (n,); `shared` has the leaves that are missing there."""
+    """The path of all bodies.
+
+    Args:
+        mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
+        shared: the same, with None for each leaf that has the axis.
+    """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
 
-    def alone(mapped: Any) -> Path:
+    def path_of_body(mapped: Any) -> Path:
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         every = save_every or steps
         path = integrate(method, body, torque, start, dt=dt, t0=t0, steps=steps, save_every=every, first_step=first)
@@ -119,23 +124,24 @@ def _run(
             return path
         return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok)
 
-    many = jax.vmap(alone, out_axes=Path(0 if own_times else None, 0, 0))  # pyright: ignore[reportArgumentType]
+    out_axes: Any = Path(0 if own_times else None, 0, 0)  # pyright: ignore[reportArgumentType]
+    path_of_chunk = jax.vmap(path_of_body, out_axes=out_axes)
     count = mapped[2].momentum.shape[0]
     chunks = _chunks(count, chunk)
     if chunks == 1:
-        return many(mapped)
+        return path_of_chunk(mapped)
     size = -(-count // chunks)
-    # The last chunk is filled with copies of the last body, so that one program serves all.
+    # The last chunk is filled with copies of the last body, so that one compiled program serves all chunks.
     rows = jnp.minimum(jnp.arange(chunks * size), count - 1).reshape(chunks, size)
 
     def join(parts: Array) -> Array:
         return parts.reshape(chunks * size, *parts.shape[2:])[:count]
 
-    times, states, ok = jax.lax.map(lambda rows: many(jax.tree.map(lambda x: x[rows], mapped)), rows)
+    times, states, ok = jax.lax.map(lambda rows: path_of_chunk(jax.tree.map(lambda x: x[rows], mapped)), rows)
     return Path(join(times) if own_times else times[0], jax.tree.map(join, states), join(ok))
 
 
 def _chunks(count: int, chunk: int) -> int:
-    """How many chunks: as few as will do, or a few more if all are then full and the result needs no copy."""
+    """The least number of chunks, or up to a quarter more if all are then full, because that saves a copy."""
     least = -(-count // chunk)
     return next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)

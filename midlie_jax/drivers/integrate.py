@@ -1,4 +1,4 @@
-"""Many steps: a `lax.scan` over steps of one size, with states kept every so often."""
+"""`integrate`: the driver with a constant step, a `lax.scan` over steps that saves the state at regular intervals."""
 
 from collections.abc import Callable
 from functools import partial
@@ -19,16 +19,16 @@ from ..model.states import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 
-_EXACT_BITS = 24  # a float32 holds every integer of so many bits
+_EXACT_BITS = 24  # a float32 represents every integer of up to 24 bits exactly
 
 
 class Path(NamedTuple):
-    """A motion at the times that were kept.
+    """A motion at the saved times.
 
     Attributes:
         times: (n,), the start first; n = 1 + steps / save_every.
-        states: the states at those times, of the class of the start, with a leading axis (n,).
-        ok: (), False when a solve failed or a number stopped being finite.
+        states: the states at these times, of the class of the start, with a leading axis (n,).
+        ok: (), False when a solve failed or a number was not finite.
     """
 
     times: Float[Array, "*n"]
@@ -50,28 +50,30 @@ def integrate(
 ) -> Path:
     """Integrates one body with a constant step; map over bodies, torques, states and steps with `jax.vmap`.
 
-    Compiled on the first call for each method, torque function, shape and step count, and differentiable,
-    forward and reverse, in every array. Reverse mode keeps one state a step and recomputes the rest. Everything
-    is computed in the dtype of the start.
+    Compiled on the first call for each method, torque function, shape and step count. Differentiable, forward and
+    reverse, in every array; reverse mode stores one state for each step and recomputes the rest. All arithmetic is in
+    the dtype of `start`.
 
     Args:
         method: from `midlie_jax.method`, or its name.
         body: what moves: a `RigidBody`, a `TensorBody` in a frame of your own, or `Particles`.
         torque: any callable `torque(t, state) -> (3,)` in the body frame (for particles a force of the momentum's
             shape), or None. Pass the same function object again to reuse what was compiled.
-        start: the state at the first time; its class decides how much is followed.
+        start: the state at the first time; its class decides what is integrated besides the momentum.
         dt: step, (), may be negative.
         steps: number of steps.
-        save_every: keep every so many steps; must divide `steps`.
+        save_every: save the state every `save_every` steps; must divide `steps`.
         t0: time of step 0, ().
-        first_step: the index of the first step: time is t0 + (first_step + n) dt, from the integer. Continuing
-            from a kept state with the index it was kept at is, bit for bit, the run that was never stopped.
+        first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
+            integer index. So a run continued from a saved state with the index of that state equals the uninterrupted
+            run, bit for bit.
 
     Returns:
-        The path. A failed solve, NaN or infinity shows in `path.ok`, never as an exception.
+        The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception.
 
     Raises:
-        ValueError: an argument does not fit; the message names it and the cure. Raised before anything is traced.
+        ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
+            traced.
     """
     steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
     check_saving(steps, save_every)
@@ -107,8 +109,8 @@ def _run(
     progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
     if method.keeps_force(system):
         progress = _with_force(system, progress, advance, time_of(t0, dt, first), first)
-    # Two checkpoints, because each order of reverse mode removes one: a gradient of a gradient, too, then keeps one
-    # state a step.
+    # Two checkpoints, because each order of reverse mode removes one: so a gradient of a gradient, too, stores only one
+    # state for each step.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
     def save_interval(progress: Progress, n: Array) -> tuple[Progress, AnyState]:
@@ -116,42 +118,43 @@ def _run(
         progress, _ = jax.lax.scan(step, progress, indices, unroll=method.unroll)
         return progress, system.state(progress.motion)
 
-    kept = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
-    progress, states = jax.lax.scan(save_interval, progress, kept)
+    interval_starts = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
+    progress, states = jax.lax.scan(save_interval, progress, interval_starts)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(progress.motion)]
-    times = time_of(*uniform, jnp.concatenate([first[None], kept + save_every]))
+    times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
     return Path(times, states, progress.ok & jnp.all(jnp.stack(finite)))
 
 
 def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
-    """The times of step n, from (t0, dt)."""
+    """The times at both ends of step n, from clock = (t0, dt)."""
     return time_of(*clock, n), time_of(*clock, n + 1), None
 
 
 def _with_force(system: System, progress: Progress, advance: Callable[..., Any], t: Array, first: Array) -> Progress:
-    """The progress with the force at the start, from two steps of no length.
+    """The progress with the force at the start, computed by two steps of length zero.
 
-    Evaluating the torque here directly would be shorter. But compiled in another place the torque may round differently
-    from inside the loop, and a run continued from its middle would then differ in the last bit. A step of zero length
-    leaves the motion alone and runs the code of the loop; two of them, because a loop of one turn would be unrolled.
-    The derivative is that of the torque itself, which compiles faster than that of the loop.
+    A direct evaluation of the torque would be shorter. But outside the loop the compiled torque may round differently
+    than inside, and a continued run would then differ in the last bit from an uninterrupted run. A step of length zero
+    leaves the motion unchanged and runs the code of the loop. There are two such steps, because XLA would unroll a loop
+    of one turn. The derivative is that of the direct evaluation, which compiles faster than that of the loop.
     """
     motion = progress.motion
     zeros = jax.tree.map(jnp.zeros_like, motion.momentum)
     indices = jnp.stack([first - 1, first - 1])
-    still = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
-    loop = jax.lax.stop_gradient(progress._replace(force=zeros))
-    found, _ = jax.lax.scan(partial(advance, still), loop, indices)
+    zero_step = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
+    before = jax.lax.stop_gradient(progress._replace(force=zeros))
+    after, _ = jax.lax.scan(partial(advance, zero_step), before, indices)
     direct = system.force(t, motion)
     stop = jax.lax.stop_gradient
-    return progress._replace(force=jax.tree.map(lambda f, d: stop(f) + (d - stop(d)), found.force, direct))
+    return progress._replace(force=jax.tree.map(lambda f, d: stop(f) + (d - stop(d)), after.force, direct))
 
 
 def time_of(t0: Array, dt: Array, n: Array) -> Array:
-    """t0 + n dt, rounded to the dtype, for every index n of 32 bits.
+    """t0 + n dt in the dtype of the run, for every 32-bit index n.
 
-    From the index: adding dt up would lose a step of float32 time. In two parts, both of which a float32 holds exactly.
+    Computed from the index, because in float32 a sum of many dt would lose whole steps. The index is split into two
+    parts, each of which a float32 represents exactly.
     """
     high = n >> _EXACT_BITS
     low = n - (high << _EXACT_BITS)

@@ -1,8 +1,8 @@
-"""A method on a batch of bodies: compiled once, for any step and any number of steps.
+"""`Program`: a method on a batch of bodies, compiled once for any step and any number of steps.
 
-What `recommend`, the convergence charts and the comparison with other programs run and time. The loop is that of
-`integrate`, but the number of steps is an argument of the compiled program, at the price of a reverse derivative.
-`tests/test_work_precision.py` holds the result to that of `integrate`.
+`recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
+`integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative.
+`tests/test_work_precision.py` checks that its results equal those of `integrate`.
 """
 
 import math
@@ -22,11 +22,11 @@ from .integrate import ends_of_step
 
 
 class Program:
-    """A method on a motion, or on many side by side.
+    """A compiled method on a batch of bodies.
 
     Attributes:
-        method: the method, made for the body.
-        unroll: steps in each turn of the loop; the number of steps of a run is a multiple of this number.
+        method: the method, fitted to the body.
+        unroll: steps in each turn of the loop; the number of steps of a run must be a multiple of `unroll`.
     """
 
     def __init__(
@@ -42,10 +42,11 @@ class Program:
         """Compiles the program.
 
         Args:
-            method, body, torque: as for `integrate`; nothing is checked.
-            starts: with a leading axis of bodies.
-            chunk: bodies moved at once, where this number divides that of the bodies; all of them without it.
-            unroll: `method.unroll` unless given.
+            method, body, torque: as for `integrate`, but not checked.
+            starts: states with a leading axis of bodies.
+            chunk: number of bodies moved at once, if it divides the number of bodies; otherwise, and by default, all
+                bodies are moved at once.
+            unroll: by default `method.unroll`.
         """
         self.method = method.fitted(body)
         self.unroll = self.method.unroll if unroll is None else unroll
@@ -55,19 +56,19 @@ class Program:
 
         def run(starts: AnyState, dt: Array, turns: Array) -> tuple[AnyState, Array]:
             parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
-            one = partial(end_state, self.method, body, torque, unroll=self.unroll)
-            ends, ok = jax.lax.map(jax.vmap(lambda start: one(start, dt, turns)), parts)
+            end_of_body = partial(end_state, self.method, body, torque, unroll=self.unroll)
+            ends, ok = jax.lax.map(jax.vmap(lambda start: end_of_body(start, dt, turns)), parts)
             return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), ends), ok.reshape(count)
 
         self._compiled = jax.jit(run).lower(starts, *self._arguments(0.0, 0)).compile()
-        self.run(0.0, 0)  # the first call is never typical
+        self.run(0.0, 0)  # the first call takes longer than the others and must not be timed
 
     def run(self, dt: float, steps: int) -> tuple[Any, Array]:
-        """The states at the end, and for each body whether all went well. Waits for both."""
+        """The states at the end, and `ok` for each body; waits until both are computed."""
         return jax.block_until_ready(self._compiled(self._starts, *self._arguments(dt, steps)))
 
     def whole(self, steps: int) -> int:
-        """The next number of steps that the loop can do."""
+        """The least multiple of `unroll` that is at least `steps`, and not zero."""
         return self.unroll * max(1, math.ceil(steps / self.unroll))
 
     def _arguments(self, dt: float, steps: int) -> tuple[Array, Array]:
@@ -84,7 +85,7 @@ def end_state(
     *,
     unroll: int,
 ) -> tuple[AnyState, Array]:
-    """The state after so many turns of the loop, of `unroll` steps each; whether all went well. Checks nothing."""
+    """The state after `turns` turns of the loop, each of `unroll` steps, and its `ok`; arguments are not checked."""
     zero = jnp.zeros((), start.momentum.dtype)
     system = System.of(body, torque, start, zero)
     motion = system.motion(start)

@@ -1,9 +1,10 @@
-"""Which method and step for this body, this torque and this error: tried out on the very motion, not looked up.
+"""`recommend`: the fastest method and step for a body, a torque and a tolerance, measured on the motion itself.
 
-Each candidate is compiled once, with the number of steps as an argument, and runs over a ladder of steps, each half the
-one before: down from a guess until it misses the tolerance, and up until a halving of the step changes next to nothing.
-The end that changed least is what all are judged by, and the quickest within the tolerance wins. A candidate that is
-slower already than one that has passed is not followed any further.
+Each candidate is compiled once, with the number of steps as an argument, and run over a ladder of steps in which each
+step is half the one before. From a guess the ladder goes to larger steps until a run misses the tolerance, and to
+smaller steps until halving the step changes the result by a small part of the tolerance. The result that changed least
+is the reference for all errors, and the fastest candidate within the tolerance is recommended. The ladder of a
+candidate that is already slower than another one within the tolerance goes to no smaller steps.
 """
 
 import math
@@ -33,17 +34,17 @@ from .arguments import as_scalar, check_system
 from .program import Program
 from .timing import timed
 
-_COPIES = 16  # bodies moved side by side: time is that of one among many
-_SAFETY = 0.9  # of the step that the errors on both sides of the tolerance would allow
-_FIRST_TURN = 0.5  # radians a step, by the guess
-_SETTLED = 4  # the end is known once a halving of the step changes it by less than this share of the tolerance
-_SLOWER = 1.5  # times the quickest that passed, at which a candidate is given up
-_SHORT = 0.01  # seconds of runs that are timed again, five times at most
-_LONGEST = 1.0  # seconds of a run beyond which no finer step is tried
+_COPIES = 16  # copies of the body in each run: the time of a run is divided by this number
+_SAFETY = 0.9  # fraction of the step that interpolation between two errors gives for the tolerance
+_FIRST_TURN = 0.5  # radians by which the body turns in a step of the first guess
+_CONVERGED = 4  # converged: halving the step changes the end by less than the tolerance over this number
+_SLOWER = 1.5  # a candidate is dropped once it takes so many times as long as the fastest within the tolerance
+_SHORT = 0.01  # a run is timed again, up to five times, until its timings take this many seconds in total
+_LONGEST = 1.0  # seconds; no smaller step is tried after a run of all copies that took longer
 _MOST_STEPS = 2**30
-_LEAST = 64  # units of eps: a smaller tolerance is lost in rounding
-_ROUNDING = 1e4  # units of eps below which a change that no longer falls is rounding
-_STIFF = 5  # times the rate of the motion itself, above which a rate of the linearised equations is called stiff
+_LEAST = 64  # smallest tolerance, in units of eps: rounding hides a smaller error
+_ROUNDING = 1e4  # in units of eps: a change below this that no longer decreases is rounding
+_STIFF = 5  # a rate of the linearised equations is stiff if it exceeds the rate of the motion by this factor
 
 
 class Trial(NamedTuple):
@@ -52,10 +53,10 @@ class Trial(NamedTuple):
     Attributes:
         method: its name.
         dt: step.
-        steps: how many.
-        error: of the attitude at the end, Frobenius norm of the difference of rotation matrices.
-        seconds: processor time for one body among many, for the whole motion, compiling not counted.
-        ok: whether every number could be trusted (see `Path.ok`).
+        steps: number of steps.
+        error: error of the attitude at the end, Frobenius norm of the difference of rotation matrices.
+        seconds: processor time of the whole motion for one body in a batch, without compiling.
+        ok: whether every solve succeeded and every number is finite (see `Path.ok`).
     """
 
     method: str
@@ -67,15 +68,15 @@ class Trial(NamedTuple):
 
 
 class Recommendation(NamedTuple):
-    """What to use.
+    """The recommended method and step.
 
     Attributes:
         method: its name, for `integrate` and `ensemble`.
-        dt, steps: the step, and how many make the duration.
-        error: of the attitude at the end of the duration, measured; Frobenius norm.
-        seconds: processor time for one body among many, for the whole motion, measured.
-        duration: how long the motion was followed.
-        note: what keeps the step from being larger, if not the error; "" otherwise.
+        dt, steps: the step, and the number of steps in the duration.
+        error: measured error of the attitude at the end of the duration, Frobenius norm.
+        seconds: measured processor time of the whole motion for one body in a batch.
+        duration: duration of the motion.
+        note: what limits the step, if it is not the error; "" otherwise.
         tried: all runs.
     """
 
@@ -99,24 +100,29 @@ def recommend(
     symplectic: bool = True,
     progress: bool | None = None,
 ) -> Recommendation:
-    """The quickest of our methods, and its step, for an error of attitude at the end of a motion.
+    """The fastest method of this package, and its step, for a given error of the attitude at the end of a motion.
 
-    Runs each candidate on the motion, for the whole duration, in some seconds of compiling and more where the motion is
-    long. A recommendation is for that duration: errors grow with time. The time a method takes is that of this machine.
+    Runs each candidate on the motion for the whole duration. Compiling takes some seconds, a long motion takes longer.
+    The recommendation holds for this duration, because errors grow with time, and for this machine, because times are
+    measured on it.
 
     Args:
         body, torque, start: as for `integrate`.
-        tolerance: of the attitude at the end, Frobenius norm of the difference of rotation matrices; at most 1.
-        duration: how long the motion is followed, from time 0; not zero, negative for one back in time.
-        symplectic: only methods that are, and so also keep the energy over long runs; False admits Runge and Kutta's.
-        progress: whether to tell on stderr what is being tried; by default on a terminal.
+        tolerance: largest error of the attitude at the end, Frobenius norm of the difference of rotation matrices; at
+            most 1.
+        duration: duration of the motion, which starts at time 0; not zero, negative to integrate back in time.
+        symplectic: True to try only symplectic methods, which also keep the energy over long runs; False to try
+            Runge-Kutta methods, too.
+        progress: whether to print the candidate being tried to stderr; by default only if that is a terminal.
 
     Raises:
-        ValueError: arguments as for `integrate`; a tolerance that is not positive, or too small to be told from
-            rounding; no candidate reached it (the message says if the torque is stiff, or not finite).
+        ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
+            no candidate reached the tolerance (the message names a torque that is stiff or not finite).
     """
     if not isinstance(start, RigidState):
-        raise ValueError(f"start must be a midlie_jax.RigidState, whose attitude is judged, got {described(start)}.")
+        raise ValueError(
+            f"start must be a midlie_jax.RigidState, because errors are of the attitude, got {described(start)}."
+        )
     try:
         tolerance = float(tolerance)
     except (TypeError, ValueError) as error:
@@ -129,40 +135,45 @@ def recommend(
         )
     span = float(as_scalar("duration", duration, start.momentum.dtype))
     if span == 0:
-        raise ValueError("duration must not be zero.")
+        raise ValueError("duration must not be zero; give the time for which the motion is to be integrated.")
     check_system(find_method(DEFAULT), body, torque, start)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * _speed(body, start) / _FIRST_TURN))
     runs: dict[str, dict[int, _Run]] = {}
-    made: dict[str, _Candidate] = {}
-    say = _teller(progress, len(names))
+    compiled: dict[str, _Candidate] = {}
+    print_progress = _progress_printer(progress, len(names))
     for name in names:
-        say(name)
-        made[name] = _Candidate(name, body, torque, start, span)
-        best = _quickest(runs, tolerance)
-        runs[name] = dict(_ladder(made[name], guess, tolerance, best * _SLOWER))
-    judge = min((end for ladder in runs.values() for end in _settled(ladder)), default=None, key=lambda end: end[0])
-    if judge is None or judge[0] > tolerance / 3:
-        raise ValueError(_why_none(body, torque, start, span, tolerance, runs, judge))
-    tried = {name: [_trial(name, span, n, run, judge[1]) for n, run in sorted(runs[name].items())] for name in names}
+        print_progress(name)
+        compiled[name] = _Candidate(name, body, torque, start, span)
+        fastest = _fastest_seconds(runs, tolerance)
+        runs[name] = dict(_ladder(compiled[name], guess, tolerance, fastest * _SLOWER))
+    reference = min((end for ladder in runs.values() for end in _ends(ladder)), default=None, key=lambda end: end[0])
+    if reference is None or reference[0] > tolerance / 3:
+        raise ValueError(_why_none(body, torque, start, span, tolerance, runs, reference))
+    exact = reference[1]
+    tried = {name: [_trial(name, span, n, run, exact) for n, run in sorted(runs[name].items())] for name in names}
     fits = sorted(fit for trials in tried.values() for fit in _fit(trials, tolerance))
-    say("")
+    print_progress("")
     for _, name, steps in fits:
-        found = _confirmed(made[name], steps, judge[1], tolerance)
-        if found is not None:
-            every = (*(trial for trials in tried.values() for trial in trials), found)
-            note = _limit(body, torque, start, tried[name], found)
-            return Recommendation(found.method, found.dt, found.steps, found.error, found.seconds, span, note, every)
-    raise ValueError(_why_none(body, torque, start, span, tolerance, runs, judge))
+        best = _confirmed(compiled[name], steps, exact, tolerance)
+        if best is not None:
+            every = (*(trial for trials in tried.values() for trial in trials), best)
+            note = _limit(body, torque, start, tried[name], best)
+            return Recommendation(best.method, best.dt, best.steps, best.error, best.seconds, span, note, every)
+    raise ValueError(_why_none(body, torque, start, span, tolerance, runs, reference))
 
 
 def candidates(
     body: RigidBody | TensorBody, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
-    """The methods that `recommend` tries: on the exact flight of the body, those of high order first."""
+    """The methods that `recommend` tries: schemes on the exact flight of the body, from high order to low; others last.
+
+    Args:
+        reads_momentum: whether the torque depends on the momentum.
+    """
     flight = exact_flight(principal_of(body).moments)
     schemes = [scheme for scheme in SCHEMES.values() if scheme.leading]
-    if torque is None or reads_momentum:  # a torque of the momentum lowers every scheme to order 2
+    if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum
         schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
     names = [f"{flight.name}[{scheme.name}]" for scheme in sorted(schemes, key=lambda scheme: -scheme.order)]
     general = [entry.method.name for entry in ENTRIES.values() if isinstance(entry.method, RungeKutta)]
@@ -174,7 +185,7 @@ def _reads_momentum(body: Any, torque: Any, start: RigidState) -> bool:
 
 
 class _Run(NamedTuple):
-    """Where a run ended: the rotation matrix (3, 3); whether all was well; seconds for one body."""
+    """The result of a run: the rotation matrix at the end, (3, 3); whether all copies are ok; seconds for one body."""
 
     end: np.ndarray
     ok: bool
@@ -182,23 +193,23 @@ class _Run(NamedTuple):
 
 
 class _Candidate:
-    """A method on a motion, and how long its runs take."""
+    """A method compiled for the motion; runs and times it."""
 
     def __init__(self, name: str, body: Any, torque: Any, start: RigidState, span: float):
         self.name, self.span = name, span
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
         self.program = Program(find_method(name), body, torque, starts)
         self.dtype = start.momentum.dtype
-        # What a call costs that takes no step is no part of a longer run.
+        # The time of a call without steps, which is subtracted from that of every run.
         self.idle = 0.0
         self.idle = min(self.run(0).seconds for _ in range(3))
 
     def whole(self, steps: int) -> int:
-        """The next number of steps that the loop can do."""
+        """The least number of steps, not below `steps`, that the loop can take."""
         return self.program.whole(steps)
 
     def run(self, steps: int) -> _Run:
-        """A run of the whole motion in so many steps."""
+        """A run of the whole motion in `steps` steps."""
         step = self.span / max(steps, 1)
         (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
         end = np.asarray(so3.to_matrix(states.attitude[0]), np.float64)
@@ -207,89 +218,93 @@ class _Candidate:
 
 
 def _ladder(candidate: _Candidate, guess: int, tolerance: float, patience: float) -> Iterator[tuple[int, _Run]]:
-    """Runs by number of steps: coarser until one misses the tolerance, and finer until the end has settled."""
+    """Runs, with their numbers of steps: fewer until a run misses the tolerance, then more until the end has converged.
+
+    Args:
+        patience: seconds of a run after which no more steps are tried.
+    """
     steps = candidate.whole(guess)
     run = candidate.run(steps)
     yield steps, run
-    coarse, finer = steps, run
-    while finer.ok and coarse > candidate.program.unroll:
-        coarse = candidate.whole(coarse // 2)
-        before, finer = finer, candidate.run(coarse)
-        yield coarse, finer
-        if not finer.ok or _apart(before, finer) > 2 * tolerance:
+    coarse_steps, coarse_run = steps, run
+    while coarse_run.ok and coarse_steps > candidate.program.unroll:
+        coarse_steps = candidate.whole(coarse_steps // 2)
+        before, coarse_run = coarse_run, candidate.run(coarse_steps)
+        yield coarse_steps, coarse_run
+        if not coarse_run.ok or _distance(before, coarse_run) > 2 * tolerance:
             break
     change, rounding = math.inf, _ROUNDING * float(np.finfo(candidate.dtype).eps)
     while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * steps <= _MOST_STEPS:
         steps = candidate.whole(2 * steps)
         before, run, last = run, candidate.run(steps), change
-        change = _apart(before, run)
+        change = _distance(before, run)
         yield steps, run
-        if change < tolerance / _SETTLED or last / 1.5 < change < rounding:
+        if change < tolerance / _CONVERGED or last / 1.5 < change < rounding:
             return
 
 
-def _apart(one: _Run, other: _Run) -> float:
-    """How far two ends are apart; infinity where one of them is none."""
-    return float(np.linalg.norm(one.end - other.end)) if one.ok and other.ok else math.inf
+def _distance(first: _Run, second: _Run) -> float:
+    """Frobenius norm of the difference of the ends of two runs; infinity if one of them failed."""
+    return float(np.linalg.norm(first.end - second.end)) if first.ok and second.ok else math.inf
 
 
-def _settled(ladder: dict[int, _Run]) -> Iterator[tuple[float, np.ndarray]]:
-    """Ends, each with what the last halving of the step changed."""
+def _ends(ladder: dict[int, _Run]) -> Iterator[tuple[float, np.ndarray]]:
+    """The ends of the runs, each with its change by the last halving of the step."""
     runs = [run for _, run in sorted(ladder.items())]
-    for coarse, fine in pairwise(runs):
-        change = _apart(coarse, fine)
+    for coarse, refined in pairwise(runs):
+        change = _distance(coarse, refined)
         if math.isfinite(change):
-            yield change, fine.end
+            yield change, refined.end
 
 
-def _quickest(runs: dict[str, dict[int, _Run]], tolerance: float) -> float:
-    """The seconds of the quickest run so far that its own ladder says is within the tolerance; infinity if none is."""
-    found = [math.inf]
+def _fastest_seconds(runs: dict[str, dict[int, _Run]], tolerance: float) -> float:
+    """Seconds of the fastest run so far that is within the tolerance of its ladder's last run; infinity if none is."""
+    seconds = [math.inf]
     for ladder in runs.values():
         ordered = [run for _, run in sorted(ladder.items())]
-        found += [run.seconds for run in ordered if _apart(run, ordered[-1]) < tolerance]
-    return min(found)
+        seconds += [run.seconds for run in ordered if _distance(run, ordered[-1]) < tolerance]
+    return min(seconds)
 
 
-def _trial(name: str, span: float, steps: int, run: _Run, end: np.ndarray) -> Trial:
-    error = float(np.linalg.norm(run.end - end)) if run.ok else math.inf
+def _trial(name: str, span: float, steps: int, run: _Run, exact: np.ndarray) -> Trial:
+    error = float(np.linalg.norm(run.end - exact)) if run.ok else math.inf
     return Trial(name, span / steps, steps, error, run.seconds, run.ok)
 
 
 def _fit(trials: Sequence[Trial], tolerance: float) -> list[tuple[float, str, int]]:
-    """(seconds, method, steps) from the trials on both sides of the tolerance; nothing if it was not reached."""
-    fine = next((t for t in trials if t.ok and t.error <= tolerance), None)
-    if fine is None:
+    """[(seconds, method, steps)] for the tolerance, interpolated between two trials; [] if no trial reached it."""
+    within = next((t for t in trials if t.ok and t.error <= tolerance), None)
+    if within is None:
         return []
-    coarser = [t for t in trials if t.steps < fine.steps and t.ok]
-    steps = fine.steps
-    if coarser and 0 < fine.error < coarser[-1].error < 1:
+    coarser = [t for t in trials if t.steps < within.steps and t.ok]
+    steps = within.steps
+    if coarser and 0 < within.error < coarser[-1].error < 1:
         coarse = coarser[-1]
-        slope = math.log(coarse.error / fine.error) / math.log(fine.steps / coarse.steps)
+        slope = math.log(coarse.error / within.error) / math.log(within.steps / coarse.steps)
         steps = min(steps, math.ceil(coarse.steps * (coarse.error / tolerance) ** (1 / slope) / _SAFETY))
-    return [(fine.seconds * steps / fine.steps, fine.method, steps)]
+    return [(within.seconds * steps / within.steps, within.method, steps)]
 
 
-def _confirmed(candidate: _Candidate, steps: int, end: np.ndarray, tolerance: float) -> Trial | None:
-    """The run with so many steps, or a few more, that is within the tolerance; None if there is none near."""
+def _confirmed(candidate: _Candidate, steps: int, exact: np.ndarray, tolerance: float) -> Trial | None:
+    """The first trial within the tolerance, with `steps` steps or up to about twice as many; None if there is none."""
     for _ in range(6):
         steps = candidate.whole(steps)
-        found = _trial(candidate.name, candidate.span, steps, candidate.run(steps), end)
-        if found.error <= tolerance:
-            return found
+        trial = _trial(candidate.name, candidate.span, steps, candidate.run(steps), exact)
+        if trial.error <= tolerance:
+            return trial
         steps = math.ceil(steps * 1.15)
     return None
 
 
-def _limit(body: Any, torque: Any, start: RigidState, trials: Sequence[Trial], found: Trial) -> str:
-    """What keeps the step from being larger, where a larger one fails rather than being inaccurate."""
-    failed = [t for t in trials if t.steps < found.steps and not t.ok]
-    if not failed or failed[-1].steps < found.steps / 4:
+def _limit(body: Any, torque: Any, start: RigidState, trials: Sequence[Trial], best: Trial) -> str:
+    """What limits the step, if a run with a larger step failed instead of being inaccurate; "" otherwise."""
+    failed = [t for t in trials if t.steps < best.steps and not t.ok]
+    if not failed or failed[-1].steps < best.steps / 4:
         return ""
-    fastest, own = _rates(body, torque, start)
-    if fastest * abs(failed[-1].dt) > 1 and fastest > _STIFF * own:
-        return f"the torque is stiff: larger steps are unstable. {_stiffness(fastest, own)}"
-    return "larger steps turn the body further than the flight's series reach."
+    largest_rate, motion_rate = _rates(body, torque, start)
+    if largest_rate * abs(failed[-1].dt) > 1 and largest_rate > _STIFF * motion_rate:
+        return f"the torque is stiff: larger steps are unstable. {_stiffness(largest_rate, motion_rate)}"
+    return "larger steps turn the body by more than the range of the flight's series."
 
 
 def _why_none(
@@ -299,28 +314,31 @@ def _why_none(
     span: float,
     tolerance: float,
     runs: dict[str, dict[int, _Run]],
-    judge: tuple[float, np.ndarray] | None,
+    reference: tuple[float, np.ndarray] | None,
 ) -> str:
-    """Why there is nothing to recommend."""
-    finest = max(max(ladder) for ladder in runs.values())
-    tried = f"with up to {finest} steps of {span / finest:.1e}"
-    fastest, own = _rates(body, torque, start)
-    if not math.isfinite(fastest):
+    """The message if there is nothing to recommend."""
+    most = max(max(ladder) for ladder in runs.values())
+    tried = f"with up to {most} steps of {span / most:.1e}"
+    largest_rate, motion_rate = _rates(body, torque, start)
+    if not math.isfinite(largest_rate):
         return "the torque or its derivative is not finite at the start; check it for a division by zero."
-    if fastest > _STIFF * own and not all(run.ok for ladder in runs.values() for run in ladder.values()):
-        return f"the torque is stiff: no method reached {tolerance:.1e} {tried}. {_stiffness(fastest, own)}"
-    if judge is None:
-        return f"every run failed, {tried}; check the torque for NaN along the way."
+    if largest_rate > _STIFF * motion_rate and not all(run.ok for ladder in runs.values() for run in ladder.values()):
+        return (
+            f"the torque is stiff: no method reached {tolerance:.1e} {tried}. {_stiffness(largest_rate, motion_rate)}"
+        )
+    if reference is None:
+        return f"every run failed, {tried}; check the torque for NaN during the motion."
     return (
         f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still changes the end by "
-        f"{judge[0]:.1e}. Use a larger tolerance, a shorter duration (a chaotic motion forgets its start), or float64."
+        f"{reference[0]:.1e}. Use a larger tolerance, a shorter duration (a chaotic motion amplifies every error), "
+        "or float64."
     )
 
 
-def _stiffness(fastest: float, own: float) -> str:
+def _stiffness(largest_rate: float, motion_rate: float) -> str:
     return (
-        f"Its fastest rate at the start is {fastest:.1e} per unit of time, that of the motion itself {own:.1e}. An "
-        "implicit solver of diffrax takes such a torque: Kvaerno5() with a midlie_jax.RigidBodyTerm(body, torque)."
+        f"Its largest rate at the start is {largest_rate:.1e} per unit of time, while the rate of the motion is "
+        f"{motion_rate:.1e}. Use an implicit solver of diffrax: Kvaerno5() with midlie_jax.RigidBodyTerm(body, torque)."
     )
 
 
@@ -330,13 +348,14 @@ def _speed(body: Any, start: RigidState) -> float:
 
 
 def _rates(body: Any, torque: Any, start: RigidState) -> tuple[float, float]:
-    """The fastest rate of the equations of motion linearised at the start, and that at which the motion itself changes.
+    """The largest rate of the equations of motion linearised at the start, and the rate of the motion itself.
 
-    The one is the largest modulus of an eigenvalue; the other |Omega|, or the root of its rate of change.
+    The largest rate is the largest modulus of an eigenvalue. The rate of the motion is the larger of |Omega| and the
+    square root of |d Omega/dt|.
     """
     leaves, structure = jax.tree.flatten(start)
     one, zero = jnp.ones((), start.momentum.dtype), jnp.zeros((), start.momentum.dtype)
-    # Bodies given by a tensor have the same eigenvalues in their principal axes.
+    # A `TensorBody` has the same eigenvalues in its principal axes as in the user's axes.
     system = System.of(body, torque, start, zero)
 
     def rates(flat: Array) -> Array:
@@ -350,20 +369,20 @@ def _rates(body: Any, torque: Any, start: RigidState) -> tuple[float, float]:
     if not (np.all(np.isfinite(slope)) and np.all(np.isfinite(rate))):
         return math.inf, math.inf
     change = np.asarray(body.velocity(jnp.asarray(rate[:3], start.momentum.dtype)), np.float64)
-    own = max(_speed(body, start), float(np.linalg.norm(change)) ** 0.5)
-    return float(np.abs(np.linalg.eigvals(slope)).max()), own
+    motion_rate = max(_speed(body, start), float(np.linalg.norm(change)) ** 0.5)
+    return float(np.abs(np.linalg.eigvals(slope)).max()), motion_rate
 
 
-def _teller(progress: bool | None, count: int) -> Callable[[str], None]:
-    """A function that tells which candidate is tried, over its last line; with "" it wipes it."""
+def _progress_printer(progress: bool | None, count: int) -> Callable[[str], None]:
+    """A function that prints the name of the candidate being tried over its last line; the name "" erases the line."""
     if not (sys.stderr.isatty() if progress is None else progress):
         return lambda name: None
     done = 0
 
-    def say(name: str) -> None:
+    def print_progress(name: str) -> None:
         nonlocal done
         done += 1
         text = f"recommend: {name} ({done} of {count})" if name else ""
         print(f"\r{text:<60}", end="" if name else "\r", file=sys.stderr, flush=True)
 
-    return say
+    return print_progress

@@ -1,4 +1,4 @@
-"""Which arrays of an ensemble have one row a body, and whether there are as many rows as bodies."""
+"""For `ensemble`: decides which arrays have one row for each body, and checks the number of rows."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -11,58 +11,59 @@ import jax.numpy as jnp
 from ..model.states import AnyState
 from ..model.torques import on_body
 
-_MOST_TRIED = 6  # parameters whose every choice is tried
+_MOST_TRIED = 6  # with more parameters than this, not every subset is tried
 
 
 def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any], count: int) -> None:
-    """Raises unless every array marked in `rows`, a tree of booleans for each value, has `count` rows."""
+    """Raises unless every marked array has `count` rows; `rows` holds for each value a tree of booleans, the marks."""
     for name, value, marked in zip(names, values, rows, strict=True):
         leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(value, marked))
         for path, leaf in leaves:
             shape = jnp.shape(leaf)
             if not shape or shape[0] != count:
-                found = f"{shape[0]} rows" if shape else "no rows"
+                size = f"{shape[0]} rows" if shape else "no rows"
                 raise ValueError(
-                    f"{name}{jax.tree_util.keystr(path)} has {found}, but there are {count} bodies in start; give one "
+                    f"{name}{jax.tree_util.keystr(path)} has {size}, but there are {count} bodies in start; give one "
                     "row a body, or one for all."
                 )
 
 
 def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnyState, count: int) -> Any:
-    """The torque's tree with True for each array that has one row a body.
+    """The torque's tree with True for each array that has one row for each body.
 
     Args:
-        axes: None, 0, or a prefix of the torque's tree with these. Where it is None throughout, the arrays are those
-            which the torque cannot do without: as few as will do, tried on shapes alone.
-        body, own_body: the body on which it acts, and whether its arrays have one row a body.
+        axes: None, 0, or a prefix of the torque's tree with leaves None and 0. If it contains no 0, the smallest set of
+            arrays is chosen with which the torque has the shape of one body's momentum; only shapes are evaluated.
+        body, own_body: the body on which the torque acts, and whether its arrays have one row for each body.
 
     Raises:
-        ValueError: the axes are others, or do not fit the torque; whatever the choice, the torque acts on a number of
-            bodies that is not `count`.
+        ValueError: `axes` has other leaves, or does not fit the torque; or no choice fits and the torque acts on a
+            number of bodies that is not `count`.
     """
     if jax.tree.leaves(axes):
-        return _said(torque, axes)
+        return _marked_by_axes(torque, axes)
     leaves, structure = jax.tree.flatten(torque)
-    able = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf) and leaf.ndim and leaf.shape[0] == count]
+    candidates = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf) and leaf.ndim and leaf.shape[0] == count]
     wanted = start.momentum.shape[1:]
-    others = start, jax.tree.map(lambda leaf: _one(leaf, own_body), body)
-    alone = _shape(leaves, structure, (), *others)
-    for chosen in ((), *_choices(able)):
-        if (_shape(leaves, structure, chosen, *others) if chosen else alone) == wanted:
+    others = start, jax.tree.map(lambda leaf: _array_or_row(leaf, own_body), body)
+    all_shared = _torque_shape(leaves, structure, (), *others)
+    for chosen in ((), *_choices(candidates)):
+        if (_torque_shape(leaves, structure, chosen, *others) if chosen else all_shared) == wanted:
             return structure.unflatten([i in chosen for i in range(len(leaves))])
-    if alone is not None and alone[-len(wanted) :] == wanted:
+    if all_shared is not None and all_shared[-len(wanted) :] == wanted:
         sizes = sorted({leaf.shape[0] for leaf in leaves if eqx.is_array(leaf) and leaf.ndim})
         raise ValueError(
-            f"the torque acts on {alone[0]} bodies at once, from parameters with {' and '.join(map(str, sizes))} rows, "
-            f"but there are {count} bodies in start; give one row a body, or one for all."
+            f"the torque acts on {all_shared[0]} bodies at once, from parameters with {' and '.join(map(str, sizes))} "
+            f"rows, but there are {count} bodies in start; give one row a body, or one for all."
         )
     return structure.unflatten([False] * len(leaves))
 
 
-def _said(torque: Any, axes: Any) -> Any:
-    prefix = "torque_axes must be None, 0, or a prefix of the torque's tree with these"
+def _marked_by_axes(torque: Any, axes: Any) -> Any:
+    """The torque's tree with True for each array whose axis in `axes` is 0."""
+    rule = "torque_axes must be None, 0, or a prefix of the torque's tree with leaves None and 0"
     if any(isinstance(axis, bool) or axis != 0 for axis in jax.tree.leaves(axes)):
-        raise ValueError(f"{prefix}, got {axes!r}.")
+        raise ValueError(f"{rule}, got {axes!r}.")
 
     def marked(axis: Any, part: Any) -> Any:
         return jax.tree.map(lambda leaf: axis == 0 and eqx.is_array(leaf), part)
@@ -70,34 +71,35 @@ def _said(torque: Any, axes: Any) -> Any:
     try:
         return jax.tree.map(marked, axes, torque, is_leaf=lambda axis: axis is None)
     except ValueError as error:
-        raise ValueError(f"{prefix}; it does not fit the torque: {error}") from error
+        raise ValueError(f"{rule}; it does not fit the torque: {error}") from error
 
 
-def _one(leaf: Any, row: bool) -> Any:
-    """The shape of an array, or of one row of it."""
+def _array_or_row(leaf: Any, row: bool) -> Any:
+    """The shape and dtype of an array, or of one of its rows; anything else unchanged."""
     return jax.ShapeDtypeStruct(leaf.shape[1:] if row else leaf.shape, leaf.dtype) if eqx.is_array(leaf) else leaf
 
 
-def _choices(able: list[int]) -> list[tuple[int, ...]]:
-    """Some or all of these, fewest first."""
-    some = [c for k in range(1, len(able)) for c in combinations(able, k)] if len(able) <= _MOST_TRIED else []
-    return [*some, tuple(able)] if able else []
+def _choices(candidates: list[int]) -> list[tuple[int, ...]]:
+    """All nonempty subsets, the smallest first; only the full set if there are many candidates."""
+    few = len(candidates) <= _MOST_TRIED
+    some = [c for k in range(1, len(candidates)) for c in combinations(candidates, k)] if few else []
+    return [*some, tuple(candidates)] if candidates else []
 
 
-def _shape(
+def _torque_shape(
     leaves: list[Any], structure: Any, chosen: tuple[int, ...], start: AnyState, body: Any
 ) -> tuple[int, ...] | None:
-    """The shape of the torque on one body, called with one row of the leaves chosen; None if it cannot be called so."""
-    parts = [_one(leaf, i in chosen) for i, leaf in enumerate(leaves)]
-    state = jax.tree.map(lambda leaf: _one(leaf, True), start)
-    given = structure.unflatten(parts), state, body
-    arrays, rest = eqx.partition(given, lambda x: isinstance(x, jax.ShapeDtypeStruct))
+    """The shape of the torque on one body, with one row of each leaf in `chosen`; None if the torque refuses shapes."""
+    parts = [_array_or_row(leaf, i in chosen) for i, leaf in enumerate(leaves)]
+    state = jax.tree.map(lambda leaf: _array_or_row(leaf, True), start)
+    arguments = structure.unflatten(parts), state, body
+    arrays, rest = eqx.partition(arguments, lambda x: isinstance(x, jax.ShapeDtypeStruct))
 
-    def called(arrays: Any) -> Any:
+    def evaluated(arrays: Any) -> Any:
         torque, state, body = eqx.combine(arrays, rest)
         return on_body(torque, body)(jnp.zeros((), start.momentum.dtype), state)
 
     try:
-        return getattr(jax.eval_shape(called, arrays), "shape", None)
+        return getattr(jax.eval_shape(evaluated, arrays), "shape", None)
     except (TypeError, ValueError, IndexError, AttributeError):
-        return None  # it cannot take these shapes; if it can take none, the run says why
+        return None  # the torque does not accept these shapes; if it accepts none, the run raises its error

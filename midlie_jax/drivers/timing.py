@@ -1,11 +1,11 @@
-"""How runs are timed: the clocks, the statistic and its spread that all tables and charts of times share.
+"""How runs are timed: the clocks, the median and the spread that all tables and charts of times use.
 
-On the CPU a run is charged the processor time of this process. Wall time would also count what other programs take
-of the machine: a factor of two and more where it is busy. On one core the two agree while the machine is quiet. On
-several cores processor time adds up the threads, so it is what a run costs, not how long it takes. XLA moves a
-batch of hundreds of bodies on one thread at a time, hands it from thread to thread where there are several cores, and
-pays for that; so charts are measured on one core (`one_core`). An accelerator's work is no processor's: it is timed
-by the wall clock.
+On the CPU the time of a run is the processor time of this process. Wall time would include time that other programs
+take, which is a factor of two or more on a busy machine. On one core of a quiet machine the two times agree. On several
+cores processor time is the sum over the threads: the cost of a run, not its duration. XLA moves a batch of hundreds of
+bodies on one thread at a time; with several cores it passes the batch from thread to thread, which takes time. So
+charts are measured on one core (`one_core`). The work of an accelerator takes no processor time, so runs there are
+timed by the wall clock.
 """
 
 import contextlib
@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 
 import jax
 
-_BUSY = 0.85  # share of its core below which a process was not alone on it
+_BUSY = 0.85  # the machine was busy if this process got a smaller share of its core
 
 
 class Clock(NamedTuple):
     """Attributes:
-    name: what it counts, as charts and tables say it.
-    read: seconds since some moment.
+    name: the kind of time, as charts and tables print it.
+    read: the time in seconds, from an arbitrary origin.
     """
 
     name: str
@@ -40,12 +40,12 @@ def _wall() -> Clock:
 
 
 def cost_clock() -> Clock:
-    """What a run costs: processor time, all threads added up; wall time where an accelerator does the work."""
+    """The clock for the cost of a run: processor time of all threads; wall time where an accelerator works."""
     return _processor() if jax.default_backend() == "cpu" else _wall()
 
 
 def user_clock() -> Clock:
-    """How long a user waits for a run on a quiet machine: processor time on one core, wall time elsewhere."""
+    """The clock for how long a user waits on a quiet machine: processor time on one core, wall time otherwise."""
     return cost_clock() if cores() == 1 else _wall()
 
 
@@ -53,27 +53,27 @@ class Timing(NamedTuple):
     """Several timings of the same work.
 
     Attributes:
-        seconds: their median.
-        spread: half the distance between their quartiles, relative to the median; NaN for one timing.
+        seconds: the median.
+        spread: half the distance between the quartiles, relative to the median; NaN for a single timing.
     """
 
     seconds: float
     spread: float
 
     def scaled(self, factor: float) -> "Timing":
-        """The same for so many times the work."""
+        """The timing of `factor` times the work."""
         return self._replace(seconds=self.seconds * factor)
 
 
 class Stopwatch:
-    """Collects timings of the same work, which may lie far apart."""
+    """Collects timings of the same work; other work may run in between."""
 
     def __init__(self, clock: Clock | None = None):
         self.clock = clock or cost_clock()
         self.laps: list[float] = []
 
     def time(self, run: Callable[[], Any]) -> Any:
-        """The result of `run`, which must wait for it (`jax.block_until_ready`)."""
+        """The result of `run`, whose time is recorded; `run` must wait for its result (`jax.block_until_ready`)."""
         began = self.clock.read()
         result = run()
         self.laps.append(self.clock.read() - began)
@@ -95,15 +95,16 @@ def timed(
     longest: float = math.inf,
     clock: Clock | None = None,
 ) -> tuple[Any, Timing]:
-    """The last result of a few runs in a row, and their timing. Where there are three or more, the first is left out:
-    it fetches what the others find in the cache.
+    """The last result of several runs in a row, and their timing.
+
+    Of three or more runs the first is not counted, because it loads the cache for the others.
 
     Args:
-        run: waits for its result.
-        least: runs, whatever they take; one has no spread.
-        most: runs at most.
-        longest: seconds after which no further run begins.
-        clock: `cost_clock()` unless told.
+        run: must wait for its result.
+        least: smallest number of runs, however long they take; a single run has no spread.
+        most: largest number of runs.
+        longest: seconds of runs after which no further run starts.
+        clock: by default `cost_clock()`.
     """
     watch = Stopwatch(clock)
     while True:
@@ -115,7 +116,7 @@ def timed(
 
 
 def spread_in_words(spreads: Sequence[float]) -> str:
-    """The middle and the largest of some spreads, for a chart or below a table."""
+    """The median and the largest of the spreads in words, for a chart or below a table."""
     known = [spread for spread in spreads if math.isfinite(spread)]
     if not known:
         return "of unknown spread"
@@ -123,13 +124,13 @@ def spread_in_words(spreads: Sequence[float]) -> str:
 
 
 class Load:
-    """How much of the machine this process got since this was made."""
+    """The share of the machine that this process got since the object was created."""
 
     def __init__(self) -> None:
         self._wall, self._processor = time.perf_counter(), time.process_time()
 
     def share(self) -> float:
-        """The part of the time in which the process had its core; on several cores, what load the system reports."""
+        """The fraction of time in which the process had its core; on several cores, cores over the reported load."""
         if cores() == 1 and jax.default_backend() == "cpu":
             return (time.process_time() - self._processor) / max(time.perf_counter() - self._wall, 1e-9)
         try:
@@ -138,13 +139,13 @@ class Load:
             return 1.0
 
     def warning(self) -> str:
-        """A sentence for the user if the machine was busy, else nothing."""
+        """A warning for the user if the machine was busy, else ""."""
         share = self.share()
         if share > _BUSY:
             return ""
         return (
-            f"The machine was busy: this process had {share:.0%} of the processor time that it asked for. Differences "
-            "between times that are not much larger than their spread mean nothing; measure again on a quiet machine."
+            f"The machine was busy: this process had {share:.0%} of the processor time that it asked for. Only "
+            "differences much larger than the spread of the times are meaningful; measure again on a quiet machine."
         )
 
 
@@ -154,14 +155,14 @@ def cores() -> int:
 
 
 def pin() -> None:
-    """Leaves the process one core, so that all that is measured has the same; before JAX starts, which counts them."""
+    """Restricts the process to one core, for comparable times; call it before JAX starts, which counts the cores."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
 @contextlib.contextmanager
 def one_core() -> Generator[None]:
-    """Pins the process as `pin` does, and lets it go again."""
+    """Restricts the process to one core, as `pin` does, and undoes the restriction at the end."""
     before = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     pin()
     try:

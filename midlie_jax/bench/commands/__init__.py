@@ -1,4 +1,4 @@
-"""What the commands of `midlie` do once `midlie_command` has read the line. Top of the package: nothing imports it."""
+"""The commands of `midlie`; `midlie_command` parses the command line and calls `act`. No other module imports this."""
 
 import argparse
 
@@ -10,12 +10,12 @@ _ACTIONS = {"chart": chart.chart, "run": run.run, "methods": lists.methods, "sce
 
 
 def act(options: argparse.Namespace) -> None:
-    """Does what was asked for.
+    """Runs the command of the parsed options.
 
     Raises:
-        ValueError: something is wrong with it.
+        ValueError: an option is invalid.
         ImportError: a package is missing.
         OSError: a file could not be written.
     """
-    jax.config.update("jax_enable_x64", True)  # before any array exists, the scenes' included
+    jax.config.update("jax_enable_x64", True)  # must come before any array is created, including those of scenes
     _ACTIONS[options.command](options)

@@ -1,4 +1,4 @@
-"""`midlie chart`: errors against steps and costs as a table and a picture, for our methods or beside other programs."""
+"""`midlie chart`: a table and a chart of errors against steps and costs, for our methods or with other programs."""
 
 import argparse
 import math
@@ -18,39 +18,39 @@ _HEADS = (
 
 
 def chart(options: argparse.Namespace) -> None:
-    """Measures, prints and draws, on one core."""
+    """Measures on one core, prints the table and draws the chart."""
     with one_core():
         if options.rivals:
-            _beside_rivals(options)
+            _with_rivals(options)
         else:
-            _alone(options)
+            _without_rivals(options)
 
 
-def _alone(options: argparse.Namespace) -> None:
+def _without_rivals(options: argparse.Namespace) -> None:
     require("matplotlib", "tqdm", "mpmath")
     from tqdm import tqdm
 
     scene = scenes.scene(options.scene)
-    methods = _chosen(options.methods) or [method.name for method in paper_methods()]
+    methods = _checked(options.methods) or [method.name for method in paper_methods()]
     rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)
-    path = options.out or _in_this_folder(f"chart-{scene.name}.png")
+    path = options.out or _in_current_folder(f"chart-{scene.name}.png")
     load, clock = Load(), cost_clock()
     reference = convergence.find_reference(scene, rungs[-1])
     title = f"{scene.name}: {scene.title}, T = {scene.duration:g}"
-    known = f"{reference.source}, good to {reference.uncertainty:.0e} of its size"
+    described = f"{reference.source}, relative uncertainty {reference.uncertainty:.0e}"
     batch = f"per body in a batch of {convergence.COPIES}"
-    print(f"{title}\nErrors at the end against the {known}.\n", flush=True)
+    print(f"{title}\nErrors at the end against the {described}.\n", flush=True)
     with tqdm(
         total=len(methods) * len(rungs), unit="run", mininterval=0.5, dynamic_ncols=True, leave=False, disable=None
     ) as bar:
         bar.set_description(methods[0])
 
-        def seen(row: convergence.Row) -> None:
+        def show_progress(row: convergence.Row) -> None:
             bar.update()
-            at = methods.index(row.method) + (row.steps == rungs[-1])
-            bar.set_description(methods[at] if at < len(methods) else "timed again")
+            index = methods.index(row.method) + (row.steps == rungs[-1])
+            bar.set_description(methods[index] if index < len(methods) else "further timings")
 
-        rows, rounds = convergence.survey(scene, methods, rungs, reference, seen)
+        rows, rounds = convergence.survey(scene, methods, rungs, reference, show_progress)
     show_table(
         list(_HEADS),
         [
@@ -59,56 +59,58 @@ def _alone(options: argparse.Namespace) -> None:
             for cells in ([[]] if row.steps == rungs[0] and row is not rows[0] else []) + [_cells(row)]
         ],
     )
-    turns = "one round" if rounds == 1 else f"{rounds} rounds over all methods"
+    medians = "medians of one round" if rounds == 1 else f"medians of {rounds} rounds over all methods"
     spread = f"half the distance between quartiles ({spread_in_words([row.spread for row in rows])})"
-    what, warning = clock.name.capitalize(), load.warning()
-    print(f"\n{what}, {batch}: medians of {turns}; +-: {spread}.")
+    time_name, warning = clock.name.capitalize(), load.warning()
+    print(f"\n{time_name}, {batch}: {medians}; +-: {spread}.")
     print(warning, end="\n" if warning else "")
     charts.convergence_chart(
         rows,
         path,
         title=title,
-        reference=known,
-        clock=f"{what}, whole run, {batch}  [s]",
-        timing=f"Times: medians of {turns}; bars either way: {spread}. {warning}",
+        reference=described,
+        clock=f"{time_name}, whole run, {batch}  [s]",
+        timing=f"Times: {medians}; bars: {spread}. {warning}",
     )
     print(f"\nwrote {path}")
 
 
-def _beside_rivals(options: argparse.Namespace) -> None:
+def _with_rivals(options: argparse.Namespace) -> None:
     from .. import frontier, rivals, work_precision
     from ..frontier_chart import work_precision_chart
 
     rivals.require()
     require("matplotlib", "mpmath")
     if options.steps or options.levels:
-        raise ValueError("--steps and --levels do not go with --rivals, which finds its own.")
+        raise ValueError(
+            "--steps and --levels cannot be used with --rivals, which chooses its own steps; leave them out."
+        )
     scene = scenes.scene(options.scene)
-    path = options.out or _in_this_folder(f"chart-{scene.name}-rivals.png")
-    found = work_precision.compared(scene.name, _chosen(options.methods))
+    path = options.out or _in_current_folder(f"chart-{scene.name}-rivals.png")
+    comparison = work_precision.compared(scene.name, _checked(options.methods))
     print()
-    show_table(list(frontier.HEADS), [frontier.cells(row) for row in found.ratios])
-    print(f"\n{work_precision.timing_note(found)}")
+    show_table(list(frontier.HEADS), [frontier.cells(row) for row in comparison.ratios])
+    print(f"\n{work_precision.timing_note(comparison)}")
     work_precision_chart(
-        *(found.ours, found.rivals, work_precision.symplectic(found.ours), path),
-        title=work_precision.title(found.problem),
-        note=work_precision.note(found),
+        *(comparison.ours, comparison.rivals, work_precision.symplectic(comparison.ours), path),
+        title=work_precision.title(comparison.problem),
+        note=work_precision.note(comparison),
         clock=cost_clock().name,
     )
     print(f"\nwrote {path}")
 
 
-def _chosen(names: list[str] | None) -> list[str] | None:
-    """The methods named, each once, all of which move a rigid body."""
+def _checked(names: list[str] | None) -> list[str] | None:
+    """The names without repetitions, or None; a ValueError if a method does not move rigid bodies."""
     for name in names or []:
         if find_method(name).bodies is not RigidBody:
-            raise ValueError(f"method {name!r} does not move a rigid body; see `midlie methods`.")
+            raise ValueError(f"method {name!r} does not move a rigid body; choose from `midlie methods`.")
     return list(dict.fromkeys(names)) if names else None
 
 
-def _in_this_folder(name: str) -> str:
+def _in_current_folder(name: str) -> str:
     if not os.access(".", os.W_OK):
-        raise ValueError(f"cannot write {name} in this folder: permission denied; name another with --out.")
+        raise ValueError(f"cannot write {name} in this folder: permission denied; give another file with --out.")
     return name
 
 

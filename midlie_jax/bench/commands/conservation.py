@@ -1,6 +1,6 @@
-"""How far a run's energy and spatial momentum moved from what they were, and whether they should have stayed.
+"""The change of energy and spatial momentum in a run, and whether the exact motion conserves them.
 
-Computed in float64 whatever the run's dtype, so that what is seen is the rounding of the run and not that of the sums.
+Computed in float64 for a run of any dtype, so that the result shows the rounding of the run, not that of these sums.
 """
 
 from typing import Any, NamedTuple
@@ -16,14 +16,14 @@ from .record import Record
 
 
 class Change(NamedTuple):
-    """A quantity less its value at the start, for each body and time.
+    """The change of a quantity since the start, for each body and time.
 
     Attributes:
-        values: relative to a scale of the start, (bodies, n).
-        name: of the quantity.
-        formula: of the values.
-        note: which part of it, for the reader; may be "".
-        reason: why the true motion does not keep it; "" if it does.
+        values: the change relative to a value at the start, (bodies, n).
+        name: name of the quantity.
+        formula: formula of the values.
+        note: which part of the quantity is meant; may be "".
+        reason: why the exact motion does not conserve the quantity; "" if it does.
     """
 
     values: np.ndarray
@@ -34,21 +34,21 @@ class Change(NamedTuple):
 
     @property
     def in_words(self) -> str:
-        """The largest change, or why there is no sense in it."""
+        """The largest change, or the reason why the quantity is not conserved."""
         if self.reason:
             return self.reason
         return f"{float(np.max(np.abs(self.values))):.2e}" + (f"  ({self.note})" if self.note else "")
 
 
 def energy_change(record: Record) -> Change:
-    """(E(t) - E(0)) / |E(0)|; of the kinetic energy alone where there is no potential."""
+    """(E(t) - E(0)) / |E(0)|; of the kinetic energy if the torque has no potential."""
     body, torque, states = _doubles(record)
     first = jax.tree.map(lambda leaf: leaf[0, 0], states)
     times = np.asarray(record.times, np.float64)
     kinetic, reason = False, ""
     try:
-        still = [float(energy(body, torque, first, t)) for t in np.unique(times[:: max(1, len(times) // 8)])]
-        if min(still) != max(still):
+        same_state = [float(energy(body, torque, first, t)) for t in np.unique(times[:: max(1, len(times) // 8)])]
+        if min(same_state) != max(same_state):
             reason = "not conserved: the potential depends on time"
     except ValueError as error:
         kinetic, reason = True, f"not defined: {str(error).split(';')[0]}"
@@ -62,19 +62,19 @@ def energy_change(record: Record) -> Change:
 
 
 def momentum_change(record: Record) -> Change:
-    """|pi(t) - pi(0)| / |pi(0)|, or that of the one component that the torque leaves alone."""
+    """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, its change over |pi(0)|."""
     _, torque, states = _doubles(record)
     momenta = np.asarray(spatial_momentum(states))
     change = momenta - momenta[:, :1]
     size = np.linalg.norm(momenta[:, :1], axis=-1)
     name, formula = "spatial momentum", "|π - π₀| / |π₀|"
     if isinstance(torque, torques.HeavyTop):
-        note = "vertical component, the one conserved"
+        note = "vertical component, which is conserved"
         return Change(_relative(np.abs(change[..., 2]), size), name, "|πz - πz₀| / |π₀|", note)
     if isinstance(torque, torques.DipoleInField):
         field = np.asarray(torque.field)
         along = np.abs(change @ field) / np.linalg.norm(field)
-        note = "component along the field, the one conserved"
+        note = "component along the field, which is conserved"
         return Change(_relative(along, size), name, "|πf - πf₀| / |π₀|", note)
     whole = _relative(np.linalg.norm(change, axis=-1), size)
     if torque is None:
@@ -87,7 +87,7 @@ def _relative(change: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 def _doubles(record: Record) -> tuple[Any, Any, RigidState]:
-    """Body, torque and states. The states are put together unchecked: those of a run that failed may hold NaN."""
+    """Body, torque and states in float64. The states are not checked, because those of a failed run may contain NaN."""
 
     def double(leaf: Any) -> Any:
         floating = isinstance(leaf, (jax.Array, np.ndarray)) and jnp.issubdtype(leaf.dtype, jnp.floating)

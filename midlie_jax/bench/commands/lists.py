@@ -1,4 +1,4 @@
-"""`midlie methods` and `midlie scenes`."""
+"""`midlie methods` and `midlie scenes`: print tables of all methods and scenes."""
 
 import argparse
 
@@ -10,7 +10,7 @@ from .output import show_table
 
 
 def methods(options: argparse.Namespace) -> None:
-    """Lists the methods, the flights and the schemes, best first."""
+    """Prints the methods, the flights and the schemes, best first."""
     del options
     show_table(
         ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"],
@@ -27,7 +27,7 @@ def methods(options: argparse.Namespace) -> None:
             for entry in ENTRIES.values()
         ],
     )
-    print("\nAny FLIGHT[SCHEME] of these is a method, too:\n")
+    print("\nAny combination FLIGHT[SCHEME] is a method, too:\n")
     show_table(
         ["flight", "order", "symplectic", "when to take it"],
         [[f.name, "exact" if f.order is None else str(f.order), _yes(f.symplectic), f.use] for f in FLIGHTS.values()],
@@ -39,15 +39,15 @@ def methods(options: argparse.Namespace) -> None:
     )
 
 
-def _yes(holds: bool) -> str:
-    return "yes" if holds else "no"
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
 
 
 def scenes(options: argparse.Namespace) -> None:
-    """Lists the scenes."""
+    """Prints the scenes."""
     del options
-    found = [all_scenes.scene(name) for name in all_scenes.scenes()]
+    listed = [all_scenes.scene(name) for name in all_scenes.scenes()]
     show_table(
         ["scene", "step", "duration", "title"],
-        [[s.name, f"{s.dt:g}", f"{s.duration:g}", s.title] for s in found],
+        [[s.name, f"{s.dt:g}", f"{s.duration:g}", s.title] for s in listed],
     )

@@ -1,13 +1,13 @@
-"""What the commands share: tables on the terminal, and a word about a missing package in time."""
+"""What the commands share: tables on the terminal, and an early error about missing packages."""
 
 from importlib.util import find_spec
 
 
 def require(*packages: str) -> None:
-    """Tells what is missing before, not after, a minute of measuring.
+    """Checks that packages are installed, before minutes are spent on measuring.
 
     Raises:
-        ImportError: a package is not installed; the message names the extra that brings it.
+        ImportError: a package is not installed; the message names the extra that contains it.
     """
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
@@ -15,10 +15,14 @@ def require(*packages: str) -> None:
 
 
 def show_table(heads: list[str], rows: list[list[str]]) -> None:
-    """Aligned columns: text to the left, numbers to the right; a row cut short may run over, an empty one is a gap."""
-    whole = [row for row in rows if len(row) == len(heads)]
-    widths = [max([len(head), *(len(row[i]) for row in whole)]) for i, head in enumerate(heads)]
-    numeric = [bool(whole) and all(_is_number(row[i]) for row in whole) for i in range(len(heads))]
+    """Prints rows in aligned columns, text to the left and numbers to the right.
+
+    In a row with fewer cells than heads the cells after the second may be wider than their column. An empty row prints
+    an empty line.
+    """
+    full_rows = [row for row in rows if len(row) == len(heads)]
+    widths = [max([len(head), *(len(row[i]) for row in full_rows)]) for i, head in enumerate(heads)]
+    numeric = [bool(full_rows) and all(_is_number(row[i]) for row in full_rows) for i in range(len(heads))]
 
     def show(cells: list[str]) -> None:
         padded = [

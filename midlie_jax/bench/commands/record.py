@@ -1,4 +1,4 @@
-"""What `midlie run` did, as plain NumPy arrays: to judge, to draw and to save."""
+"""The result of `midlie run` as NumPy arrays, for the report, the chart and the saved file."""
 
 import csv
 from importlib.metadata import PackageNotFoundError, version
@@ -19,15 +19,15 @@ class Record(NamedTuple):
     """A run of one body or many.
 
     Attributes:
-        scene: what moved.
-        method: its name.
+        scene: the scene.
+        method: name of the method.
         dt: step.
-        steps: how many.
-        size, seed: of the perturbations, see `scenes.perturbed`; the first body is the scene's own.
-        times: of the states that were kept, (n,).
-        momenta: body frame, (bodies, n, 3).
+        steps: number of steps.
+        size, seed: size and seed of the perturbations, see `scenes.perturbed`; the first body is not perturbed.
+        times: times of the saved states, (n,).
+        momenta: angular momenta, body frame, (bodies, n, 3).
         attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4).
-        ok: whether all went well, (bodies,).
+        ok: `Path.ok` of each body, (bodies,).
     """
 
     scene: Scene
@@ -43,7 +43,7 @@ class Record(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
-        """From a path of `integrate` with a leading axis of bodies."""
+        """The record of a path of `integrate` with a leading axis of bodies."""
         arrays = (path.times[0], path.states.momentum, path.states.attitude, path.ok)
         return cls(scene, method, dt, steps, size, seed, *map(np.asarray, arrays))
 
@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
     @property
     def headline(self) -> str:
-        """What ran, on one line."""
+        """A description of the run in one line."""
         many = len(self.ok)
         bodies = f"{many} perturbed bodies" if many > 1 else "one body"
         return (
@@ -63,10 +63,10 @@ class Record(NamedTuple):
 
 
 def save(record: Record, path: str) -> None:
-    """Writes a .npz or .csv.
+    """Writes a .npz or .csv file, by the ending of `path`.
 
-    The .npz holds the arrays and all that identifies the run, and is read without pickle. The .csv has a line for each
-    body and time, with the columns `COLUMNS`.
+    The .npz contains the arrays and a full description of the run, and can be read without pickle. The .csv has a line
+    for each body and time, with the columns `COLUMNS`.
 
     Raises:
         OSError: the file cannot be written.
@@ -102,7 +102,7 @@ def _save_npz(record: Record, path: str) -> None:
     }
     if scene.axes is not None:
         parts["axes"] = np.asarray(scene.axes)
-    with open(path, "wb") as file:  # an open file keeps its name; NumPy would add an ending to some
+    with open(path, "wb") as file:  # given a name instead of an open file, NumPy may append ".npz" to the name
         np.savez(file, **parts)
 
 
@@ -112,7 +112,7 @@ def _save_csv(record: Record, path: str) -> None:
         writer.writerow(COLUMNS)
         for body, (momenta, attitudes, ok) in enumerate(zip(record.momenta, record.attitudes, record.ok, strict=True)):
             for t, momentum, attitude in zip(record.times, momenta, attitudes, strict=True):
-                # The text of a NumPy scalar has the digits that give it back, and no more.
+                # A NumPy scalar prints with the fewest digits that give back the same number.
                 writer.writerow([body, t, *momentum, *attitude, int(ok)])
 
 

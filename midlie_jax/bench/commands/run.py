@@ -1,4 +1,4 @@
-"""`midlie run`: a scene integrated, alone or in perturbed copies; what it kept of energy and momentum, and its time."""
+"""`midlie run`: integrates a scene or perturbed copies of it; reports errors of energy and momentum, and times."""
 
 import argparse
 import math
@@ -19,14 +19,14 @@ from .conservation import energy_change, momentum_change
 from .output import require
 from .record import Record, save
 
-_FEW, _MANY = 200, 2000  # states kept of each body, at most: for the errors, and for a file or a picture
-_KEPT_NUMBERS = 2**25  # and of all bodies together: 256 MiB in float64
-_TIMINGS, _TIMING_SECONDS = 30, 1.0  # runs timed, at most, and the seconds after which no more are
+_FEW, _MANY = 200, 2000  # most states saved of each body: for the errors alone, and for a file or a chart
+_MOST_NUMBERS = 2**25  # most numbers saved of all bodies: 256 MiB in float64
+_TIMINGS, _TIMING_SECONDS = 30, 1.0  # most runs timed, and the seconds after which no further run starts
 _MOST_STEPS = 2**31 - 1
 
 
 def run(options: argparse.Namespace) -> None:
-    """Integrates, reports, and saves and draws what it was asked to."""
+    """Integrates the scene and prints the report; writes a file and a chart if requested."""
     if options.plot:
         require("matplotlib")
     dtype = jnp.dtype(jnp.float32 if options.float32 else jnp.float64)
@@ -50,29 +50,30 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _steps(options: argparse.Namespace, scene: Scene, dtype: Any) -> tuple[float, int]:
-    """The step, as the dtype holds it, and how many."""
-    with np.errstate(over="ignore"):  # an infinity is refused below
+    """The step, rounded to the dtype, and the number of steps."""
+    with np.errstate(over="ignore"):  # infinity raises a ValueError below
         dt = float(np.asarray(scene.dt if options.dt is None else options.dt, dtype))
     if not (math.isfinite(dt) and dt != 0):
-        given = "" if options.dt is None or dt == options.dt else f" (from {options.dt:g}, in {dtype})"
-        raise ValueError(f"dt must be finite and not zero, got {dt:g}{given}; write for example --dt {scene.dt:g}.")
+        original = "" if options.dt is None or dt == options.dt else f" (from {options.dt:g}, in {dtype})"
+        raise ValueError(f"dt must be finite and not zero, got {dt:g}{original}; write for example --dt {scene.dt:g}.")
     if options.steps:
         return dt, options.steps
     count = max(1.0, scene.duration / abs(dt))
     if count > _MOST_STEPS:
         raise ValueError(
-            f"dt {dt:g} asks for {count:.1e} steps in the scene's duration {scene.duration:g}, more than {_MOST_STEPS}"
-            "; give a larger --dt, or --steps."
+            f"dt {dt:g} asks for {count:.1e} steps in the scene's duration {scene.duration:g}, which is more than "
+            f"{_MOST_STEPS}; give a larger --dt, or --steps."
         )
     return dt, round(count)
 
 
 def _save_every(steps: int, bodies: int, most: int) -> int:
-    """Every how many steps a state is kept; a divisor of the steps if there is one that keeps at least half the most.
+    """The number of steps between two saved states.
 
-    A prime number of steps has none: its last state then comes sooner after the one before.
+    It is a divisor of `steps` if a divisor saves between half of `most` states and `most`. A prime number of steps has
+    no such divisor: then there are fewer steps between the last two saved states.
     """
-    most = max(1, min(most, _KEPT_NUMBERS // (8 * bodies)))
+    most = max(1, min(most, _MOST_NUMBERS // (8 * bodies)))
     least = -(-steps // most)
     return next((n for n in range(least, 2 * steps // most + 1) if steps % n == 0), least)
 
@@ -80,10 +81,10 @@ def _save_every(steps: int, bodies: int, most: int) -> int:
 def _integrated(
     method: Method, scene: Scene, start: Any, dt: float, steps: int, every: int
 ) -> tuple[tuple[Any, Any, Any], float, Timing]:
-    """Times, states and flags of the bodies; the seconds of compiling; and the timing of the runs."""
+    """The path of all bodies, the seconds of compiling, and the timing of the runs."""
     rest = steps % every
 
-    def one(start: Any, dt: Any) -> Any:
+    def path_of_body(start: Any, dt: Any) -> Any:
         def part(start: Any, first: int, count: int, every: int) -> Any:
             options = {"dt": dt, "steps": count, "save_every": every, "first_step": first}
             return integrate(method, scene.body, scene.torque, start, **options)
@@ -99,7 +100,7 @@ def _integrated(
 
     step = jnp.asarray(dt, start.momentum.dtype)
     began = time.perf_counter()
-    compiled = jax.jit(jax.vmap(one, in_axes=(0, None))).lower(start, step).compile()
+    compiled = jax.jit(jax.vmap(path_of_body, in_axes=(0, None))).lower(start, step).compile()
     compile_seconds = time.perf_counter() - began
     path, timing = timed(
         lambda: jax.block_until_ready(compiled(start, step)),
@@ -112,7 +113,7 @@ def _integrated(
 
 
 def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) -> None:
-    many = len(record.ok)
+    count = len(record.ok)
     failed = int(np.sum(~record.ok))
     print(f"{record.headline}, on the {jax.default_backend().upper()}")
     runs = f"median, ±{timing.spread:.0%}" if math.isfinite(timing.spread) else "one run"
@@ -121,10 +122,10 @@ def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) 
     for name, value in (
         ("energy error, largest relative", energy_change(record).in_words),
         ("momentum error, largest relative", momentum_change(record).in_words),
-        ("ok", "yes" if not failed else f"NO: failed for {failed} of {many}"),
+        ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}"),
         ("compile time", f"{compile_seconds:.2f} s"),
         ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
-        ("throughput", f"{many * record.steps / timing.seconds:.3g} body-steps/s"),
+        ("throughput", f"{count * record.steps / timing.seconds:.3g} body-steps/s"),
         *([("note", warning)] if warning else []),
     ):
         print(f"  {name:<33} {value}")

@@ -1,4 +1,4 @@
-"""The picture of a run: what it kept of energy and momentum, how the body turned, and where one of its axes pointed."""
+"""The chart of a run: changes of energy and momentum, angular velocities, and the path of an axis of the body."""
 
 import math
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
 from .conservation import Change, energy_change, momentum_change
 from .record import Record
 
-_FIRST = 3  # bodies that are drawn one by one
+_FIRST = 3  # bodies that have a line of their own
 _COLOURS = ("#0072B2", "#D55E00", "#009E73")  # of Okabe and Ito
 _BAND = (5, 95)  # percentiles of all bodies
-_FEW = 50  # states that are seen one by one
-_ROUNDING = 1e3  # units in the last place below which an error is rounding
-_LEAST_RANGE = 1e-3  # of a panel of angular velocities, by the largest in it
+_FEW = 50  # with fewer states, each is marked by a dot
+_ROUNDING = 1e3  # in units in the last place: a smaller error is rounding
+_LEAST_RANGE = 1e-3  # smallest range of a panel of angular velocities, relative to the largest of them
 
 
 def run_chart(record: Record, path: str) -> None:
@@ -25,7 +25,7 @@ def run_chart(record: Record, path: str) -> None:
 
     Args:
         record: of one body or many.
-        path: file to write; overwritten.
+        path: file to write; an existing file is replaced.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -35,17 +35,17 @@ def run_chart(record: Record, path: str) -> None:
 
 
 def run_figure(record: Record) -> Any:
-    """The same as a matplotlib figure."""
+    """The chart as a matplotlib figure."""
     figure = new_figure(13.0, 10.0)
-    many, failed = len(record.ok), int(np.sum(~record.ok))
+    count, failed = len(record.ok), int(np.sum(~record.ok))
     note = f"Run by {record.method} with {record.steps} steps of {record.dt:g} in {record.dtype}."
-    if many > 1:
+    if count > 1:
         note += (
-            f" {many} perturbed bodies. Lines: the first {min(many, _FIRST)}, of which the first is unperturbed. "
-            f"Bands: from percentile {_BAND[0]} to {_BAND[1]} of all."
+            f" {count} perturbed bodies. Lines: the first {min(count, _FIRST)} bodies; the very first is unperturbed. "
+            f"Bands: percentiles {_BAND[0]} to {_BAND[1]} of all bodies."
         )
     if failed:
-        note += f" FAILED for {failed} of {many}: what is not finite is left out."
+        note += f" FAILED for {failed} of {count}: values that are not finite are left out."
     heading(figure, f"{record.scene.name}: {record.scene.title}", note)
     figure.subplots_adjust(bottom=0.065, wspace=0.2, hspace=0.28)
     grid = figure.add_gridspec(2, 2)
@@ -65,7 +65,7 @@ def _change(axes: Any, record: Record, change: Change, time: str) -> None:
     _remark(axes, change.reason or change.note)
     _band(axes, record.times, change.values, FAINT)
     for values, colour in zip(change.values[:_FIRST], _COLOURS, strict=False):
-        # Rounding jumps from state to state: a line through it would be a block of colour.
+        # Rounding errors jump from state to state: a line through them would be a block of colour.
         rounding = np.nanmax(np.abs(values)) < _ROUNDING * np.finfo(record.dtype).eps
         _plot(axes, record.times, values, colour, line=not rounding)
     axes.set_xlim(*_span(record))
@@ -73,23 +73,23 @@ def _change(axes: Any, record: Record, change: Change, time: str) -> None:
 
 
 def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
-    """A panel for each axis, for the rates may be of very different size."""
+    """Draws the angular velocities in one panel for each axis, because their sizes may be very different."""
     rates = record.momenta / np.asarray(record.scene.body.moments)
     for i, axes in enumerate(stack):
         first, last = i == 0, i == len(stack) - 1
         title = "Angular velocity about the principal axes" if first else ""
         largest = np.nanmax(np.abs(rates[..., i]))
         power = 3 * math.floor(math.log10(largest) / 3) if 0 < largest < 0.01 else 0
-        shown, scale = rates[..., i] / 10.0**power, f"$10^{{{power}}}$ " if power else ""
+        scaled, scale = rates[..., i] / 10.0**power, f"$10^{{{power}}}$ " if power else ""
         panel(axes, title, time if last else "", "")
         axes.set_ylabel(f"Ω{i + 1}  [{scale}rad/{unit}]", fontsize=9, color=INK)
         axes.tick_params(labelbottom=last)
-        _band(axes, record.times, shown, FAINT)
-        for values, colour in zip(shown[:_FIRST], _COLOURS, strict=False):
+        _band(axes, record.times, scaled, FAINT)
+        for values, colour in zip(scaled[:_FIRST], _COLOURS, strict=False):
             _plot(axes, record.times, values, colour)
         axes.set_xlim(*_span(record))
         low, high = axes.get_ylim()
-        least = _LEAST_RANGE * np.nanmax(np.abs(shown))  # a rate that is constant shall look so
+        least = _LEAST_RANGE * np.nanmax(np.abs(scaled))  # keeps the rounding of a constant rate invisible
         if high - low < least:
             axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
         axes.ticklabel_format(axis="y", useOffset=False, style="plain")
@@ -97,7 +97,7 @@ def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
 
 
 def _trace(axes: Any, record: Record) -> None:
-    """The path of an axis of the body on the unit sphere, seen along the z axis of space."""
+    """Draws the path of an axis of the body on the unit sphere, seen along the z axis of space."""
     axis, name = _axis(record)
     panel(axes, f"Path of {name} in space, seen from +z", "x in space  [-]", "y in space  [-]")
     matrices = np.asarray(so3.to_matrix(jnp.asarray(record.attitudes[:_FIRST])), np.float64)
@@ -116,27 +116,27 @@ def _trace(axes: Any, record: Record) -> None:
 
 
 def _remark(axes: Any, text: str) -> None:
-    """Small, above the right end of a panel: the left one may hold a power of ten."""
+    """Writes a small text above the right end of a panel; above the left end there may be a power of ten."""
     style = {"fontsize": 8.5, "color": "#5f5f5f", "ha": "right", "va": "bottom"}
     axes.annotate(text, (1.0, 1.0), xytext=(0, 3), xycoords="axes fraction", textcoords="offset points", **style)
     axes.set_title(axes.get_title(loc="left"), loc="left", pad=17, fontsize=PANEL_TITLE, weight="bold", color=INK)
 
 
 def _plot(axes: Any, times: np.ndarray, values: np.ndarray, colour: str, line: bool = True) -> None:
-    """A line, with dots on it where there are few states; or dots alone."""
+    """Draws a line, with dots if there are few states; or, without `line`, dots only."""
     few = len(times) < _FEW
     style = {"marker": "." if few or not line else "", "markersize": 6.0 if few else 1.5}
     axes.plot(times, values, color=colour, linewidth=1.0, linestyle="-" if line else "", **style)
 
 
 def _span(record: Record) -> tuple[float, float]:
-    """The times, with a little room."""
+    """The range of times, with a small margin."""
     low, high = sorted((float(record.times[0]), float(record.times[-1])))
     return low - 0.02 * (high - low), high + 0.02 * (high - low)
 
 
 def _axis(record: Record) -> tuple[np.ndarray, str]:
-    """The axis of the body that is followed, and what to call it: that on which the torque acts, else the third."""
+    """The axis of the body whose path is drawn, and its name: the axis of the torque if it has one, else the third."""
     torque = record.scene.torque
     if isinstance(torque, torques.HeavyTop):
         axis, name = np.asarray(torque.axis), "the axis from the pivot to the centre of mass"
@@ -145,12 +145,12 @@ def _axis(record: Record) -> tuple[np.ndarray, str]:
         axis, name = moment / np.linalg.norm(moment), "the dipole"
     else:
         axis, name = np.array([0.0, 0.0, 1.0]), "the body's axis e3"
-    own = [f"e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
-    return axis, f"the body's axis {own[0]}" if own else name
+    principal = [f"e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
+    return axis, f"the body's axis {principal[0]}" if principal else name
 
 
 def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None:
-    """Percentiles of the bodies at each time; one body has none."""
-    whole = values[np.all(np.isfinite(values), axis=1)]
-    if len(whole) > 1:
-        axes.fill_between(times, *np.percentile(whole, _BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
+    """Draws a band between percentiles of the bodies at each time; nothing for a single body."""
+    finite = values[np.all(np.isfinite(values), axis=1)]
+    if len(finite) > 1:
+        axes.fill_between(times, *np.percentile(finite, _BAND, axis=0), color=colour, alpha=0.22, linewidth=0)

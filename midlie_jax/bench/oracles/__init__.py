@@ -1,8 +1,8 @@
-"""Closed-form motions to test and chart the integrators against.
+"""Closed-form motions against which tests and charts compare the integrators.
 
-`free_body` is the torque-free rigid body with any moments, `lagrange_top` the symmetric heavy top; both return body
-momenta and attitudes at chosen times, right to about 1e-14. They use neither JAX nor any step, so they share no
-mistake with the methods they judge. They need mpmath: `pip install "midlie_jax[oracle]"`.
+`free_body` is the torque-free rigid body with any moments, `lagrange_top` the symmetric heavy top. Both return body
+momenta and attitudes at given times, accurate to about 1e-14. They use neither JAX nor time steps, so they share no
+error with the integrators. They need mpmath: `pip install "midlie_jax[oracle]"`.
 """
 
 from .free_body import free_body

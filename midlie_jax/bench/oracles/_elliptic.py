@@ -11,16 +11,16 @@ class Point(NamedTuple):
     u: Any
     turns: int
     rest: Any
-    sine: Any  # sn(rest): that of the reduced argument, as Carlson's form needs it
+    sine: Any  # sn(rest), of the reduced argument, as Carlson's form needs it
     sn: Any
     cn: Any
     dn: Any
 
 
 class Elliptic:
-    """The functions of one parameter m, given with its complement m1 = 1 - m.
+    """The functions for a parameter m, which is passed with its complement m1 = 1 - m.
 
-    Both are asked for because next to the separatrix m1 is tiny, and 1 - m would not know it.
+    Near the separatrix m1 is tiny and cannot be computed from m: the rounding of 1 - m would be larger than m1.
     """
 
     def __init__(self, ctx: Any, m: Any, m1: Any):
@@ -36,7 +36,7 @@ class Elliptic:
         self.complete: dict[Any, Any] = {}
 
     def argument(self, sn: Any, cn: Any, dn: Any) -> Any:
-        """The u in [-K, K] that has these values (cn >= 0)."""
+        """The u in [-K, K] with these values of Jacobi's functions; cn >= 0."""
         ctx = self.ctx
         return ctx.asinh(sn / cn) if self.m1 == 0 else sn * ctx.elliprf(cn * cn, dn * dn, 1)
 

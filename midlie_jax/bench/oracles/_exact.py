@@ -1,4 +1,4 @@
-"""Doubles read as exact fractions, so that a degenerate motion is recognised by `== 0` and never by a tolerance."""
+"""For `oracles`: inputs as exact fractions, so that `== 0` recognises a degenerate motion without a tolerance."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 else:
-    ArrayLike = Any  # run-time type checkers take numpy's own alias to refuse a plain tuple of floats
+    ArrayLike = Any  # with numpy's own alias, run-time type checkers refuse a plain tuple of floats
 
 
 def fresh_context(digits: int) -> Any:
-    """A private mpmath context: the caller's global precision is neither read nor changed."""
+    """A private mpmath context, which neither reads nor changes the global precision of the caller."""
     try:
         import mpmath
     except ImportError as error:
@@ -37,16 +37,16 @@ def fractions(name: str, values: ArrayLike, length: int) -> list[Fraction]:
 def read(
     moments: ArrayLike, momentum: ArrayLike, attitude: ArrayLike, times: ArrayLike
 ) -> tuple[list[Fraction], list[Fraction], list[Fraction], NDArray[np.float64]]:
-    """The inputs shared by all motions, checked; the attitude is not yet normalised."""
+    """Moments, momentum, attitude and times, checked; the attitude is not yet normalised."""
     inertia = fractions("moments", moments, 3)
     if min(inertia) <= 0:
         raise ValueError(f"moments must be positive, got {moments!r}.")
     quaternion = fractions("attitude", attitude, 4)
     if not any(quaternion):
-        raise ValueError("attitude must not be the zero quaternion.")
+        raise ValueError("attitude must not be the zero quaternion; the identity is (1, 0, 0, 0).")
     instants = np.asarray(times, dtype=np.float64)
     if instants.ndim != 1 or not np.all(np.isfinite(instants)):
-        raise ValueError("times must be one row of finite numbers.")
+        raise ValueError(f"times must be a one-dimensional array of finite numbers, got shape {instants.shape}.")
     return inertia, fractions("momentum", momentum, 3), quaternion, instants
 
 
@@ -55,7 +55,7 @@ def real(ctx: Any, value: Fraction) -> Any:
 
 
 def quaternion_product(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
-    """Hamilton's product, scalar first, for numbers of any kind."""
+    """Hamilton's product of quaternions, scalar first, for any type of numbers."""
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -67,5 +67,5 @@ def quaternion_product(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def decimal_size(ctx: Any, *values: Any) -> int:
-    """How many digits before the point the largest value has; precision must grow by these."""
+    """The number of digits before the decimal point of the largest value; precision must increase by so many."""
     return max(0, *(int(ctx.mag(v) * 0.30103) + 1 for v in values if v != 0), 0)

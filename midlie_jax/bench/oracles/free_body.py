@@ -23,15 +23,16 @@ def free_body(
 
     - `moments`: (3,) positive principal moments in any order. They need not obey the triangle inequality.
     - `momentum`: (3,) angular momentum Pi in the body frame at time 0.
-    - `attitude`: (4,) quaternion (w, x, y, z), body to space, at time 0; normalised here.
-    - `times`: (n,) in any order, negative ones too.
+    - `attitude`: (4,) quaternion (w, x, y, z), body to space, at time 0; need not be normalised.
+    - `times`: (n,) in any order, may be negative.
 
     **Returns:** momenta (n, 3) in the body frame and unit quaternions (n, 4), body to space. The quaternion follows
     the motion continuously from `attitude`: it does not jump to its negative.
 
     **Accuracy:** a few units in the last place of float64, at any distance from the separatrix, on it, and for
-    bodies with two or three moments equal, exactly or to rounding. The inputs are read as exact fractions, so large
-    times lose nothing either; near an unstable spin the motion is that of the very doubles given. A few ms a time.
+    bodies with two or three moments equal, exactly or to rounding. The inputs are treated as exact fractions, so
+    nothing is lost at large times either; near an unstable spin, where the motion depends strongly on the inputs, it is
+    the motion of exactly these float64 numbers. It takes a few ms for each time.
 
     **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive, a zero quaternion;
     `ImportError` without mpmath.
@@ -42,18 +43,19 @@ def free_body(
     (1995) 13 for R_F and R_J; E. T. Whittaker, Analytical Dynamics, section 69.
     """
     inertia, start, quaternion, instants = read(moments, momentum, attitude, times)
-    ctx = fresh_context(36)  # float64 has 16: the rest is slack, and below more is added for each known loss
+    ctx = fresh_context(36)  # digits; float64 has 16. Digits are added below for each known loss of precision
     length = ctx.sqrt(real(ctx, sum((c * c for c in quaternion), Fraction(0))))
     first = [real(ctx, c) / length for c in quaternion]
 
     spin = [p / i for p, i in zip(start, inertia, strict=True)]
     if all(start[j] * spin[k] == start[k] * spin[j] for j, k in ((0, 1), (1, 2), (2, 0))):
         turns = _steady_turns(ctx, spin, instants)
-        kept = np.array([float(p) for p in start])
-        return np.tile(kept, (len(instants), 1)), _attitudes(first, turns)
+        constant = np.array([float(p) for p in start])
+        return np.tile(constant, (len(instants), 1)), _attitudes(first, turns)
     axes = _labelled_axes(inertia, start)
     momenta, turns = _tumble(ctx, [inertia[k] for k, _ in axes], [sign * start[k] for k, sign in axes], instants)
-    # Back from the axes of the formulas to the body's own: a proper rotation, so the turn's vector part maps alike.
+    # From the axes of the formulas back to those of the body. The map is a proper rotation, so the vector part of the
+    # quaternions transforms like the momenta.
     pi, turn = np.empty_like(momenta), turns.copy()
     for j, (k, sign) in enumerate(axes):
         pi[:, k] = sign * momenta[:, j]
@@ -67,7 +69,7 @@ def _attitudes(first: list[Any], turns: NDArray[np.float64]) -> NDArray[np.float
 
 
 def _steady_turns(ctx: Any, spin: list[Fraction], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turns from the start of a body that spins about a fixed axis."""
+    """Rotations since the start, as quaternions (n, 4), of a body that spins about a fixed axis."""
     rate = ctx.sqrt(real(ctx, sum((w * w for w in spin), Fraction(0))))
     axis = [float(real(ctx, w) / rate) if rate else 0.0 for w in spin]
     turns = np.empty((len(times), 4))
@@ -79,24 +81,24 @@ def _steady_turns(ctx: Any, spin: list[Fraction], times: NDArray[np.float64]) ->
 
 
 def _labelled_axes(inertia: list[Fraction], start: list[Fraction]) -> list[tuple[int, int]]:
-    """Right-handed axes, as (index, sign), in which Pi circles the third one, on its positive side.
+    """Right-handed axes, as (index, sign), such that Pi circles the third axis on its positive side.
 
-    The middle axis is the one of the middle moment; then Pi_3 never vanishes, which is what lets the first axis serve
-    as pole of the angle below at every energy.
+    The second is the axis of the middle moment. Then Pi_3 never vanishes, so at every energy the first axis can serve
+    as the pole of the angle phi in `_tumble`.
     """
     low, middle, high = sorted(range(3), key=lambda k: inertia[k])
     twice_energy = sum((p * p / i for p, i in zip(start, inertia, strict=True)), Fraction(0))
     square = sum((p * p for p in start), Fraction(0))
     order = [low, middle, high] if twice_energy * inertia[middle] <= square else [high, middle, low]
-    third = 1 if start[order[2]] >= 0 else -1
-    handed = 1 if order in ([0, 1, 2], [1, 2, 0], [2, 0, 1]) else -1
-    return [(order[0], 1), (order[1], handed * third), (order[2], third)]
+    third_sign = 1 if start[order[2]] >= 0 else -1
+    handedness = 1 if order in ([0, 1, 2], [1, 2, 0], [2, 0, 1]) else -1
+    return [(order[0], 1), (order[1], handedness * third_sign), (order[2], third_sign)]
 
 
 def _tumble(
     ctx: Any, inertia: list[Fraction], start: list[Fraction], times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Momenta (n, 3) and turns from the start (n, 4), in the axes of `_labelled_axes`."""
+    """Momenta (n, 3) and rotations since the start (n, 4), in the axes of `_labelled_axes`."""
     i1, i2, i3 = inertia
     twice_energy = sum((p * p / i for p, i in zip(start, inertia, strict=True)), Fraction(0))
     square = sum((p * p for p in start), Fraction(0))
@@ -104,7 +106,8 @@ def _tumble(
     above, below = twice_energy * i3 - square, square - twice_energy * i1
     nearness = (square - twice_energy * i2) * (i3 - i1) / (below * (i3 - i2))
     speed = below * (i3 - i2) / (i1 * i2 * i3)
-    # Digits lost near the separatrix (1 - m small), near equal moments (much phase in one swing), and at large times.
+    # Digits are lost near the separatrix (small 1 - m), near equal moments (a large phase in one period of Pi), and at
+    # large times.
     lever = ctx.sqrt(real(ctx, square)) * real(ctx, 1 / i1 + 1 / i3)
     rate = ctx.sqrt(real(ctx, speed))
     latest = max(map(abs, times.tolist()), default=0.0)
@@ -116,14 +119,14 @@ def _tumble(
     a2 = ctx.sqrt(real(ctx, i2 * above / (i3 - i2)))
     a3 = ctx.sqrt(real(ctx, i3 * below / (i3 - i1)))
     total = ctx.sqrt(real(ctx, square))
-    # Euler's equations ask for sign(A1 A2 A3) = sign(I3 - I1); of the two ways left, the one with cn u0 >= 0.
+    # Euler's equations require sign(A1 A2 A3) = sign(I3 - I1); of the two choices left, take the one with cn u0 >= 0.
     sign = -1 if start[0] < 0 else 1
     a1, a2 = sign * a1, (sign if i3 > i1 else -sign) * a2
     functions = Elliptic(ctx, m, real(ctx, nearness))
     p1, p2, p3 = (real(ctx, p) for p in start)
     u0 = functions.argument(p2 / a2, p1 / a1, p3 / a3)
 
-    # The first axis goes round the spatial momentum with phi' = |Pi| (2H - Pi1^2/I1) / (Pi2^2 + Pi3^2), where
+    # The first axis circles the spatial momentum with phi' = |Pi| (2H - Pi1^2/I1) / (Pi2^2 + Pi3^2), where
     # Pi2^2 + Pi3^2 = A3^2 (1 - n sn^2) with n <= 0: no pole, no cancellation, no branch to follow.
     n = -((a1 / a3) ** 2)
     steady = total / real(ctx, i1)
@@ -135,15 +138,15 @@ def _tumble(
         row[:] = float(a1 * p.cn), float(a2 * p.sn), float(a3 * p.dn)
         phi = steady * ctx.mpf(t) + swing * (functions.third_kind(n, 1 - n, p) - before)
         angle[:] = [float(v) for v in ctx.cos_sin(phi / 2)]
-    began = _to_momentum_frame(np.array([[float(p1), float(p2), float(p3)]]))
+    first = _to_momentum_frame(np.array([[float(p1), float(p2), float(p3)]]))
     about = np.zeros((4, len(times)))
     about[0], about[3] = angles.T
-    turns = quaternion_product(began * np.array([[1.0], [-1.0], [-1.0], [-1.0]]), about)
+    turns = quaternion_product(first * np.array([[1.0], [-1.0], [-1.0], [-1.0]]), about)
     return momenta, np.stack(quaternion_product(turns, _to_momentum_frame(momenta)), axis=-1)
 
 
 def _to_momentum_frame(momenta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quaternions (4, n) of the rotation that lifts Pi to e3 and keeps the first body axis in the plane of e1, e3.
+    """Quaternions (4, n) of the rotations that take Pi to e3 and leave the first body axis in the plane of e1 and e3.
 
     Pi3 > 0 throughout, so both angles stay within a right angle and the quaternion is continuous.
     """

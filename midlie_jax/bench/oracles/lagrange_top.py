@@ -12,7 +12,7 @@ from ._elliptic import Elliptic, Point
 from ._exact import ArrayLike, decimal_size, fractions, fresh_context, quaternion_product, read, real
 from .free_body import free_body
 
-_ROOT_DIGITS = 320  # roots that are not equal differ by far more than this resolves; see `_roots`
+_ROOT_DIGITS = 320  # enough to separate all roots that are not equal; see `_roots`
 
 
 def lagrange_top(
@@ -20,53 +20,54 @@ def lagrange_top(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Momentum and attitude of the symmetric heavy top at the given times.
 
-    The top starts at time 0 and obeys Pi' = Pi x I^-1 Pi + mgl (R^T e_z) x e3, R' = R skew(I^-1 Pi): its axis is the
-    body's third, and its potential is mgl (R e3).z.
+    The top starts at time 0 and obeys Pi' = Pi x I^-1 Pi + mgl (R^T e_z) x e3, R' = R skew(I^-1 Pi). Its axis is the
+    third body axis, and its potential is mgl (R e3).z.
 
     **Arguments:**
 
     - `moments`: (3,) positive principal moments about the fixed point, the first two equal.
-    - `mgl`: weight times distance from the fixed point to the centre of mass; negative if that lies on -e3.
+    - `mgl`: weight times distance from the fixed point to the centre of mass; negative if the centre lies on -e3.
     - `momentum`: (3,) angular momentum Pi in the body frame at time 0.
-    - `attitude`: (4,) quaternion (w, x, y, z), body to space, at time 0; normalised here.
-    - `times`: (n,) in any order, negative ones too.
+    - `attitude`: (4,) quaternion (w, x, y, z), body to space, at time 0; need not be normalised.
+    - `times`: (n,) in any order, may be negative.
 
     **Returns:** momenta (n, 3) in the body frame and unit quaternions (n, 4), body to space. The quaternion follows
     the motion continuously from `attitude`: it does not jump to its negative.
 
     **Accuracy:** a few units in the last place of float64 for every start: nutation, regular precession, the sleeping
-    top (stable or not) and the motions that run into it, the pendulum without spin, the axis passing through the
-    vertical or as near to it as one likes. The inputs are read as exact fractions; near an unstable motion the result
-    belongs to the very doubles given. No numerical integration anywhere. Some 5 ms a time.
+    top (stable or not) and the motions that approach it, the pendulum without spin, and an axis that passes through the
+    vertical or arbitrarily near to it. The inputs are treated as exact fractions; near an unstable motion, which
+    depends strongly on the inputs, the result is that of exactly these float64 numbers. No numerical integration is
+    used. It takes about 5 ms for each time.
 
     **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive or whose first two
     differ, a zero quaternion; `ImportError` without mpmath.
 
     **Sources:** F. Klein, A. Sommerfeld, The Theory of the Top, vol. II: in z-x-z Euler angles the Cayley-Klein
     parameter cos(theta/2) exp(i (phi + psi)/2) has only the lower pole in its phase and sin(theta/2)
-    exp(i (phi - psi)/2) only the upper one, each one elliptic integral of the third kind. Whittaker, Analytical
-    Dynamics, section 71, for the cubic; B. C. Carlson, Numer. Algorithms 10 (1995) 13 for R_J.
+    exp(i (phi - psi)/2) only the upper pole; each phase is an elliptic integral of the third kind. Whittaker,
+    Analytical Dynamics, section 71, for the cubic; B. C. Carlson, Numer. Algorithms 10 (1995) 13 for R_J.
     """
     inertia, start, quaternion, instants = read(moments, momentum, attitude, times)
     (weight,) = fractions("mgl", [mgl], 1)
     if inertia[0] != inertia[1]:
-        raise ValueError(f"Lagrange's top has its first two moments equal, got {moments!r}: set them equal.")
+        raise ValueError(f"moments must have the first two moments equal for Lagrange's top, got {moments!r}.")
     if weight == 0:
         return free_body(moments, momentum, attitude, times)
     if weight > 0:
         return _Top(inertia, weight, start, quaternion).motion(instants)
-    # A top that hangs from -e3 is a top in body axes turned half round about the first.
-    half_round = (0, 1, 0, 0)
-    other = [start[0], -start[1], -start[2]]
-    momenta, attitudes = _Top(inertia, -weight, other, list(quaternion_product(quaternion, half_round))).motion(
+    # With the centre of mass on -e3, turn the body axes by half a turn about the first axis; then the centre is on e3.
+    half_turn = (0, 1, 0, 0)
+    turned = [start[0], -start[1], -start[2]]
+    momenta, attitudes = _Top(inertia, -weight, turned, list(quaternion_product(quaternion, half_turn))).motion(
         instants
     )
-    back = np.stack(quaternion_product(attitudes.T, (0, -1, 0, 0)), axis=-1)
-    return momenta * np.array([1.0, -1.0, -1.0]), back
+    attitudes = np.stack(quaternion_product(attitudes.T, (0, -1, 0, 0)), axis=-1)
+    return momenta * np.array([1.0, -1.0, -1.0]), attitudes
 
 
 class _Top:
-    """One motion with mgl > 0: its invariants, exactly, and the roots that bound the nutation."""
+    """A motion with mgl > 0: its exact invariants, and the cubic whose roots bound the nutation."""
 
     def __init__(self, inertia: list[Fraction], weight: Fraction, start: list[Fraction], quaternion: list[Fraction]):
         self.inertia, self.weight, self.start, self.quaternion = inertia, weight, start, quaternion
@@ -84,16 +85,16 @@ class _Top:
 
     def motion(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         a, b, c, _ = self.cubic
-        still = self.rise == 0 and 3 * a * self.height**2 + 2 * b * self.height + c == 0
+        steady = self.rise == 0 and 3 * a * self.height**2 + 2 * b * self.height + c == 0
         momenta, attitudes = np.empty((len(times), 3)), np.empty((len(times), 4))
-        solution = _Steady(self, times) if still else _Nutation(self, times)
+        solution = _Steady(self, times) if steady else _Nutation(self, times)
         for pi, q, t in zip(momenta, attitudes, times.tolist(), strict=True):
             pi[:], q[:] = solution.at(t)
         return momenta, attitudes / np.linalg.norm(attitudes, axis=-1, keepdims=True)
 
 
 class _Frame:
-    """What steady and nutating motions share: from half-angle functions and phases to momentum and quaternion."""
+    """Base of steady and nutating motions: momentum and quaternion from half-angle functions and phases."""
 
     def __init__(self, top: _Top, times: NDArray[np.float64]):
         self.top, self.ctx = top, fresh_context(36)
@@ -112,7 +113,13 @@ class _Frame:
         return value / abs(value) if value != 0 else self.ctx.mpc(1)
 
     def assemble(self, c: Any, s: Any, alpha: Any, beta: Any, dip: Any) -> tuple[list[float], list[float]]:
-        """c, s: signed cos and sin of theta/2; alpha, beta: phases as unit numbers; dip: I1 theta'."""
+        """Momentum and quaternion.
+
+        Args:
+            c, s: signed cos and sin of theta/2.
+            alpha, beta: phases, as complex numbers of modulus 1.
+            dip: I1 theta'.
+        """
         ctx, top = self.ctx, self.top
         across = ctx.zero  # I1 phi' sin(theta)
         if self.upper != 0:
@@ -126,7 +133,7 @@ class _Frame:
 
 
 class _Steady(_Frame):
-    """The height of the axis stays: regular precession, or the sleeping top."""
+    """The height of the axis is constant: regular precession, or the sleeping top."""
 
     def __init__(self, top: _Top, times: NDArray[np.float64]):
         super().__init__(top, times)
@@ -152,7 +159,7 @@ class _Nutation(_Frame):
         z0, swing, reach = real(wide, top.height), z2 - z1, z3 - z1
         m1 = (z3 - z2) / reach
         rate = wide.sqrt(real(wide, top.weight / top.inertia[0]) * reach / 2)
-        # Phase per unit of u, at each pole that the motion feels.
+        # Phase per unit of u, for each pole with a weight that is not zero.
         unit = 2 * real(wide, top.inertia[0]) * rate
         low = real(wide, self.lower) / unit / (1 + z1) if self.lower else wide.zero
         high = real(wide, self.upper) / unit / (1 - z1) if self.upper else wide.zero
@@ -160,7 +167,7 @@ class _Nutation(_Frame):
         ctx.dps += decimal_size(ctx, rate * self.longest)
 
         def narrow(value: Any) -> Any:
-            """Differences of roots are taken in the wide context and rounded last: none of them loses its digits."""
+            """Rounds to `ctx`. Differences of roots are computed in the wide context before, so they lose no digits."""
             return +ctx.convert(value)
 
         self.swing, self.rate = narrow(swing), narrow(rate)
@@ -176,7 +183,7 @@ class _Nutation(_Frame):
         first = self.functions.at(self.u0)
         c, s = self.halves(first)
         self.low0, self.high0 = self.phase(self.low, first), self.phase(self.high, first)
-        # Phases at the start. On a pole a Cayley-Klein parameter is zero and its phase is that of its rate of change.
+        # Phases at the start. On a pole a Cayley-Klein parameter is zero, and its phase is that of its time derivative.
         w1, w2 = (real(ctx, p / top.inertia[0]) for p in top.start[:2])
         alpha = self.alpha / c if self.alpha != 0 else -self.beta * ctx.mpc(w1, -w2)
         beta = self.beta / s if self.beta != 0 else -self.alpha * ctx.mpc(w1, w2)
@@ -189,7 +196,7 @@ class _Nutation(_Frame):
         return weight * self.functions.third_kind(n, n1, p)
 
     def halves(self, p: Point) -> tuple[Any, Any]:
-        """cos and sin of theta/2; one that vanishes where the axis passes through a pole has the sign of sn or cn."""
+        """cos and sin of theta/2; if the axis passes through a pole, the one that vanishes has the sign of sn or cn."""
         root, cn2, sn2 = self.ctx.sqrt, p.cn * p.cn, p.sn * p.sn
         c = root((self.below[0] * cn2 + self.below[1] * sn2) / 2)
         s = root((self.above[0] * cn2 + self.above[1] * sn2) / 2)
@@ -209,10 +216,10 @@ class _Nutation(_Frame):
 
 
 def _roots(ctx: Any, cubic: tuple[Fraction, ...], lower_pole: bool, upper_pole: bool) -> tuple[Any, Any, Any]:
-    """The three real roots in rising order; equal ones come out equal, and a root at a pole exactly 1 or -1.
+    """The three real roots in increasing order; equal roots are exactly equal, and a root at a pole is exactly 1 or -1.
 
-    Viete's formula keeps half the digits at nearly equal roots. Roots of such a cubic in doubles, if they differ at
-    all, differ by far more than 1e-100, so the other half is plenty.
+    For nearly equal roots Viete's formula is accurate to half of the digits. That is enough: the coefficients come from
+    float64 inputs, so roots that are not equal differ by far more than 1e-100.
     """
     a, b, c, d = cubic
     b, c, d = b / a, c / a, d / a

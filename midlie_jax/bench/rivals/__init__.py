@@ -1,8 +1,7 @@
-"""Other programs on the same problems, each through its public interface: one rival, one file.
+"""Other programs and methods on the same problems, each through its public interface, in its own file.
 
-They are measured, never used: nothing else in the package imports this, and each imports its own program when it is
-run. `work_precision` puts them on one chart with the methods of this package. A new rival is a file here and a line in
-`RIVALS`.
+They are only measured: no other part of the package uses them, and each imports its program only when it runs.
+`work_precision` compares them with the methods of this package. A new rival needs a file here and a line in `RIVALS`.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,12 +13,12 @@ from .problem import Point, Problem
 
 
 class Rival(NamedTuple):
-    """A program, or a family of methods of one.
+    """A program, or one of its methods.
 
     Attributes:
-        label: what the chart and the table call it.
+        label: its name in charts and tables.
         needs: the packages that it imports.
-        measure: yields a point for each tolerance or step; a problem that it cannot pose gives none.
+        measure: yields a point for each tolerance or step, and none for a problem that the program cannot solve.
     """
 
     label: str
@@ -40,10 +39,10 @@ RIVALS = (
 
 
 def require(rivals: tuple[Rival, ...] = RIVALS) -> None:
-    """Tells what is missing before, not after, minutes of measuring.
+    """Checks that the packages of the rivals are installed, before minutes are spent on measuring.
 
     Raises:
-        ImportError: a package is not installed; the message names the extra that brings it.
+        ImportError: a package is not installed; the message names the extra that contains it.
     """
     missing = [name for name in dict.fromkeys(n for r in rivals for n in r.needs) if find_spec(name) is None]
     if missing:

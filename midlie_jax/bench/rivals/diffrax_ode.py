@@ -1,6 +1,6 @@
-"""diffrax: explicit Runge-Kutta on momentum and quaternion, vmapped, with a constant step and with a controller.
+"""diffrax: explicit Runge-Kutta methods on momentum and quaternion, vmapped, with constant and with adaptive steps.
 
-A tolerance or step is an argument of the compiled program, so each way is compiled once.
+The tolerance or step is an argument of the compiled program, so each of the two is compiled once.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ import numpy as np
 from .problem import Point, Problem, orbit_of, radius, rates
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
-_PATIENCE = 6  # times as long as others, so that its lines reach the small errors at which it is compared
+_PATIENCE = 6  # runs may take so many times as long as those of others, to reach the small errors that are compared
 
 
 def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[Point]:
@@ -24,11 +24,11 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
 
     def field(t: Any, y: Any, args: Any) -> Any:
         del args
-        place = None if orbit is None else tuple(orbit(t) / radius(orbit))
-        return jnp.stack(equations(tuple(y), place))
+        position = None if orbit is None else tuple(orbit(t) / radius(orbit))
+        return jnp.stack(equations(tuple(y), position))
 
     def solve(start: Any, step: Any, controller: Any) -> Any:
-        found = diffrax.diffeqsolve(
+        solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
             solver,
             0.0,
@@ -40,8 +40,8 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
             max_steps=None,
             throw=False,
         )
-        ends: Any = found.ys
-        return ends[-1, 3:], found.stats["num_steps"]
+        ends: Any = solution.ys
+        return ends[-1, 3:], solution.stats["num_steps"]
 
     def constant(starts: Any, step: Any) -> Any:
         return jax.vmap(lambda start: solve(start, step, diffrax.ConstantStepSize()))(starts)
@@ -51,24 +51,24 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
         first = scene.dt / 4
         return jax.vmap(lambda start: solve(start, first, controller))(starts)
 
-    coarse = [scene.duration / max(4, scene.steps // 64) / 2**n for n in range(16)]
-    for way, values, label in ((adaptive, TOLERANCES, "tol"), (constant, coarse, "step")):
-        made = jax.jit(way).lower(states, jnp.asarray(1.0)).compile()
+    constant_steps = [scene.duration / max(4, scene.steps // 64) / 2**n for n in range(16)]
+    for function, values, label in ((adaptive, TOLERANCES, "tol"), (constant, constant_steps, "step")):
+        compiled = jax.jit(function).lower(states, jnp.asarray(1.0)).compile()
         for value in values:
 
-            def run(value: float = value, made: Any = made) -> Any:
-                return jax.block_until_ready(made(states, jnp.asarray(value)))
+            def run(value: float = value, compiled: Any = compiled) -> Any:
+                return jax.block_until_ready(compiled(states, jnp.asarray(value)))
 
             (ends, steps), timing = problem.timed(run)
             if np.all(np.isfinite(ends)):
-                taken = float(np.mean(steps))
+                mean_steps = float(np.mean(steps))
                 yield Point(
                     name,
                     f"{label} {value:.1e}",
                     problem.error(ends),
                     timing.seconds / problem.bodies,
-                    stages * taken,
-                    taken,
+                    stages * mean_steps,
+                    mean_steps,
                     timing.spread,
                 )
             if timing.seconds > _PATIENCE * problem.longest:
@@ -76,10 +76,10 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
 
 
 def tsit5(problem: Problem) -> Iterator[Point]:
-    """Tsitouras' order 5."""
+    """Points of Tsitouras' method of order 5."""
     return _measure(problem, diffrax.Tsit5(), "diffrax Tsit5", 6)
 
 
 def dopri8(problem: Problem) -> Iterator[Point]:
-    """Dormand and Prince's order 8."""
+    """Points of Dormand and Prince's method of order 8."""
     return _measure(problem, diffrax.Dopri8(), "diffrax Dopri8", 13)

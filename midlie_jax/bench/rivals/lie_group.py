@@ -1,7 +1,8 @@
-"""Two classical Lie-group methods of order 4, written with the rotations of this package and run as its own are.
+"""Two classical Lie-group methods of order 4, written with the rotations of this package and run like its own methods.
 
-Both move the pair (R, pi) with pi = R Pi the momentum in space: R' = R skew(I^-1 R^T pi), pi' = R T. The momentum
-takes a plain Runge-Kutta step and the attitude one of products of exponentials, so that a free body keeps pi.
+Both integrate the pair (R, pi), where pi = R Pi is the momentum in space: R' = R skew(I^-1 R^T pi), pi' = R T. The
+momentum takes a classical Runge-Kutta step, and the attitude a step of products of exponentials. So pi is constant for
+a free body.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from .problem import Point, Problem
 
 
 class _OnTheGroup(Method):
-    """What the two share: a stage's angular velocity and torque in space."""
+    """Base of both methods: the properties that they share."""
 
     name: eqx.AbstractVar[str]
     order: int = eqx.field(static=True, default=4)
@@ -35,7 +36,7 @@ class _OnTheGroup(Method):
 
 
 def _rates(system: System, t: Array, momentum: cp.Vector, pose: Any) -> tuple[cp.Vector, cp.Vector]:
-    """I^-1 R^T pi and R T."""
+    """Angular velocity in the body frame I^-1 R^T pi, and torque in space R T."""
     body = cp.rotate_back(pose, momentum)
     velocity = cp.times(system.inertia.inverses, body)
     if system.torque is None:
@@ -73,30 +74,30 @@ class RKMK4(_OnTheGroup):
     ) -> tuple[AnyMotion, Any, Array | bool]:
         del force
         start, pose = cp.rotate(motion.pose, motion.momentum), motion.pose
-        turns: list[cp.Vector] = []
-        pushes: list[cp.Vector] = []
-        u, momentum, here = None, start, pose
+        turns: list[cp.Vector] = []  # h times the angular velocity of each stage
+        impulses: list[cp.Vector] = []  # h times the torque of each stage
+        u, momentum, stage_pose = None, start, pose
         for stage, (c, t) in enumerate(((0.5, t0), (0.5, t0 + h / 2), (1.0, t0 + h / 2), (None, t1))):
-            velocity, push = _rates(system, t, momentum, here)
+            velocity, torque = _rates(system, t, momentum, stage_pose)
             if u is not None:  # dexp_(-u)^-1 v = v + u x v / 2 + u x (u x v) / 12
                 first = cp.cross(u, velocity)
                 velocity = _sum((1.0, velocity), (0.5, first), (1 / 12, cp.cross(u, first)))
             turns.append(cp.scale(h, velocity))
-            pushes.append(cp.scale(h, push))
+            impulses.append(cp.scale(h, torque))
             if c is not None:
-                u, momentum = cp.scale(c, turns[stage]), cp.add(start, cp.scale(c, pushes[stage]))
-                turns, pushes, u, momentum = fuse((turns, pushes, u, momentum))
-                here = cp.multiply(pose, _exp(u)[0])
-        increment, size = _exp(_weighted(turns))
-        momentum = cp.add(start, _weighted(pushes))
+                u, momentum = cp.scale(c, turns[stage]), cp.add(start, cp.scale(c, impulses[stage]))
+                turns, impulses, u, momentum = fuse((turns, impulses, u, momentum))
+                stage_pose = cp.multiply(pose, _exp(u)[0])
+        increment, square = _exp(_weighted(turns))
+        momentum = cp.add(start, _weighted(impulses))
         turned = system.turned(pose, increment, t0, h)
-        return Motion(cp.rotate_back(turned, momentum), turned), None, size <= LARGEST_SQUARE
+        return Motion(cp.rotate_back(turned, momentum), turned), None, square <= LARGEST_SQUARE
 
 
 class CF4(_OnTheGroup):
-    """Commutator-free: five exponentials and no bracket.
+    """The commutator-free method of order 4: five exponentials and no bracket.
 
-    Order 4. Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341.
+    Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341.
     """
 
     name: str = eqx.field(static=True, default="CF4")
@@ -107,9 +108,9 @@ class CF4(_OnTheGroup):
         del force
         start, pose = cp.rotate(motion.pose, motion.momentum), motion.pose
 
-        def stage(t: Array, momentum: cp.Vector, here: Any) -> tuple[cp.Vector, cp.Vector]:
-            velocity, push = _rates(system, t, momentum, here)
-            return fuse((cp.scale(h, velocity), cp.scale(h, push)))
+        def stage(t: Array, momentum: cp.Vector, stage_pose: Any) -> tuple[cp.Vector, cp.Vector]:
+            velocity, torque = _rates(system, t, momentum, stage_pose)
+            return fuse((cp.scale(h, velocity), cp.scale(h, torque)))
 
         v1, f1 = stage(t0, start, pose)
         second = cp.multiply(pose, _exp(cp.scale(0.5, v1))[0])
@@ -118,23 +119,23 @@ class CF4(_OnTheGroup):
         v3, f3 = stage(t0 + h / 2, cp.add(start, cp.scale(0.5, f2)), third)
         fourth = cp.multiply(second, _exp(_sum((1.0, v3), (-0.5, v1)))[0])
         v4, f4 = stage(t1, cp.add(start, f3), fourth)
-        inner, one = _exp(_sum((0.25, v1), (1 / 6, v2), (1 / 6, v3), (-1 / 12, v4)))
-        outer, two = _exp(_sum((-1 / 12, v1), (1 / 6, v2), (1 / 6, v3), (0.25, v4)))
+        inner, inner_square = _exp(_sum((0.25, v1), (1 / 6, v2), (1 / 6, v3), (-1 / 12, v4)))
+        outer, outer_square = _exp(_sum((-1 / 12, v1), (1 / 6, v2), (1 / 6, v3), (0.25, v4)))
         momentum = cp.add(start, _weighted([f1, f2, f3, f4]))
         turned = system.turned(cp.multiply(pose, inner), outer, t0, h)
-        ok = (one <= LARGEST_SQUARE) & (two <= LARGEST_SQUARE)
+        ok = (inner_square <= LARGEST_SQUARE) & (outer_square <= LARGEST_SQUARE)
         return Motion(cp.rotate_back(turned, momentum), turned), None, ok
 
 
 def rkmk4(problem: Problem) -> Iterator[Point]:
-    """RKMK4 over a ladder of steps."""
+    """Points of RKMK4 over a ladder of steps."""
     from ..ladder import ladder
 
     return ladder(RKMK4(), problem)
 
 
 def cf4(problem: Problem) -> Iterator[Point]:
-    """CF4 over a ladder of steps."""
+    """Points of CF4 over a ladder of steps."""
     from ..ladder import ladder
 
     return ladder(CF4(), problem)

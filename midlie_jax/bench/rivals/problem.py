@@ -1,7 +1,7 @@
-"""What every program is given: the same bodies, the same torque, the same clock; and how each is judged.
+"""The problem that every program solves: the same bodies, torque and clock, and the same measure of the error.
 
-The equations are written once, on scalars, so that they can be floats of Python, arrays of JAX or expressions of
-another program: Pi' = Pi x I^-1 Pi + T, q' = q (0, I^-1 Pi)/2. Momentum in the body frame, attitude body to space.
+The equations are written once, on scalars, which can be Python floats, JAX arrays or expressions of another program:
+Pi' = Pi x I^-1 Pi + T, q' = q (0, I^-1 Pi)/2. The momentum Pi is in the body frame, the attitude q is body to space.
 """
 
 import math
@@ -21,12 +21,12 @@ class Point(NamedTuple):
     """One program or method at one tolerance or step.
 
     Attributes:
-        method: its name.
-        setting: the tolerance or step, as in "tol 1e-06".
-        error: |R - R*| at the end, Frobenius norm, root mean square over the bodies judged.
-        seconds: median time of the whole run for one body, compiling not counted (`timing.cost_clock`).
-        evaluations: torque evaluations for one body; NaN where the word does not apply.
-        steps: steps for one body.
+        method: name of the method.
+        setting: the tolerance or step, such as "tol 1e-06".
+        error: |R - R*| at the end, Frobenius norm, root mean square over the bodies with a reference end R*.
+        seconds: median time of the whole run for one body, without compiling (`timing.cost_clock`).
+        evaluations: torque evaluations for one body; NaN for a method or problem without torque evaluations.
+        steps: number of steps for one body.
         spread: half the distance between the quartiles of the timings, relative to the median.
     """
 
@@ -40,16 +40,16 @@ class Point(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Bodies to move, and where the first of them end.
+    """Bodies to move, and the reference ends of the first of them.
 
     Attributes:
         scene: the body, the torque and the duration.
         momentum, attitude: the starts, (n, 3) and (n, 4).
-        ends: rotation matrices at the end of the first k bodies, (k, 3, 3), by which a program is judged.
-        source: how the ends were found.
-        uncertainty: what they may be wrong by.
-        repeats: runs timed at most, whose median counts.
-        longest: seconds for all bodies; a program is not asked for a finer step once a run takes longer.
+        ends: reference rotation matrices at the end, of the first k bodies, (k, 3, 3).
+        source: how the ends were computed.
+        uncertainty: estimate of the error of the ends.
+        repeats: largest number of timed runs.
+        longest: seconds of a run of all bodies; after a longer run no smaller step is tried.
     """
 
     scene: Scene
@@ -67,23 +67,23 @@ class Problem(NamedTuple):
 
     @property
     def states(self) -> np.ndarray:
-        """Momentum and quaternion side by side, (n, 7)."""
+        """Momentum and quaternion, concatenated to (n, 7)."""
         return np.concatenate([self.momentum, self.attitude], axis=1)
 
     def error(self, attitudes: Any) -> float:
-        """The error of quaternions (m, 4) of the first m bodies, normalised here; no more than k are judged."""
+        """The error of quaternions (m, 4) of the first m bodies, of any norm; at most k bodies are compared."""
         quaternions = np.asarray(attitudes, np.float64)[: len(self.ends)]
         quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
         change = np.stack([matrix(q) for q in quaternions]) - self.ends[: len(quaternions)]
         return float(np.sqrt(np.mean(np.sum(change**2, axis=(1, 2)))))
 
     def timed(self, run: Callable[[], Any]) -> tuple[Any, Timing]:
-        """The result of `run`, which waits for it, and the timing of a few runs."""
+        """The result of `run`, which must wait for it, and the timing of several runs."""
         return timed(run, most=self.repeats, longest=self.longest)
 
 
 def program(name: str) -> Any:
-    """The module of that name; an ImportError that names the extra where it is not installed."""
+    """The module of that name; if it is not installed, an ImportError that names the extra."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -91,7 +91,7 @@ def program(name: str) -> Any:
 
 
 def matrix(quaternion: Any) -> np.ndarray:
-    """The rotation matrix of a unit quaternion, in the arithmetic of its entries."""
+    """The rotation matrix of a unit quaternion, computed in the number type of its entries."""
     return np.array(_rows(quaternion))
 
 
@@ -108,41 +108,42 @@ Vector = tuple[Any, Any, Any]
 
 
 def rates(scene: Scene) -> Callable[..., tuple[Any, ...]]:
-    """d/dt of the seven numbers of a state as a function of them, and of the satellite's place, on scalars of any kind.
+    """The equations of motion: d/dt of the seven numbers of a state, as a function on scalars of any type.
 
-    What does not change is read here, once: a program that calls the function from Python is not to pay for arrays.
+    The constants are read from arrays once, so that a program that calls the function from Python does not spend time
+    on arrays.
 
     Args:
         scene: a free body, a heavy top, or a satellite in a gravity gradient.
 
     Returns:
-        `field(state, place=None)`: state is momentum and quaternion, place that of the satellite, seen from the
-        attracting mass, in units of its distance at time 0.
+        `field(state, place=None)`: `state` is momentum and quaternion; `place` is the position of the satellite
+        relative to the attracting mass, in units of its distance at time 0.
 
     Raises:
-        ValueError: another torque.
+        ValueError: the scene has another torque.
     """
     a, b, c = np.asarray(scene.body.moments).tolist()
-    push_of = torque(scene)
+    torque_of = torque(scene)
 
     def field(state: Any, place: Vector | None = None) -> tuple[Any, ...]:
         p, (w, x, y, z) = state[:3], state[3:]
         o = (p[0] / a, p[1] / b, p[2] / c)
         turn = _cross((p[0], p[1], p[2]), o)
-        push = push_of((w, x, y, z), place)
+        body_torque = torque_of((w, x, y, z), place)
         spin = (
             -x * o[0] - y * o[1] - z * o[2],
             w * o[0] + y * o[2] - z * o[1],
             w * o[1] + z * o[0] - x * o[2],
             w * o[2] + x * o[1] - y * o[0],
         )
-        return (*(t if f is None else t + f for t, f in zip(turn, push, strict=True)), *(0.5 * s for s in spin))
+        return (*(t if f is None else t + f for t, f in zip(turn, body_torque, strict=True)), *(0.5 * s for s in spin))
 
     return field
 
 
 def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]:
-    """The body-frame torque on scalars, as a function of quaternion and place; None for an entry that is zero."""
+    """The body-frame torque on scalars, as a function of quaternion and place; an entry that is zero is None."""
     field = scene.torque
     if field is None:
         return lambda q, place: (None, None, None)
@@ -160,9 +161,9 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
         strength = 3 * _rate(field.orbit) ** 2
 
         def gravity_gradient(q: Any, place: Vector | None) -> tuple[Any, Any, Any]:
-            """3 mu / r^5 (R^T r) x I (R^T r): no root to normalise r; mu is one in the units of the place."""
+            """3 mu / r^5 (R^T r) x I (R^T r), without a square root to normalise r; mu is 1 in the units of `place`."""
             if place is None:
-                raise ValueError("the torque of a gravity gradient needs the satellite's place.")
+                raise ValueError("place must not be None for a gravity gradient; pass the position of the satellite.")
             square = place[0] * place[0] + place[1] * place[1] + place[2] * place[2]
             columns = zip(*_rows(q), strict=True)
             u = tuple(column[0] * place[0] + column[1] * place[1] + column[2] * place[2] for column in columns)
@@ -170,40 +171,43 @@ def torque(scene: Scene) -> Callable[[Any, Vector | None], tuple[Any, Any, Any]]
             return pull * ((c - b) * u[1] * u[2]), pull * ((a - c) * u[2] * u[0]), pull * ((b - a) * u[0] * u[1])
 
         return gravity_gradient
-    raise ValueError(f"the rivals know no {type(field).__name__} about this axis (scene {scene.name!r}).")
+    raise ValueError(
+        f"scene {scene.name!r} has a torque {type(field).__name__} that the rivals do not have; take a free body, a "
+        "HeavyTop with axis (0, 0, 1), or a GravityGradient on a KeplerOrbit."
+    )
 
 
 def orbit_of(scene: Scene) -> KeplerOrbit | None:
-    """The orbit that the torque reads, if it reads one."""
+    """The orbit of the torque, or None if it has none."""
     orbit = scene.torque.orbit if isinstance(scene.torque, torques.GravityGradient) else None
     return orbit if isinstance(orbit, KeplerOrbit) else None
 
 
 def radius(orbit: KeplerOrbit) -> float:
-    """The distance at time 0, the unit of length of an orbit here: adaptive steps are judged by the largest number."""
+    """The distance at time 0, the unit of length of an orbit: adaptive steps need numbers of similar size."""
     return float(np.linalg.norm(np.asarray(orbit.position)))
 
 
 def _rate(orbit: KeplerOrbit) -> float:
-    """The angular rate of a circle through the start: its inverse is the unit of time of velocities on an orbit."""
+    """The angular rate of a circular orbit through the start; its inverse is the unit of time of orbital velocities."""
     return math.sqrt(float(orbit.mu) / radius(orbit) ** 3)
 
 
 def orbit_start(orbit: KeplerOrbit) -> np.ndarray:
-    """Position and velocity at time 0, (6,): for a program that integrates the orbit along with the body."""
+    """Position and velocity at time 0 in these units, (6,), for a program that also integrates the orbit."""
     size, rate = radius(orbit), _rate(orbit)
     return np.concatenate([np.asarray(orbit.position) / size, np.asarray(orbit.velocity) / (size * rate)])
 
 
 def orbit_rates(orbit: KeplerOrbit, state: Any) -> tuple[Any, ...]:
-    """d/dt of position and velocity in these units, on scalars."""
+    """d/dt of position and velocity, in the units of `orbit_start`, on scalars."""
     r, v, rate = state[:3], state[3:], _rate(orbit)
     pull = -rate * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) ** -1.5
     return (*(rate * x for x in v), *(pull * x for x in r))
 
 
 def kepler(orbit: KeplerOrbit) -> Callable[[float], Vector]:
-    """The place on the orbit in its unit of length as a function of time, on floats: the formulas of `KeplerOrbit`."""
+    """The position on the orbit, in units of `radius`, as a function of time, on floats; formulas of `KeplerOrbit`."""
     r, v, mu = np.asarray(orbit.position), np.asarray(orbit.velocity), float(orbit.mu)
     size = radius(orbit)
     axis = 1 / (2 / size - (v @ v) / mu)
