@@ -147,7 +147,7 @@ def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> V
     tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
     first = tangent * v[k]
     result = [0 * part for part in v]
-    # The changes made by earlier shears enter as separate terms: added to v first, they would be rounded.
+    # The changes made by earlier shears enter as separate terms; if they were added to v first, they would be rounded.
     result[k] = -double * v[j] - double * first
     result[j] = 2 * first + tangent * result[k]
     return (result[0], result[1], result[2])
@@ -167,9 +167,9 @@ def accumulate(x: Any, change: Any, t: Array) -> Any:
     In float32 the sum is rounded up or down at random, with probabilities that make the rounding error zero on average
     (stochastic rounding; Croci et al., R. Soc. Open Sci. 9 (2022) 211631). A slow motion changes x by nearly the same
     amount at every step, and rounding to nearest would then err in the same direction thousands of times in a row. The
-    random numbers are hashes of the change and of the time, so equal arguments give equal results. Without the time,
-    equal changes, such as those of a constant torque, would always be rounded the same way. A change of zero leaves x
-    as it is.
+    random numbers are hashes of the change and of the time, so equal arguments give equal results. If the time were not
+    hashed, equal changes, such as those of a constant torque, would always be rounded the same way. A change of zero
+    leaves x as it is.
 
     In float64 the sum is rounded to nearest: for turns above 1e-6 radians per step, successive changes differ by more
     than one unit in the last place of x.
@@ -207,7 +207,7 @@ class Inverse3(NamedTuple):
 
     @classmethod
     def of(cls, columns: Columns, exact: bool = True) -> "Inverse3":
-        """The inverse to rounding; with `exact` False to five digits, enough for an iteration that corrects itself."""
+        """The inverse; with `exact` False it has five correct digits, enough for an iteration that corrects itself."""
         a, b, c = columns
         rows = cross(b, c), cross(c, a), cross(a, b)
         determinant = dot(a, rows[0])

@@ -19,8 +19,8 @@ from . import so3
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
 _SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
-# Moments must lie between s and 1/s, where s is the smallest normal number of their dtype to this power. Their products
-# then neither overflow nor underflow.
+# Moments must lie between s and 1/s, where s is the smallest normal number of their dtype to this power. This leaves
+# room for the intermediate results of the methods.
 _RANGE_EXPONENT = 0.8
 
 
@@ -64,7 +64,7 @@ class RigidBody(eqx.Module):
 
     def __init__(self, moments: Any, *, physical: bool = True):
         self.moments = as_floats("moments", moments, (3,))
-        # A (3, 3) array can be three bodies or, by mistake, a tensor. The rows of a physical tensor always fail one of
+        # A (3, 3) array can be three bodies or, by mistake, a tensor. The rows of a physical tensor fail one of
         # the checks below, and the message then names the classes for tensors.
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""

@@ -30,8 +30,8 @@ def _positive(name: str, value: Any) -> Array:
 class OrbitalDistance(eqx.Module):
     """(reference / r)^power, where r is the distance of an orbit from its centre.
 
-    With the default power 3/2 the step is proportional to r^(3/2), as are the times of free fall and of the rotation in
-    a gravity gradient.
+    With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of
+    rotation by the gravity gradient.
 
     Attributes:
         orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.

@@ -45,7 +45,7 @@ def energy(
 
     Raises:
         ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
-            path; the body is a batch of bodies, or does not go with the state.
+            path; the body is a batch of bodies, or does not match the state.
     """
     if isinstance(motion, State):
         state, path_shape = motion, ()

@@ -35,9 +35,7 @@ class State(eqx.Module, Generic[P, Q]):
 
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
-    own_axes: ClassVar[int] = (
-        1  # number of trailing axes of each array that belong to one body; the axes before them are a batch
-    )
+    own_axes: ClassVar[int] = 1  # how many trailing axes of each array belong to one body; the others are a batch
 
     def check_batch(self) -> None:
         """Raises a ValueError unless all arrays have the same batch axes."""
