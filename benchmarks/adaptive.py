@@ -120,13 +120,13 @@ def density_at_start(method, case, dt, steps, every):
 
     def advance(carry, _):
         t, motion, force, ok = carry
-        h = dt / density(t, type(start).join(*motion))
+        h = dt / density(t, type(start).join(motion.momentum, motion.pose))
         motion, force, step_ok = method.step(system, t, t + h, h, motion, force)
         return (t + h, motion, force, ok & step_ok), None
 
     def save_interval(carry, _):
         carry, _ = jax.lax.scan(advance, carry, length=every)
-        return carry, type(start).join(*carry[1])
+        return carry, type(start).join(carry[1].momentum, carry[1].pose)
 
     force = system.force(zero, motion) if method.keeps_force(system) else None
     (_, _, _, ok), states = jax.lax.scan(save_interval, (zero, motion, force, jnp.array(True)), length=steps // every)

@@ -34,10 +34,9 @@ def pytest_configure(config):
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(TOGETHER.get(item.path.stem, item.path.stem)))
+def pytest_itemcollected(item):
+    """Before xdist reads the groups, which it does first of all once everything is collected."""
+    item.add_marker(pytest.mark.xdist_group(TOGETHER.get(item.path.stem, item.path.stem)))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import PARTICLE, ROTATION, WAYS, each, epsilon, quick
+from cases import PARTICLE, ROTATION, each, epsilon, firsts, quick
 from diffrax_cases import (
     ADJOINTS,
     ARGS,
@@ -32,6 +32,7 @@ from diffrax_cases import (
 )
 
 import midlie_jax as ml
+from midlie_jax.methods.splitting import Splitting
 
 METHODS = ROTATION
 MORE = PARTICLE
@@ -106,7 +107,17 @@ def differences(name):
     return float(np.dot(FACTORS, [loss(row(paths(name), i)) for i in range(len(SIZES))]))
 
 
-@pytest.mark.parametrize("name", each(few=WAYS))
+def torque_use(method):
+    """How a method comes by the torque: kept from step to step, evaluated anew, or solved for."""
+    if isinstance(method, Splitting):
+        return method.scheme.reuses_force
+    return method.evaluations > 1, method.keeps_momentum
+
+
+KEEPS = firsts(torque_use)
+
+
+@pytest.mark.parametrize("name", each(few=KEEPS))
 def test_outputs_equal_integrate(name):
     """With every kind of output; the controllers take turns, and so do one body and a batch."""
     turn = METHODS.index(name)
@@ -127,7 +138,7 @@ def test_particles_equal_integrate(name):
 
 PAIRS = [
     ("LIEMID[EA]", "PIDController", "RecursiveCheckpointAdjoint"),
-    ("NMB", "ConstantStepSize", "DirectAdjoint"),
+    pytest.param("NMB", "ConstantStepSize", "DirectAdjoint", marks=pytest.mark.full),
     ("LIEMID[E2]", "StepTo", "ForwardMode"),
 ]
 

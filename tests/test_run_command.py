@@ -109,7 +109,7 @@ def test_a_prime_number_of_steps_keeps_as_many_states(tmp_path):
     assert len(found["times"]) == 1 + 4001 // 3 + 1
     assert found["times"][-1] == 4001 * 0.01
     scene = scenes.scene("free-asymmetric", "float64")
-    whole = ml.integrate("LIEMID[EA]", scene.body, None, scene.start, dt=0.01, steps=4001, save_every=4001)
+    whole = ml.integrate("JACOBI[EA]", scene.body, None, scene.start, dt=0.01, steps=4001, save_every=4001)
     np.testing.assert_allclose(found["momenta"][0, -1], whole.states.momentum[-1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found["attitudes"][0, -1], whole.states.attitude[-1], rtol=0, atol=1e-12)
 

@@ -6,6 +6,7 @@ prints the floors, and the modules of each.
 """
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -119,6 +120,12 @@ def test_only_the_plug_in_and_the_laboratory_import_diffrax():
         or (isinstance(node, ast.ImportFrom) and not node.level and node.module == "diffrax")
     ]
     assert {name.split(".")[0] for name in users} <= {"diffrax", "bench"}
+
+
+def test_one_file_uses_what_jax_does_not_document():
+    """See midlie_jax/_kernel/internals.py; custom derivatives are documented."""
+    private = re.compile(r"^\s*(?:from|import) jax\.(?:core|extend|interpreters|_src)\b", re.MULTILINE)
+    assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_kernel.internals"]
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import pytest
 
 import midlie_command
 import midlie_jax as ml
-from midlie_jax.bench import closed_form, convergence, frontier, rivals, scenes, work_precision
+from midlie_jax.bench import closed_form, convergence, frontier, ladder, rivals, scenes, work_precision
 from midlie_jax.bench.frontier_chart import work_precision_figure
 from midlie_jax.bench.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
 from midlie_jax.bench.rivals.lie_group import CF4, RKMK4
@@ -302,9 +302,7 @@ def test_our_points_and_the_note_tell_the_spread_and_a_busy_machine(monkeypatch)
     monkeypatch.setattr(work_precision, "RIVALS", ())
     given = work_precision.problem("P1", bodies=2, judged=2, quick=True)._replace(longest=0.005)
     monkeypatch.setattr(work_precision, "problem", lambda name, quick: given)
-    monkeypatch.setattr(
-        work_precision, "measure", lambda given, ours, said: (list(work_precision.ladder(RK4, given)), [])
-    )
+    monkeypatch.setattr(work_precision, "measure", lambda given, ours, said: (list(ladder.ladder(RK4, given)), []))
     found = work_precision.compared("P1", ["RK4"])
     assert found.ours
     assert all(math.isfinite(point.spread) for point in found.ours)
@@ -333,9 +331,9 @@ def test_a_ladder_goes_on_where_steps_are_too_coarse_to_gain(monkeypatch):
         asked.append(None)
         return run(), Timing(0.0, 0.0)
 
-    monkeypatch.setattr(work_precision, "Program", FakeProgram)
+    monkeypatch.setattr(ladder, "Program", FakeProgram)
     monkeypatch.setattr(problem.Problem, "timed", timed)
     monkeypatch.setattr(problem.Problem, "error", lambda self, ends: errors[len(asked) - 1])
     scene = scenes.scene("P1", "float64")
     given = problem.Problem(scene, np.zeros((1, 3)), np.eye(1, 4), np.zeros((1, 3, 3)), "", 0.0)
-    assert [point.error for point in work_precision.ladder(RK4, given)] == errors[:9]
+    assert [point.error for point in ladder.ladder(RK4, given)] == errors[:9]

@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import Tracer
+
+from .internals import Tracer
 
 Vector = tuple[Array, Array, Array]
 Quaternion = tuple[Array, Array, Array, Array]

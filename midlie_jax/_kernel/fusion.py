@@ -22,10 +22,9 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 
-from .internals import axes_of, is_number
+from .internals import is_zero_tangent, make_primitive
+from .mesh import axes_of, is_number
 
 T = TypeVar("T")
 
@@ -83,7 +82,7 @@ def _identity(*leaves: Array, always: bool) -> list[Array]:
 
 
 def _is_nonzero(tangent: Any) -> bool:
-    return not isinstance(tangent, ad.Zero) and _is_number(tangent)
+    return not is_zero_tangent(tangent) and _is_number(tangent)
 
 
 def _jvp(primals: Any, tangents: Any, *, always: bool) -> tuple[list[Any], list[Any]]:
@@ -100,12 +99,4 @@ def _batch(values: Any, axes: Any, *, always: bool) -> tuple[list[Array], Any]:
     return _fuse.bind(*values, always=always), axes
 
 
-_fuse = Primitive("fuse")
-_fuse.multiple_results = True
-_fuse.def_impl(_identity)
-_fuse.def_abstract_eval(lambda *avals, always: list(avals))
-ad.primitive_jvps[_fuse] = _jvp
-ad.primitive_transposes[_fuse] = _transpose
-batching.primitive_batchers[_fuse] = _batch
-mlir.register_lowering(_fuse, mlir.lower_fun(_identity, multiple_results=True))
-mlir.register_lowering(_fuse, mlir.lower_fun(_reduce, multiple_results=True), platform="cpu")
+_fuse = make_primitive("fuse", default=_identity, on_cpu=_reduce, jvp=_jvp, transpose=_transpose, batch=_batch)

@@ -1,57 +1,72 @@
-"""Properties of a JAX type: whether its values are numbers, and along which axes of a device mesh they vary.
+"""All that this package takes from parts of JAX that have no stable documented interface.
 
-Inside `jax.shard_map` a value may differ between devices along some axes of the mesh; JAX makes these axes part of the
-value's type. JAX's own functions promote their operands to a common set of axes. The carry of a loop, a primitive that
-is bound directly and this package's own primitives must be promoted by hand, with the functions of this module. A
-promotion costs nothing, but its transpose is a sum over devices. So a run promotes all its arguments before its loop,
-and the loop contains no such sum.
-
-The only name used here that JAX does not document is `mat`, the attribute of a type that holds the axes. Tested with
-JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
+Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0. `tests/test_structure.py` checks that no other file imports from
+`jax.core`, `jax.extend` or `jax.interpreters`. The rules of `rules.py` also rely on the names and parameters of JAX's
+primitives; a primitive with a parameter that its rule does not know is replayed unchanged.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax import Array
-
-Axes = frozenset[str]
-NONE: Axes = frozenset()
-_ARRAYS = (Array, np.ndarray, np.generic)
+from jax.core import ShapedArray as ShapedArray
+from jax.core import Tracer as Tracer
+from jax.extend.core import ClosedJaxpr as ClosedJaxpr
+from jax.extend.core import Literal as Literal
+from jax.extend.core import Primitive as Primitive
+from jax.interpreters import ad, batching, mlir, partial_eval
 
 
-def is_number(kind: Any) -> bool:
-    """Whether values of this type are numbers or booleans; the typed keys of `jax.random` are not."""
-    return jnp.issubdtype(kind.dtype, np.number) or kind.dtype == np.bool_
+def varying_axes(kind: Any) -> frozenset[str]:
+    """The mesh axes along which values of a JAX type vary (`jax.shard_map`); none for anything else."""
+    return kind.mat.varying if hasattr(kind, "mat") else frozenset()
 
 
-def axes_of(*values: Any) -> Axes:
-    """The axes along which any of the values varies: arrays or types of arrays. Other values vary along none."""
-    types = (jax.typeof(value) if isinstance(value, Array) else value for value in values)
-    return NONE.union(*(kind.mat.varying for kind in types if hasattr(kind, "mat")))
+def used_inputs(closed: ClosedJaxpr) -> list[bool]:
+    """For each input of a traced function, whether the outputs depend on it."""
+    _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
+    return list(used)
 
 
-def promoted(value: Any, axes: Axes) -> Any:
-    """The number or array, promoted to vary along these axes too."""
-    missing = axes - axes_of(value)
-    return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
+def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
+    """The results of the operation of an equation, applied to these operands."""
+    primitive = equation.primitive
+    results = primitive.bind(*operands, **primitive.get_bind_params(equation.params))
+    return list(results) if primitive.multiple_results else [results]
 
 
-def all_promoted(tree: Any, axes: Axes) -> Any:
-    """The tree with its arrays promoted to these axes; other leaves are unchanged."""
-    return jax.tree.map(lambda leaf: promoted(leaf, axes) if isinstance(leaf, _ARRAYS) else leaf, tree)
+def context_of(equation: Any) -> Any:
+    """A context manager for the settings under which an equation was traced."""
+    return equation.ctx.manager
 
 
-def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
-    """The axes along which any array used by a run varies: its arguments, and arrays that its functions close over.
+def is_zero_tangent(tangent: Any) -> bool:
+    """Whether a tangent or cotangent is JAX's symbol for zero."""
+    return isinstance(tangent, ad.Zero)
+
+
+def make_primitive(
+    name: str,
+    *,
+    default: Callable[..., Any],
+    on_cpu: Callable[..., Any],
+    jvp: Callable[..., Any],
+    transpose: Callable[..., Any],
+    batch: Callable[..., Any],
+) -> Primitive:
+    """A primitive with many outputs, of the types of its inputs.
 
     Args:
-        arguments: a pytree.
-        calls: tuples of a function, or None, and the arguments with which it will be called.
+        name: its name.
+        default, on_cpu: functions of the inputs that compute the outputs, on other platforms and on CPUs.
+        jvp, transpose, batch: rules, in the form that JAX expects.
     """
-    if not jax.sharding.get_abstract_mesh().manual_axes:
-        return NONE
-    closed_over = [jax.make_jaxpr(function)(*inputs).consts for function, *inputs in calls if function is not None]
-    return axes_of(*jax.tree.leaves((arguments, closed_over)))
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+    primitive.def_impl(default)
+    primitive.def_abstract_eval(lambda *types, **parameters: list(types))
+    ad.primitive_jvps[primitive] = jvp
+    ad.primitive_transposes[primitive] = transpose
+    batching.primitive_batchers[primitive] = batch
+    mlir.register_lowering(primitive, mlir.lower_fun(default, multiple_results=True))
+    mlir.register_lowering(primitive, mlir.lower_fun(on_cpu, multiple_results=True), platform="cpu")
+    return primitive

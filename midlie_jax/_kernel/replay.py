@@ -18,12 +18,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import Tracer
-from jax.extend.core import ClosedJaxpr, Literal
-from jax.interpreters import partial_eval
 
-from .internals import axes_of, promoted
-from .rules import Pool, bind, body_of, fits, rule_for
+from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, used_inputs
+from .mesh import axes_of, promoted
+from .rules import Pool, body_of, fits, rule_for
 
 
 class Traits(NamedTuple):
@@ -41,7 +39,7 @@ class Traits(NamedTuple):
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
     closed = jax.make_jaxpr(function)(*arguments)
-    _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
+    used = used_inputs(closed)
     return Traits(_has_costly(closed), jax.tree.unflatten(jax.tree.structure(arguments), used))
 
 
@@ -144,7 +142,7 @@ def _apply(pool: Pool, equation: Any, values: list[Any]) -> list[Any]:
     body = body_of(equation)
     if body is not None:
         return _replay(pool, body, values)
-    with equation.ctx.manager:
+    with context_of(equation):
         if all(isinstance(v, _Entries) for v in values) and all(fits(atom.aval) for atom in equation.outvars):
             rule = rule_for(equation)
             places = None if rule is None else rule.replay(pool, equation, [v.places for v in values])

@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import ShapedArray, Tracer
-from jax.extend.core import ClosedJaxpr
 
-from .internals import axes_of, is_number, promoted
+from .internals import ClosedJaxpr, ShapedArray, Tracer, bind
+from .mesh import axes_of, is_number, promoted
 from .moves import INDEXED, MOVES, Places
 
 # Arrays with more entries than this are not split into scalars.
@@ -88,13 +87,6 @@ def body_of(equation: Any) -> ClosedJaxpr | None:
 def fits(aval: Any) -> bool:
     """Whether values of this type are split into scalars: small arrays of numbers, but not keys or references."""
     return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= _LARGEST_SIZE
-
-
-def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
-    """The results of the operation, executed by JAX on these operands."""
-    primitive = equation.primitive
-    results = primitive.bind(*operands, **primitive.get_bind_params(equation.params))
-    return list(results) if primitive.multiple_results else [results]
 
 
 # Predicates for the values of parameters.

@@ -209,13 +209,6 @@ def _tilted_top(dtype: Any) -> Scene:
     return _p1("fast heavy top P1, tilted by .3", 0.3, 50.0, 10.0, _SIMO_WONG, dtype)
 
 
-@_named("slow-top")
-def _slow_top(dtype: Any) -> Scene:
-    # A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
-    source = "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published"
-    return _p1("slow heavy top: too slow to spin upright, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
-
-
 @_named("P2")
 def _krysl_block(dtype: Any) -> Scene:
     moments = np.array([0.0454896, 0.0454896, 0.00139968])
@@ -230,6 +223,13 @@ def _krysl_block(dtype: Any) -> Scene:
         source="Krysl's block; see Krysl & Endres, IJNME 62 (2005) 2154, and Krysl, IJNME 63 (2005) 2171",
         units="kg, m, s; density 2700 kg/m^3; z up",
     )
+
+
+@_named("slow-top")
+def _slow_top(dtype: Any) -> Scene:
+    # A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
+    source = "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published"
+    return _p1("slow heavy top: too slow to spin upright, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
 
 
 @_named("tumbling-brick")
@@ -276,6 +276,22 @@ def _free_asymmetric(dtype: Any) -> Scene:
         duration=10.0,
         source="driver of Hairer & Vilmart's programs, J. Phys. A 39 (2006) 13225",
         units="any consistent units",
+    )
+
+
+@_named("asymmetric-top")
+def _asymmetric_top(dtype: Any) -> Scene:
+    attitude = np.array([0.8, 0.3, -0.4, 0.33])
+    return Scene(
+        name="",
+        title="asymmetric heavy top with a strong torque: no symmetry and no closed form",
+        body=_body([1.0, 2.0, 3.0], dtype),
+        torque=HeavyTop(jnp.asarray(3.0, dtype)),
+        start=_start([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude), dtype),
+        dt=0.01,
+        duration=10.0,
+        source="chosen here, not published",
+        units=_ANY_UNITS,
     )
 
 
@@ -335,22 +351,6 @@ def _ten_orbits(dtype: Any) -> Scene:
         _gravity_gradient(dtype),
         title="the same satellite over ten orbits",
         duration=55350.0,
-    )
-
-
-@_named("asymmetric-top")
-def _asymmetric_top(dtype: Any) -> Scene:
-    attitude = np.array([0.8, 0.3, -0.4, 0.33])
-    return Scene(
-        name="",
-        title="asymmetric heavy top with a strong torque: no symmetry and no closed form",
-        body=_body([1.0, 2.0, 3.0], dtype),
-        torque=HeavyTop(jnp.asarray(3.0, dtype)),
-        start=_start([1.1, -0.7, 4.0], attitude / np.linalg.norm(attitude), dtype),
-        dt=0.01,
-        duration=10.0,
-        source="chosen here, not published",
-        units=_ANY_UNITS,
     )
 
 

@@ -36,7 +36,7 @@ from jaxtyping import Bool, Float, Int
 from .._kernel import components as cp
 from .._kernel.checks import as_count, described, require_finite, same_dtype
 from .._kernel.fusion import fuse
-from .._kernel.internals import all_promoted, axes_of_run
+from .._kernel.mesh import all_promoted, axes_of_run
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
 from ..model.bodies import Body

@@ -11,7 +11,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from .._kernel.checks import as_count
-from .._kernel.internals import all_promoted, axes_of_run, promoted
+from .._kernel.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body

@@ -304,7 +304,7 @@ def _limit(body: Any, torque: Any, start: RigidState, trials: Sequence[Trial], b
     largest_rate, motion_rate = _rates(body, torque, start)
     if largest_rate * abs(failed[-1].dt) > 1 and largest_rate > _STIFF * motion_rate:
         return f"the torque is stiff: larger steps are unstable. {_stiffness(largest_rate, motion_rate)}"
-    return "larger steps turn the body by more than the range of the flight's series."
+    return "larger steps turn the body beyond the reach of the flight's series."
 
 
 def _why_none(

@@ -12,7 +12,7 @@ import equinox as eqx
 from jax import Array
 
 from .._kernel.fusion import fuse, fuse_derivative
-from .._kernel.internals import NONE, Axes, all_promoted
+from .._kernel.mesh import NONE, Axes, all_promoted
 from ..model.bodies import Body
 from .system import AnyMotion, System
 

@@ -22,7 +22,7 @@ class Inertia(NamedTuple):
         per_unit: 1 / the largest moment.
         relative: I * per_unit.
         spins: 1 / relative, at least 1; the angular velocity is spins * per_unit * momentum.
-        bends: (I_k - I_j)^2 / (12 I_i) * per_unit, the coefficients of the second term of the free body's generating
+        quartic: (I_k - I_j)^2 / (12 I_i) * per_unit, the coefficients of the second term of the free body's generating
             function (`flights/symplectic_midpoint.py`).
         gaps: (1/I_k - 1/I_j) / per_unit, (i, j, k) cyclic; Euler's equations are Pi_i' = per_unit gaps_i Pi_j Pi_k.
         middle: the unit vector along the axis of the middle moment.
@@ -33,7 +33,7 @@ class Inertia(NamedTuple):
     per_unit: Array
     relative: cp.Vector
     spins: cp.Vector
-    bends: cp.Vector
+    quartic: cp.Vector
     gaps: cp.Vector
     middle: cp.Vector
 
@@ -45,14 +45,14 @@ class Inertia(NamedTuple):
         spins = (largest / a, largest / b, largest / c)
         # The gaps use differences of moments, not of inverses: the difference of two nearly equal moments is exact.
         differences = cp.scale(per_unit, (b - c, c - a, a - b))
-        bends = cp.scale(1 / 12, cp.times(cp.times(differences, differences), spins))
+        quartic = cp.scale(1 / 12, cp.times(cp.times(differences, differences), spins))
         gaps = cp.times(differences, (spins[1] * spins[2], spins[2] * spins[0], spins[0] * spins[1]))
         first = differences[1] * differences[2] >= 0
         second = ~first & (differences[2] * differences[0] >= 0)
         ones, zeros = jnp.ones_like(a), jnp.zeros_like(a)
         x, y, z = (jnp.where(is_middle, ones, zeros) for is_middle in (first, second, ~first & ~second))
         inverses, relative = (1 / a, 1 / b, 1 / c), cp.scale(per_unit, moments)
-        return cls(moments, inverses, per_unit, relative, spins, bends, gaps, (x, y, z))
+        return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
     def on_first_root(self, y: cp.Vector) -> Array:
         """Whether h |Omega| at the start is small enough for the equation of a midpoint flight to have one small root.

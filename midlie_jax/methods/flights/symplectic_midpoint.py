@@ -118,7 +118,7 @@ def stiffness(order: int | None, inertia: Inertia, turn: cp.Vector) -> cp.Vector
     """
     if order == 2:
         return inertia.relative
-    f, (a, b, c) = inertia.bends, (turn[0] * turn[0], turn[1] * turn[1], turn[2] * turn[2])
+    f, (a, b, c) = inertia.quartic, (turn[0] * turn[0], turn[1] * turn[1], turn[2] * turn[2])
     i = inertia.relative
     return i[0] - (f[1] * c + f[2] * b), i[1] - (f[2] * a + f[0] * c), i[2] - (f[0] * b + f[1] * a)
 
@@ -142,7 +142,7 @@ def _slope(
     first, second, third = stiffness(order, inertia, turn)
     ab, ac, bc = 0.0, 0.0, 0.0
     if order == 4:
-        f = inertia.bends
+        f = inertia.quartic
         ab, ac, bc = -2 * f[2] * a * b, -2 * f[1] * a * c, -2 * f[0] * b * c
     return (
         (first - diagonal - r[0] * a, ab - skew_z - r[1] * a, ac + skew_y - r[2] * a),

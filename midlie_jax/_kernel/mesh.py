@@ -1,0 +1,56 @@
+"""Properties of a JAX type: whether its values are numbers, and along which axes of a device mesh they vary.
+
+Inside `jax.shard_map` a value may differ between devices along some axes of the mesh; JAX makes these axes part of the
+value's type. JAX's own functions promote their operands to a common set of axes. The carry of a loop, a primitive that
+is bound directly and this package's own primitives must be promoted by hand, with the functions of this module. A
+promotion costs nothing, but its transpose is a sum over devices. So a run promotes all its arguments before its loop,
+and the loop contains no such sum.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .internals import varying_axes
+
+Axes = frozenset[str]
+NONE: Axes = frozenset()
+_ARRAYS = (Array, np.ndarray, np.generic)
+
+
+def is_number(kind: Any) -> bool:
+    """Whether values of this type are numbers or booleans; the typed keys of `jax.random` are not."""
+    return jnp.issubdtype(kind.dtype, np.number) or kind.dtype == np.bool_
+
+
+def axes_of(*values: Any) -> Axes:
+    """The axes along which any of the values varies: arrays or types of arrays. Other values vary along none."""
+    types = (jax.typeof(value) if isinstance(value, Array) else value for value in values)
+    return NONE.union(*map(varying_axes, types))
+
+
+def promoted(value: Any, axes: Axes) -> Any:
+    """The number or array, promoted to vary along these axes too."""
+    missing = axes - axes_of(value)
+    return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
+
+
+def all_promoted(tree: Any, axes: Axes) -> Any:
+    """The tree with its arrays promoted to these axes; other leaves are unchanged."""
+    return jax.tree.map(lambda leaf: promoted(leaf, axes) if isinstance(leaf, _ARRAYS) else leaf, tree)
+
+
+def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
+    """The axes along which any array used by a run varies: its arguments, and arrays that its functions close over.
+
+    Args:
+        arguments: a pytree.
+        calls: tuples of a function, or None, and the arguments with which it will be called.
+    """
+    if not jax.sharding.get_abstract_mesh().manual_axes:
+        return NONE
+    closed_over = [jax.make_jaxpr(function)(*inputs).consts for function, *inputs in calls if function is not None]
+    return axes_of(*jax.tree.leaves((arguments, closed_over)))
