@@ -17,12 +17,15 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent.parent
-METHODS = [
-    f"{flight}[EA]"
-    for flight in ["LIEMID", "SLIEMID", "SLIEMID4", "JACOBI", "SYMMETRIC", "NEARSYM", "DLM", "DMV", "DMV6"]
-]
-METHODS += ["LIEMID[I]", "AKW", "SW", "NMB", "JACOBI[SRKN6b]", "JACOBI[CHIN4A]", "DOP853"]
 BATCH, STEPS, REPEATS = 4096, 100, 7
+
+
+def named():
+    """The methods for rigid bodies of this checkout."""
+    from midlie_jax.methods.registry import ENTRIES
+    from midlie_jax.model.bodies import RigidBody
+
+    return [name for name, entry in ENTRIES.items() if entry.method.bodies is RigidBody]
 
 
 def serve():
@@ -86,7 +89,7 @@ def main():
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     before, after = Checkout(options.other), Checkout(HERE)
     print("| method | dtype | before | after, M body-steps/s | time after / before |\n|---|---|---|---|---|")
-    for name in METHODS:
+    for name in named():
         for dtype in ("float64", "float32"):
             before.seconds(name, dtype), after.seconds(name, dtype)
             pairs = [(before.seconds(name, dtype), after.seconds(name, dtype)) for _ in range(REPEATS)]

@@ -22,21 +22,21 @@ FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-std=gnu11", "-Wno-
 
 
 def header(dtype: str, vectors: int) -> str:
-    rough = short_series._FEW_ARCTANGENT[dtype]
-    terms = short_series._TERMS[dtype]
+    rough = short_series.FEW_ARCTANGENT[dtype]
+    terms = short_series.TERMS[dtype]
     tables = {
-        "ARCTANGENT": short_series._ARCTANGENT[dtype],
+        "ARCTANGENT": short_series.ARCTANGENT[dtype],
         "ROUGH_ARCTANGENT": rough,
         "ROUGH_SLOPE": tuple(n * c for n, c in enumerate(rough) if n),
-        "COSINE": short_series._taylor(0, 0.5, terms),
-        "SPIN_COSINE": short_series._taylor(0, 1.0, short_series._SPIN_TERMS[dtype]),
-        "SPIN_SINE": short_series._taylor(1, 1.0, short_series._SPIN_TERMS[dtype]),
-        "SINE": tuple(0.5 * c for c in short_series._taylor(1, 0.5, terms)),
+        "COSINE": short_series.taylor(0, 0.5, terms),
+        "SPIN_COSINE": short_series.taylor(0, 1.0, short_series.SPIN_TERMS[dtype]),
+        "SPIN_SINE": short_series.taylor(1, 1.0, short_series.SPIN_TERMS[dtype]),
+        "SINE": tuple(0.5 * c for c in short_series.taylor(1, 0.5, terms)),
     }
     kind, integer = {"float64": ("double", "long long"), "float32": ("float", "int")}[dtype]
     lines = [f"#define REAL {kind}", f"#define INTEGER {integer}", f"#define VECTORS {vectors}"]
     lines.append(f"#define EPSILON {float(jnp.finfo(dtype).eps)!r}")
-    first, more = lie_midpoint._STEPS[dtype]
+    first, more = lie_midpoint.STEPS[dtype]
     lines += [f"#define FIRST {first}", f"static const int MORE[] = {{{', '.join(map(str, more))}}};"]
     for name, table in tables.items():
         lines.append(f"static const REAL {name}[] = {{{', '.join(map(repr, table))}}};")

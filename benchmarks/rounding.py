@@ -15,45 +15,21 @@ import jax
 import numpy as np
 
 import midlie_jax as ml
+from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
 from midlie_jax.drivers.timing import pin
-from midlie_jax.methods import flights
+from midlie_jax.methods.flights import FLIGHTS
 
 jax.config.update("jax_enable_x64", True)
 pin()
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "rounding.md"
-FLIGHTS = [
-    kind()
-    for kind in vars(flights).values()
-    if isinstance(kind, type) and issubclass(kind, flights.Flight) and getattr(kind, "body", None) is ml.RigidBody
-]
-TURNS, BODIES = 10.0 ** np.arange(-5.0, 0.5), 16
+BODIES = 16
 QUANTITIES = ("R Pi", "length of Pi", "energy")
-
-
-def bodies(symmetric, dtype):
-    """Moments, momenta with angular velocities of .45 to .9, attitudes and steps: BODIES for each of TURNS."""
-    rng, count = np.random.default_rng(2), BODIES * len(TURNS)
-    masses = rng.uniform(0.3, 1, (count, 3))
-    if symmetric:
-        masses[:, 1] = masses[:, 0]
-    moments = masses.sum(1, keepdims=True) - masses
-    momentum, attitude = rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
-    momentum *= rng.uniform(0.45, 0.9, (count, 1)) / np.linalg.norm(momentum / moments, axis=1, keepdims=True)
-    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
-    return [x.astype(dtype) for x in (moments, momentum, attitude, np.repeat(TURNS, BODIES))]
-
-
-def spatial(attitude, momentum):
-    """R Pi, where R is the rotation of the attitude."""
-    w, u = attitude[..., :1], attitude[..., 1:]
-    square = np.sum(attitude**2, axis=-1, keepdims=True)
-    return momentum + 2 * np.cross(u, w * momentum + np.cross(u, momentum)) / square
 
 
 def constants(flight, dtype, steps):
     """The figure for each of QUANTITIES; None for the energy of a flight that does not conserve it."""
-    inputs = bodies(flight.name == "SYMMETRIC", dtype)
+    inputs = free_bodies(flight.equal_moments, dtype, count=BODIES, seed=2)
 
     def run(moments, momentum, attitude, dt):
         start = ml.RigidState(momentum, attitude)
@@ -66,7 +42,7 @@ def constants(flight, dtype, steps):
     moments, momentum, attitude = (
         np.asarray(x, np.longdouble) for x in (inputs[0], path.states.momentum, path.states.attitude)
     )
-    space, square = spatial(attitude, momentum), np.sum(momentum**2, axis=-1)
+    space, square = spatial_momentum(attitude, momentum), np.sum(momentum**2, axis=-1)
     energy = np.sum(momentum**2 / moments[:, None], axis=-1)
     changes = (
         np.linalg.norm(space[:, 1] - space[:, 0], axis=-1) / np.sqrt(square[:, 0]),
@@ -99,7 +75,7 @@ def page(steps):
     heads = [f"{q}, {d}" for d in ("float64", "float32") for q in QUANTITIES]
     lines = [ABOUT.format(steps=steps), "| flight | " + " | ".join(heads) + " |", "|---" * 7 + "|"]
     print("\n".join(lines), flush=True)
-    for flight in FLIGHTS:
+    for flight in (flight for flight in FLIGHTS.values() if flight.body is ml.RigidBody):
         figures = [c for dtype in ("float64", "float32") for c in constants(flight, dtype, steps)]
         lines.append(f"| `{flight.name}` | " + " | ".join("" if c is None else f"{c:.2f}" for c in figures) + " |")
         print(lines[-1], flush=True)

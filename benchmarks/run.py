@@ -33,8 +33,9 @@ import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.bench.rivals.problem import rates  # noqa: E402
 from midlie_jax.drivers.timing import timed, user_clock  # noqa: E402
+from midlie_jax.methods.flights import FLIGHTS  # noqa: E402
+from midlie_jax.methods.registry import ENTRIES, paper_methods  # noqa: E402
 
-SCHEMES_SHOWN = ("SLIEMID4[SRKN6b]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]", "JACOBI[SRKN14a]", "DLM[KL8]", "LIEMID[S4]")
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 
@@ -218,8 +219,10 @@ def flight_rows(scene, batch, steps):
         return lambda: program(many), compiling
 
     baseline, _ = prepared("LIEMID[EA]")
-    flights = ("SLIEMID", "SLIEMID4", "JACOBI", "SYMMETRIC", "NEARSYM", "DLM", "DMV", "DMV6")
-    for name in (*(f"{flight}[EA]" for flight in flights), *SCHEMES_SHOWN):
+    paper = {method.name for method in paper_methods()}
+    flights = [f"{flight.name}[EA]" for flight in FLIGHTS.values() if flight.body is ml.RigidBody]
+    others = [name for name, entry in ENTRIES.items() if entry.method.bodies is ml.RigidBody]
+    for name in dict.fromkeys(name for name in (*flights, *others) if name not in paper):
         call, compiling = prepared(name)
         ratio = statistics.median(median_seconds(baseline, 1) / median_seconds(call, 1) for _ in range(7))
         yield name, "", f"{ratio:.2f}", f"{compiling:.1f} s"
@@ -245,8 +248,7 @@ def rows(scene, quick):
         option = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
         cost = elsewhere(XLA_FLAGS=f"{os.environ.get('XLA_FLAGS', '')} {option}".strip())
         yield "LIEMID[EA], XLA's multi-output fusion on", "", f"{reference / cost:.2f}", ""
-    others = [n for n in ml.methods() if ml.method(n).bodies is ml.RigidBody and n != "LIEMID[EA]"]
-    for name in others:
+    for name in (method.name for method in paper_methods() if method.name != "LIEMID[EA]"):
         cost, compiling = ours(name, scene, batch, steps)
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     yield from flight_rows(scene, batch, steps)

@@ -14,12 +14,12 @@ from . import components as cp
 
 # The Taylor polynomials below are exact to rounding for |w|^2 up to this bound, |w| <= 1.22.
 LARGEST_SQUARE = 1.5
-_TERMS = {"float64": 9, "float32": 5}
-_SPIN_TERMS = {"float64": 11, "float32": 7}
-_STUMPFF_TERMS = {"float64": 11, "float32": 6}
+TERMS = {"float64": 9, "float32": 5}
+SPIN_TERMS = {"float64": 11, "float32": 7}
+STUMPFF_TERMS = {"float64": 11, "float32": 6}
 
 
-def _taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
+def taylor(shift: int, scale: float, terms: int) -> tuple[float, ...]:
     """Coefficients scale^(2n) (-1)^n / (2n + shift)! for n = 0 to terms - 1."""
     return tuple((-1) ** n * scale ** (2 * n) / factorial(2 * n + shift) for n in range(terms))
 
@@ -33,17 +33,17 @@ def half_turn(w: cp.Vector) -> cp.Quaternion:
 def spin(w: Array) -> tuple[Array, Array]:
     """(cos w, sin w) for w^2 <= LARGEST_SQUARE: the quaternion components of a turn by 2 w about one axis."""
     x = w * w
-    terms = _SPIN_TERMS[str(x.dtype)]
-    cosine = cp.polynomial(_taylor(0, 1.0, terms), x)
-    sine = w * cp.polynomial(_taylor(1, 1.0, terms), x)
+    terms = SPIN_TERMS[str(x.dtype)]
+    cosine = cp.polynomial(taylor(0, 1.0, terms), x)
+    sine = w * cp.polynomial(taylor(1, 1.0, terms), x)
     return cosine, sine
 
 
 def half_angle(x: Array) -> tuple[Array, Array]:
     """cos(a/2) and sin(a/2)/a, where a^2 = x <= LARGEST_SQUARE."""
-    terms = _TERMS[str(x.dtype)]
-    sine = tuple(0.5 * c for c in _taylor(1, 0.5, terms))
-    return cp.polynomial(_taylor(0, 0.5, terms), x), cp.polynomial(sine, x)
+    terms = TERMS[str(x.dtype)]
+    sine = tuple(0.5 * c for c in taylor(1, 0.5, terms))
+    return cp.polynomial(taylor(0, 0.5, terms), x), cp.polynomial(sine, x)
 
 
 def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:
@@ -52,16 +52,16 @@ def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:
     c_k = sum of (-x)^n / (2n + k)!: c2 = (1 - cos a)/a^2, c3 = (a - sin a)/a^3. It follows that
     c_k = 1/k! - x c_{k+2} and 2 dc_k/dx = k c_{k+2} - c_{k+1}.
     """
-    terms = _STUMPFF_TERMS[str(x.dtype)]
-    four = cp.polynomial(_taylor(4, 1.0, terms), x)
-    five = cp.polynomial(_taylor(5, 1.0, terms), x)
+    terms = STUMPFF_TERMS[str(x.dtype)]
+    four = cp.polynomial(taylor(4, 1.0, terms), x)
+    five = cp.polynomial(taylor(5, 1.0, terms), x)
     return 0.5 - x * four, 1 / 6 - x * five, four, five
 
 
 # The bound for the arctangent series: tan(|w|/2)^2 where |w|^2 = LARGEST_SQUARE.
 LARGEST_TANGENT_SQUARE = 0.4935
-_ARCTANGENT_TERMS = {"float64": 16, "float32": 8}
-_FEW_ARCTANGENT_TERMS = {"float64": 8, "float32": 5}
+ARCTANGENT_TERMS = {"float64": 16, "float32": 8}
+FEW_ARCTANGENT_TERMS = {"float64": 8, "float32": 5}
 
 
 def _economised_arctangent(terms: int) -> tuple[float, ...]:
@@ -86,18 +86,18 @@ def _economised_arctangent(terms: int) -> tuple[float, ...]:
     return tuple(float(total[n] / a**n) for n in range(1, 2 * terms, 2))
 
 
-_ARCTANGENT = {name: _economised_arctangent(terms) for name, terms in _ARCTANGENT_TERMS.items()}
-_FEW_ARCTANGENT = {name: _economised_arctangent(terms) for name, terms in _FEW_ARCTANGENT_TERMS.items()}
+ARCTANGENT = {name: _economised_arctangent(terms) for name, terms in ARCTANGENT_TERMS.items()}
+FEW_ARCTANGENT = {name: _economised_arctangent(terms) for name, terms in FEW_ARCTANGENT_TERMS.items()}
 
 
 def arctangent(x: Array, exact: bool) -> Array:
     """atan(t)/t, where t^2 = x <= LARGEST_TANGENT_SQUARE; with `exact` False to eight digits (float32: five)."""
-    return cp.polynomial((_ARCTANGENT if exact else _FEW_ARCTANGENT)[str(x.dtype)], x)
+    return cp.polynomial((ARCTANGENT if exact else FEW_ARCTANGENT)[str(x.dtype)], x)
 
 
 def arctangent_slope(x: Array, exact: bool) -> Array:
     """The derivative of `arctangent(x, exact)` with respect to x."""
-    coefficients = (_ARCTANGENT if exact else _FEW_ARCTANGENT)[str(x.dtype)]
+    coefficients = (ARCTANGENT if exact else FEW_ARCTANGENT)[str(x.dtype)]
     return cp.polynomial(tuple(n * c for n, c in enumerate(coefficients) if n), x)
 
 

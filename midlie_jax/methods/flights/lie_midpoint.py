@@ -27,7 +27,7 @@ from .base import Flight
 # By dtype: the number of Newton steps with the plain Jacobian, then with each full Jacobian. They suffice for
 # |Psi| <= 1.5 and the moments of any real body, up to ratios of 1e6 (for the most slender bodies, one flight in 1e5 is
 # rejected).
-_STEPS = {"float64": (1, (2, 2)), "float32": (2, (3,))}
+STEPS = {"float64": (1, (2, 2)), "float32": (2, (3,))}
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 _SMALL_RESIDUAL = 1e-4  # in units of |Pi|; a residual below this is assumed to keep shrinking at the same rate
 
@@ -81,7 +81,7 @@ def _root_jvp(primals: Any, tangents: Any) -> tuple[cp.Vector, cp.Vector]:
 def _solve(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
     """The root u, and whether the solve converged."""
     u = cp.scale(0.5, free_start(cp.scale(0.5, quadruple), y))
-    first, more = _STEPS[str(y[0].dtype)]
+    first, more = STEPS[str(y[0].dtype)]
     u, converged = _improve(quadruple, y, u, _plain_columns(quadruple, y, u), first, exact=False)
     for n, steps in enumerate(more, start=1):
         exact, x = n == len(more), cp.dot(u, u)
