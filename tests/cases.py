@@ -4,6 +4,7 @@ Compiling a step costs seconds and running it microseconds, so each method is co
 runs that differ in body, torque, start and step, and every law reads its own rows from it.
 """
 
+import os
 from functools import cache, partial
 from itertools import product
 from typing import NamedTuple
@@ -59,6 +60,8 @@ def firsts(*properties):
 # the motion; and the rest, which `make test-full` adds.
 WAYS = firsts(way)
 BUILDS = firsts(way, flight_of)
+# One for each class of method, for what drivers do with any of them.
+CLASSES = firsts(type)
 DTYPES = ["float32", "float64"]
 ROWS = 32
 STEPS = 128
@@ -205,7 +208,10 @@ def integrate(name, s: Setup, *, steps=STEPS, save_every=1, forced=True, state=m
 
 
 @cache
-def compiled(name: str, solo: bool = False, hurried: bool = False, **options):
+def compiled(name: str, solo: bool = False, hurried: bool | None = None, **options):
+    """As for users for one method of each class, and in the whole matrix for all; the others in a hurry."""
+    if hurried is None:
+        hurried = name not in CLASSES and "XLA_FLAGS" in os.environ
     function = partial(integrate, name, **options)
     return (quick if hurried else real)(function if solo else jax.vmap(function))
 

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import (
+    CLASSES,
     LIEMID,
     OTHER,
     RIGID_FLIGHTS,
     ROTATION,
-    WAYS,
     at,
     by_turns,
     cast,
@@ -137,7 +137,7 @@ def test_liemid_without_torque_is_the_flight(parts, names, dtype):
         assert gap(implicit, explicit) <= 4 * steps * epsilon(dtype), gap(implicit, explicit) / epsilon(dtype)
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns())
+@pytest.mark.parametrize(("name", "dtype"), by_turns(few=CLASSES))
 def test_momentum_alone_follows_the_whole(name, dtype):
     """Without attitude the momentum is that of the full state, to 4 units of rounding a step."""
     alone = compiled(name, steps=LONG, save_every=SAVE, forced=False, state=ml.MomentumState)(cast(RUNS, dtype))
@@ -152,7 +152,7 @@ def test_momentum_alone_follows_the_whole(name, dtype):
 FLOWN = [f"{flight.name}[E1]" for flight in RIGID_FLIGHTS]
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns([*FLOWN, *ROTATION], few=[*FLOWN, *WAYS]))
+@pytest.mark.parametrize(("name", "dtype"), by_turns([*FLOWN, *ROTATION], few=[*FLOWN, *CLASSES]))
 def test_a_pose_keeps_its_length_at_any_turn_that_is_not_refused(name, dtype):
     """What rounding takes from the length of a direction or an attitude does not grow, turned by up to 2.4 radians."""
     turns = np.linspace(0.1, 2.4, 24).astype(dtype)

@@ -37,7 +37,7 @@ def shifted(direction, size):
     return jax.tree.map(lambda x, d: x + size * d, PARAMETERS, direction)
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "LIEMID[I]", "NMB"])
+@pytest.mark.parametrize("name", ["LIEMID[EA]", "LIEMID[I]", *whole("NMB", "JACOBI[EA]")])
 def test_reverse_and_forward_equal_differences(name):
     along = directions()
     reverse = quick(jax.grad(lambda p: end(name, p)))(PARAMETERS)
@@ -52,7 +52,7 @@ def test_reverse_and_forward_equal_differences(name):
         assert abs(d - r) <= 1e-6 * (1e-2 + abs(r)), label
 
 
-@pytest.mark.parametrize("name", ["LIEMID[E2]", "LIEMID[I]", *whole("LIEMID[EA]")])
+@pytest.mark.parametrize("name", ["LIEMID[E2]", *whole("LIEMID[EA]", "LIEMID[I]")])
 def test_gradient_of_a_gradient_equals_differences(name):
     def in_weight(weight):
         return end(name, (PARAMETERS[0], weight, *PARAMETERS[2:]))
@@ -65,7 +65,7 @@ def test_gradient_of_a_gradient_equals_differences(name):
     assert abs(second - differences) <= 1e-7 * abs(differences)
 
 
-@pytest.mark.parametrize("name", ["LIEMID[EA]", "SW"])
+@pytest.mark.parametrize("name", ["LIEMID[EA]", *whole("SW")])
 def test_gradients_are_finite_at_rest(name):
     resting = (*PARAMETERS[:2], jnp.zeros(3), *PARAMETERS[3:])
     gradient = quick(jax.grad(lambda p: end(name, p)))(resting)

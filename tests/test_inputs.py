@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import each, rows, run, setup
+from cases import CLASSES, each, rows, run, setup
 
 import midlie_jax as ml
 
@@ -300,7 +300,7 @@ def test_values_are_not_read_inside_jit():
     assert jnp.isnan(made.momentum).all()
 
 
-@pytest.mark.parametrize("name", each())
+@pytest.mark.parametrize("name", each(few=CLASSES))
 def test_failures_inside_jit_are_flags(name):
     """Too large a step, and NaN in the torque, the body or the start; the rows beside them are none the worse."""
     found = run(
