@@ -18,7 +18,7 @@ from ..methods.system import AnyMotion, System
 from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
-from .term import RigidBodyTerm, as_time, check, like, packed
+from .term import RigidBodyTerm, as_time, check, like
 
 
 class Memory(NamedTuple):
@@ -114,15 +114,15 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         start_torque = stored_force if begins_with_force else system.force(start_time, motion)
         dense = {"y0": y0, "y1": y1, "h": h}
         for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
-            dense[f"velocity{i}"] = packed(system.vector_in_user_axes(system.velocity(momentum)))
-            dense[f"torque{i}"] = packed(system.vector_in_user_axes(torque))
+            dense[f"velocity{i}"] = system.kind.pack(system.vector_in_user_axes(system.velocity(momentum)))
+            dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
         for leaf in jax.tree.leaves(y1):
             ok = ok & jnp.all(jnp.isfinite(leaf))
         stop = jax.lax.stop_gradient
         step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(memory.history)
         target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
         user_target = system.in_user_axes(target)
-        error = jax.tree.map(jnp.subtract, y1, like(y1, packed(user_target.momentum), packed(user_target.pose)))
+        error = jax.tree.map(jnp.subtract, y1, like(y1, y1.pack(user_target.momentum), y1.pack_pose(user_target.pose)))
         error = jax.tree.map(
             lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
         )

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
 from .._kernel.checks import described, same_dtype
 from ..drivers.arguments import check_moves
 from ..methods.base import Method
@@ -79,7 +78,7 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         motion = system.motion(y)
         force = system.vector_in_user_axes(system.force(as_time(t, y), motion))
         velocity = system.vector_in_user_axes(system.velocity(motion.momentum))
-        return Rates(ambient_rate(y, velocity, force), packed(velocity), packed(force))
+        return Rates(ambient_rate(y, velocity, force), y.pack(velocity), y.pack(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
         """The step t1 - t0."""
@@ -94,18 +93,13 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
     """The derivative of the arrays of the state y, under this velocity and torque or force."""
     momentum, pose = y.parts()
-    return like(y, y.pack(y.momentum_rate(momentum, velocity, force)), packed(y.rate(pose, velocity)))
+    return like(y, y.pack(y.momentum_rate(momentum, velocity, force)), y.pack_pose(y.rate(pose, velocity)))
 
 
 def like(y: Any, *arrays: Any) -> Any:
     """A state of y's class with these arrays, unchecked: the class itself would reject derivatives of quaternions."""
     structure = jax.tree.structure(y)
     return jax.tree.unflatten(structure, arrays[: structure.num_leaves])
-
-
-def packed(parts: Any) -> Any:
-    """Components packed into one array; an array or an empty tuple is returned unchanged."""
-    return cp.pack(parts) if isinstance(parts, tuple) and parts else parts
 
 
 def as_time(t: Any, y: Any) -> Array:

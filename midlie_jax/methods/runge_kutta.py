@@ -3,7 +3,7 @@
 They conserve neither the spatial momentum of a free body nor the energy, and are not symplectic. Written on components
 and fused stage by stage, a method of high order still needs the least work for a short run at high accuracy under a
 strong torque. A step keeps all stages of all bodies in memory. A chunk of few bodies, whose stages fit the first-level
-cache, therefore runs several times as fast (`midlie_jax.ensemble(..., chunk=64)`; `docs/work-precision.md`).
+cache, therefore runs several times as fast; `midlie_jax.ensemble` takes such chunks unless told otherwise.
 """
 
 from itertools import accumulate

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, require
+from .states import AnyState, Time
 from .torques import TorqueLike
 
 DensityLike = Callable[[Any, Any], Array]
@@ -51,7 +52,7 @@ class OrbitalDistance(eqx.Module):
         self.reference = _positive("reference", reference)
         self.power = float(power)
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         del state
         position = cp.vector(self.orbit(t))
         return _power(self.reference * self.reference / cp.dot(position, position), self.power / 2)
@@ -84,7 +85,7 @@ class TorqueSize(eqx.Module):
         self.floor = _positive("floor", floor)
         self.power = float(power)
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         torque = cp.vector(self.torque(t, state))
         square = cp.dot(torque, torque) + self.floor * self.floor
         return _power(square / (self.reference * self.reference), self.power / 2)
@@ -111,7 +112,7 @@ class Spin(eqx.Module):
         self.reference = _positive("reference", reference)
         self.floor = _positive("floor", floor)
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         del t
         momentum, moments = cp.vector(state.momentum), cp.vector(self.moments)
         x, y, z = (p / i for p, i in zip(momentum, moments, strict=True))

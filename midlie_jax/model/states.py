@@ -27,6 +27,7 @@ from .bodies import Particles, RigidBody
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles
 Q = TypeVar("Q")  # a pose in a step: components, or an array for particles
 # The value of a function: the entries of an array (constants can be NumPy values), and its shape and dtype.
+Time = Array | float | int
 Value = tuple[list[Any], jax.ShapeDtypeStruct]
 
 
@@ -120,6 +121,11 @@ class State(eqx.Module, Generic[P, Q]):
 
     @staticmethod
     @abstractmethod
+    def pack_pose(pose: Q) -> Any:
+        """A pose, or its rate of change, as one array; () where there is none."""
+
+    @staticmethod
+    @abstractmethod
     def unpack(array: Array) -> P:
         """The inverse of `pack`."""
 
@@ -152,6 +158,10 @@ class BodyState(State[cp.Vector, Q]):
     @staticmethod
     def pack(vector: cp.Vector) -> Array:
         return cp.pack(vector)
+
+    @staticmethod
+    def pack_pose(pose: Any) -> Any:
+        return cp.pack(pose) if pose else ()
 
     @staticmethod
     def unpack(array: Array) -> cp.Vector:
@@ -415,6 +425,10 @@ class ParticleState(State[Array, Array]):
     @staticmethod
     def pack(vector: Array) -> Array:
         return vector
+
+    @staticmethod
+    def pack_pose(pose: Array) -> Array:
+        return pose
 
     @staticmethod
     def unpack(array: Array) -> Array:

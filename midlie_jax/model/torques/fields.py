@@ -13,7 +13,7 @@ from ..._kernel import components as cp
 from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
-from ..states import DirectionState
+from ..states import AnyState, DirectionState, Time
 from .base import ReadsBody, Torque
 
 
@@ -31,7 +31,7 @@ class HeavyTop(Torque):
     weight: Float[Array, "*batch"]
     axis: tuple[float, float, float] = eqx.field(static=True)
 
-    def __init__(self, weight: Any, axis: Any = (0.0, 0.0, 1.0)):
+    def __init__(self, weight: Time, axis: Any = (0.0, 0.0, 1.0)):
         self.weight = as_floats("weight", weight)
         require_finite("weight", self.weight)
         if np.shape(axis) != (3,):
@@ -39,11 +39,11 @@ class HeavyTop(Torque):
         self.axis = (float(axis[0]), float(axis[1]), float(axis[2]))
         require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         del t
         return cp.pack(cp.scale(self.weight, _cross_constant(state.vertical(), self.axis)))
 
-    def potential(self, t: Any, state: Any) -> Array:
+    def potential(self, t: Time, state: AnyState) -> Array:
         del t
         up = state.vertical()
         return self.weight * (self.axis[0] * up[0] + self.axis[1] * up[1] + self.axis[2] * up[2])
@@ -82,18 +82,18 @@ class DipoleInField(Torque):
     moment: Float[Array, "*batch 3"]
     field: Float[Array, "*batch 3"] | Callable[[Any], Array]
 
-    def __init__(self, moment: Any, field: Any):
+    def __init__(self, moment: Time, field: Any):
         self.moment = as_floats("moment", moment, (3,))
         require_finite("moment", self.moment)
         self.field = as_function_of_time("field", field)
 
-    def _local(self, t: Any, state: Any) -> cp.Vector:
+    def _local(self, t: Time, state: AnyState) -> cp.Vector:
         return to_body_components(self.field, t, state)
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         return cp.pack(cp.cross(cp.vector(self.moment), self._local(t, state)))
 
-    def potential(self, t: Any, state: Any) -> Array:
+    def potential(self, t: Time, state: AnyState) -> Array:
         return -cp.dot(cp.vector(self.moment), self._local(t, state))
 
 
@@ -131,40 +131,40 @@ class GravityGradient(ReadsBody):
             raise ValueError("moments are of principal axes; give None to use the TensorBody.")
         return self
 
-    def _local(self, t: Any, state: Any) -> tuple[Array, cp.Vector]:
+    def _local(self, t: Time, state: AnyState) -> tuple[Array, cp.Vector]:
         """3 mu/r^3, and the unit vector u in body components."""
         position = cp.vector(self.orbit(t))
         square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
         return 3 * self.mu * inverse / square, require_all_directions(state).seen_from_body(cp.scale(inverse, position))
 
-    def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         strength, u = self._local(t, state)
         return cp.pack(cp.scale(strength, cp.cross(u, cp.vector(body.momentum(cp.pack(u))))))
 
-    def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def potential_at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         """The potential energy up to terms independent of the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
         strength, u = self._local(t, state)
         return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         return super().__call__(t, state) if self.moments is None else self.at(t, state, self._own_body())
 
-    def potential(self, t: Any, state: Any) -> Array:
+    def potential(self, t: Time, state: AnyState) -> Array:
         return super().potential(t, state) if self.moments is None else self.potential_at(t, state, self._own_body())
 
     def _own_body(self) -> RigidBody:
         return RigidBody(self.moments, physical=False)
 
 
-def to_body_components(vector: Array | Callable[[Any], Array], t: Any, state: Any) -> cp.Vector:
+def to_body_components(vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
     """A space vector in body components; it is an array (3,) or a function of time that returns one."""
     if callable(vector):
         return require_all_directions(state).seen_from_body(cp.vector(vector(t)))
     return state.seen_from_body(cp.vector(vector))
 
 
-def require_all_directions(state: Any) -> Any:
+def require_all_directions(state: AnyState) -> Any:
     """The state itself; a ValueError for a `DirectionState`, which can convert vectors of one space direction only."""
     if isinstance(state, DirectionState):
         raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")

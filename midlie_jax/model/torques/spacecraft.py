@@ -18,7 +18,7 @@ from ..._kernel import components as cp
 from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
 from .. import so3
 from ..bodies import RigidBody, TensorBody
-from ..states import attitude_of
+from ..states import AnyState, Time, attitude_of
 from .base import ReadsBody, Torque
 from .fields import to_body_components
 
@@ -55,7 +55,7 @@ class Damping(_ReadsVelocity):
     def __init__(self, coefficient: Any):
         self.coefficient = _gain("coefficient", coefficient)
 
-    def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         del t
         return -self.coefficient * body.velocity(state.momentum)
 
@@ -82,13 +82,13 @@ class PDControl(_ReadsVelocity):
     proportional: Float[Array, "*batch"]
     derivative: Float[Array, "*batch"]
 
-    def __init__(self, target: Any, proportional: Any, derivative: Any):
+    def __init__(self, target: Time, proportional: Any, derivative: Any):
         self.target = as_floats("target", target, (4,))
         require("target", self.target, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
         self.proportional = _gain("proportional", proportional)
         self.derivative = _gain("derivative", derivative)
 
-    def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         del t
         error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
         factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
@@ -114,11 +114,11 @@ class Rotors(_ReadsVelocity):
         self.momentum = as_floats("momentum", momentum, (3,))
         require_finite("momentum", self.momentum)
 
-    def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         del t
         return _cross(self.momentum, body.velocity(state.momentum))
 
-    def potential_at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def potential_at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         """Zero: the torque is perpendicular to the angular velocity and does no work."""
         del t, body
         return jnp.zeros_like(state.momentum[..., 0])
@@ -141,7 +141,7 @@ class ReactionWheels(_ReadsVelocity):
     def __check_init__(self) -> None:
         require_function("momentum", self.momentum, "t")
 
-    def at(self, t: Any, state: Any, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
         t = jnp.asarray(t, state.momentum.dtype)
         momentum, rate = jax.jvp(self.momentum, (t,), (jnp.ones_like(t),))
         return _cross(momentum, body.velocity(state.momentum)) - rate
@@ -178,7 +178,7 @@ class Drag(Torque):
             require(name, value, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check units.")
         self.velocity = as_function_of_time("velocity", velocity)
 
-    def __call__(self, t: Any, state: Any) -> Array:
+    def __call__(self, t: Time, state: AnyState) -> Array:
         velocity = to_body_components(self.velocity, t, state)
         force = cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
         return cp.pack(cp.cross(cp.vector(self.lever), force))
