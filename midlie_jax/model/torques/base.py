@@ -28,6 +28,15 @@ class Torque(eqx.Module):
     """
 
     def __call__(self, t: Time, state: AnyState) -> Array:
+        """The torque on one body.
+
+        Args:
+            t: time, ().
+            state: of one body, with or without attitude, as the torque needs.
+
+        Returns:
+            The torque (3,) in the body frame, in the dtype of the state.
+        """
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
     def potential(self, t: Time, state: AnyState) -> Array:
