@@ -46,7 +46,7 @@ def free(name, dtype, blocks=1):
     """Momentum (rows, n, 3) and attitude (rows, n, 4) every `SAVE` steps, over blocks of `LONG` steps."""
     setups, parts = RUNS, []
     for _ in range(blocks):
-        path = run(name, dtype, setups, steps=LONG, save_every=SAVE, forced=False)
+        path = run(name, dtype, setups, steps=LONG, save_every=SAVE, forced=False, hurried=False)
         assert np.all(path.ok)
         parts.append(at(path.states))
         setups = continued(setups, path)
