@@ -60,7 +60,8 @@ def firsts(*properties):
 # the motion; and the rest, which `make test-full` adds.
 WAYS = firsts(way)
 BUILDS = firsts(way, flight_of)
-# One for each class of method, for what drivers do with any of them.
+# One for each flight and other class of method, for free bodies; one for each class, for what drivers do with any.
+FREE = firsts(flight_of)
 CLASSES = firsts(type)
 DTYPES = ["float32", "float64"]
 ROWS = 32

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cases import (
     CLASSES,
+    FREE,
     LIEMID,
     OTHER,
     RIGID_FLIGHTS,
@@ -78,7 +79,7 @@ def length(part):
     return np.linalg.norm(part, axis=-1, keepdims=True)
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns())
+@pytest.mark.parametrize(("name", "dtype"), by_turns(few=FREE))
 def test_spatial_momentum_of_a_free_body(name, dtype):
     """R Pi with R the rotation that the attitude stands for; that the attitude stays unit is the next law."""
     momentum, attitude = free(name, dtype, BLOCKS)
@@ -90,7 +91,7 @@ def test_spatial_momentum_of_a_free_body(name, dtype):
         assert changes.max() <= np.sqrt(turns) * WALK * epsilon(dtype), changes / epsilon(dtype)
 
 
-@pytest.mark.parametrize(("name", "dtype"), by_turns())
+@pytest.mark.parametrize(("name", "dtype"), by_turns(few=FREE))
 def test_attitude_stays_a_unit_quaternion(name, dtype):
     """To the rounding of one step, however many came before."""
     _, attitude = free(name, dtype, BLOCKS)

@@ -16,7 +16,7 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.checks import require_function
 from ..bodies import RigidBody, TensorBody
-from ..states import AnyState, Time
+from ..states import Time
 
 TorqueLike = Callable[[Any, Any], Array]
 
@@ -27,7 +27,7 @@ class Torque(eqx.Module):
     `torque(t, state)` is the torque (3,) in the body frame.
     """
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         """The torque on one body.
 
         Args:
@@ -39,7 +39,7 @@ class Torque(eqx.Module):
         """
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
-    def potential(self, t: Time, state: AnyState) -> Array:
+    def potential(self, t: Time, state: Any) -> Array:
         """The potential energy (), torque x angle; a ValueError if the torque has no potential."""
         del t, state
         raise _no_potential(self)
@@ -109,10 +109,10 @@ class Sum(Torque):
         for term in self.terms:
             require_function("a torque", term, "t, state")
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         return sum((term(t, state) for term in self.terms[1:]), start=self.terms[0](t, state))
 
-    def potential(self, t: Time, state: AnyState) -> Array:
+    def potential(self, t: Time, state: Any) -> Array:
         parts = [potential_of(term)(t, state) for term in self.terms]
         return sum(parts[1:], start=parts[0])
 
@@ -142,7 +142,7 @@ class Prescribed(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t")
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         del state
         return self.function(t)
 
@@ -163,7 +163,7 @@ class FromPotential(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state")
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         kind = type(state)
         momentum, pose = state.parts()
         gradient = jax.grad(lambda p: self.function(t, kind.join(momentum, p)))(pose)
@@ -172,7 +172,7 @@ class FromPotential(Torque):
         (neg_torque,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(gradient)
         return jax.tree.map(jnp.negative, neg_torque) if isinstance(neg_torque, jax.Array) else -cp.pack(neg_torque)
 
-    def potential(self, t: Time, state: AnyState) -> Array:
+    def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)
 
 
@@ -196,7 +196,7 @@ class VelocityDependent(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state")
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         return self.function(t, state)
 
     @property
@@ -210,11 +210,11 @@ class VelocityDependent(Torque):
 class ReadsBody(Torque):
     """Base class of torques that read the body on which they act; a run passes the body to `on`."""
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
         """The torque (3,) on this body, body frame."""
         raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
 
-    def potential_at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def potential_at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
         """The potential energy () of this body; a ValueError if the torque has no potential."""
         del t, state, body
         raise _no_potential(self)
@@ -222,10 +222,10 @@ class ReadsBody(Torque):
     def on(self, body: Any) -> Torque:
         return OnBody(self, body)
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body)(t, state).")
 
-    def potential(self, t: Time, state: AnyState) -> Array:
+    def potential(self, t: Time, state: Any) -> Array:
         raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body).potential(t, state).")
 
 
@@ -240,10 +240,10 @@ class OnBody(Torque):
     torque: ReadsBody
     body: RigidBody | TensorBody
 
-    def __call__(self, t: Time, state: AnyState) -> Array:
+    def __call__(self, t: Time, state: Any) -> Array:
         return self.torque.at(t, state, self.body)
 
-    def potential(self, t: Time, state: AnyState) -> Array:
+    def potential(self, t: Time, state: Any) -> Array:
         return self.torque.potential_at(t, state, self.body)
 
     @property
@@ -267,5 +267,5 @@ class BodyTorque(ReadsBody):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state, body")
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
         return self.function(t, state, body)
