@@ -17,7 +17,7 @@ from ..methods.base import Method
 from ..methods.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
-from ..model.states import State
+from ..model.state import State
 from ..model.torques import TorqueLike
 
 

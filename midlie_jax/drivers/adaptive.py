@@ -41,7 +41,7 @@ from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
 from ..model.bodies import Body
 from ..model.densities import DensityLike
-from ..model.states import AnyState
+from ..model.state import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_method, as_scalar, check_saving, check_step, check_system
 

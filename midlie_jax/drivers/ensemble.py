@@ -15,7 +15,7 @@ from .._kernel.checks import as_count, as_floats, require_finite
 from ..methods.base import Method
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.compatibility import check_state
-from ..model.states import AnyState
+from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .arguments import as_first_step, as_method, check_saving, check_step, check_system
 from .integrate import Path, integrate

@@ -15,7 +15,7 @@ from .._kernel.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
-from ..model.states import AnyState
+from ..model.state import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 

@@ -16,7 +16,7 @@ from jax import Array
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
-from ..model.states import AnyState
+from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .integrate import ends_of_step
 

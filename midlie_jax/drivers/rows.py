@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..model.states import AnyState
+from ..model.state import AnyState
 from ..model.torques import on_body
 
 _MOST_TRIED = 6  # with more parameters than this, not every subset is tried

@@ -12,7 +12,7 @@ from .._kernel import components as cp
 from .._kernel.fusion import fuse, fuse_derivative
 from .._kernel.replay import traits
 from ..model.bodies import Body, RigidBody, TensorBody, principal_of
-from ..model.states import AnyState, P, Q
+from ..model.state import AnyState, P, Q
 from ..model.torques import TorqueLike, on_body, velocity_dependent
 from .inertia import Inertia
 

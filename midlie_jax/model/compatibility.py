@@ -9,7 +9,7 @@ import equinox as eqx
 
 from .._kernel.checks import described
 from .bodies import RigidBody, principal_of
-from .states import AnyState, State
+from .state import AnyState, State
 
 
 def check_state(name: str, state: Any) -> None:

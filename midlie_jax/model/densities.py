@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, require
-from .states import AnyState, Time
+from .state import AnyState, Time
 from .torques import TorqueLike
 
 DensityLike = Callable[[Any, Any], Array]

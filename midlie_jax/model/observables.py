@@ -12,7 +12,8 @@ from .._kernel.replay import traits
 from . import so3
 from .bodies import Body, Particles, RigidBody, TensorBody, principal_of
 from .compatibility import check_body, check_state, check_torque
-from .states import AnyState, ParticleState, State, attitude_of
+from .state import AnyState, State
+from .states import ParticleState, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 

@@ -16,7 +16,7 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.checks import require_function
 from ..bodies import RigidBody, TensorBody
-from ..states import Time
+from ..state import Time
 
 TorqueLike = Callable[[Any, Any], Array]
 

@@ -13,7 +13,8 @@ from ..._kernel import components as cp
 from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
-from ..states import AnyState, DirectionState, Time
+from ..state import AnyState, Time
+from ..states import DirectionState
 from .base import ReadsBody, Torque
 
 

@@ -18,7 +18,8 @@ from ..._kernel import components as cp
 from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
 from .. import so3
 from ..bodies import RigidBody, TensorBody
-from ..states import AnyState, Time, attitude_of
+from ..state import AnyState, Time
+from ..states import attitude_of
 from .base import ReadsBody, Torque
 from .fields import to_body_components
 
