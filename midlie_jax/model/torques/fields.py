@@ -32,7 +32,7 @@ class HeavyTop(Torque):
     weight: Float[Array, "*batch"]
     axis: tuple[float, float, float] = eqx.field(static=True)
 
-    def __init__(self, weight: Time, axis: Any = (0.0, 0.0, 1.0)):
+    def __init__(self, weight: Any, axis: Any = (0.0, 0.0, 1.0)):
         self.weight = as_floats("weight", weight)
         require_finite("weight", self.weight)
         if np.shape(axis) != (3,):
@@ -83,7 +83,7 @@ class DipoleInField(Torque):
     moment: Float[Array, "*batch 3"]
     field: Float[Array, "*batch 3"] | Callable[[Any], Array]
 
-    def __init__(self, moment: Time, field: Any):
+    def __init__(self, moment: Any, field: Any):
         self.moment = as_floats("moment", moment, (3,))
         require_finite("moment", self.moment)
         self.field = as_function_of_time("field", field)

@@ -83,7 +83,7 @@ class PDControl(_ReadsVelocity):
     proportional: Float[Array, "*batch"]
     derivative: Float[Array, "*batch"]
 
-    def __init__(self, target: Time, proportional: Any, derivative: Any):
+    def __init__(self, target: Any, proportional: Any, derivative: Any):
         self.target = as_floats("target", target, (4,))
         require("target", self.target, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
         self.proportional = _gain("proportional", proportional)
