@@ -21,6 +21,7 @@ import midlie_jax as ml
 from midlie_jax.bench import convergence, scenes
 from midlie_jax.bench.commands import output
 from midlie_jax.drivers.program import Program
+from midlie_jax.methods.registry import DEFAULT
 
 BROKEN = "SW"
 ROOT = Path(__file__).resolve().parent.parent
@@ -45,6 +46,11 @@ def test_methods_lists_every_method_with_its_order():
     lines = {name: line for line in outcome.out.splitlines() for name in ml.methods() if line.startswith(f"{name}  ")}
     assert list(lines) == ml.methods()
     assert all(f" {ml.method(name).order} " in line for name, line in lines.items())
+
+
+def test_run_takes_the_method_that_is_recommended():
+    """The command knows its name by itself, so that its help needs no JAX."""
+    assert midlie_command._read(["run", "P1"]).method == DEFAULT == ml.LieSolver().method.name == ml.methods()[0]
 
 
 def test_scenes_lists_every_scene():

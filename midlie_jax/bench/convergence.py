@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..drivers.arguments import as_method
 from ..drivers.program import Program
 from ..drivers.timing import Stopwatch
 from ..methods.base import Method
@@ -117,7 +118,7 @@ def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int],
         rungs: from `ladder`.
         reference: from `find_reference`.
     """
-    for method in map(_as_method, methods):
+    for method in map(as_method, methods):
         yield from _Ladder(scene, method, rungs, reference).rows()
 
 
@@ -137,7 +138,7 @@ def survey(
     Returns:
         The rows, and the number of rounds, which is smaller if a round takes seconds.
     """
-    ladders = [_Ladder(scene, method, rungs, reference) for method in map(_as_method, methods)]
+    ladders = [_Ladder(scene, method, rungs, reference) for method in map(as_method, methods)]
     for measured in ladders:
         for row in measured.rows():
             report(row)
@@ -149,10 +150,6 @@ def survey(
             measured.time_again()
         rounds += 1
     return [row for measured in ladders for row in measured.timed_rows()], rounds
-
-
-def _as_method(method: str | Method) -> Method:
-    return find_method(method) if isinstance(method, str) else method
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
@@ -168,21 +165,6 @@ def find_reference(scene: Scene, finest: int) -> Reference:
     """
     closed = _closed_form(scene)
     return closed if closed is not None else _extrapolated(scene, finest)
-
-
-def by_halving(scene: Scene, name: str, steps: int) -> Reference:
-    """The end of a scene by `2 * steps` steps of a method; its uncertainty is the change from `steps` to `2 * steps`.
-
-    Raises:
-        ValueError: the run failed.
-    """
-    program = _program(find_method(name), scene, steps, copies=1)
-    coarse, _ = _end(program, scene.duration / steps, steps)
-    refined, ok = _end(program, scene.duration / (2 * steps), 2 * steps)
-    uncertainty = float(np.linalg.norm(_matrix(refined.attitude) - _matrix(coarse.attitude)))
-    if not ok or not math.isfinite(uncertainty):
-        raise ValueError(f"no reference: {name} failed with {2 * steps} steps; check the torque for NaN.")
-    return Reference(refined.momentum, _matrix(refined.attitude), f"{name} with {2 * steps} steps", uncertainty)
 
 
 def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:

@@ -118,7 +118,7 @@ class System(NamedTuple):
     def rates(self, motion: Motion[P, Q], h: Array, force: P | None) -> Motion[P, Q]:
         """h times the right-hand side of the equations of motion: Pi' = Pi x I^-1 Pi + T, and the rate of the pose."""
         turn = jax.tree.map(lambda v: h * v, self.velocity(motion.momentum))
-        impulse = _filled(motion.momentum, 0.0) if force is None else jax.tree.map(lambda f: h * f, force)
+        impulse = _zeros(motion.momentum) if force is None else jax.tree.map(lambda f: h * f, force)
         return Motion(self.kind.momentum_rate(motion.momentum, turn, impulse), self.kind.rate(motion.pose, turn))
 
     def turned(self, pose: Q, increment: Any, t: Array, h: Array) -> Q:
@@ -128,7 +128,7 @@ class System(NamedTuple):
     def force(self, t: Array, motion: Motion[P, Any]) -> P:
         """The torque in principal components, or the force on particles; zero if the system has no torque."""
         if self.torque is None:
-            return _filled(motion.momentum, 0.0)
+            return _zeros(motion.momentum)
         return self._torque_boundary(self._evaluate(self.torque, t, self._torque_boundary(motion)))
 
     def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
@@ -142,7 +142,7 @@ class System(NamedTuple):
             ValueError: the torque depends on the momentum.
         """
         if self.torque is None:
-            return _filled(motion.momentum, 0.0)
+            return _zeros(motion.momentum)
         if self.reads_momentum:
             raise ValueError(
                 "a scheme with force gradients needs a torque from a potential, but this torque depends on the "
@@ -177,8 +177,8 @@ def added(momentum: P, h: Array, force: P) -> P:
     return jax.tree.map(lambda p, f: p + h * f, momentum, force)
 
 
-def _filled(momentum: P, value: float) -> P:
-    return jax.tree.map(lambda p: jnp.full_like(p, value), momentum)
+def _zeros(momentum: P) -> P:
+    return jax.tree.map(jnp.zeros_like, momentum)
 
 
 def _check_force(returned: jax.ShapeDtypeStruct, like: Array) -> None:
