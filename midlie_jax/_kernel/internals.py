@@ -13,12 +13,22 @@ from jax.core import Tracer as Tracer
 from jax.extend.core import ClosedJaxpr as ClosedJaxpr
 from jax.extend.core import Literal as Literal
 from jax.extend.core import Primitive as Primitive
+from jax.extend.core import take_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
 
 
 def varying_axes(kind: Any) -> frozenset[str]:
     """The mesh axes along which values of a JAX type vary (`jax.shard_map`); none for anything else."""
     return kind.mat.varying if hasattr(kind, "mat") else frozenset()
+
+
+def runs_at_once() -> bool:
+    """Whether JAX executes operations now, at most with batch axes of `jax.vmap`, and does not record a program."""
+    with take_current_trace() as innermost:
+        trace: Any = innermost
+        while type(trace).__name__ == "BatchTrace":
+            trace = trace.parent_trace
+        return type(trace).__name__ == "EvalTrace"
 
 
 def used_inputs(closed: ClosedJaxpr) -> list[bool]:

@@ -37,6 +37,7 @@ from .._kernel import components as cp
 from .._kernel.checks import as_count, described, require_finite, same_dtype
 from .._kernel.fusion import fuse
 from .._kernel.mesh import all_promoted, axes_of_run
+from .._kernel.width import wide_jit
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
 from ..model.bodies import Body
@@ -164,7 +165,7 @@ def integrate_adaptive(
     return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, reverse)
 
 
-@eqx.filter_jit
+@wide_jit
 def _run(
     method: Method,
     body: Any,

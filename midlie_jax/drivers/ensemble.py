@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel.checks import as_count, as_floats, require_finite
+from .._kernel.width import wide_jit
 from ..methods.base import Method
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.compatibility import check_state
@@ -97,7 +98,7 @@ def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
     return array
 
 
-@eqx.filter_jit
+@wide_jit
 def _run(
     method: Method,
     mapped: Any,

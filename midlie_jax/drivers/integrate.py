@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -12,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from .._kernel.checks import as_count
 from .._kernel.mesh import all_promoted, axes_of_run, promoted
+from .._kernel.width import wide_jit
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
@@ -85,7 +85,7 @@ def integrate(
     return _run(method, body, torque, start, dt, t0, first, steps, save_every)
 
 
-@eqx.filter_jit
+@wide_jit
 def _run(
     method: Method,
     body: Any,

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .._kernel.width import vector_width_options
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
@@ -60,7 +61,8 @@ class Program:
             ends, ok = jax.lax.map(jax.vmap(lambda start: end_of_body(start, dt, turns)), parts)
             return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), ends), ok.reshape(count)
 
-        self._compiled = jax.jit(run).lower(starts, *self._arguments(0.0, 0)).compile()
+        lowered = jax.jit(run).lower(starts, *self._arguments(0.0, 0))
+        self._compiled = lowered.compile(compiler_options=vector_width_options())
         self.run(0.0, 0)  # the first call takes longer than the others and must not be timed
 
     def run(self, dt: float, steps: int) -> tuple[Any, Array]:
