@@ -50,8 +50,9 @@ def wide_jit(function: Callable[P, R]) -> Callable[P, R]:
 
     Inside another `jax.jit`, a derivative or a `jax.shard_map` the options are left out.
     """
-    plain: Any = eqx.filter_jit(function)
-    wide = cache(lambda options: eqx.filter_jit(function, compiler_options=dict(options)))
+    jit: Any = eqx.filter_jit  # its annotations do not know the options of `jax.jit`
+    plain = jit(function)
+    wide = cache(lambda options: jit(function, compiler_options=dict(options)))
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
