@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 import midlie_jax as ml
 from midlie_jax.methods.flights import FLIGHTS
 from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.methods.runge_kutta import RungeKutta
 from midlie_jax.methods.splitting import Splitting
 
 # Methods are chosen here by what they are. A new one in the registry is in every law.
@@ -32,9 +33,11 @@ LIEMID = [m.name for m in METHODS if isinstance(m, Splitting) and isinstance(m.f
 def way(method):
     """How a method takes a step.
 
-    Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque. Of
-    others their class.
+    Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque. Of a
+    Runge-Kutta method the class of its formula, of others their own class.
     """
+    if isinstance(method, RungeKutta):
+        return type(method.formula)
     if not isinstance(method, Splitting):
         return type(method)
     return method.loops, method.scheme.stages[0][0], bool(method.scheme.gradients)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from midlie_jax.methods import runge_kutta, schemes
+from midlie_jax.methods import schemes, tableau
 
 LONG = np.longdouble
 _PARTS, _ITERATIONS = 12, 12
@@ -305,25 +305,54 @@ def _newmark(moments, torque, t, h, motion):
     return Motion(p + (h * rate + change) / 2, there), found
 
 
-def _runge_kutta(table):
+def _explicit(change):
+    """The step of a Runge-Kutta method; `change(rates, h, y)` is what it adds to y, momentum and pose side by side."""
+
     def step(moments, torque, t, h, motion):
-        rates = []
-
-        def moved(weights):
-            p, q = motion
-            for j, c in weights.items():
-                p, q = p + h * LONG(c) * rates[j][0], q + h * LONG(c) * rates[j][1]
-            return p, q
-
-        for row in table.stages:
-            p, q = moved(row)
+        def rates(c, y):
+            p, q = y[:, :3], y[:, 3:]
             omega = np.concatenate([0 * h, p / moments], axis=1)
-            part = LONG(sum(row.values()))
-            rates.append((np.cross(p, p / moments) + torque(t + part * h, q), multiply(q, omega) / 2))
-        p, q = moved(table.weights)
+            spin = multiply(q, omega) / 2
+            return np.concatenate([np.cross(p, p / moments) + torque(t + LONG(c) * h, q), spin], axis=1)
+
+        y = np.concatenate(motion, axis=1)
+        y = y + change(rates, h, y)
+        p, q = y[:, :3], y[:, 3:]
         return Motion(p, q * (1.5 - dot(q, q) / 2)), np.full(len(h), True)
 
     return step
+
+
+def _tableau(table):
+    def change(rates, h, y):
+        found = []
+
+        def total(weights):
+            return h * sum((LONG(c) * found[j] for j, c in weights.items()), start=0 * y)
+
+        for row in table.stages:
+            found.append(rates(sum(row.values()), y + total(row)))
+        return total(table.weights)
+
+    return _explicit(change)
+
+
+def _extrapolation(levels):
+    """Gragg's midpoint rule by Aitken and Neville's scheme."""
+
+    def change(rates, h, y):
+        column = []
+        for j in range(1, levels + 1):
+            n = 2 * j
+            before, now = y, y + h / n * rates(0, y)
+            for i in range(1, n):
+                before, now = now, before + 2 * h / n * rates(LONG(i) / n, now)
+            column.insert(0, now - y)
+            for k in range(1, j):
+                column[k] = column[k - 1] + (column[k - 1] - column[k]) / ((LONG(n) / (n - 2 * k)) ** 2 - 1)
+        return column[-1]
+
+    return _explicit(change)
 
 
 OTHERS = {
@@ -331,8 +360,11 @@ OTHERS = {
     "SW": _simo_wong,
     "AKW": _akw,
     "NMB": _newmark,
-    "RK4": _runge_kutta(runge_kutta.RK4.table),
-    "DOP853": _runge_kutta(runge_kutta.DOP853.table),
+    "RK4": _tableau(tableau.RK4),
+    "DOP853": _tableau(tableau.DOP853),
+    "GBS8": _extrapolation(4),
+    "GBS10": _extrapolation(5),
+    "GBS12": _extrapolation(6),
 }
 
 

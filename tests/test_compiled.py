@@ -26,11 +26,9 @@ def loops_of(method):
     The implicit methods have a loop over Newton's steps in the middle (see midlie_jax/_kernel/newton.py): one loop over
     the batch before it and one after it. A splitting that loops over its stages has one for the last kick or flight.
     """
-    if isinstance(method, RungeKutta):
-        return len(method.table.loops) + 1
     if isinstance(method, Splitting):
         return 2 if method.loops else 1
-    return 1 if isinstance(method, NewmarkBody) else 2
+    return 1 if isinstance(method, (NewmarkBody, RungeKutta)) else 2
 
 
 # The flights that solve by pairs of Newton's steps are cut into a loop for each pair, and are not counted here.

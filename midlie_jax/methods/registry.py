@@ -14,7 +14,7 @@ from .base import Method
 from .flights import FLIGHTS, Flight
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .listing import Listing
-from .runge_kutta import DOP853, RK4
+from .runge_kutta import DOP853, GBS8, GBS10, GBS12, RK4
 from .schemes import SCHEMES, Scheme
 from .splitting import Splitting
 
@@ -57,7 +57,10 @@ ENTRIES: dict[str, Entry] = {
         _entry(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
         _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
         _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),
-        Entry(DOP853, "short runs at high accuracy under a strong torque; preserves no structure", chart=True),
+        Entry(GBS12, "short runs under a strong torque, any accuracy; preserves no structure", chart=True),
+        Entry(DOP853, "comparison: Dormand and Prince's method of order 8; preserves no structure", chart=True),
+        Entry(GBS8, "comparison: GBS12 with fewer substeps, order 8; preserves no structure", chart=True),
+        Entry(GBS10, "comparison: GBS12 with fewer substeps, order 10; preserves no structure", chart=True),
         _entry(flights.SymplecticMidpoint4(), schemes.SRKN6B, "comparison: order 4 without an exact flight"),
         _entry(flights.SymplecticMidpoint(), schemes.EA, "comparison: the paper's method made symplectic"),
         _entry(flights.NearSymmetric(), schemes.EA, "first two moments nearly equal, up to three digits"),

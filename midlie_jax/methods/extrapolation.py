@@ -1,0 +1,64 @@
+"""Gragg, Bulirsch and Stoer's extrapolation: Gragg's midpoint rule with ever more substeps, extrapolated to none.
+
+The rule with n substeps of length d = h/n is z_1 = y + d f(y), z_{i+1} = z_{i-1} + 2 d f(z_i). For even n its error has
+even powers of d only, so each further n raises the order by two. Here n = 2, 4, 6, ...; the first evaluation serves all
+of them, and Gragg's smoothing step, which the extrapolation does not need, is left out. The differences z_i - y are
+added up, not z_i itself, so that rounding errors are in proportion to the change in the step.
+
+A step needs only two motions and a sum alive, where a tableau needs all stages.
+
+W. B. Gragg, SIAM J. Numer. Anal. 2 (1965) 384; R. Bulirsch, J. Stoer, Numer. Math. 8 (1966) 1; Hairer, Norsett &
+Wanner, Solving Ordinary Differential Equations I, II.9.
+"""
+
+from fractions import Fraction
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .formula import Rates
+from .system import AnyMotion
+
+
+class Extrapolation(NamedTuple):
+    """The extrapolated midpoint rule: a `Formula`.
+
+    Attributes:
+        levels: how many numbers of substeps, 2, 4, ..., 2 `levels`; the order is 2 `levels`.
+        reach: the largest turn h |Omega| of a step, in radians.
+    """
+
+    levels: int
+    reach: float
+
+    @property
+    def order(self) -> int:
+        return 2 * self.levels
+
+    @property
+    def evaluations(self) -> int:
+        return 1 + sum(n - 1 for n in self.substeps)
+
+    @property
+    def substeps(self) -> tuple[int, ...]:
+        return tuple(range(2, 2 * self.levels + 1, 2))
+
+    def weight(self, n: int) -> float:
+        """The weight of the result with n substeps: the product of n^2 / (n^2 - m^2) over the other numbers m."""
+        product = Fraction(1)
+        for m in self.substeps:
+            if m != n:
+                product *= Fraction(n * n, n * n - m * m)
+        return float(product)
+
+    def change(self, rates: Rates, motion: AnyMotion) -> AnyMotion:
+        first = rates(0.0, 1.0, motion)
+        total = jax.tree.map(jnp.zeros_like, motion)
+        for n in self.substeps:
+            before, now = None, jax.tree.map(lambda rate, n=n: rate * (1 / n), first)
+            for i in range(1, n):
+                step = rates(i / n, 2 / n, jax.tree.map(jnp.add, motion, now))
+                before, now = now, step if before is None else jax.tree.map(jnp.add, before, step)
+            total = jax.tree.map(lambda sum_, change, n=n: sum_ + self.weight(n) * change, total, now)
+        return total

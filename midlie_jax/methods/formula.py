@@ -1,0 +1,34 @@
+"""`Formula`: what a Runge-Kutta method adds to momentum and pose in a step, whatever the equations of motion are."""
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+from .system import AnyMotion
+
+# `rates(time, part, motion)` is `part` times h times the right-hand side of the equations of motion, at the time
+# t0 + `time` h, in a step of h that starts at t0.
+Rates = Callable[[float, float, AnyMotion], AnyMotion]
+
+
+@runtime_checkable
+class Formula(Protocol):
+    """An explicit formula for the change in a step."""
+
+    @property
+    def order(self) -> int:
+        """Order of accuracy."""
+        ...
+
+    @property
+    def evaluations(self) -> int:
+        """How often a step evaluates the rates."""
+        ...
+
+    @property
+    def reach(self) -> float:
+        """The largest turn h |Omega| of a step, in radians: beyond it, a step of a free body can err by 0.01."""
+        ...
+
+    def change(self, rates: Rates, motion: AnyMotion) -> AnyMotion:
+        """The change of the motion in the step that starts from it."""
+        ...
