@@ -21,7 +21,7 @@ from jax import Array
 
 from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, used_inputs
 from .mesh import axes_of, promoted
-from .rules import Pool, body_of, fits, rule_for
+from .rules import Pool, body_of, fits, is_expensive, rule_for
 
 
 class Traits(NamedTuple):
@@ -40,19 +40,7 @@ def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
     closed = jax.make_jaxpr(function)(*arguments)
     used = used_inputs(closed)
-    return Traits(_has_costly(closed), jax.tree.unflatten(jax.tree.structure(arguments), used))
-
-
-def _has_costly(closed: ClosedJaxpr) -> bool:
-    return any(_is_costly(equation) for equation in closed.jaxpr.eqns)
-
-
-def _is_costly(equation: Any) -> bool:
-    body = body_of(equation)
-    if body is not None:
-        return _has_costly(body)
-    rule = rule_for(equation)
-    return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # `y` is the exponent of integer_pow
+    return Traits(any(map(is_expensive, closed.jaxpr.eqns)), jax.tree.unflatten(jax.tree.structure(arguments), used))
 
 
 class Packed(NamedTuple):

@@ -84,6 +84,15 @@ def body_of(equation: Any) -> ClosedJaxpr | None:
     return equation.params["jaxpr"]
 
 
+def is_expensive(equation: Any) -> bool:
+    """Whether XLA's CPU compiler stores the result of an operation rather than repeat it, or whether it has no rule."""
+    body = body_of(equation)
+    if body is not None:
+        return any(map(is_expensive, body.jaxpr.eqns))
+    rule = rule_for(equation)
+    return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # `y` is the exponent of integer_pow
+
+
 def fits(aval: Any) -> bool:
     """Whether values of this type are split into scalars: small arrays of numbers, but not keys or references."""
     return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= _LARGEST_SIZE

@@ -14,13 +14,18 @@ from jax import Array
 from .._kernel.checks import as_count, as_floats, require_finite
 from .._kernel.width import wide_jit
 from ..methods.base import Method
+from ..methods.system import System
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
+from . import shared_inputs
 from .arguments import as_first_step, as_method, check_saving, check_step, check_system
-from .integrate import Path, integrate
+from .integrate import Path, path_of_body
 from .rows import count_rows, torque_rows
+
+_LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
+_BLOCK = 64  # rows of this table that are computed at once
 
 
 def ensemble(
@@ -116,30 +121,59 @@ def _run(
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
+    inputs, rows = _inputs_of_all(method, mapped, shared, first, steps)
 
-    def path_of_body(mapped: Any) -> Path:
+    def path_of_one(mapped: Any) -> Path:
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         every = save_every or steps
-        path = integrate(method, body, torque, start, dt=dt, t0=t0, steps=steps, save_every=every, first_step=first)
+        path = path_of_body(method, body, torque, start, dt, t0, first, steps, every, inputs, rows)
         if save_every is not None:
             return path
         return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok)
 
     out_axes: Any = Path(0 if own_times else None, 0, 0)  # pyright: ignore[reportArgumentType]
-    path_of_chunk = jax.vmap(path_of_body, out_axes=out_axes)
+    path_of_chunk = jax.vmap(path_of_one, out_axes=out_axes)
     count = mapped[2].momentum.shape[0]
     chunks = _chunks(count, chunk)
     if chunks == 1:
         return path_of_chunk(mapped)
     size = -(-count // chunks)
     # The last chunk is filled with copies of the last body, so that one compiled program serves all chunks.
-    rows = jnp.minimum(jnp.arange(chunks * size), count - 1).reshape(chunks, size)
+    indices = jnp.minimum(jnp.arange(chunks * size), count - 1).reshape(chunks, size)
 
     def join(parts: Array) -> Array:
         return parts.reshape(chunks * size, *parts.shape[2:])[:count]
 
-    times, states, ok = jax.lax.map(lambda rows: path_of_chunk(jax.tree.map(lambda x: x[rows], mapped)), rows)
+    times, states, ok = jax.lax.map(lambda chunk: path_of_chunk(jax.tree.map(lambda x: x[chunk], mapped)), indices)
     return Path(join(times) if own_times else times[0], jax.tree.map(join, states), join(ok))
+
+
+def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps: int) -> tuple[Any, Any]:
+    """The inputs that all bodies share, and their rows for the steps before the run and in it; or None and None."""
+    body, torque, start, dt, t0 = arguments = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
+    structure = jax.tree.structure(arguments)
+    own = structure.unflatten([part is not None for part in structure.flatten_up_to(mapped)])
+    inputs = shared_inputs.find(method, arguments, own)
+    if inputs is None:
+        return None, None
+    system, first = System.of(body, torque, start, t0), first.astype(jnp.int32)
+
+    def row(step: tuple[Array, Array]) -> shared_inputs.Rows:
+        return inputs.rows(system, t0, dt, *step)
+
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(jax.eval_shape(row, (dt, first))))
+    if size * steps > _LARGEST_TABLE:
+        return None, None
+    # The first row is that of the steps of length zero before the run. Blocks of one size, of which the last is filled
+    # up, so that the vector code of each row and hence its bits do not depend on the number of steps.
+    padded = -(-(steps + 1) // _BLOCK) * _BLOCK
+    indices = first - 1 + jnp.arange(padded, dtype=jnp.int32)
+    lengths = jnp.where(jnp.arange(padded) == 0, 0 * dt, dt)
+    table = jax.lax.map(row, (lengths, indices), batch_size=_BLOCK)
+    return inputs, (
+        jax.tree.map(lambda x: x[jnp.array([0, 0])], table),
+        jax.tree.map(lambda x: x[1 : steps + 1], table),
+    )
 
 
 def _chunks(count: int, chunk: int) -> int:

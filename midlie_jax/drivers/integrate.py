@@ -18,8 +18,8 @@ from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike, on_body
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
-
-_EXACT_BITS = 24  # a float32 represents every integer of up to 24 bits exactly
+from .clock import ends_of_step, time_of
+from .shared_inputs import Rows, SharedInputs
 
 
 class Path(NamedTuple):
@@ -85,8 +85,7 @@ def integrate(
     return _run(method, body, torque, start, dt, t0, first, steps, save_every)
 
 
-@wide_jit
-def _run(
+def path_of_body(
     method: Method,
     body: Any,
     torque: Any,
@@ -96,42 +95,61 @@ def _run(
     first: Array,
     steps: int,
     save_every: int,
+    shared: SharedInputs | None = None,
+    rows: tuple[Rows, Rows] | None = None,
 ) -> Path:
+    """`integrate` without the checks.
+
+    Args:
+        method, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
+        shared: the step with prepared inputs, or None for the step of the method.
+        rows: the prepared inputs of the steps of zero length before the run, and of the steps of the run.
+    """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
     body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
     system = System.of(body, torque, start, t0)
     counted, first = counts(first, steps), first.astype(jnp.int32)
 
-    def advance(h: Array, progress: Progress, n: Array) -> tuple[Progress, None]:
+    if shared is not None:
+        system = system._replace(costly=shared.costly)
+    rows_before, rows_of_steps = (None, None) if rows is None else rows
+
+    def advance(h: Array, progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, None]:
+        n, row = step
+        if shared is not None:
+            return shared.advance(system, t0, dt, h, progress, n, row), None
         return method.advance(system, (t0, dt), partial(ends_of_step, n), h, progress, axes)
 
     progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
     if method.keeps_force(system):
-        progress = _with_force(system, progress, advance, time_of(t0, dt, first), first)
+        progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
     # Two checkpoints, because each order of reverse mode removes one: so a gradient of a gradient, too, stores only one
     # state for each step.
     step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
-    def save_interval(progress: Progress, n: Array) -> tuple[Progress, AnyState]:
+    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, AnyState]:
+        n, rows = interval
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        progress, _ = jax.lax.scan(step, progress, indices, unroll=method.unroll)
+        progress, _ = jax.lax.scan(step, progress, (indices, rows), unroll=method.unroll)
         return progress, system.state(progress.motion)
 
-    interval_starts = first + save_every * jnp.arange(steps // save_every, dtype=jnp.int32)
-    progress, states = jax.lax.scan(save_interval, progress, interval_starts)
+    intervals = steps // save_every
+    interval_starts = first + save_every * jnp.arange(intervals, dtype=jnp.int32)
+    rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
+    progress, states = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(progress.motion)]
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
     return Path(times, states, progress.ok & jnp.all(jnp.stack(finite)))
 
 
-def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
-    """The times at both ends of step n, from clock = (t0, dt)."""
-    return time_of(*clock, n), time_of(*clock, n + 1), None
+_run = wide_jit(path_of_body)
 
 
-def _with_force(system: System, progress: Progress, advance: Callable[..., Any], t: Array, first: Array) -> Progress:
+def _with_force(
+    system: System, progress: Progress, advance: Callable[..., Any], t: Array, first: Array, rows: Any
+) -> Progress:
     """The progress with the force at the start, computed by two steps of length zero.
 
     A direct evaluation of the torque would be shorter. But outside the loop the compiled torque may round differently
@@ -144,18 +162,7 @@ def _with_force(system: System, progress: Progress, advance: Callable[..., Any],
     indices = jnp.stack([first - 1, first - 1])
     zero_step = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
     before = jax.lax.stop_gradient(progress._replace(force=zeros))
-    after, _ = jax.lax.scan(partial(advance, zero_step), before, indices)
+    after, _ = jax.lax.scan(partial(advance, zero_step), before, (indices, rows))
     direct = system.force(t, motion)
     stop = jax.lax.stop_gradient
     return progress._replace(force=jax.tree.map(lambda f, d: stop(f) + (d - stop(d)), after.force, direct))
-
-
-def time_of(t0: Array, dt: Array, n: Array) -> Array:
-    """t0 + n dt in the dtype of the run, for every 32-bit index n.
-
-    Computed from the index, because in float32 a sum of many dt would lose whole steps. The index is split into two
-    parts, each of which a float32 represents exactly.
-    """
-    high = n >> _EXACT_BITS
-    low = n - (high << _EXACT_BITS)
-    return t0 + (high.astype(dt.dtype) * (2**_EXACT_BITS * dt) + low.astype(dt.dtype) * dt)

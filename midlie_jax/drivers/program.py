@@ -19,7 +19,7 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from .integrate import ends_of_step
+from .clock import ends_of_step
 
 
 class Program:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .formula import Rates
+from .formula import Pause, Rates
 from .system import AnyMotion
 
 
@@ -52,10 +52,11 @@ class Extrapolation(NamedTuple):
                 product *= Fraction(n * n, n * n - m * m)
         return float(product)
 
-    def change(self, rates: Rates, motion: AnyMotion) -> AnyMotion:
+    def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:
         first = rates(0.0, 1.0, motion)
         total = jax.tree.map(jnp.zeros_like, motion)
         for n in self.substeps:
+            total, first = pause((total, first), n - 1)
             before, now = None, jax.tree.map(lambda rate, n=n: rate * (1 / n), first)
             for i in range(1, n):
                 step = rates(i / n, 2 / n, jax.tree.map(jnp.add, motion, now))

@@ -1,13 +1,16 @@
 """`Formula`: what a Runge-Kutta method adds to momentum and pose in a step, whatever the equations of motion are."""
 
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from .system import AnyMotion
 
 # `rates(time, part, motion)` is `part` times h times the right-hand side of the equations of motion, at the time
 # t0 + `time` h, in a step of h that starts at t0.
 Rates = Callable[[float, float, AnyMotion], AnyMotion]
+# `pause(tree, evaluations)` returns the tree unchanged. It marks a place between parts of a step where few numbers are
+# alive, before a part with so many evaluations: there a loop that has become too long for the compiler may end.
+Pause = Callable[[Any, int], Any]
 
 
 @runtime_checkable
@@ -29,6 +32,6 @@ class Formula(Protocol):
         """The largest turn h |Omega| of a step, in radians: beyond it, a step of a free body can err by 0.01."""
         ...
 
-    def change(self, rates: Rates, motion: AnyMotion) -> AnyMotion:
+    def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:
         """The change of the motion in the step that starts from it."""
         ...

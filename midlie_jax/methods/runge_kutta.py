@@ -9,15 +9,22 @@ one loop over the batch, whose stages never leave the registers and the first-le
 from typing import Any
 
 import equinox as eqx
+import jax
 from jax import Array
 
 from .._kernel import components as cp
+from .._kernel.fusion import fuse
+from .._kernel.hoisting import count_operations
 from ..model.bodies import RigidBody
 from . import tableau
 from .base import Method
 from .extrapolation import Extrapolation
 from .formula import Formula
 from .system import AnyMotion, Motion, System
+
+# Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
+# operations a step takes 40 times as long as in loops of half that length.
+_LONGEST_LOOP = 2500
 
 
 class RungeKutta(Method):
@@ -66,8 +73,16 @@ class RungeKutta(Method):
             force = None if system.torque is None else system.force(t, motion)
             return system.rates(motion, h if part == 1 else part * h, force)
 
+        in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
+
+        def pause(tree: Any, evaluations: int) -> Any:
+            nonlocal in_loop
+            ends = (in_loop + evaluations) * per_evaluation > _LONGEST_LOOP
+            in_loop = evaluations if ends else in_loop + evaluations
+            return fuse(tree) if ends else tree
+
         turn = cp.scale(h, system.velocity(motion.momentum))
-        change = self.formula.change(rates, motion)
+        change = self.formula.change(rates, pause, motion)
         pose = system.kind.shift(motion.pose, change.pose, h == 0, t0)
         ok = cp.dot(turn, turn) <= self.formula.reach**2
         return Motion(cp.accumulate(motion.momentum, change.momentum, t0), pose), None, ok

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .formula import Rates
+from .formula import Pause, Rates
 from .system import AnyMotion
 
 
@@ -32,7 +32,8 @@ class Tableau(NamedTuple):
     def evaluations(self) -> int:
         return len(self.stages)
 
-    def change(self, rates: Rates, motion: AnyMotion) -> AnyMotion:
+    def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:
+        del pause  # all stages are alive to the end
         changes: list[AnyMotion] = []
         for row in self.stages:
             stage_motion = jax.tree.map(jnp.add, motion, _total(row, changes)) if row else motion

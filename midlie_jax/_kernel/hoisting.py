@@ -1,0 +1,264 @@
+"""Takes out of a loop over steps what depends on the step alone, and not on the state that moves.
+
+The place of a satellite on its orbit is the same for all bodies of an ensemble, but XLA computes it anew in every
+chunk of bodies. `hoist` splits the traced function of a step in two. `prepare` computes, from the index of the step and
+from what all bodies share, the values that are expensive and change from step to step. `rest` is the step that takes
+them as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one body.
+A loop within the step is split in the same way, and its values get an axis for its turns.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from .internals import ClosedJaxpr, Literal, bind, context_of
+from .rules import body_of, is_expensive
+
+_SCAN, _FUSE = "scan", "fuse"
+
+
+class Hoisted(NamedTuple):
+    """A function split in two: function(*inputs) = rest(prepare(*inputs), *inputs).
+
+    Attributes:
+        prepare: maps the inputs to a list of values; reads only those inputs that are known.
+        rest: maps these values and the inputs to the outputs of the function.
+    """
+
+    prepare: Callable[..., list[Any]]
+    rest: Callable[..., list[Any]]
+
+
+def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -> Hoisted | None:
+    """Splits a traced function; None if nothing is worth preparing.
+
+    Args:
+        closed: the function.
+        known: for each input, whether it is known when values are prepared.
+        varying: for each input, whether it changes from step to step.
+    """
+    if closed.effects:
+        return None
+    split = _Split(closed, known, varying)
+    if not split.worthwhile:
+        return None
+
+    def prepare(*inputs: Any) -> list[Any]:
+        return split.prepare([value if k else None for value, k in zip(inputs, known, strict=True)])
+
+    return Hoisted(prepare, lambda values, *inputs: split.rest(values, inputs))
+
+
+def count_operations(closed: ClosedJaxpr) -> int:
+    """The number of operations of a traced function, with those of the `jit` calls in it."""
+    bodies = ((equation, body_of(equation)) for equation in closed.jaxpr.eqns)
+    return sum(1 if body is None else count_operations(body) for _, body in bodies)
+
+
+def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bool, bool]:
+    """What depends on the marked inputs of a traced function.
+
+    Returns:
+        For each output, whether it does; whether an expensive operation does; whether an expensive operation does not.
+    """
+    values = dict(zip(closed.jaxpr.invars, marked, strict=True))
+    within = without = False
+    for equation in closed.jaxpr.eqns:
+        operands = [not isinstance(atom, Literal) and values.get(atom, False) for atom in equation.invars]
+        body = body_of(equation)
+        if body is not None:
+            results, body_within, body_without = depends(body, operands)
+            within, without = within or body_within, without or body_without
+        else:
+            results = [any(operands)] * len(equation.outvars)
+            if is_expensive(equation):
+                within, without = within or any(operands), without or not any(operands)
+        values |= dict(zip(equation.outvars, results, strict=True))
+    outputs = [not isinstance(atom, Literal) and values.get(atom, False) for atom in closed.jaxpr.outvars]
+    return outputs, within, without
+
+
+class _Operation(NamedTuple):
+    """An operation of the function; values are numbered."""
+
+    equation: Any
+    inputs: list[int]
+    outputs: list[int]
+
+
+class _Split:
+    """The analysis of a function: which values are prepared, and the two functions.
+
+    Attributes:
+        prepared: the numbers of the prepared values.
+        loops: the splits of those loops that hold prepared values of their own, by the position of the operation.
+    """
+
+    def __init__(self, closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]):
+        self._operations: list[_Operation] = []
+        self._constants: dict[int, Any] = {}
+        self._count = 0
+        self._inputs = [self._new() for _ in closed.jaxpr.invars]
+        self._outputs = self._flatten(closed, self._inputs)
+        self._known = dict.fromkeys(self._constants, True) | dict(zip(self._inputs, known, strict=True))
+        self._varying = dict.fromkeys(self._constants, False) | dict(zip(self._inputs, varying, strict=True))
+        self._expensive = dict.fromkeys((*self._constants, *self._inputs), False)
+        self.loops: dict[int, _Split] = {}
+        for position, operation in enumerate(self._operations):
+            self._classify(position, operation)
+        wanted = {i for operation in self._operations for i in self._read_by_step(operation)} | set(self._outputs)
+        self.prepared = sorted(i for i in wanted if self._is_prepared(i))
+        types = {
+            o: atom.aval for op in self._operations for o, atom in zip(op.outputs, op.equation.outvars, strict=True)
+        }
+        # Scalars of one type are stored in one array, so that the step has one array to read and not one for each.
+        self._groups: dict[Any, list[int]] = {}
+        for i in self.prepared:
+            self._groups.setdefault(i if types[i].shape else types[i].dtype, []).append(i)
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether anything is prepared."""
+        return bool(self.prepared or self.loops)
+
+    def _new(self) -> int:
+        self._count += 1
+        return self._count - 1
+
+    def _constant(self, value: Any) -> int:
+        number = self._new()
+        self._constants[number] = value
+        return number
+
+    def _flatten(self, closed: ClosedJaxpr, inputs: Iterable[int]) -> list[int]:
+        """Lists the operations, those of plain `jit` calls in place of the call, and returns the outputs."""
+        numbers = dict(zip(closed.jaxpr.invars, inputs, strict=True))
+        numbers |= {
+            variable: self._constant(c) for variable, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)
+        }
+
+        def number(atom: Any) -> int:
+            return self._constant(atom.val) if isinstance(atom, Literal) else numbers[atom]
+
+        for equation in closed.jaxpr.eqns:
+            operands = [number(atom) for atom in equation.invars]
+            body = body_of(equation)
+            if body is not None:
+                results = self._flatten(body, operands)
+            else:
+                results = [self._new() for _ in equation.outvars]
+                self._operations.append(_Operation(equation, operands, results))
+            numbers |= dict(zip(equation.outvars, results, strict=True))
+        return [number(atom) for atom in closed.jaxpr.outvars]
+
+    def _classify(self, position: int, operation: _Operation) -> None:
+        equation, inputs, outputs = operation
+        if equation.primitive.name == _FUSE:  # each output is its input
+            for i, o in zip(inputs, outputs, strict=True):
+                for table in (self._known, self._varying, self._expensive):
+                    table[o] = table[i]
+            return
+        known = all(self._known[i] for i in inputs)
+        varying = any(self._varying[i] for i in inputs)
+        expensive = any(self._expensive[i] for i in inputs) or (varying and is_expensive(equation))
+        for o in outputs:
+            self._known[o], self._varying[o], self._expensive[o] = known, varying, known and expensive
+        if equation.primitive.name == _SCAN and not known:
+            loop = self._split_loop(equation, inputs)
+            if loop is not None:
+                self.loops[position] = loop
+
+    def _split_loop(self, equation: Any, inputs: list[int]) -> "_Split | None":
+        """The split of the body of a loop, whose carry is not known."""
+        carried = range(equation.params["num_consts"], equation.params["num_consts"] + equation.params["num_carry"])
+        known = [self._known[i] and n not in carried for n, i in enumerate(inputs)]
+        varying = [self._varying[i] or n in carried for n, i in enumerate(inputs)]
+        split = _Split(equation.params["jaxpr"], known, varying)
+        return split if split.worthwhile else None
+
+    def _is_prepared(self, i: int) -> bool:
+        return self._known[i] and self._varying[i] and self._expensive[i]
+
+    def _read_by_step(self, operation: _Operation) -> list[int]:
+        """The inputs of an operation that the step still performs."""
+        if operation.equation.primitive.name == _FUSE:
+            return [i for i in operation.inputs if not self._known[i]]
+        return [] if all(self._is_prepared(o) for o in operation.outputs) else operation.inputs
+
+    def prepare(self, inputs: Sequence[Any]) -> list[Any]:
+        """The prepared values; an input that is not known may be anything."""
+        needed = set(self.prepared)
+        for position in self.loops:
+            needed.update(i for i in self._operations[position].inputs if self._known[i])
+        values = self._evaluated(needed, inputs, {})
+        packed = (values[g[0]] if len(g) == 1 else jnp.stack([values[i] for i in g]) for g in self._groups.values())
+        return [*packed, *(self._prepared_by_loop(position, values) for position in self.loops)]
+
+    def _prepared_by_loop(self, position: int, values: dict[int, Any]) -> Any:
+        """The prepared values of a loop within the step, with an axis for its turns."""
+        equation, inputs, _ = self._operations[position]
+        first = equation.params["num_consts"] + equation.params["num_carry"]
+        fixed, columns = [values.get(i) for i in inputs[:first]], [values.get(i) for i in inputs[first:]]
+
+        def row(columns: Any) -> list[Any]:
+            return self.loops[position].prepare([*fixed, *columns])
+
+        _, rows = jax.lax.scan(
+            lambda _, columns: (None, row(columns)),
+            None,
+            columns,
+            equation.params["length"],
+            equation.params["reverse"],
+        )
+        return rows
+
+    def rest(self, prepared: Sequence[Any], inputs: Sequence[Any]) -> list[Any]:
+        """The outputs of the function, from the prepared values and the inputs."""
+        given: dict[int, Any] = {}
+        prepared = jax.lax.optimization_barrier(list(prepared))
+        for group, packed in zip(self._groups.values(), prepared, strict=False):
+            given |= {group[0]: packed} if len(group) == 1 else {i: packed[k] for k, i in enumerate(group)}
+        rows = dict(zip(self.loops, prepared[len(self._groups) :], strict=True))
+        values = self._evaluated(set(self._outputs), inputs, rows, given)
+        return [values[i] for i in self._outputs]
+
+    def _evaluated(
+        self, needed: set[int], inputs: Sequence[Any], rows: dict[int, Any], given: dict[int, Any] | None = None
+    ) -> dict[int, Any]:
+        """The needed values and all on which they depend; `rows` holds the prepared values of loops."""
+        values = self._constants | dict(zip(self._inputs, inputs, strict=True)) | (given or {})
+        wanted = set(needed) - values.keys()
+        performed: list[tuple[int, _Operation]] = []
+        for position in reversed(range(len(self._operations))):
+            operation = self._operations[position]
+            if wanted.isdisjoint(operation.outputs):
+                continue
+            if operation.equation.primitive.name == _FUSE:
+                pairs = [(i, o) for i, o in zip(operation.inputs, operation.outputs, strict=True) if o in wanted]
+                operation = operation._replace(inputs=[i for i, _ in pairs], outputs=[o for _, o in pairs])
+            performed.append((position, operation))
+            wanted = (wanted - set(operation.outputs)) | (set(operation.inputs) - values.keys())
+        for position, (equation, operands, outputs) in reversed(performed):
+            arguments = [values[i] for i in operands]
+            with context_of(equation):
+                if position in rows:
+                    results = self._loop_with_rows(position, equation, arguments, rows[position])
+                else:
+                    results = bind(equation, arguments)
+            values.update(zip(outputs, results, strict=True))
+        return values
+
+    def _loop_with_rows(self, position: int, equation: Any, arguments: list[Any], rows: Any) -> list[Any]:
+        consts, carry = equation.params["num_consts"], equation.params["num_carry"]
+        fixed, start, columns = arguments[:consts], arguments[consts : consts + carry], arguments[consts + carry :]
+
+        def turn(carried: Any, row: Any) -> tuple[Any, Any]:
+            prepared, columns = row
+            results = self.loops[position].rest(prepared, [*fixed, *carried, *columns])
+            return results[:carry], results[carry:]
+
+        options = {name: equation.params[name] for name in ("length", "reverse", "unroll")}
+        carried, kept = jax.lax.scan(turn, start, (rows, columns), **options)
+        return [*carried, *kept]

@@ -1,0 +1,21 @@
+"""The time of a step, computed from its index, for the drivers with a constant step."""
+
+from jax import Array
+
+_EXACT_BITS = 24  # a float32 represents every integer of up to 24 bits exactly
+
+
+def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
+    """The times at both ends of step n, from clock = (t0, dt)."""
+    return time_of(*clock, n), time_of(*clock, n + 1), None
+
+
+def time_of(t0: Array, dt: Array, n: Array) -> Array:
+    """t0 + n dt in the dtype of the run, for every 32-bit index n.
+
+    Computed from the index, because in float32 a sum of many dt would lose whole steps. The index is split into two
+    parts, each of which a float32 represents exactly.
+    """
+    high = n >> _EXACT_BITS
+    low = n - (high << _EXACT_BITS)
+    return t0 + (high.astype(dt.dtype) * (2**_EXACT_BITS * dt) + low.astype(dt.dtype) * dt)

@@ -1,0 +1,98 @@
+"""Inputs that no body owns, computed once for an ensemble: the place on an orbit, the course of a field in time.
+
+XLA would compute them in every chunk of bodies anew. `find` traces one step of one body and splits it
+(`_kernel/hoisting.py`): what is expensive, changes from step to step and depends on nothing that a body has of its own
+goes to `SharedInputs.rows`, a table with one row for each step; `SharedInputs.advance` is the step that reads its row.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel.hoisting import Hoisted, depends, hoist
+from ..methods.base import Method, Progress
+from ..methods.system import System
+from ..model.torques import on_body
+from .clock import ends_of_step
+
+Rows = list[Any]
+
+
+class SharedInputs(NamedTuple):
+    """The split step of a run.
+
+    Attributes:
+        costly: `System.costly` of the step that reads its inputs from a row.
+        hoisted: the split function of (h, n, t0, dt, arrays of the system, progress before).
+        structure: of the progress after the step.
+    """
+
+    costly: bool
+    hoisted: Hoisted
+    structure: Any
+
+    def rows(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
+        """The prepared values of step n, taken with the step h."""
+        return self.hoisted.prepare(h, n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
+
+    def advance(
+        self, system: System, t0: Array, dt: Array, h: Array, progress: Progress, n: Array, row: Any
+    ) -> Progress:
+        """`Method.advance` of step n, with its prepared values."""
+        leaves = jax.tree.leaves(progress)
+        return self.structure.unflatten(self.hoisted.rest(row, h, n, t0, dt, *_arrays(system), *leaves))
+
+
+def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
+    """The split step of an ensemble; None if nothing is worth preparing.
+
+    Args:
+        method: fitted to the body.
+        arguments: body, torque, start, dt and t0 of one body.
+        rows: the same tree, with True for each array of which every body has its own.
+    """
+    body, torque, start, dt, t0 = arguments
+    if torque is None or any(jax.tree.leaves(rows[3:])) or jax.sharding.get_abstract_mesh().manual_axes:
+        return None
+    arrays, functions = eqx.partition((body, torque, start), eqx.is_array)
+    pairs = zip(jax.tree.leaves((body, torque, start)), jax.tree.leaves(rows[:3]), strict=True)
+    marks = [mark for leaf, mark in pairs if eqx.is_array(leaf)]
+
+    def torque_alone(arrays: Any, t: Array) -> Array:
+        body, torque, start = eqx.combine(arrays, functions)
+        return on_body(torque, body)(t, start)
+
+    _, costly, alone = depends(jax.make_jaxpr(torque_alone)(arrays, t0), [*marks, False])
+    if not alone:
+        return None
+
+    def system_of(arrays: Any, t: Array) -> System:
+        return System.of(*eqx.combine(arrays, functions), t)._replace(costly=costly)
+
+    own, _, _ = depends(jax.make_jaxpr(lambda *a: _arrays(system_of(*a)))(arrays, t0), [*marks, False])
+    constants, other = eqx.partition(system_of(arrays, t0), eqx.is_array)
+    motion = eqx.combine(constants, other).motion(start)
+    force = jax.tree.map(jnp.zeros_like, motion.momentum) if method.keeps_force(eqx.combine(constants, other)) else None
+    progress = Progress(motion, force, jnp.array(True))
+    structure = jax.tree.structure(progress)
+
+    def step(h: Array, n: Array, t0: Array, dt: Array, *leaves: Array) -> list[Array]:
+        count = len(leaves) - structure.num_leaves
+        system = eqx.combine(jax.tree.unflatten(jax.tree.structure(constants), leaves[:count]), other)
+        before = structure.unflatten(leaves[count:])
+        after, _ = method.advance(system, (t0, dt), partial(ends_of_step, n), h, before)
+        return jax.tree.leaves(after)
+
+    inputs = [dt, jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]
+    known = [True, True, True, True, *(not o for o in own), *[False] * structure.num_leaves]
+    varying = [False, True, *[False] * (len(inputs) - 2)]
+    split = hoist(jax.make_jaxpr(step)(*inputs), known, varying)
+    return None if split is None else SharedInputs(costly, split, structure)
+
+
+def _arrays(system: System) -> list[Array]:
+    return jax.tree.leaves(eqx.filter(system, eqx.is_array))
