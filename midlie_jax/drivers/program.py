@@ -19,7 +19,10 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
+from . import shared_inputs
 from .clock import ends_of_step
+
+_BLOCK = 64  # turns of the loop for which shared inputs are prepared at once
 
 
 class Program:
@@ -55,12 +58,7 @@ class Program:
         count = len(starts.momentum)
         size = chunk if chunk and count % chunk == 0 else count
 
-        def run(starts: AnyState, dt: Array, turns: Array) -> tuple[AnyState, Array]:
-            parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
-            end_of_body = partial(end_state, self.method, body, torque, unroll=self.unroll)
-            ends, ok = jax.lax.map(jax.vmap(lambda start: end_of_body(start, dt, turns)), parts)
-            return jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), ends), ok.reshape(count)
-
+        run = partial(_run, self.method, body, torque, size, self.unroll)
         lowered = jax.jit(run).lower(starts, *self._arguments(0.0, 0))
         self._compiled = lowered.compile(compiler_options=vector_width_options())
         self.run(0.0, 0)  # the first call takes longer than the others and must not be timed
@@ -77,26 +75,60 @@ class Program:
         return jnp.asarray(dt, self._dtype), jnp.asarray(steps // self.unroll, jnp.int32)
 
 
-def end_state(
+def _run(
     method: Method,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState,
+    size: int,
+    unroll: int,
+    starts: AnyState,
     dt: Array,
     turns: Array,
-    *,
-    unroll: int,
 ) -> tuple[AnyState, Array]:
-    """The state after `turns` turns of the loop, each of `unroll` steps, and its `ok`; arguments are not checked."""
-    zero = jnp.zeros((), start.momentum.dtype)
-    system = System.of(body, torque, start, zero)
-    motion = system.motion(start)
-    force = system.force(zero, motion) if method.keeps_force(system) else None
+    """The states after `turns` turns of the loop, each of `unroll` steps, and `ok`, of all bodies.
 
-    def turn(i: Array, progress: Progress) -> Progress:
-        for k in range(unroll):
-            progress, _ = method.advance(system, (zero, dt), partial(ends_of_step, i * unroll + k), dt, progress)
-        return progress
+    Inputs that all bodies share are prepared for a block of turns at a time, before all chunks take these turns.
+    Without such inputs all turns are one block.
+    """
+    count = len(starts.momentum)
+    zero = jnp.zeros((), dt.dtype)
+    first = jax.tree.map(lambda leaf: leaf[0], starts)
+    arguments = body, torque, first, dt, zero
+    own = jax.tree.map(lambda _: False, arguments[:2]), jax.tree.map(lambda _: True, first), False, False
+    inputs = shared_inputs.find(method, arguments, (*own[0], *own[1:]))
+    system = System.of(body, torque, first, zero)
+    if inputs is not None:
+        system = system._replace(costly=inputs.costly)
 
-    progress = jax.lax.fori_loop(0, turns, turn, Progress(motion, force, jnp.array(True)))
-    return system.state(progress.motion), progress.ok
+    def begin(start: AnyState) -> Progress:
+        motion = system.motion(start)
+        return Progress(motion, system.force(zero, motion) if method.keeps_force(system) else None, jnp.array(True))
+
+    def advance(progress: Progress, n: Array, row: Any) -> Progress:
+        if inputs is not None:
+            return inputs.advance(system, zero, dt, dt, progress, n, row)
+        return method.advance(system, (zero, dt), partial(ends_of_step, n), dt, progress)[0]
+
+    def take_block(block: Array, progress: Progress) -> Progress:
+        before = block * _BLOCK
+        count_of_turns = turns if inputs is None else jnp.minimum(turns - before, _BLOCK)
+        if inputs is None:
+            rows = None
+        else:
+            indices = before * unroll + jnp.arange(_BLOCK * unroll, dtype=jnp.int32)
+            rows = jax.lax.map(lambda n: inputs.rows(system, zero, dt, dt, n), indices, batch_size=_BLOCK)
+
+        def turn(i: Array, progress: Progress) -> Progress:
+            for k in range(unroll):
+                row = jax.tree.map(lambda x, k=k: x[i * unroll + k], rows)
+                progress = advance(progress, (before + i) * unroll + k, row)
+            return progress
+
+        return jax.lax.map(jax.vmap(lambda p: jax.lax.fori_loop(0, count_of_turns, turn, p)), progress)
+
+    parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
+    progress = jax.vmap(jax.vmap(begin))(parts)
+    blocks = 1 if inputs is None else -(-turns // _BLOCK)
+    progress = jax.lax.fori_loop(0, blocks, take_block, progress)
+    progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
+    return jax.vmap(system.state)(progress.motion), progress.ok
