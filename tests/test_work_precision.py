@@ -234,6 +234,56 @@ def test_heyoka_and_the_reference_agree_with_the_closed_form():
     assert fine.error < 1e-4 * coarse.error < 1e-2
 
 
+@pytest.mark.parametrize(("full_vectors", "count"), [(False, 3), (True, 5)])
+def test_the_variants_of_heyoka(monkeypatch, full_vectors, count):
+    """None twice, none wider than the number of bodies, and 512 bits only where the processor has them."""
+    heyoka = pytest.importorskip("heyoka")
+    monkeypatch.setattr(heyoka_taylor, "vector_width_options", lambda: {"width": 512} if full_vectors else {})
+    many = heyoka_taylor.variants(1024)
+    assert len(set(many)) == len(many) == count
+    assert any(variant.force_avx512 for variant in many) == full_vectors
+    assert any(variant == (heyoka.recommended_simd_size(), False, False) for variant in many)
+    few = heyoka_taylor.variants(2)
+    assert len(set(few)) == len(few)
+    assert {variant.width for variant in few} == {min(2, heyoka.recommended_simd_size())}
+
+
+def test_the_point_of_heyoka_is_its_quickest_variant(monkeypatch):
+    """By made-up times: the third of the variants at the first tolerance. The hopeless one is not built again."""
+    pytest.importorskip("heyoka")
+    given = work_precision.problem("bruls-cardona", bodies=8, judged=2, quick=True)
+    scene = replace(given.scene, duration=0.01)
+    given = given._replace(scene=scene, ends=work_precision._ends(scene, given.states)[0])
+    variants = [heyoka_taylor.Variant(4, False), heyoka_taylor.Variant(4, True), heyoka_taylor.Variant(8, True)]
+    monkeypatch.setattr(heyoka_taylor, "variants", lambda bodies: variants)
+    seconds = iter([[2.0, 9.0, 1.0], [3.0, 4.0]])
+
+    def timed_in_turn(self, runs):
+        times = next(seconds)
+        assert len(runs) == 2 * len(times)  # each variant with and without steps
+        for run in runs:
+            run()
+        return [Timing(time, 0.1) for time in times] + [Timing(0.25 * time, 0.1) for time in times]
+
+    monkeypatch.setattr(problem.Problem, "timed_in_turn", timed_in_turn)
+    first, second = heyoka_taylor.measure(given, (1e-6, 1e-12))
+    assert first.setting == "tol 1e-06, 8 bodies a batch, fast_math"
+    assert second.setting == "tol 1e-12, 8 bodies a batch, fast_math"
+    assert first.seconds == pytest.approx(0.75 * 1.0 / 8)
+    assert second.error < first.error < 1e-5
+
+
+def test_runs_that_are_timed_in_turn_take_turns():
+    given = work_precision.problem("P1", bodies=2, judged=2)._replace(repeats=3)
+    order = []
+    found = given.timed_in_turn([lambda: order.append("a"), lambda: order.append("b")])
+    assert order == ["a", "b"] * 3
+    assert len(found) == 2
+    order.clear()
+    given._replace(longest=-1.0).timed_in_turn([lambda: order.append("a"), lambda: order.append("b")])
+    assert order == ["a", "b"] * 2
+
+
 def test_mujoco_turns_the_same_top():
     pytest.importorskip("mujoco")
     given = work_precision.problem("P1", bodies=4, judged=4, quick=True)
