@@ -98,19 +98,23 @@ def test_the_family_of_a_method_is_told_by_its_attributes(name):
     assert found != "general" or not (method.symmetric or getattr(method, "conserving", False))
 
 
+class Conserving(RKMK4):
+    conserving: bool = True
+
+
 @pytest.mark.parametrize(
-    ("symplectic", "symmetric", "extra", "expected"),
+    ("made", "symplectic", "symmetric", "expected"),
     [
-        (True, True, {}, "symplectic"),
-        (True, False, {}, "symplectic"),
-        (False, True, {"conserving": False}, "conserving"),
-        (False, False, {"conserving": True}, "conserving"),
-        (False, False, {}, "general"),
-        (False, False, {"conserving": False}, "general"),
+        (RKMK4, True, True, "symplectic"),
+        (RKMK4, True, False, "symplectic"),
+        (RKMK4, False, True, "conserving"),
+        (RKMK4, False, False, "general"),
+        (Conserving, False, False, "conserving"),
+        (Conserving, True, False, "symplectic"),
     ],
 )
-def test_families(symplectic, symmetric, extra, expected):
-    assert family(SimpleNamespace(symplectic=symplectic, symmetric=symmetric, **extra)) == expected
+def test_families(made, symplectic, symmetric, expected):
+    assert family(made(symplectic=symplectic, symmetric=symmetric)) == expected
 
 
 def moved(method, counts, name="asymmetric-top", duration=1.0, chunk=4) -> list[float]:
