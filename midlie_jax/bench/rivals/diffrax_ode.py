@@ -54,7 +54,7 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
         return jax.vmap(lambda start: solve(start, first, controller))(starts)
 
     constant_steps = [scene.duration / max(4, scene.steps // 64) / 2**n for n in range(16)]
-    options: Any = vector_width_options()  # numbers, which JAX takes but its annotation leaves out
+    options = vector_width_options()
     for function, values, label in ((adaptive, TOLERANCES, "tol"), (constant, constant_steps, "step")):
         compiled = jax.jit(function).lower(states, jnp.asarray(1.0)).compile(compiler_options=options)
         for value in values:

@@ -51,7 +51,7 @@ def variants(bodies: int) -> list[Variant]:
     """The variants that are worth trying on this machine for so many bodies."""
     width = program("heyoka").recommended_simd_size()
     found = [Variant(width, False), Variant(width, True), Variant(2 * width, True)]
-    if vector_width_options():  # the processor has AVX-512
+    if vector_width_options():  # the processor has AVX-512, and our programs use it
         found += [Variant(2 * width, True, True), Variant(4 * width, True, True)]
     # A batch cannot be wider than the number of bodies.
     return list(dict.fromkeys(variant._replace(width=min(variant.width, bodies)) for variant in found))
