@@ -8,19 +8,19 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Text
 
 from midlie_jax.bench import charts, convergence, line_styles, rivals, scenes, work_precision
 from midlie_jax.bench.commands import run_chart
 from midlie_jax.bench.commands.record import Record
-from midlie_jax.bench.frontier_chart import work_precision_figure
+from midlie_jax.bench.families import FAMILIES
+from midlie_jax.bench.frontier_chart import LEGEND, work_precision_figure
 from midlie_jax.bench.rivals.problem import Point
 from midlie_jax.methods.registry import paper_methods
 
 NOTE = (
     "1024 bodies side by side, one core, float64. Errors against the Taylor series in 38 digits (heyoka, MPFR), good "
-    "to 2e-16.\nWide line: the frontier of our methods (filled marks; dashed if not symplectic). Hollow marks: other "
-    "programs and methods."
+    f"to 2e-16. {LEGEND}"
 )
 TITLES = [f"{name}: {scenes.scene(name).title}, T = {scenes.scene(name).duration:g}" for name in scenes.scenes()]
 REFERENCE = "extrapolation of LIEMID[EA] from up to 128000 steps"
@@ -66,7 +66,7 @@ def points(names, bend, orders=(4,)):
 
 def frontier_points(scene, bend, orders):
     ours = points(work_precision.methods_for(scenes.scene(scene)), bend, orders)
-    return ours, points([rival.label for rival in rivals.RIVALS], bend, orders), work_precision.symplectic(ours)
+    return ours, points([rival.label for rival in rivals.RIVALS], bend, orders), work_precision.families_of(ours)
 
 
 def figures():
@@ -113,17 +113,76 @@ def lines(panel):
     return [line for line in panel.lines if line.get_marker() not in ("", "None", None)]
 
 
+def is_frontier(figure):
+    return len(figure.axes) == 2
+
+
+def looks(line):
+    return line.get_color(), line.get_linestyle(), line.get_marker()
+
+
 def test_no_two_lines_look_alike(figure):
     for panel in figure.axes:
-        looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines(panel)]
-        assert len(looks) > 12
-        assert len(set(looks)) == len(looks)
+        found = [looks(line) for line in lines(panel)]
+        assert len(set(found)) == len(found)
+    assert len(lines(figure.axes[0])) > 12
 
 
-def test_every_line_is_named_and_no_name_overlaps_another_or_leaves_the_picture(figure):
+def test_every_line_is_named_once(figure):
+    """In its panel; on a chart of frontiers in the panel of the rivals or in that of our methods, each in one style."""
+    if not is_frontier(figure):
+        for panel in figure.axes:
+            named = {text.get_text() for text in names_in(panel) if text.arrow_patch is not None}
+            assert {line.get_label() for line in lines(panel)} == named
+        return
+    left, right = ([text.get_text() for text in names_in(panel)] for panel in figure.axes)
+    assert set(FAMILIES) <= {*left} & {*right}
+    once = [name for name in left + right if name not in FAMILIES]
+    assert sorted(once) == sorted(line.get_label() for line in lines(figure.axes[0]))
+    styles = {line.get_label(): looks(line) for line in lines(figure.axes[0])}
+    for line in lines(figure.axes[1]):
+        assert line.get_label() in right
+        assert looks(line) == styles[line.get_label()]
+
+
+def test_the_frontiers_stand_out_and_their_names_cover_no_line(figure):
+    """Each is wider than any single line, and each narrower than the one below: where they coincide, all are seen."""
+    if not is_frontier(figure):
+        return
+    for panel in figure.axes:
+        bold = [line for line in panel.lines if line not in lines(panel)]
+        assert len(bold) == len(FAMILIES)
+        widths = [line.get_linewidth() for line in sorted(bold, key=lambda line: line.get_zorder())]
+        assert all(below > above + 2 for below, above in itertools.pairwise(widths))
+        assert min(widths) > 1.5 * max(line.get_linewidth() for line in lines(panel))
+        for text in names_in(panel):
+            if text.get_text() not in FAMILIES:
+                continue
+            covered = box(figure, text)
+            for line in panel.lines:
+                places = panel.transData.transform(line.get_xydata())
+                assert not any(crosses(segment, covered) for segment in itertools.pairwise(places)), line.get_label()
+
+
+def test_the_families_have_colours_of_ours_each_its_own():
+    """So they differ from each other and from the rivals' in every colour vision, as those do."""
+    colours = [line_styles.BANDS[name].colour for name in FAMILIES]
+    assert len(set(colours)) == len(FAMILIES)
+    assert set(colours) <= set(line_styles.COOL)
+
+
+@pytest.mark.parametrize(("ours", "others"), [(["DOP853"], []), ([], ["heyoka"]), (["DOP853"], ["heyoka"])])
+def test_a_chart_of_few_lines_is_drawn(ours, others):
+    ours, others = points(ours, 0.01), points(others, 0.01)
+    figure = work_precision_figure(ours, others, work_precision.families_of(ours), title="", note="")
+    figure.canvas.draw()
+    shown = {text.get_text() for panel in figure.axes for text in panel.texts}
+    assert shown == {p.method for p in ours + others} | (set(FAMILIES[:1]) if ours else set())
+
+
+def test_no_name_overlaps_another_or_leaves_the_picture(figure):
     for panel in figure.axes:
         texts = names_in(panel)
-        assert sum(isinstance(text, Annotation) and text.arrow_patch is not None for text in texts) == len(lines(panel))
         boxes = [box(figure, text) for text in texts]
         for one, other in itertools.combinations(boxes, 2):
             assert not one.overlaps(other)
@@ -258,7 +317,7 @@ def test_nothing_to_draw_is_said():
     with pytest.raises(ValueError, match="no method gave a finite result"):
         charts.convergence_figure([convergence.Row("SW", 0.1, 10, failure="x")], title="", reference="")
     with pytest.raises(ValueError, match="no method gave a finite result"):
-        work_precision_figure([], [], [], title="", note="")
+        work_precision_figure([], [], {}, title="", note="")
 
 
 def record(name, bodies=1, states=300, **changes):

@@ -14,12 +14,14 @@ import pytest
 import midlie_command
 import midlie_jax as ml
 from midlie_jax.bench import closed_form, convergence, frontier, ladder, rivals, scenes, work_precision
+from midlie_jax.bench.families import FAMILIES, family, members
 from midlie_jax.bench.frontier_chart import work_precision_figure
 from midlie_jax.bench.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
 from midlie_jax.bench.rivals.lie_group import CF4, RKMK4
 from midlie_jax.bench.rivals.problem import Point
 from midlie_jax.drivers.program import Program
 from midlie_jax.drivers.timing import Timing
+from midlie_jax.methods.registry import ENTRIES
 from midlie_jax.methods.runge_kutta import DOP853, RK4
 
 
@@ -58,20 +60,61 @@ def test_the_frontier_is_the_lower_envelope_of_all_lines():
     assert frontier.frontier([]) == []
 
 
+NAMES = {"A": "symplectic", "B": "general", "C": "conserving"}
+
+
 def test_ratios():
-    ours = line("A", 4, 1.0) + line("B", 4, 0.5)
+    ours = line("A", 4, 1.0) + line("B", 4, 0.5) + line("C", 4, 2.0)
     others = line("heyoka", 4, 2.0) + line("diffrax Tsit5", 4, 50.0, (100, 1000)) + line("CF4", 4, 0.25)
-    (row, beyond) = frontier.ratios(ours, others, ["A"], [1e-4, 1e-12])
-    assert (row.ours.method, row.symplectic.method, row.rival.method) == ("B", "A", "CF4")
+    (row, beyond) = frontier.ratios(ours, others, NAMES, [1e-4, 1e-12])
+    assert row.rival.method == "CF4"
     assert row.over_rival == pytest.approx(2)
-    assert row.over_heyoka == pytest.approx(1 / 4)
     assert row.over_diffrax == pytest.approx(1 / 100)
-    assert row.symplectic_over_heyoka == pytest.approx(1 / 2)
-    assert all(math.isnan(x) for x in (beyond.over_rival, beyond.over_heyoka, beyond.over_diffrax))
+    # The symplectic method is quicker than the one that only conserves, so it is the best of both families.
+    bests = {name: (share.best.method, share.over_heyoka) for name, share in row.families.items()}
+    assert list(bests) == list(FAMILIES)
+    assert bests["general"] == ("B", pytest.approx(1 / 4))
+    assert bests["conserving"] == bests["symplectic"] == ("A", pytest.approx(1 / 2))
+    over_heyoka = [share.over_heyoka for share in beyond.families.values()]
+    assert all(math.isnan(x) for x in (beyond.over_rival, beyond.over_diffrax, *over_heyoka))
     table = frontier.markdown([row, beyond]).splitlines()
     assert len({text.count("|") for text in table}) == 1
+    assert table[2].count("A: ") == table[2].count(" same ") == 1
     assert "0.01" in table[2]
     assert table[3].count(" - ") == len(frontier.HEADS) - 1
+
+
+def test_each_family_contains_the_next():
+    everything = [p for name in NAMES for p in line(name, 4, 1.0)]
+    found = [{p.method for p in members(everything, NAMES, name)} for name in FAMILIES]
+    assert found == [{"A", "B", "C"}, {"A", "C"}, {"A"}]
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_the_family_of_a_method_is_told_by_its_attributes(name):
+    method = ml.method(name)
+    found = family(method)
+    assert (found == "symplectic") == method.symplectic
+    assert found != "general" or not (method.symmetric or getattr(method, "conserving", False))
+
+
+class Conserving(RKMK4):
+    conserving: bool = True
+
+
+@pytest.mark.parametrize(
+    ("made", "symplectic", "symmetric", "expected"),
+    [
+        (RKMK4, True, True, "symplectic"),
+        (RKMK4, True, False, "symplectic"),
+        (RKMK4, False, True, "conserving"),
+        (RKMK4, False, False, "general"),
+        (Conserving, False, False, "conserving"),
+        (Conserving, True, False, "symplectic"),
+    ],
+)
+def test_families(made, symplectic, symmetric, expected):
+    assert family(made(symplectic=symplectic, symmetric=symmetric)) == expected
 
 
 def moved(method, counts, name="asymmetric-top", duration=1.0, chunk=4) -> list[float]:
@@ -234,6 +277,56 @@ def test_heyoka_and_the_reference_agree_with_the_closed_form():
     assert fine.error < 1e-4 * coarse.error < 1e-2
 
 
+@pytest.mark.parametrize(("full_vectors", "count"), [(False, 3), (True, 5)])
+def test_the_variants_of_heyoka(monkeypatch, full_vectors, count):
+    """None twice, none wider than the number of bodies, and 512 bits only where the processor has them."""
+    heyoka = pytest.importorskip("heyoka")
+    monkeypatch.setattr(heyoka_taylor, "vector_width_options", lambda: {"width": 512} if full_vectors else {})
+    many = heyoka_taylor.variants(1024)
+    assert len(set(many)) == len(many) == count
+    assert any(variant.force_avx512 for variant in many) == full_vectors
+    assert any(variant == (heyoka.recommended_simd_size(), False, False) for variant in many)
+    few = heyoka_taylor.variants(2)
+    assert len(set(few)) == len(few)
+    assert {variant.width for variant in few} == {min(2, heyoka.recommended_simd_size())}
+
+
+def test_the_point_of_heyoka_is_its_quickest_variant(monkeypatch):
+    """By made-up times: the third of the variants at the first tolerance. The hopeless one is not built again."""
+    pytest.importorskip("heyoka")
+    given = work_precision.problem("bruls-cardona", bodies=8, judged=2, quick=True)
+    scene = replace(given.scene, duration=0.01)
+    given = given._replace(scene=scene, ends=work_precision._ends(scene, given.states)[0])
+    variants = [heyoka_taylor.Variant(4, False), heyoka_taylor.Variant(4, True), heyoka_taylor.Variant(8, True)]
+    monkeypatch.setattr(heyoka_taylor, "variants", lambda bodies: variants)
+    seconds = iter([[2.0, 9.0, 1.0], [3.0, 4.0]])
+
+    def timed_in_turn(self, runs):
+        times = next(seconds)
+        assert len(runs) == 2 * len(times)  # each variant with and without steps
+        for run in runs:
+            run()
+        return [Timing(time, 0.1) for time in times] + [Timing(0.25 * time, 0.1) for time in times]
+
+    monkeypatch.setattr(problem.Problem, "timed_in_turn", timed_in_turn)
+    first, second = heyoka_taylor.measure(given, (1e-6, 1e-12))
+    assert first.setting == "tol 1e-06, 8 bodies a batch, fast_math"
+    assert second.setting == "tol 1e-12, 8 bodies a batch, fast_math"
+    assert first.seconds == pytest.approx(0.75 * 1.0 / 8)
+    assert second.error < first.error < 1e-5
+
+
+def test_runs_that_are_timed_in_turn_take_turns():
+    given = work_precision.problem("P1", bodies=2, judged=2)._replace(repeats=3)
+    order = []
+    found = given.timed_in_turn([lambda: order.append("a"), lambda: order.append("b")])
+    assert order == ["a", "b"] * 3
+    assert len(found) == 2
+    order.clear()
+    given._replace(longest=-1.0).timed_in_turn([lambda: order.append("a"), lambda: order.append("b")])
+    assert order == ["a", "b"] * 2
+
+
 def test_mujoco_turns_the_same_top():
     pytest.importorskip("mujoco")
     given = work_precision.problem("P1", bodies=4, judged=4, quick=True)
@@ -268,22 +361,24 @@ def test_steps_do_not_go_with_rivals(monkeypatch):
 
 def test_a_verdict_hides_no_loss():
     values = [(1e-3, 0.5), (1e-4, 2.0), (1e-5, math.nan)]
-    assert frontier.verdict(values, 1.0) == "0.5 to 2: missed at 1e-04 (1 of 3 not compared)"
-    assert frontier.verdict(values[:1], 1.0) == "0.5 to 0.5: met"
+    assert frontier.verdict(values, 1.0) == "0.5 to 2; wanted 1: missed at 1e-04 (1 of 3 not compared)"
+    assert frontier.verdict(values, 0.1) == "0.5 to 2; wanted 0.1: missed throughout (1 of 3 not compared)"
+    assert frontier.verdict(values[:1], 1.0) == "0.5 to 0.5; wanted 1: met"
+    assert frontier.verdict(values) == "0.5 to 2 (1 of 3 not compared)"
     assert frontier.verdict(values[2:], 1.0).startswith("not compared")
 
 
-def test_a_chart_names_all_and_leaves_a_taylor_series_out_where_evaluations_are_counted():
+def test_a_chart_names_rivals_where_times_and_ours_where_evaluations_are_counted():
     ours = [p for one in work_precision.methods_for(scenes.scene("asymmetric-top")) for p in line(one, 4, 1.0)]
     others = [p for rival in rivals.RIVALS for p in line(rival.label, 4, 1.0)]
-    true = work_precision.symplectic(ours)
-    assert {"DLM[KL8]", "JACOBI[EA]"} <= set(true)
-    assert not {"LIEMID[EA]", "DOP853"} & set(true)
-    figure = work_precision_figure(ours, others, true, title="made up", note="of nothing", clock="processor time")
-    names = {p.method for p in ours + others}
-    for panel, missing in zip(figure.axes, (set(), {"heyoka"}), strict=True):
-        assert {text.get_text() for text in panel.texts} == names - missing
+    families = work_precision.families_of(ours)
+    assert {families[name] for name in ("DLM[KL8]", "JACOBI[EA]")} == {"symplectic"}
+    assert families["DOP853"] == "general"
+    figure = work_precision_figure(ours, others, families, title="made up", note="of nothing", clock="processor time")
+    for panel, points in zip(figure.axes, (others, ours), strict=True):
+        assert {text.get_text() for text in panel.texts} == {p.method for p in points} | set(FAMILIES)
     assert figure.axes[0].get_xlabel().startswith("Processor time")
+    assert figure.axes[1].get_xlabel().startswith("Torque evaluations")
 
 
 def test_a_time_in_the_table_carries_the_spread_of_the_runs_that_it_comes_from():
@@ -292,9 +387,10 @@ def test_a_time_in_the_table_carries_the_spread_of_the_runs_that_it_comes_from()
     ours = [p._replace(spread=spread) for p, spread in zip(line("A", 4, 1.0), spreads, strict=True)]
     for error, spread in ((ours[0].error, 0.01), (ours[1].error, 0.02), (1e-2, 0.02), (1e-6, 0.3), (1e-99, math.nan)):
         assert frontier.best_at(ours, error).spread == pytest.approx(spread, nan_ok=True)
-    (row,) = frontier.ratios(ours, line("CF4", 4, 0.25), ["A"], [1e-6])
-    assert frontier.cells(row)[2].endswith(" ±30%")
-    assert "±" not in frontier.cells(row)[4]
+    (row,) = frontier.ratios(ours, line("CF4", 4, 0.25), NAMES, [1e-6])
+    shown = dict(zip(frontier.HEADS, frontier.cells(row), strict=False))
+    assert shown["general: us a body"].endswith(" ±30%")
+    assert "±" not in shown["best rival: us a body"]
 
 
 def test_our_points_and_the_note_tell_the_spread_and_a_busy_machine(monkeypatch):

@@ -6,9 +6,10 @@ than its smallest the cost is infinite.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from .families import FAMILIES, GENERAL, members
 from .rivals.problem import Point
 
 DECADES = tuple(10.0**-n for n in range(3, 13))
@@ -98,53 +99,54 @@ def frontier(points: Sequence[Point], cost: str = "seconds", per_decade: int = 2
     return edge[max(0, first - 1) :]
 
 
+class Share(NamedTuple):
+    """The fastest method of a family at one error.
+
+    Attributes:
+        best: the method and its time.
+        over_heyoka: its time over that of heyoka; NaN if one of the two does not reach the error.
+    """
+
+    best: Best
+    over_heyoka: float
+
+
 class Ratio(NamedTuple):
     """Times of our methods over those of rivals at one error; a ratio is NaN if either side does not reach the error.
 
     Attributes:
         error: error of the attitude.
-        ours: our fastest method.
-        symplectic: our fastest symplectic method.
+        families: for each of `FAMILIES` its fastest method; the general family contains all our methods.
         rival: the fastest rival.
-        over_rival, over_heyoka, over_diffrax: time of `ours` over that of the fastest rival, of heyoka, and of diffrax.
-        symplectic_over_heyoka: time of `symplectic` over that of heyoka.
+        over_rival, over_diffrax: time of our fastest method over that of the fastest rival, and of diffrax.
     """
 
     error: float
-    ours: Best
-    symplectic: Best
+    families: dict[str, Share]
     rival: Best
     over_rival: float
-    over_heyoka: float
     over_diffrax: float
-    symplectic_over_heyoka: float
 
 
 def ratios(
-    ours: Sequence[Point], rivals: Sequence[Point], symplectic: Iterable[str], errors: Sequence[float] = DECADES
+    ours: Sequence[Point], rivals: Sequence[Point], families: Mapping[str, str], errors: Sequence[float] = DECADES
 ) -> list[Ratio]:
     """One row for each error.
 
     Args:
         ours, rivals: points of our methods and of the rivals.
-        symplectic: the names of our symplectic methods.
+        families: the smallest family of each of our methods, by its name.
         errors: the errors at which to compare.
     """
-    symplectic_names = set(symplectic)
-    symplectic_points = [p for p in ours if p.method in symplectic_names]
+    ours_by_family = {name: members(ours, families, name) for name in FAMILIES}
     rows = []
     for error in errors:
-        our_best, our_symplectic = best_at(ours, error), best_at(symplectic_points, error)
         rival = best_at(rivals, error)
         heyoka = best_at([p for p in rivals if p.method.startswith("heyoka")], error)
         diffrax = best_at([p for p in rivals if p.method.startswith("diffrax")], error)
-        rows.append(
-            Ratio(
-                *(error, our_best, our_symplectic, rival),
-                *(_over(our_best, rival), _over(our_best, heyoka), _over(our_best, diffrax)),
-                _over(our_symplectic, heyoka),
-            )
-        )
+        bests = {name: best_at(points, error) for name, points in ours_by_family.items()}
+        shares = {name: Share(best, _over(best, heyoka)) for name, best in bests.items()}
+        rows.append(Ratio(error, shares, rival, _over(bests[GENERAL], rival), _over(bests[GENERAL], diffrax)))
     return rows
 
 
@@ -154,39 +156,32 @@ def _over(first: Best, second: Best) -> float:
 
 HEADS = (
     "error of R",
-    "ours",
-    "us a body",
-    "best rival",
-    "us a body",
-    "ours / best rival",
-    "ours / heyoka",
-    "ours / diffrax",
-    "our best symplectic",
-    "it / heyoka",
+    *(head for name in FAMILIES for head in (f"{name}: us a body", "/ heyoka")),
+    "best rival: us a body",
+    "general / rival",
+    "general / diffrax",
 )
 
 
 def cells(row: Ratio) -> list[str]:
-    """A row of the table: a text for each column of `HEADS`."""
+    """A row of the table: a text for each column of `HEADS`; "same" is the method of the family before."""
 
     def show(value: float) -> str:
         return "-" if not math.isfinite(value) else f"{value:.3g}"
 
-    def time(best: Best) -> str:
-        return show(1e6 * best.cost) + (f" ±{best.spread:.0%}" if math.isfinite(best.spread) else "")
+    def method(best: Best) -> str:
+        if not best.method:
+            return "-"
+        return f"{best.method}: {show(1e6 * best.cost)}" + (
+            f" ±{best.spread:.0%}" if math.isfinite(best.spread) else ""
+        )
 
-    return [
-        f"{row.error:.0e}",
-        row.ours.method or "-",
-        time(row.ours),
-        row.rival.method or "-",
-        time(row.rival),
-        show(row.over_rival),
-        show(row.over_heyoka),
-        show(row.over_diffrax),
-        row.symplectic.method or "-",
-        show(row.symplectic_over_heyoka),
-    ]
+    texts, before = [f"{row.error:.0e}"], ""
+    for name in FAMILIES:
+        best, over_heyoka = row.families[name]
+        texts += ["same" if best.method and best.method == before else method(best), show(over_heyoka)]
+        before = best.method
+    return [*texts, method(row.rival), show(row.over_rival), show(row.over_diffrax)]
 
 
 def markdown(rows: Sequence[Ratio]) -> str:
@@ -195,13 +190,14 @@ def markdown(rows: Sequence[Ratio]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(cells(row)) + " |" for row in rows)])
 
 
-def verdict(values: Sequence[tuple[float, float]], target: float) -> str:
-    """In words, whether the ratios in (error, ratio) pairs meet a target, the largest ratio that is wanted."""
+def verdict(values: Sequence[tuple[float, float]], target: float | None = None) -> str:
+    """In words, the span of the ratios in (error, ratio) pairs, and whether they meet a target, the largest wanted."""
     known = [(error, ratio) for error, ratio in values if math.isfinite(ratio)]
     if not known:
         return "not compared: one of the two reaches none of these errors"
-    span = f"{min(r for _, r in known):.2g} to {max(r for _, r in known):.2g}"
-    missed = [f"{error:.0e}" for error, ratio in known if ratio > target]
-    rest = "" if len(known) == len(values) else f" ({len(values) - len(known)} of {len(values)} not compared)"
-    where = "throughout" if len(missed) == len(known) else f"at {', '.join(missed)}"
-    return f"{span}: " + (f"missed {where}" if missed else "met") + rest
+    text = f"{min(r for _, r in known):.2g} to {max(r for _, r in known):.2g}"
+    if target is not None:
+        missed = [f"{error:.0e}" for error, ratio in known if ratio > target]
+        where = "throughout" if len(missed) == len(known) else f"at {', '.join(missed)}"
+        text += f"; wanted {target:g}: " + (f"missed {where}" if missed else "met")
+    return text + ("" if len(known) == len(values) else f" ({len(values) - len(known)} of {len(values)} not compared)")

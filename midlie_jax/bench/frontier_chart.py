@@ -1,21 +1,35 @@
-"""The chart of error against cost: our methods with their frontier, and the rivals in thin lines with hollow marks."""
+"""The chart of error against cost: the frontiers of our three families in bold, beside the rivals and single methods.
+
+The left panel compares our families with other programs, by time. The right panel names our methods one by one, by
+torque evaluations.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from .families import FAMILIES, members
+from .family_names import FamilyNames
 from .figures import heading, new_figure, panel, spread_bars, write
 from .frontier import by_method, envelope, frontier
 from .line_labels import End, label_ends
-from .line_styles import COOL, DASHED, SOLID, WARM, Style, styles
+from .line_styles import BANDS, SOLID, WARM, Style, styles
 from .rivals import RIVALS
 from .rivals.problem import Point
+
+LEGEND = (
+    "Bold lines: the fastest of our methods (general), of those that are reversible or keep quadratic invariants "
+    "(conserving), and of the symplectic ones. Thin lines: our methods one by one, named in the right panel. Hollow "
+    "marks: other programs."
+)
+_LEAST = 1e-17  # an error of exactly zero has no logarithm: it is drawn below rounding
+_MOST = 1.0  # at larger errors a method does not follow the motion, and the frontiers show nothing
 
 
 def work_precision_chart(
     ours: Sequence[Point],
     rivals: Sequence[Point],
-    symplectic: Sequence[str],
+    families: Mapping[str, str],
     path: str,
     *,
     title: str,
@@ -26,7 +40,7 @@ def work_precision_chart(
 
     Args:
         ours, rivals: from `work_precision.measure`.
-        symplectic: the names of our symplectic methods; the others are dashed.
+        families: the smallest family of each of our methods, by its name.
         path: file to write; an existing file is replaced.
         title: the scene.
         note: how errors and times were measured.
@@ -37,13 +51,13 @@ def work_precision_chart(
         ValueError: there is nothing to draw.
         OSError: the file cannot be written.
     """
-    write(work_precision_figure(ours, rivals, symplectic, title=title, note=note, clock=clock), path)
+    write(work_precision_figure(ours, rivals, families, title=title, note=note, clock=clock), path)
 
 
 def work_precision_figure(
     ours: Sequence[Point],
     rivals: Sequence[Point],
-    symplectic: Sequence[str],
+    families: Mapping[str, str],
     *,
     title: str,
     note: str,
@@ -56,50 +70,69 @@ def work_precision_figure(
             "no method gave a finite result, so there is nothing to draw; see the failures printed before."
         )
     heading(figure, title, note)
-    figure.subplots_adjust(bottom=0.08, wspace=0.13)
-    left, right = figure.subplots(1, 2)
+    figure.subplots_adjust(bottom=0.08, wspace=0.05)
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1.0))
     torque_free = all(math.isnan(p.evaluations) for p in ours)
-    label = "Torque evaluations, whole run  [-]  (without heyoka, whose Taylor series evaluates no torque)"
-    if torque_free:
-        label = "Steps, whole run  [-]  (no torque to evaluate; without heyoka, whose steps are Taylor series)"
-    line_styles = _styles(ours, rivals, set(symplectic))
+    what = "steps" if torque_free else "torque evaluations"
+    label = "Steps, whole run  [-]  (no torque to evaluate)" if torque_free else "Torque evaluations, whole run  [-]"
     error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies  [-]"
-    panel(left, "Against time", f"{clock.capitalize()}, whole run, per body  [s]", error)
-    _draw(left, ours, rivals, line_styles, "seconds")
-    panel(right, "Against steps" if torque_free else "Against torque evaluations", label, "")
-    _draw(right, ours, rivals, line_styles, "steps" if torque_free else "evaluations")
+    panel(
+        left,
+        "Against time: our three families, and other programs",
+        f"{clock.capitalize()}, whole run, per body  [s]",
+        error,
+    )
+    panel(right, f"Against {what}: our methods one by one", label, "")
+    for axes in (left, right):
+        axes.set(xscale="log", yscale="log")
+    bottom = min(max(p.error, _LEAST) for p in (*ours, *rivals))
+    left.set_ylim(min(bottom, 1e-13) / 3, 10)  # an error above 10 has no meaning
+    our_styles = _our_styles(families)
+    # All rivals have a style, measured or not: the same on all charts.
+    rival_styles = styles([*(rival.label for rival in RIVALS), *by_method(rivals)], WARM, SOLID, ours=False)
+    useful = [p for p in ours if p.error <= _MOST]
+    for axes, cost in ((left, "seconds"), (right, "steps" if torque_free else "evaluations")):
+        edges = {name: frontier(members(useful, families, name), cost) for name in FAMILIES}
+        _draw_frontiers(axes, edges)
+        ends = _draw_lines(axes, ours, our_styles, cost)
+        if axes is left:
+            ends = _draw_lines(axes, rivals, rival_styles, cost)
+        names = FamilyNames(axes, edges)
+        label_ends(axes, ends, free=names.room)
+        names.settle()
     return figure
 
 
-def _styles(ours: Sequence[Point], rivals: Sequence[Point], symplectic: set[str]) -> dict[str, Style]:
-    """Cool colours for our methods, dashed if not symplectic; warm colours for rivals, the same on all charts."""
-    our_styles = {
-        name: style if name in symplectic else style._replace(dash=DASHED)
-        for name, style in styles(by_method(ours), COOL, SOLID, ours=True).items()
-    }
-    return our_styles | styles([*(rival.label for rival in RIVALS), *by_method(rivals)], WARM, SOLID, ours=False)
+def _our_styles(families: Mapping[str, str]) -> dict[str, Style]:
+    """For each of our methods the colour of its family, and a mark of its own in that family."""
+    found: dict[str, Style] = {}
+    for name in FAMILIES:
+        found |= styles(
+            [m for m, family in families.items() if family == name], (BANDS[name].colour,), SOLID, ours=True
+        )
+    return found
 
 
-def _draw(axes: Any, ours: Sequence[Point], rivals: Sequence[Point], line_styles: dict[str, Style], cost: str) -> None:
-    axes.set(xscale="log", yscale="log")
+def _draw_frontiers(axes: Any, edges: Mapping[str, Sequence[tuple[float, float]]]) -> None:
+    for order, (name, band) in enumerate(BANDS.items()):
+        if edges[name]:
+            shape = {"color": band.colour, "linewidth": band.width, "alpha": band.alpha, "zorder": 2.6 + 0.1 * order}
+            axes.plot(*zip(*edges[name], strict=True), solid_capstyle="round", solid_joinstyle="round", **shape)
+
+
+def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, Style], cost: str) -> list[End]:
+    """Draws a thin line for each method or program, ours below the frontiers; returns the ends of the lines."""
     ends: list[End] = []
-    edge = frontier(ours, cost)
-    if edge:
-        axes.plot(*zip(*edge, strict=True), color="#0b2f57", linewidth=6.5, alpha=0.3, zorder=2, solid_capstyle="round")
-    for name, points in by_method([*ours, *rivals]).items():
-        if cost != "seconds" and name == "heyoka":
-            continue
-        line = envelope([getattr(p, cost) for p in points], [max(p.error, 1e-17) for p in points])
+    for name, own in by_method(points).items():
+        line = envelope([getattr(p, cost) for p in own], [max(p.error, _LEAST) for p in own])
         if not line:
             continue
         style = line_styles[name]
         x, y = zip(*line, strict=True)
-        shape = style.drawn(1.7, 6.0) if style.ours else style.drawn(1.0, 4.6)
-        axes.plot(x, y, label=name, zorder=4 if style.ours else 3, **shape)
-        if cost == "seconds":
-            spreads = {(p.seconds, max(p.error, 1e-17)): p.spread for p in points}
+        shape = style.drawn(0.9, 4.5) if style.ours else style.drawn(1.3, 5.0)
+        axes.plot(x, y, label=name, zorder=2 if style.ours else 4, **shape)
+        if cost == "seconds" and not style.ours:
+            spreads = {(p.seconds, max(p.error, _LEAST)): p.spread for p in own}
             spread_bars(axes, x, y, [spreads[point] for point in line], style.colour)
-        ends.append(End(name, style.colour, x[-1], y[-1], style.ours))
-    bottom = min((end.y for end in ends), default=1e-14)
-    axes.set_ylim(min(bottom, 1e-13) / 3, 10)  # an error above 10 has no meaning
-    label_ends(axes, ends)
+        ends.append(End(name, style.colour, x[-1], y[-1]))
+    return ends

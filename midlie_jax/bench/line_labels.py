@@ -3,7 +3,7 @@
 All line ends lie on one side of the column and all leaders stop at its edge, so no leader crosses a name.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +29,13 @@ class End(NamedTuple):
     bold: bool = False
 
 
-def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float = _SIZE) -> None:
+def label_ends(
+    axes: Any,
+    ends: Sequence[End],
+    side: str = "right",
+    size: float = _SIZE,
+    free: Callable[[float], float] = lambda width: 0.0,
+) -> None:
     """Widens a panel on one side, and writes the names of its lines there.
 
     The limits of the panel, which must contain all its lines, and its place in the figure must be final before.
@@ -39,8 +45,12 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float 
         ends: the ends of the lines.
         side: "left" or "right".
         size: largest font size of the names, points; it is reduced if there are many names.
+        free: the points by which to widen the panel on the other side, for other texts, as a function of the points
+            that the names leave of the panel's width.
     """
+    whole = axes.bbox.width * 72 / axes.figure.dpi
     if not ends:
+        _make_room(axes, side, 0.0, free(whole) / whole)
         return
     from matplotlib.patheffects import withStroke
     from matplotlib.text import Text
@@ -75,7 +85,8 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float 
     ]
     # Width of the text alone, because the extent of an annotation includes its leader.
     width = max(Text.get_window_extent(text, renderer).width for text in texts) * points
-    _make_room(axes, side, (width + _INSET + _LEADER) / (axes.bbox.width * points))
+    names = width + _INSET + _LEADER
+    _make_room(axes, side, names / whole, free(whole - names) / whole)
     places = [axes.transData.transform((end.x, end.y)) * points for end in ends]
     edge = axes.bbox.x1 * points - width - _INSET if side == "right" else axes.bbox.x0 * points + width + _INSET
     to_data = axes.transData.inverted()
@@ -83,13 +94,15 @@ def label_ends(axes: Any, ends: Sequence[End], side: str = "right", size: float 
         text.set_position(to_data.transform((edge / points, height / points)))
 
 
-def _make_room(axes: Any, side: str, part: float) -> None:
-    """Widens the limits of a panel, so that a fraction `part` of its width is free on one side."""
+def _make_room(axes: Any, side: str, part: float, other: float) -> None:
+    """Widens the limits of a panel: fractions `part` and `other` of its width are free on this and the other side."""
     scale = axes.xaxis.get_transform()
     low, high = scale.transform(np.array(axes.get_xlim()))
-    room = (high - low) * min(part, 0.8) / (1 - min(part, 0.8))
-    limits = (low - room, high) if side == "left" else (low, high + room)
-    axes.set_xlim(*scale.inverted().transform(np.array(limits)))
+    shrink = min(1.0, 0.8 / max(part + other, 1e-9))  # at least a fifth of the panel is left to the lines
+    part, other = shrink * part, shrink * other
+    left, right = (part, other) if side == "left" else (other, part)
+    unit = (high - low) / (1 - left - right)
+    axes.set_xlim(*scale.inverted().transform(np.array([low - unit * left, high + unit * right])))
 
 
 def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:

@@ -17,6 +17,28 @@ _DASHES = ((0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (8, 2, 1, 2, 1, 2)))  # for mor
 RING = "ring"  # a mark that is visible around another mark
 
 
+class Band(NamedTuple):
+    """How the frontier of a family of methods is drawn.
+
+    Attributes:
+        colour: of the line, of the name of the family, and of its methods.
+        width: points.
+        alpha: opacity.
+    """
+
+    colour: str
+    width: float
+    alpha: float
+
+
+# From the widest to the narrowest, drawn in this order: where frontiers coincide, each is seen beside the next.
+BANDS = {
+    "general": Band("#0072B2", 11.0, 0.4),
+    "conserving": Band("#009E73", 6.0, 1.0),
+    "symplectic": Band("#000000", 2.4, 1.0),
+}
+
+
 class Style(NamedTuple):
     """Attributes:
     colour: as in matplotlib.

@@ -17,7 +17,9 @@ from ..methods.registry import method as find_method
 from ..methods.schemes import SCHEMES
 from . import scenes
 from .closed_form import axis_third, exact_ends
+from .families import family
 from .frontier import Ratio, ratios
+from .frontier_chart import LEGEND
 from .ladder import ladder
 from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
@@ -133,14 +135,13 @@ def compared(
     case = problem(name, quick=quick)
     names = methods_for(case.scene) if ours is None else ours
     our_points, rival_points = measure(case, names, said=said)
-    our_ratios = ratios(our_points, rival_points, symplectic(our_points))
+    our_ratios = ratios(our_points, rival_points, families_of(our_points))
     return Comparison(case, our_ratios, our_points, rival_points, load.warning())
 
 
-def symplectic(points: Sequence[Point]) -> list[str]:
-    """The names of the symplectic methods among those of the points."""
-    methods = {name: find_method(name) for name in dict.fromkeys(point.method for point in points)}
-    return [name for name, method in methods.items() if method.symplectic]
+def families_of(points: Sequence[Point]) -> dict[str, str]:
+    """The smallest family of each method of the points, by the name of the method."""
+    return {name: family(find_method(name)) for name in dict.fromkeys(point.method for point in points)}
 
 
 def title(case: Problem) -> str:
@@ -153,8 +154,7 @@ def note(comparison: Comparison) -> str:
     case = comparison.problem
     return (
         f"{case.bodies} bodies in a batch, one core, float64. Errors against the {case.source}, uncertainty "
-        f"{case.uncertainty:.0e}. Wide line: the frontier of our methods (filled marks; dashed if not symplectic). "
-        f"Hollow marks: other programs and methods. {timing_note(comparison)}"
+        f"{case.uncertainty:.0e}. {LEGEND} {timing_note(comparison)}"
     )
 
 

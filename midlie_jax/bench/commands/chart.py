@@ -92,7 +92,7 @@ def _with_rivals(options: argparse.Namespace) -> None:
     show_table(list(frontier.HEADS), [frontier.cells(row) for row in comparison.ratios])
     print(f"\n{work_precision.timing_note(comparison)}")
     work_precision_chart(
-        *(comparison.ours, comparison.rivals, work_precision.symplectic(comparison.ours), path),
+        *(comparison.ours, comparison.rivals, work_precision.families_of(comparison.ours), path),
         title=work_precision.title(comparison.problem),
         note=work_precision.note(comparison),
         clock=cost_clock().name,

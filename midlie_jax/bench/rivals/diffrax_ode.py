@@ -1,6 +1,7 @@
 """diffrax: explicit Runge-Kutta methods on momentum and quaternion, vmapped, with constant and with adaptive steps.
 
-The tolerance or step is an argument of the compiled program, so each of the two is compiled once.
+The tolerance or step is an argument of the compiled program, so each of the two is compiled once. The programs are
+compiled for the full vectors of the machine, as those of this package are.
 """
 
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._kernel.width import vector_width_options
 from .problem import Point, Problem, orbit_of, radius, rates
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
@@ -52,8 +54,9 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
         return jax.vmap(lambda start: solve(start, first, controller))(starts)
 
     constant_steps = [scene.duration / max(4, scene.steps // 64) / 2**n for n in range(16)]
+    options = vector_width_options()
     for function, values, label in ((adaptive, TOLERANCES, "tol"), (constant, constant_steps, "step")):
-        compiled = jax.jit(function).lower(states, jnp.asarray(1.0)).compile()
+        compiled = jax.jit(function).lower(states, jnp.asarray(1.0)).compile(compiler_options=options)
         for value in values:
 
             def run(value: float = value, compiled: Any = compiled) -> Any:

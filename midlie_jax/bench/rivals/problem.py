@@ -5,13 +5,13 @@ Pi' = Pi x I^-1 Pi + T, q' = q (0, I^-1 Pi)/2. The momentum Pi is in the body fr
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...drivers.timing import Timing, timed
+from ...drivers.timing import Stopwatch, Timing, timed
 from ...model import torques
 from ...model.orbits import KeplerOrbit
 from ..scenes import Scene
@@ -22,7 +22,7 @@ class Point(NamedTuple):
 
     Attributes:
         method: name of the method.
-        setting: the tolerance or step, such as "tol 1e-06".
+        setting: the tolerance or step, such as "tol 1e-06", and after a comma the options of the program, if any.
         error: |R - R*| at the end, Frobenius norm, root mean square over the bodies with a reference end R*.
         seconds: median time of the whole run for one body, without compiling (`timing.cost_clock`).
         evaluations: torque evaluations for one body; NaN for a method or problem without torque evaluations.
@@ -80,6 +80,21 @@ class Problem(NamedTuple):
     def timed(self, run: Callable[[], Any]) -> tuple[Any, Timing]:
         """The result of `run`, which must wait for it, and the timing of several runs."""
         return timed(run, most=self.repeats, longest=self.longest)
+
+    def timed_in_turn(self, runs: Sequence[Callable[[], Any]]) -> list[Timing]:
+        """The timings of several runs that take turns, so that what slows the machine for a while slows them all.
+
+        There are as many rounds as `timed` would make of the longest run. The first is not counted, as there.
+        """
+        watches = [Stopwatch() for _ in runs]
+        rounds, longest = 0, 0.0
+        while rounds < 2 or (rounds < self.repeats and longest <= self.longest):
+            for watch, run in zip(watches, runs, strict=True):
+                watch.time(run)
+            rounds, longest = rounds + 1, max(sum(watch.laps) for watch in watches)
+        for watch in watches:
+            watch.laps = watch.laps[1:] if rounds > 2 else watch.laps
+        return [watch.timing() for watch in watches]
 
 
 def program(name: str) -> Any:
