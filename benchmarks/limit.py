@@ -61,9 +61,8 @@ def compilers() -> tuple[str, ...]:
             continue
         version = subprocess.run([path, "--version"], capture_output=True, text=True, check=False).stdout
         words = version.partition("\n")[0].split()[1:]  # the first word is the name by which it was called
-        works = subprocess.run(
-            [path, *FLAGS, "-fsyntax-only", "-x", "c", "-"], input="#include <math.h>\n", text=True, check=False
-        )
+        command = [path, *FLAGS, "-fsyntax-only", "-x", "c", "-"]
+        works = subprocess.run(command, input="#include <math.h>\n", capture_output=True, text=True, check=False)
         if works.returncode == 0:
             found.setdefault(" ".join(words) or os.path.realpath(path), path)
     return tuple(found.values())
