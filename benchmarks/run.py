@@ -1,13 +1,15 @@
 """`make bench`: a table of the cost of a step, as ratios of times measured in one run.
 
-    python benchmarks/run.py [--quick | --flights] [--write]
+    python benchmarks/run.py [--quick | --flights | --limits] [--write]
 
 Every figure is the median of five runs of the fast top P1 after a first run, in processor time on one core; the process
 pins itself to that core. Compile times are of the first call, with tracing, by the wall clock. The limit in C is
-`limit.c`, which is compiled here. `--write` puts the table between the markers in docs/performance.md.
+`limit.c`, which is compiled here in several forms; that takes minutes. `--write` puts the table between the markers in
+docs/performance.md.
 """
 
 import argparse
+import itertools
 import os
 import re
 import statistics
@@ -172,33 +174,39 @@ def elsewhere(*options, **environment):
     return float(re.findall(r"RESULT ([\d.eE+-]+)", out)[0])
 
 
+def ensemble_step(name, scene, starting, steps):
+    """A call that moves all bodies by `steps` steps through `ml.ensemble`, and its compiled program."""
+
+    def run(start):
+        return ml.ensemble(name, scene.body, scene.torque, start, dt=0.005, steps=steps)
+
+    program, _ = compiled(run, starting)
+    return lambda: program(starting), program
+
+
 def limits(scene, batch, steps):
     """Rows that compare with hand-written C of the same methods, timed alternately under the same conditions."""
-    kinds = {"LIEMID": ("the same arithmetic in C",), "SYMMETRIC": ("the same arithmetic in C",)}
-    kinds["LIEMID"] += ("C that stops a solve early",)
-    for flight, rivals in kinds.items():
-        for dtype in (jnp.float64, jnp.float32):
-            for rival in rivals:
-                program = f"{flight}-EARLY" if "early" in rival else flight
-                pairs = []
-                for _ in range(3):
-                    cost, _ = ours(f"{flight}[EA]", scene, batch, steps, dtype)
-                    pairs.append((limit.limit(program, dtype.__name__), cost))
-                share = statistics.median(c / cost for c, cost in pairs)
-                speed = 1e-6 / statistics.median(c for c, _ in pairs)
-                yield f"{flight}[EA], {dtype.__name__}, of {rival}", f"limit {speed:.1f} M/s", f"{share:.2f} of it", ""
+    for method, dtype in itertools.product(("LIEMID", "JACOBI", "SYMMETRIC", "DOP853"), (jnp.float64, jnp.float32)):
+        name = method if method == "DOP853" else f"{method}[EA]"
+        own = scenes.scene(scene.name, dtype)
+        call, _ = ensemble_step(name, own, starts(own, batch), steps)
+        rivals = {method: "of the same arithmetic in C"}
+        if method == "LIEMID":
+            rivals["LIEMID_EARLY"] = "of C that stops a solve early"
+        for rival, words in rivals.items():
+            kind = limit.best(rival, dtype.__name__)
+            pairs = [(limit.limit(rival, dtype.__name__), median_seconds(call) / (batch * steps)) for _ in range(3)]
+            share = statistics.median(c / cost for c, cost in pairs)
+            speed = f"limit {1e-6 / min(c for c, _ in pairs):.1f} M/s by {Path(kind.compiler).name}: {kind.form}"
+            yield f"{name}, {dtype.__name__}, {words}", speed, f"{share:.2f} of it", ""
 
 
 def sizes(scene, name, reference):
     for many in (1, 100, 10_000, 1_000_000):
         steps = {1: 20_000, 100: 2000, 10_000: 100}.get(many, 20)
         starting = starts(scene, many)
-
-        def run(start, steps=steps):
-            return ml.ensemble(name, scene.body, scene.torque, start, dt=0.005, steps=steps)
-
-        program, _ = compiled(run, starting)
-        cost = median_seconds(lambda program=program, starting=starting: program(starting)) / (steps * many)
+        call, program = ensemble_step(name, scene, starting, steps)
+        cost = median_seconds(call) / (steps * many)
         memory = program.memory_analysis()
         body_bytes = (memory.output_size_in_bytes + memory.temp_size_in_bytes) / many
         note = f"{1e9 * cost:.1f} ns a body-step"
@@ -284,6 +292,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--flights", action="store_true", help="only the rows that compare flights and schemes")
+    parser.add_argument("--limits", action="store_true", help="only the rows that compare with the limit in C")
     parser.add_argument("--only-first", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--all-cores", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--write", action="store_true")
@@ -293,10 +302,14 @@ def main():
         print("RESULT", ours("LIEMID[EA]", scene, 4096, 100)[0])
         return
     lines = []
-    for line in flight_rows(scene, 4096, 100) if options.flights else rows(scene, options.quick):
+    if options.limits:
+        chosen = limits(scene, 4096, 400)
+    else:
+        chosen = flight_rows(scene, 4096, 100) if options.flights else rows(scene, options.quick)
+    for line in chosen:
         print(" | ".join(line), flush=True)
         lines.append(line)
-    if options.write and not options.flights:
+    if options.write and not (options.flights or options.limits):
         page = ROOT / "docs" / "performance.md"
         text = page.read_text()
         head, tail = text.split(BEGIN)[0], text.split(END)[1]
