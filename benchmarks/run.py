@@ -267,6 +267,17 @@ def state_rows(batch, steps):
                 yield f"{name}, {label}, {state}", speed, f"{ratio:.2f} of the attitude's", f"{compiling:.1f} s"
 
 
+def free_motion_row(batch, count=16):
+    """What one state of `free_motion` costs, over a batch of bodies with `count` times each."""
+    body, attitude = ml.RigidBody([1.0, 2.0, 2.5]), jnp.array([1.0, 0, 0, 0])
+    times = jnp.logspace(-2, 6, count)
+    many = jnp.asarray(np.random.default_rng(0).normal(size=(batch, 3)))
+    run = jax.vmap(lambda momentum: ml.free_motion(body, ml.RigidState(momentum, attitude), times).states)
+    program, compiling = compiled(run, many)
+    cost = median_seconds(lambda: program(many)) / (batch * count)
+    yield "free_motion, a state with attitude", f"{1e9 * cost:.0f} ns", "", f"{compiling:.1f} s"
+
+
 def rows(scene, quick):
     batch, steps = 4096, 100 if quick else 400
     reference, compiling = ours("LIEMID[EA]", scene, batch, steps)
@@ -292,6 +303,7 @@ def rows(scene, quick):
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     yield from flight_rows(scene, batch, steps)
     yield from state_rows(batch, steps)
+    yield from free_motion_row(batch)
     cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     liemid, tsit5 = equal_time_errors(scene, reference / cost)
