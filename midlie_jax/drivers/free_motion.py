@@ -49,8 +49,9 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
     axis, the motion itself is that sensitive to the last digits of body and momentum: there the result is the motion of
     a body and momentum that differ by a few eps from those given.
 
-    Differentiable where the three moments differ and the momentum is neither along a principal
-    axis nor on the separatrix; there the derivatives can be NaN (those of `integrate` with JACOBI are not). A reverse derivative takes minutes to compile.
+    Differentiable where the three moments differ and the momentum is neither along a principal axis nor on the
+    separatrix; there the derivatives can be NaN (those of `integrate` with JACOBI are not). A reverse derivative
+    takes minutes to compile.
 
     Args:
         body: a `RigidBody`, or a `TensorBody` in a frame of your own.
