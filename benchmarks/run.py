@@ -236,6 +236,56 @@ def flight_rows(scene, batch, steps):
         yield name, "", f"{ratio:.2f}", f"{compiling:.1f} s"
 
 
+def state_rows(batch, steps):
+    """Rows for each kind of state: free bodies, and bodies under a torque of time; timed alternately.
+
+    The direction and the attitude follow the same motion as the momentum alone, so their ratio is what they cost.
+    """
+    rng = np.random.default_rng(0)
+    attitude, direction = jnp.array([1.0, 0, 0, 0]), jnp.array([0.0, 0, 1.0])
+    kinds = {
+        "the attitude": lambda momentum: ml.RigidState(momentum, attitude),
+        "one direction": lambda momentum: ml.DirectionState(momentum, direction),
+        "the momentum alone": ml.MomentumState,
+    }
+    control = ml.torques.Prescribed(lambda t: jnp.stack([0.1 * t * t, 0.2 * t, 0.1 - t]))
+    many = jnp.asarray(rng.normal(size=(batch, 3)))
+    for name, moments in (("JACOBI[EA]", [1.0, 2.0, 2.5]), ("SYMMETRIC[EA]", [2.0, 2.0, 2.5])):
+        for label, torque in (("free", None), ("a torque of time", control)):
+
+            def prepared(kind, name=name, moments=moments, torque=torque):
+                def run(momentum):
+                    body = ml.RigidBody(moments)
+                    path = ml.integrate(name, body, torque, kind(momentum), dt=0.01, steps=steps, save_every=steps)
+                    return path.states
+
+                program, compiling = compiled(jax.vmap(run), many)
+                return lambda: program(many), compiling
+
+            programs = {state: prepared(kind) for state, kind in kinds.items()}
+            times = {state: [] for state in kinds}
+            for _ in range(7):
+                for state, (call, _) in programs.items():
+                    times[state].append(median_seconds(call, 1) / (steps * batch))
+            for state, (_, compiling) in programs.items():
+                ratio = statistics.median(
+                    whole / own for whole, own in zip(times["the attitude"], times[state], strict=True)
+                )
+                speed = f"{1e-6 / statistics.median(times[state]):.1f} M body-steps/s"
+                yield f"{name}, {label}, {state}", speed, f"{ratio:.2f} of the attitude's", f"{compiling:.1f} s"
+
+
+def free_motion_row(batch, count=16):
+    """What one state of `free_motion` costs, over a batch of bodies with `count` times each."""
+    body, attitude = ml.RigidBody([1.0, 2.0, 2.5]), jnp.array([1.0, 0, 0, 0])
+    times = jnp.logspace(-2, 6, count)
+    many = jnp.asarray(np.random.default_rng(0).normal(size=(batch, 3)))
+    run = jax.vmap(lambda momentum: ml.free_motion(body, ml.RigidState(momentum, attitude), times).states)
+    program, compiling = compiled(run, many)
+    cost = median_seconds(lambda: program(many)) / (batch * count)
+    yield "free_motion, a state with attitude", f"{1e9 * cost:.0f} ns", "", f"{compiling:.1f} s"
+
+
 def rows(scene, quick):
     batch, steps = 4096, 100 if quick else 400
     reference, compiling = ours("LIEMID[EA]", scene, batch, steps)
@@ -260,6 +310,8 @@ def rows(scene, quick):
         cost, compiling = ours(name, scene, batch, steps)
         yield name, "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     yield from flight_rows(scene, batch, steps)
+    yield from state_rows(batch, steps)
+    yield from free_motion_row(batch)
     cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps)
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     liemid, tsit5 = equal_time_errors(scene, reference / cost)

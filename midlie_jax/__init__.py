@@ -10,6 +10,7 @@ from .diffrax import RotationNorm as RotationNorm
 from .drivers.adaptive import AdaptivePath as AdaptivePath
 from .drivers.adaptive import integrate_adaptive as integrate_adaptive
 from .drivers.ensemble import ensemble as ensemble
+from .drivers.free_motion import free_motion as free_motion
 from .drivers.integrate import Path as Path
 from .drivers.integrate import integrate as integrate
 from .drivers.recommend import Recommendation as Recommendation

@@ -27,6 +27,8 @@ METHODS = [entry.method for entry in ENTRIES.values() if entry.method.bodies is 
 ROTATION = [method.name for method in METHODS]
 PARTICLE = [entry.method.name for entry in ENTRIES.values() if entry.method.bodies is ml.Particles]
 RIGID_FLIGHTS = [flight for flight in FLIGHTS.values() if flight.body is ml.RigidBody]
+# Those that find the momentum alone by formulas of their own.
+MOMENTUM_FLIGHTS = [f for f in RIGID_FLIGHTS if type(f).momentum_change is not ml.flights.Flight.momentum_change]
 LIEMID = [m.name for m in METHODS if isinstance(m, Splitting) and isinstance(m.flight, ml.flights.LieMidpoint)]
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import METHODS, RIGID_FLIGHTS, WAYS, by_turns, epsilon, equal_moments, quick, real
+from cases import DTYPES, METHODS, MOMENTUM_FLIGHTS, RIGID_FLIGHTS, WAYS, by_turns, epsilon, equal_moments, quick, real
 
 import midlie_jax as ml
 from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
@@ -24,27 +24,29 @@ FLOWN = {f"{flight.name}[EA]": flight for flight in RIGID_FLIGHTS}
 
 
 @cache
-def ends(flight, dtype):
-    """Moments, and momentum and attitude at both ends of a free run, (n, 2, ...), in extended precision; and ok."""
+def ends(flight, dtype, kind):
+    """Moments, and momentum and pose at both ends of a free run, (n, 2, ...), in extended precision; and ok."""
     moments, momentum, attitude, dt = free_bodies(flight.equal_moments, dtype, count=BODIES, seed=6)
 
     def run(moments, momentum, attitude, dt):
-        start, body = ml.RigidState(momentum, attitude), ml.RigidBody(moments)
+        start, body = kind.of(momentum, attitude), ml.RigidBody(moments)
         method = ml.method(flight, "E1")
         return ml.integrate(method, body, None, start, dt=dt, steps=STEPS, save_every=STEPS)
 
     path = real(jax.vmap(run))(moments, momentum, attitude, dt)
-    exact = [np.asarray(x, np.longdouble) for x in (moments, path.states.momentum, path.states.attitude)]
+    exact = [np.asarray(x, np.longdouble) for x in (moments, *jax.tree.leaves(path.states))]
     return *exact, np.asarray(path.ok)
 
 
-def changes(flight, dtype):
+def changes(flight, dtype, kind):
     """The changes of what a free flight keeps, each (turns, bodies), relative, in units of sqrt(steps) eps."""
-    moments, momentum, attitude, ok = ends(flight, dtype)
+    moments, momentum, *pose, ok = ends(flight, dtype, kind)
     assert ok.all()
-    space, square = spatial_momentum(attitude, momentum), np.sum(momentum**2, axis=-1)
+    square = np.sum(momentum**2, axis=-1)
     found = {"length of Pi": square[:, 1] / square[:, 0] - 1}
-    found |= {f"R Pi along {k}": (space[:, 1, k] - space[:, 0, k]) / np.sqrt(square[:, 0]) for k in range(3)}
+    if pose:
+        space = spatial_momentum(*pose, momentum)
+        found |= {f"R Pi along {k}": (space[:, 1, k] - space[:, 0, k]) / np.sqrt(square[:, 0]) for k in range(3)}
     if flight.order is None:
         energy = np.sum(momentum**2 / moments[:, None], axis=-1)
         found["energy"] = energy[:, 1] / energy[:, 0] - 1
@@ -52,14 +54,26 @@ def changes(flight, dtype):
     return {name: (change / unit).astype(float).reshape(len(TURNS), BODIES) for name, change in found.items()}
 
 
+def unbiased(found):
+    """Asserts it of the changes of one run."""
+    for name, change in found.items():
+        error = change.std(ddof=1) / change.size**0.5
+        assert abs(change.mean()) <= 3 * error, (name, change.mean() / error)
+        assert np.sqrt(np.mean(change**2, axis=1)).max() <= 1, (name, np.sqrt(np.mean(change**2, axis=1)))
+
+
 @pytest.mark.parametrize(
     ("flight", "dtype"), by_turns(RIGID_FLIGHTS, few=RIGID_FLIGHTS), ids=lambda x: getattr(x, "name", x)
 )
 def test_rounding_of_a_free_flight_is_unbiased(flight, dtype):
-    for name, change in changes(flight, dtype).items():
-        error = change.std(ddof=1) / change.size**0.5
-        assert abs(change.mean()) <= 3 * error, (name, change.mean() / error)
-        assert np.sqrt(np.mean(change**2, axis=1)).max() <= 1, (name, np.sqrt(np.mean(change**2, axis=1)))
+    unbiased(changes(flight, dtype, ml.RigidState))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("flight", MOMENTUM_FLIGHTS, ids=lambda x: x.name)
+def test_rounding_of_the_momentum_alone_is_unbiased(flight, dtype):
+    """Of flights that find the momentum without the attitude, by other formulas."""
+    unbiased(changes(flight, dtype, ml.MomentumState))
 
 
 def test_a_constant_force_below_the_last_place_is_not_lost():
@@ -155,3 +169,23 @@ def test_units_change_no_bit(name, dtype):
     assert all(same(mass, 1, 0.7) for mass in MASSES[dtype])
     assert all(same(1, rate, 0.7) for rate in RATES[dtype])
     assert all(same(1, rate, 0) for rate in FREE_RATES[dtype])
+
+
+@pytest.mark.parametrize("flight", MOMENTUM_FLIGHTS, ids=lambda x: x.name)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_units_change_no_bit_of_the_momentum_alone(flight, dtype):
+    moments, momentum, _, _ = (x[::12] for x in free_bodies(flight.equal_moments, dtype, count=BODIES, seed=6))
+
+    def run(moments, momentum, dt):
+        body, start = ml.RigidBody(moments), ml.MomentumState(momentum)
+        path = ml.integrate(ml.method(flight, "EA"), body, None, start, dt=dt, steps=10, save_every=10)
+        return path.states.momentum[-1], path.ok
+
+    made = quick(jax.vmap(run, in_axes=(0, 0, None)))
+    end, ok = made(moments, momentum, jnp.asarray(0.4, dtype))
+    assert ok.all()
+    for mass, rate in ((1, 1), *((mass, 1) for mass in MASSES[dtype]), *((1, rate) for rate in FREE_RATES[dtype])):
+        mass, rate, dt = (jnp.asarray(x, dtype) for x in (mass, rate, 0.4))
+        scaled, fine = made(moments * mass, momentum * mass * rate, dt / rate)
+        assert fine.all()
+        np.testing.assert_array_equal(scaled / mass / rate, end)

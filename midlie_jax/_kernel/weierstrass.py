@@ -1,13 +1,14 @@
 """Weierstrass's sigma function as polynomials in the invariants g2 and g3: the functions that `JACOBI` needs.
 
-Three entire functions of time, at time one and with the parameter v,
+Four entire functions of time, at time one and with the parameter v,
 
     S = sigma,    W = sigma^2 wp,    F = sigma(v - 1) exp(zeta(v)) / sigma(v) = even + wp'(v) odd
 
-have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). The coefficients are computed by exact
-recurrences, and the sums are exact to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6. These bounds hold
-where p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. The method uses neither periods
-nor the nome, so two equal roots are not a special case.
+and T = sigma(2) / (2 sigma(1)), the product of the three E_l = S (wp(1) - e_l)^(1/2) with e_l the roots of 4 x^3 - g2
+x - g3, have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). The coefficients are computed by exact
+recurrences, and the sums are exact to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6. These bounds
+hold where p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. The method uses neither
+periods nor the nome, so two equal roots are not a special case.
 
 E. T. Whittaker & G. N. Watson, A Course of Modern Analysis, chapter XX; DLMF 23.
 """
@@ -84,8 +85,8 @@ def _exponential(logarithm: dict[int, _Pair]) -> list[_Pair]:
 
 
 @cache
-def coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
-    """S, W and the odd part of F; the power of time of a term is the `_weight` of its powers."""
+def coefficients() -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
+    """S, W, the odd part of F, and T; the power of time of a term is the `_weight` of its powers."""
     laurent = {0: _ONE, 2: _sum((Fraction(1, 20), _G2)), 3: _sum((Fraction(1, 28), _G3))}  # of t^2 wp(t), in t^2
     for n in range(4, _DEGREE // 2 + 1):
         products = [(1, _product(laurent[k], laurent[n - k])) for k in range(2, n - 1)]
@@ -102,7 +103,21 @@ def coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
         factor = Fraction(-((-1) ** n), factorial(n))
         shift[n] = _Pair(_sum((factor, wp.even)), _sum((factor, wp.odd)))
         wp = wp.derivative()
-    return s, w, _sum(*((1, pair.odd) for pair in _exponential(shift)))
+    return s, w, _sum(*((1, pair.odd) for pair in _exponential(shift))), _quotient(_twice_as_long(s), s)
+
+
+def _twice_as_long(polynomial: Polynomial) -> Polynomial:
+    """The polynomial at twice the time."""
+    return {powers: 2 ** _weight(powers) * c for powers, c in polynomial.items()}
+
+
+def _quotient(above: Polynomial, below: Polynomial) -> Polynomial:
+    """above / below as a series in time, for a divisor that begins with 1."""
+    total: Polynomial = {}
+    for weight in range(0, _DEGREE + 1, 2):
+        rest = _sum((1, above), (-1, _product(total, below)))
+        total |= {powers: c for powers, c in rest.items() if _weight(powers) == weight}
+    return total
 
 
 def _weight(powers: tuple[int, int, int]) -> int:
@@ -147,3 +162,9 @@ def step_functions(p: Array, g2: Array, g3: Array, radius: float) -> tuple[Array
     tables = (_table(which, radius, cp.epsilon(p)) for which in range(3))
     s, w, odd = (_horner(table, (g3, g2, p)) for table in tables)
     return s, w, odd
+
+
+def sigma_functions(g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
+    """S, W and T, which do not depend on the parameter v; exact to rounding as in `step_functions`."""
+    s, w, t = (_horner(_table(which, radius, cp.epsilon(g2)), (g3, g2)) for which in (0, 1, 3))
+    return s, w, t

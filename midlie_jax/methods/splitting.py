@@ -135,7 +135,11 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        increment, change, ok = _fly(self.flight, self.system.inertia, a * self.h, motion.momentum)
+        arguments = self.flight, self.system.inertia, a * self.h, motion.momentum
+        if not self.system.kind.has_pose:
+            change, ok = _change_momentum(*arguments)
+            return Motion(cp.accumulate(motion.momentum, change, self.t0), motion.pose), ok
+        increment, change, ok = _fly(*arguments)
         momentum = cp.accumulate(motion.momentum, change, self.t0)
         return Motion(momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
 
@@ -161,3 +165,10 @@ def _fly(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, An
     """One flight, traced once for all the flights of a step and of every later method with the same flight."""
     inertia, h, momentum = fuse_derivative((inertia, h, momentum))
     return flight(inertia, h, momentum)
+
+
+@eqx.filter_jit
+def _change_momentum(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
+    """One flight of a state without a pose, traced once as in `_fly`."""
+    inertia, h, momentum = fuse_derivative((inertia, h, momentum))
+    return flight.momentum_change(inertia, h, momentum)

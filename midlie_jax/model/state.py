@@ -36,6 +36,7 @@ class State(eqx.Module, Generic[P, Q]):
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
     own_axes: ClassVar[int] = 1  # how many trailing axes of each array belong to one body; the others are a batch
+    has_pose: ClassVar[bool] = True  # without a pose, a flight need not compute how the body turns
 
     def check_batch(self) -> None:
         """Raises a ValueError unless all arrays have the same batch axes."""

@@ -25,6 +25,7 @@ class MomentumState(BodyState[tuple[()]]):
     """
 
     momentum: Float[Array, "*batch 3"]
+    has_pose: ClassVar[bool] = False
 
     def __init__(self, momentum: Any):
         self.momentum = as_floats("momentum", momentum, (3,))

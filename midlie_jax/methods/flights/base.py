@@ -57,3 +57,16 @@ class Flight(eqx.Module):
             The increment (for a rigid body a unit quaternion in the body frame), the change of the momentum, and `ok`,
             a boolean that is False where the result is invalid.
         """
+
+    def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
+        """The flight of a state without a pose (`MomentumState`), which needs no increment.
+
+        A flight that finds the change of the momentum at less cost than the increment overrides this method. The
+        change, its derivatives and `ok` must be those of the flight, to rounding. By default the flight is called and
+        its increment dropped, and the compiler removes what only the increment needs.
+
+        Returns:
+            The change of the momentum, and `ok` as of the flight.
+        """
+        _, change, ok = self(inertia, h, momentum)
+        return change, ok

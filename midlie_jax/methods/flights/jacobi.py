@@ -39,6 +39,7 @@ from ..._kernel.weierstrass import step_functions
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
+from .jacobi_momentum import Invariants, momentum_change
 
 # The largest h |Omega|, in radians, for which the sums are exact to rounding.
 _LARGEST_TURN = 1.2
@@ -75,25 +76,22 @@ class Jacobi(Flight):
         increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
         return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (size <= _LARGEST_TURN**2)
 
+    def momentum_change(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
+        """The change of the momentum as a rational function, without the angle of the body about the momentum."""
+        change, half = momentum_change(inertia, h, momentum, _LARGEST_TURN)
+        turn = cp.times(inertia.spins, inertia.travel(h, momentum))
+        # The invariants of half a flight are a quarter of those of the flight.
+        ok = 4 * cp.largest(half.differences) <= _LARGEST_TURN**2
+        return change, ok & (cp.dot(turn, turn) <= _LARGEST_TURN**2)
+
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaternion, Array]:
     """The rotation in a unit of time of a body with momentum y, in units of the largest moment; and `ok`.
 
-    Letters are those of the module docstring. Choosing i as the axis of the middle moment keeps the invariants of any
-    real body below |Omega|^2.
+    Letters are those of the module docstring.
     """
     a, middle = inertia.gaps, inertia.middle
-    k = cp.cross(a, middle)  # component j is a_k, component k is -a_j
-    a_jk = -(k[0] * k[1] + k[1] * k[2] + k[2] * k[0])  # a_j a_k
-    squares = cp.times(y, y)
-    total = squares[0] + squares[1] + squares[2]
-    K = cp.dot(k, squares)
-
-    # differences[l] is wp(v) - e_l.
-    differences = cp.subtract(cp.scale(a_jk * total, middle), cp.scale(K, k))
-    wp = (differences[0] + differences[1] + differences[2]) * (1 / 3)
-    roots = cp.subtract((wp, wp, wp), differences)
-    g2, g3 = 2 * cp.dot(roots, roots), 4 * roots[0] * roots[1] * roots[2]
+    k, a_jk, squares, total, K, differences, wp, g2, g3 = Invariants.of(inertia, y)
     s, w, odd = step_functions(wp, g2, g3, _LARGEST_TURN)
 
     v = w - wp * s * s

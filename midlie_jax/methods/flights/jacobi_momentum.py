@@ -1,0 +1,113 @@
+"""The momentum of JACOBI's flight alone, for states without a pose; and the invariants that the whole flight needs too.
+
+The angle of the body about its momentum costs most of the flight, and the momentum does not need it: in the notation
+of `jacobi.py`, Pi_l(1) = N_l / D is rational. Subtracting Pi_l(0) from this quotient would leave the rounding errors of
+Pi, which have a bias, and the length of the momentum would drift. So the change is computed from the momentum X half
+way. With S, E_l and D those of half the flight,
+
+    N_l = Pi_l E_m E_n + a_l S Pi_m Pi_n E_l,    X_l = N_l / D(Pi)
+    Pi_l(1) - Pi_l(0) = 2 a_l S X_m X_n E_l / D(X),    Pi_l(1) + Pi_l(0) = 2 X_l E_m E_n / D(X)
+
+The change is a product, so its rounding errors are in proportion to the change. The change is orthogonal to the sum
+because a_1 + a_2 + a_3 = 0, and this keeps |Pi|; the energy is kept in the same way. Half a flight also needs fewer
+terms of the series.
+
+No root is needed: T = E_1 E_2 E_3 has a series of its own, and E_l N_l = Pi_l T + a_l S E_l^2 Pi_m Pi_n as well as
+T^2 D(X) contain only T and the squares of E_l.
+"""
+
+from typing import NamedTuple
+
+import jax
+from jax import Array
+
+from ..._kernel import components as cp
+from ..._kernel.weierstrass import sigma_functions
+from ..inertia import Inertia
+
+# The square of the relative change of the momentum below which a change counts as short: an error of its length, even
+# if every one of 1e5 steps repeats it, shows less than the other roundings.
+_SHORT = 2.0**-10
+_NO_TURN = 1e-30  # keeps a denominator from vanishing; the square, in radians, of a turn that changes nothing
+
+
+class Invariants(NamedTuple):
+    """What is constant in the motion of a body with momentum y; the letters are those of the module `jacobi`.
+
+    Choosing i as the axis of the middle moment keeps the invariants of any real body below |Omega|^2.
+
+    Attributes:
+        k: component j is a_k, component k is -a_j, component i is 0.
+        a_jk: a_j a_k.
+        squares, total: the squares of the components of y, and their sum.
+        K: a_k y_j^2 - a_j y_k^2, zero on the separatrix.
+        differences: wp(v) - e_l.
+        wp, g2, g3: wp(v) and the invariants of Weierstrass's function.
+    """
+
+    k: cp.Vector
+    a_jk: Array
+    squares: cp.Vector
+    total: Array
+    K: Array
+    differences: cp.Vector
+    wp: Array
+    g2: Array
+    g3: Array
+
+    @classmethod
+    def of(cls, inertia: Inertia, y: cp.Vector) -> "Invariants":
+        middle = inertia.middle
+        k = cp.cross(inertia.gaps, middle)
+        a_jk = -(k[0] * k[1] + k[1] * k[2] + k[2] * k[0])
+        squares = cp.times(y, y)
+        total = squares[0] + squares[1] + squares[2]
+        K = cp.dot(k, squares)
+        differences = cp.subtract(cp.scale(a_jk * total, middle), cp.scale(K, k))
+        wp = (differences[0] + differences[1] + differences[2]) * (1 / 3)
+        roots = cp.subtract((wp, wp, wp), differences)
+        g2, g3 = 2 * cp.dot(roots, roots), 4 * roots[0] * roots[1] * roots[2]
+        return cls(k, a_jk, squares, total, K, differences, wp, g2, g3)
+
+
+def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> tuple[cp.Vector, Invariants]:
+    """The change of the momentum in a flight of time h, and the invariants of half the flight.
+
+    It is exact to rounding where h |Omega| and the roots of the invariants of the whole flight are at most `radius`.
+    """
+    a, middle = inertia.gaps, inertia.middle
+    y = inertia.travel(h / 2, momentum)
+    found = Invariants.of(inertia, y)
+    s, w, t = sigma_functions(found.g2, found.g3, radius / 2)
+    s_squared = s * s
+    v = w - found.wp * s_squared
+    weight = found.a_jk * s_squared
+    d = v + weight * (found.total - cp.dot(middle, found.squares))
+
+    squares = cp.add((v, v, v), cp.scale(s_squared, found.differences))  # E_l^2
+    pairs = (squares[1] * squares[2], squares[2] * squares[0], squares[0] * squares[1])
+    pulls = cp.times(a, squares)
+    crossed = (y[1] * momentum[2], y[2] * momentum[0], y[0] * momentum[1])
+    half_way = cp.add(cp.scale(t, momentum), cp.scale(s, cp.times(pulls, crossed)))  # E_l N_l
+    moved = inertia.travel(h / 2, half_way)
+    others = cp.times(pairs, cp.times(moved, moved))
+    below = v * (t * d) * (t * d) + weight * (others[0] + others[1] + others[2] - cp.dot(middle, others))
+    sides = (pulls[0] * moved[1], pulls[1] * moved[2], pulls[2] * moved[0])
+    direction = cp.times(sides, (half_way[2], half_way[0], half_way[1]))
+    factor = 2 * s * t * cp.reciprocal(below)
+    moving = cp.times(sides, (moved[2], moved[0], moved[1]))  # the direction in units of y
+    error = _error_of_length(*jax.lax.stop_gradient((y, found.total, cp.scale(factor, moving))))
+    return cp.scale(factor - factor * error, direction), found
+
+
+def _error_of_length(y: cp.Vector, total: Array, change: cp.Vector) -> Array:
+    """The relative error in the length of a change, because of which |y| would drift; total is |y|^2.
+
+    The functions of a step are the same in every step of a free body, and so are their rounding errors: if they make
+    the change too long, |Pi| and the energy grow steadily. A change d keeps |y| if y . d + |d|^2 / 2 = 0. This equation
+    determines the length of d well only if d is long; but only then does an error of its length matter. So the result
+    is weighted such that a short change stays as it is. Five digits of an error suffice, which is itself some units in
+    the last place.
+    """
+    square = 0.5 * cp.dot(change, change)
+    return (cp.dot(y, change) + square) * cp.rough_reciprocal(square + (_SHORT * total + _NO_TURN))
