@@ -61,7 +61,7 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
     Returns:
         The path, with `times` and `states` as given by `times`. `ok` is False where a time is so long that no digit of
         the phase is left; where rounding errors of the attitude would be magnified by more than 64, as for a body ten
-        thousand times thinner than long that spins about its long side; or where a number is not finite.
+        times thinner than long that spins about its long side; or where a number is not finite.
 
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is

@@ -37,7 +37,7 @@ class Tableau(NamedTuple):
         changes: list[AnyMotion] = []
         for row in self.stages:
             stage_motion = jax.tree.map(jnp.add, motion, _total(row, changes)) if row else motion
-            changes.append(rates(sum(row.values()), 1.0, stage_motion))
+            changes.append(rates(sum(row.values(), start=0.0), 1.0, stage_motion))
         return _total(self.weights, changes)
 
 
