@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from midlie_jax._kernel import components, short_series, weierstrass
 from midlie_jax.methods.flights import jacobi, lie_midpoint
-from midlie_jax.methods.runge_kutta import DOP853
+from midlie_jax.methods.tableau import DOP853
 
 SOURCES = tuple(Path(__file__).parent.glob("limit*.[ch]"))
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=gnu11", "-Wno-psabi")
@@ -107,8 +107,8 @@ def header(dtype: str) -> str:
     for which, name in enumerate(("SIGMA", "SIGMA_SQUARED_WP", "SIGMA_ODD")):
         table = weierstrass._table(which, jacobi._LARGEST_TURN, epsilon)
         defined[f"{name}(p, g2, g3)"] = _horner(table, ("g3", "g2", "p"))
-    rows = {f"STAGE_{n}": row for n, row in enumerate(DOP853.table.stages) if row}
-    for name, row in {**rows, "STEP": DOP853.table.weights}.items():
+    rows = {f"STAGE_{n}": row for n, row in enumerate(DOP853.stages) if row}
+    for name, row in {**rows, "STEP": DOP853.weights}.items():
         defined[f"{name}(k)"] = _sum(f"(REAL){weight!r} * k({n})" for n, weight in row.items())
     lines = [f"#define {name} {value}" for name, value in defined.items()]
     lines.append(f"static const int MORE[] = {{{', '.join(map(str, more))}}};")

@@ -93,9 +93,8 @@ def _run(
     count = len(starts.momentum)
     zero = jnp.zeros((), dt.dtype)
     first = jax.tree.map(lambda leaf: leaf[0], starts)
-    arguments = body, torque, first, dt, zero
-    own = jax.tree.map(lambda _: False, arguments[:2]), jax.tree.map(lambda _: True, first), False, False
-    inputs = shared_inputs.find(method, arguments, (*own[0], *own[1:]))
+    own = (*jax.tree.map(lambda _: False, (body, torque)), jax.tree.map(lambda _: True, first), False, False)
+    inputs = shared_inputs.find(method, (body, torque, first, dt, zero), own)
     system = System.of(body, torque, first, zero)
     if inputs is not None:
         system = system._replace(costly=inputs.costly)
@@ -111,12 +110,13 @@ def _run(
 
     def take_block(block: Array, progress: Progress) -> Progress:
         before = block * _BLOCK
-        count_of_turns = turns if inputs is None else jnp.minimum(turns - before, _BLOCK)
         if inputs is None:
-            rows = None
+            turns_in_block, rows = turns, None
         else:
+            turns_in_block = jnp.minimum(turns - before, _BLOCK)
             indices = before * unroll + jnp.arange(_BLOCK * unroll, dtype=jnp.int32)
-            rows = jax.lax.map(lambda n: inputs.rows(system, zero, dt, dt, n), indices, batch_size=_BLOCK)
+            row = partial(inputs.rows, system, zero, dt, dt)
+            rows = jax.lax.map(row, indices, batch_size=_BLOCK)
 
         def turn(i: Array, progress: Progress) -> Progress:
             for k in range(unroll):
@@ -124,7 +124,7 @@ def _run(
                 progress = advance(progress, (before + i) * unroll + k, row)
             return progress
 
-        return jax.lax.map(jax.vmap(lambda p: jax.lax.fori_loop(0, count_of_turns, turn, p)), progress)
+        return jax.lax.map(jax.vmap(lambda p: jax.lax.fori_loop(0, turns_in_block, turn, p)), progress)
 
     parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
     progress = jax.vmap(jax.vmap(begin))(parts)

@@ -71,7 +71,8 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
         return None
 
     def system_of(arrays: Any, t: Array) -> System:
-        return System.of(*eqx.combine(arrays, functions), t)._replace(costly=costly)
+        body, torque, start = eqx.combine(arrays, functions)
+        return System.of(body, torque, start, t)._replace(costly=costly)
 
     own, _, _ = depends(jax.make_jaxpr(lambda *a: _arrays(system_of(*a)))(arrays, t0), [*marks, False])
     constants, other = eqx.partition(system_of(arrays, t0), eqx.is_array)
