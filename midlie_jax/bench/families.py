@@ -1,8 +1,8 @@
 """The three families of methods that charts and tables of error against cost keep apart.
 
-A method conserves if it is reversible or keeps quadratic invariants; a symplectic method preserves the Lie-Poisson
-structure as well. So each family contains the next: the best conserving method may be a symplectic one, and the best
-general method is the best of all.
+General methods are all methods. Conserving ones are the reversible and the symplectic methods, whose errors of the
+energy stay bounded over long runs. Symplectic ones preserve the Lie-Poisson structure. Each family contains the next, so
+the best conserving method may be a symplectic one, and the best general method is the best of all.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,8 +17,7 @@ def family(method: Method) -> str:
     """The smallest family that contains the method."""
     if method.symplectic:
         return SYMPLECTIC
-    # Methods that conserve for another reason than their symmetry have an attribute `conserving`; others need none.
-    return CONSERVING if method.symmetric or getattr(method, "conserving", False) else GENERAL
+    return CONSERVING if method.symmetric else GENERAL
 
 
 def members(points: Iterable[Point], families: Mapping[str, str], name: str) -> list[Point]:
