@@ -1,7 +1,7 @@
 """The three families of methods that charts and tables of error against cost keep apart.
 
 General methods are all methods. Conserving ones are the reversible and the symplectic methods, whose errors of the
-energy stay bounded over long runs. Symplectic ones preserve the Lie-Poisson structure. Each family contains the next, so
+energy stay bounded over long runs. Symplectic ones preserve the Lie-Poisson structure. Each family contains the next:
 the best conserving method may be a symplectic one, and the best general method is the best of all.
 """
 
