@@ -24,7 +24,7 @@ from .system import AnyMotion, Motion, System
 
 # Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
 # operations a step takes 40 times as long as in loops of half that length.
-_LONGEST_LOOP = 2500
+_LONGEST_LOOP = 2800
 
 
 class RungeKutta(Method):
