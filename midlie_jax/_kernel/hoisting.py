@@ -57,11 +57,17 @@ def count_operations(closed: ClosedJaxpr) -> int:
     return sum(1 if body is None else count_operations(body) for _, body in bodies)
 
 
+def _is_slow(equation: Any) -> bool:
+    """Whether an operation takes much longer than an addition. XLA repeats a sine or cosine all the same."""
+    return equation.primitive.name in ("sin", "cos") or is_expensive(equation)
+
+
 def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bool, bool]:
     """What depends on the marked inputs of a traced function.
 
     Returns:
-        For each output, whether it does; whether an expensive operation does; whether an expensive operation does not.
+        For each output, whether it does; whether an operation does that XLA counts as expensive; whether an operation
+        does not that takes long.
     """
     values = dict(zip(closed.jaxpr.invars, marked, strict=True))
     within = without = False
@@ -73,8 +79,10 @@ def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bo
             within, without = within or body_within, without or body_without
         else:
             results = [any(operands)] * len(equation.outvars)
-            if is_expensive(equation):
-                within, without = within or any(operands), without or not any(operands)
+            if any(operands):
+                within = within or is_expensive(equation)
+            else:
+                without = without or _is_slow(equation)
         values |= dict(zip(equation.outvars, results, strict=True))
     outputs = [not isinstance(atom, Literal) and values.get(atom, False) for atom in closed.jaxpr.outvars]
     return outputs, within, without
@@ -162,7 +170,7 @@ class _Split:
             return
         known = all(self._known[i] for i in inputs)
         varying = any(self._varying[i] for i in inputs)
-        expensive = any(self._expensive[i] for i in inputs) or (varying and is_expensive(equation))
+        expensive = any(self._expensive[i] for i in inputs) or (varying and _is_slow(equation))
         for o in outputs:
             self._known[o], self._varying[o], self._expensive[o] = known, varying, known and expensive
         if equation.primitive.name == _SCAN and not known:
