@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .internals import ClosedJaxpr, Literal, bind, context_of
+from .internals import ClosedJaxpr, Literal, bind, context_of, loop_counts
 from .rules import body_of, is_expensive
 
 _SCAN, _FUSE = "scan", "fuse"
@@ -180,7 +180,10 @@ class _Split:
 
     def _split_loop(self, equation: Any, inputs: list[int]) -> "_Split | None":
         """The split of the body of a loop, whose carry is not known."""
-        carried = range(equation.params["num_consts"], equation.params["num_consts"] + equation.params["num_carry"])
+        counts = loop_counts(equation)
+        if counts is None:
+            return None
+        carried = range(counts[0], sum(counts))
         known = [self._known[i] and n not in carried for n, i in enumerate(inputs)]
         varying = [self._varying[i] or n in carried for n, i in enumerate(inputs)]
         split = _Split(equation.params["jaxpr"], known, varying)
@@ -207,7 +210,7 @@ class _Split:
     def _prepared_by_loop(self, position: int, values: dict[int, Any]) -> Any:
         """The prepared values of a loop within the step, with an axis for its turns."""
         equation, inputs, _ = self._operations[position]
-        first = equation.params["num_consts"] + equation.params["num_carry"]
+        first = sum(loop_counts(equation) or ())
         fixed, columns = [values.get(i) for i in inputs[:first]], [values.get(i) for i in inputs[first:]]
 
         def row(columns: Any) -> list[Any]:
@@ -259,7 +262,7 @@ class _Split:
         return values
 
     def _loop_with_rows(self, position: int, equation: Any, arguments: list[Any], rows: Any) -> list[Any]:
-        consts, carry = equation.params["num_consts"], equation.params["num_carry"]
+        consts, carry = loop_counts(equation) or (0, 0)
         fixed, start, columns = arguments[:consts], arguments[consts : consts + carry], arguments[consts + carry :]
 
         def turn(carried: Any, row: Any) -> tuple[Any, Any]:

@@ -44,6 +44,17 @@ def bind(equation: Any, operands: Sequence[Any]) -> list[Any]:
     return list(results) if primitive.multiple_results else [results]
 
 
+def loop_counts(equation: Any) -> tuple[int, int] | None:
+    """How many operands of a `scan` are constants and how many are carried; None if its parameters are not known."""
+    parameters = equation.params
+    if "num_consts" in parameters:
+        return parameters["num_consts"], parameters["num_carry"]
+    if "ft_in" in parameters:  # from JAX 0.12 on
+        constants, carried, _ = parameters["ft_in"].unpack()
+        return len(constants), len(carried)
+    return None
+
+
 def context_of(equation: Any) -> Any:
     """A context manager for the settings under which an equation was traced."""
     return equation.ctx.manager
