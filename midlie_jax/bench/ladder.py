@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 
+from ..drivers.ensemble import CHUNK
 from ..drivers.program import Program
 from ..methods.base import Method
 from ..model.states import RigidState
@@ -13,14 +14,13 @@ from .rivals.problem import Point, Problem
 _FLOOR = 3e-14  # below this attitude error rounding dominates, and smaller steps give no more information
 _ROUGH = 0.1  # above this attitude error a method has not begun to converge
 _GROWTH = 1.6  # factor between the numbers of steps of two rungs
-CHUNK = 256  # bodies moved at once, or `method.chunk` if that is smaller
 
 
 def ladder(method: Method, case: Problem) -> Iterator[Point]:
     """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long."""
     scene = case.scene
     starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
-    program = Program(method, scene.body, scene.torque, starts, chunk=min(CHUNK, method.chunk))
+    program = Program(method, scene.body, scene.torque, starts, chunk=CHUNK)
     count = max(1, case.scene.steps // 100)
     best, rungs_without_gain = np.inf, 0
     while rungs_without_gain < 3:

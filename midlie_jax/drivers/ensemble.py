@@ -4,6 +4,7 @@
 than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores.
 """
 
+import os
 from typing import Any
 
 import equinox as eqx
@@ -24,6 +25,7 @@ from .arguments import as_first_step, as_method, check_saving, check_step, check
 from .integrate import Path, path_of_body
 from .rows import count_rows, torque_rows
 
+CHUNK = 256  # bodies moved at once on one core
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 _BLOCK = 64  # rows of this table that are computed at once
 
@@ -59,7 +61,7 @@ def ensemble(
             with three bodies, (3,) may be one vector for all or one number for each. 0 if all parameters have rows, or
             a tree like the torque's with leaves 0 and None, like the `in_axes` of `jax.vmap`. To get such a tree, use
             `jax.tree.map(lambda leaf: 0, torque)`.
-        chunk: number of bodies that are moved at once; by default the number that is fastest for the method.
+        chunk: number of bodies that are moved at once; by default the number that is fastest on this machine.
 
     Returns:
         The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,), and `states`
@@ -92,7 +94,7 @@ def ensemble(
     arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     mapped, shared = eqx.partition(arguments, rows)
-    return _run(method, mapped, shared, first, steps, save_every, chunk or method.chunk)
+    return _run(method, mapped, shared, first, steps, save_every, chunk or chunk_size())
 
 
 def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
@@ -174,6 +176,17 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps
         jax.tree.map(lambda x: x[jnp.array([0, 0])], table),
         jax.tree.map(lambda x: x[1 : steps + 1], table),
     )
+
+
+def chunk_size() -> int:
+    """How many bodies are moved at once by default.
+
+    A step reads and writes the state of each body once; it keeps what is between in registers. On one core the state of
+    the chunk should therefore fit the first-level cache, and be large enough to hide the cost of starting a loop. XLA
+    spreads a loop over several cores only if it is long.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return CHUNK if cores == 1 else 32 * CHUNK
 
 
 def _chunks(count: int, chunk: int) -> int:

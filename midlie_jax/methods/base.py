@@ -57,11 +57,6 @@ class Method(eqx.Module):
         """Steps per iteration of the loop over steps. With two, XLA need not copy the arrays, but compiles longer."""
         return 1
 
-    @property
-    def chunk(self) -> int:
-        """How many bodies `ensemble` moves at once: few enough to fit the cache, enough to hide the cost of a loop."""
-        return 8192
-
     def fitted(self, body: Body) -> "Method":
         """This method specialised to a body or a batch of bodies.
 

@@ -56,10 +56,6 @@ class RungeKutta(Method):
     def __hash__(self) -> int:
         return hash((type(self), self.name))
 
-    @property
-    def chunk(self) -> int:
-        return 256
-
     def keeps_force(self, system: System) -> bool:
         return False
 
