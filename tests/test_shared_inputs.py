@@ -147,6 +147,23 @@ def test_derivatives_pass_through_the_table():
     assert float(reverse) == pytest.approx(float(forward), rel=1e-12)
 
 
+def test_inputs_of_any_kind_are_shared():
+    """Random numbers of the time, a table, a loop, a branch: as in each body alone."""
+    key, table = jax.random.key(3), jnp.linspace(0, 1, 50)
+
+    def field(t, state):
+        noise = jax.random.normal(jax.random.fold_in(key, (64 * t).astype(jnp.int32)), (), t.dtype)
+        course = jax.lax.fori_loop(0, 3, lambda _, x: jnp.sqrt(x + t), jnp.interp(t, table, table**2))
+        return jnp.stack([noise, course, jax.lax.cond(t > 0.1, jnp.sin, jnp.zeros_like, t)]) * state.momentum[0]
+
+    def alone(start):
+        return ml.integrate("RK4", body("float64"), field, start, dt=DT, steps=8).states
+
+    assert found("RK4", "float64", field) is not None
+    together = ml.ensemble("RK4", body("float64"), field, starts("float64"), dt=DT, steps=8, save_every=1)
+    assert difference(together.states, jax.vmap(alone)(starts("float64"))) < 1e-14
+
+
 def split_of(function, known, varying, *arguments):
     return hoist(jax.make_jaxpr(function)(*arguments), known, varying)
 
