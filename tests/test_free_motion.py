@@ -121,3 +121,18 @@ def test_what_cannot_be_exact_says_so():
     spinning = jnp.array([1e-6, 0.8, 0.3])
     assert not ml.free_motion(thin, ml.RigidState(spinning, ONE), [1.0]).ok
     assert ml.free_motion(thin, ml.MomentumState(spinning), [1.0]).ok
+
+
+@pytest.mark.parametrize(
+    ("body", "momentum", "times", "message"),
+    [
+        (ml.Particles(1.0), [1.0, 2.0, 3.0], [1.0], "belongs to a RigidBody, but body is Particles"),
+        (ml.RigidBody([1.0, 2.0, 2.5]), [1.0, 2.0, 3.0], [np.nan], "times must be finite"),
+        (ml.RigidBody([1.0, 2.0, 2.5]), [1.0, 2.0, 3.0], [[1.0]], r"times must have shape \(n,\), got \(1, 1\)"),
+        (ml.RigidBody([1.0, 2.0, 2.5]), [[1.0, 2.0, 3.0]] * 2, [1.0], r"start.momentum must be \(3,\)"),
+        (ml.RigidBody([1.0, 2.0, 2.5]), [1.0, 2.0, 3.0], ["soon"], "times must be an array of numbers"),
+    ],
+)
+def test_bad_arguments_are_named(body, momentum, times, message):
+    with pytest.raises(ValueError, match=message):
+        ml.free_motion(body, ml.MomentumState(momentum), times)

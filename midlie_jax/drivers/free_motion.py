@@ -17,7 +17,6 @@ doubling is this package's; the tests compare it with `oracles.free_body`.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -26,6 +25,7 @@ from .._kernel import components as cp
 from .._kernel.checks import as_floats, require_finite
 from .._kernel.elliptic import Complex, Modulus, Point, half_addition_angle, product
 from .._kernel.weierstrass import sigma_functions
+from .._kernel.width import wide_jit
 from ..methods.flights.jacobi import Jacobi
 from ..methods.flights.jacobi_momentum import Invariants
 from ..methods.inertia import Inertia
@@ -76,7 +76,7 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
     return _run(body, start, times)
 
 
-@eqx.filter_jit
+@wide_jit
 def _run(body: Any, start: AnyState, times: Array) -> Path:
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
