@@ -46,7 +46,8 @@ def ensemble(
 ) -> Path:
     """Integrates n bodies; the results are those of `integrate` for each body, up to a few units in the last place.
 
-    Can be jitted and differentiated. Compiled once for each method, torque function and shape.
+    Can be jitted and differentiated. Compiled once for each method, torque function and shape. What a torque computes
+    from the time and from parameters that all bodies share, such as the place on an orbit, is computed once for all.
 
     Args:
         method, steps, first_step: as for `integrate`.
