@@ -27,7 +27,7 @@ PAIRS = {
 }
 
 
-@pytest.mark.skipif(not limit.compilers(), reason="there is no C compiler")
+@pytest.mark.skipif(not limit.compilers(), reason="`make test` needs no C compiler, and this machine has none")
 @pytest.mark.parametrize(("method", "dtype"), PAIRS)
 def test_c_program_agrees_with_the_package(method, dtype):
     """To one rounding error a step. The moments differ from each other where the method allows that."""
