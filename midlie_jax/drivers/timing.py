@@ -106,13 +106,30 @@ def timed(
         longest: seconds of runs after which no further run starts.
         clock: by default `cost_clock()`.
     """
-    watch = Stopwatch(clock)
+    return timed_in_turn([run], least=least, most=most, longest=longest, clock=clock)[0]
+
+
+def timed_in_turn(
+    runs: Sequence[Callable[[], Any]],
+    *,
+    least: int = 2,
+    most: int = 5,
+    longest: float = math.inf,
+    clock: Clock | None = None,
+) -> list[tuple[Any, Timing]]:
+    """The last result and the timing of each of several runs, which take turns.
+
+    So what slows the machine for a while slows them all. The arguments are those of `timed`; `longest` is compared with
+    the run that took most of the time.
+    """
+    watches = [Stopwatch(clock) for _ in runs]
     while True:
-        result = watch.time(run)
-        count = len(watch.laps)
-        if count >= least and (count >= most or sum(watch.laps) > longest):
-            watch.laps = watch.laps[1:] if count > 2 else watch.laps
-            return result, watch.timing()
+        results = [watch.time(run) for watch, run in zip(watches, runs, strict=True)]
+        count = len(watches[0].laps)
+        if count >= least and (count >= most or max(sum(watch.laps) for watch in watches) > longest):
+            for watch in watches:
+                watch.laps = watch.laps[1:] if count > 2 else watch.laps
+            return [(result, watch.timing()) for result, watch in zip(results, watches, strict=True)]
 
 
 def spread_in_words(spreads: Sequence[float]) -> str:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...drivers.timing import Stopwatch, Timing, timed
+from ...drivers.timing import Timing, timed, timed_in_turn
 from ...model import torques
 from ...model.orbits import KeplerOrbit
 from ..scenes import Scene
@@ -82,19 +82,8 @@ class Problem(NamedTuple):
         return timed(run, most=self.repeats, longest=self.longest)
 
     def timed_in_turn(self, runs: Sequence[Callable[[], Any]]) -> list[Timing]:
-        """The timings of several runs that take turns, so that what slows the machine for a while slows them all.
-
-        There are as many rounds as `timed` would make of the longest run. The first is not counted, as there.
-        """
-        watches = [Stopwatch() for _ in runs]
-        rounds, longest = 0, 0.0
-        while rounds < 2 or (rounds < self.repeats and longest <= self.longest):
-            for watch, run in zip(watches, runs, strict=True):
-                watch.time(run)
-            rounds, longest = rounds + 1, max(sum(watch.laps) for watch in watches)
-        for watch in watches:
-            watch.laps = watch.laps[1:] if rounds > 2 else watch.laps
-        return [watch.timing() for watch in watches]
+        """The timings of several runs that take turns, so that what slows the machine for a while slows them all."""
+        return [timing for _, timing in timed_in_turn(runs, most=self.repeats, longest=self.longest)]
 
 
 def program(name: str) -> Any:
