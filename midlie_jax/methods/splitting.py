@@ -135,11 +135,8 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        arguments = self.flight, self.system.inertia, a * self.h, motion.momentum
-        if not self.system.kind.has_pose:
-            change, ok = _change_momentum(*arguments)
-            return Motion(cp.accumulate(motion.momentum, change, self.t0), motion.pose), ok
-        increment, change, ok = _fly(*arguments)
+        has_pose = self.system.kind.has_pose
+        increment, change, ok = _fly(self.flight, has_pose, self.system.inertia, a * self.h, motion.momentum)
         momentum = cp.accumulate(motion.momentum, change, self.t0)
         return Motion(momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
 
@@ -161,14 +158,10 @@ class _Stages(NamedTuple):
 
 
 @eqx.filter_jit
-def _fly(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
-    """One flight, traced once for all the flights of a step and of every later method with the same flight."""
-    inertia, h, momentum = fuse_derivative((inertia, h, momentum))
-    return flight(inertia, h, momentum)
+def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+    """One flight, traced once for all the flights of a step and of every later method with the same flight.
 
-
-@eqx.filter_jit
-def _change_momentum(flight: Flight, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
-    """One flight of a state without a pose, traced once as in `_fly`."""
+    The increment is None for a state without a pose, which ignores it.
+    """
     inertia, h, momentum = fuse_derivative((inertia, h, momentum))
-    return flight.momentum_change(inertia, h, momentum)
+    return flight(inertia, h, momentum) if has_pose else (None, *flight.momentum_change(inertia, h, momentum))

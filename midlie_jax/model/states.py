@@ -50,7 +50,7 @@ class MomentumState(BodyState[tuple[()]]):
         return pose
 
     @staticmethod
-    def turn(pose: tuple[()], increment: cp.Quaternion, no_step: Array, t: Array) -> tuple[()]:
+    def turn(pose: tuple[()], increment: Any, no_step: Array, t: Array) -> tuple[()]:
         del increment, no_step, t
         return pose
 
