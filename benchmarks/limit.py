@@ -105,7 +105,7 @@ def header(dtype: str) -> str:
         "ROOT_STEPS": root_steps,
     }
     for which, name in enumerate(("SIGMA", "SIGMA_SQUARED_WP", "SIGMA_ODD")):
-        table = weierstrass._table(which, jacobi._LARGEST_TURN, epsilon)
+        table = weierstrass._table(which, jacobi.LARGEST_TURN, epsilon)
         defined[f"{name}(p, g2, g3)"] = _horner(table, ("g3", "g2", "p"))
     rows = {f"STAGE_{n}": row for n, row in enumerate(DOP853.stages) if row}
     for name, row in {**rows, "STEP": DOP853.weights}.items():

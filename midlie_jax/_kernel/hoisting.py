@@ -7,7 +7,7 @@ them as an argument. Cheap values, such as the time, stay in the step; so does e
 A loop within the step is split in the same way, and its values get an axis for its turns.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -19,19 +19,7 @@ from .rules import body_of, is_expensive
 _SCAN, _FUSE = "scan", "fuse"
 
 
-class Hoisted(NamedTuple):
-    """A function split in two: function(*inputs) = rest(prepare(*inputs), *inputs).
-
-    Attributes:
-        prepare: maps the inputs to a list of values; reads only those inputs that are known.
-        rest: maps these values and the inputs to the outputs of the function.
-    """
-
-    prepare: Callable[..., list[Any]]
-    rest: Callable[..., list[Any]]
-
-
-def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -> Hoisted | None:
+def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -> "Hoisted | None":
     """Splits a traced function; None if nothing is worth preparing.
 
     Args:
@@ -41,20 +29,8 @@ def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -
     """
     if closed.effects:
         return None
-    split = _Split(closed, known, varying)
-    if not split.worthwhile:
-        return None
-
-    def prepare(*inputs: Any) -> list[Any]:
-        return split.prepare([value if k else None for value, k in zip(inputs, known, strict=True)])
-
-    return Hoisted(prepare, lambda values, *inputs: split.rest(values, inputs))
-
-
-def count_operations(closed: ClosedJaxpr) -> int:
-    """The number of operations of a traced function, with those of the `jit` calls in it."""
-    bodies = ((equation, body_of(equation)) for equation in closed.jaxpr.eqns)
-    return sum(1 if body is None else count_operations(body) for _, body in bodies)
+    hoisted = Hoisted(closed, known, varying)
+    return hoisted if hoisted.worthwhile else None
 
 
 def _is_slow(equation: Any) -> bool:
@@ -96,8 +72,8 @@ class _Operation(NamedTuple):
     outputs: list[int]
 
 
-class _Split:
-    """The analysis of a function: which values are prepared, and the two functions.
+class Hoisted:
+    """A function split in two: function(*inputs) = rest(prepare(*inputs), *inputs).
 
     Attributes:
         prepared: the numbers of the prepared values.
@@ -112,12 +88,12 @@ class _Split:
         self._outputs = self._flatten(closed, self._inputs)
         self._known = dict.fromkeys(self._constants, True) | dict(zip(self._inputs, known, strict=True))
         self._varying = dict.fromkeys(self._constants, False) | dict(zip(self._inputs, varying, strict=True))
-        self._expensive = dict.fromkeys((*self._constants, *self._inputs), False)
-        self.loops: dict[int, _Split] = {}
+        self._prepares = dict.fromkeys((*self._constants, *self._inputs), False)
+        self.loops: dict[int, Hoisted] = {}
         for position, operation in enumerate(self._operations):
             self._classify(position, operation)
         wanted = {i for operation in self._operations for i in self._read_by_step(operation)} | set(self._outputs)
-        self.prepared = sorted(i for i in wanted if self._is_prepared(i))
+        self.prepared = sorted(i for i in wanted if self._prepares[i])
         types = {
             o: atom.aval for op in self._operations for o, atom in zip(op.outputs, op.equation.outvars, strict=True)
         }
@@ -165,45 +141,41 @@ class _Split:
         equation, inputs, outputs = operation
         if equation.primitive.name == _FUSE:  # each output is its input
             for i, o in zip(inputs, outputs, strict=True):
-                for table in (self._known, self._varying, self._expensive):
+                for table in (self._known, self._varying, self._prepares):
                     table[o] = table[i]
             return
         known = all(self._known[i] for i in inputs)
         varying = any(self._varying[i] for i in inputs)
-        expensive = any(self._expensive[i] for i in inputs) or (varying and _is_slow(equation))
+        prepares = known and (any(self._prepares[i] for i in inputs) or (varying and _is_slow(equation)))
         for o in outputs:
-            self._known[o], self._varying[o], self._expensive[o] = known, varying, known and expensive
+            self._known[o], self._varying[o], self._prepares[o] = known, varying, prepares
         if equation.primitive.name == _SCAN and not known:
             loop = self._split_loop(equation, inputs)
             if loop is not None:
                 self.loops[position] = loop
 
-    def _split_loop(self, equation: Any, inputs: list[int]) -> "_Split | None":
+    def _split_loop(self, equation: Any, inputs: list[int]) -> "Hoisted | None":
         """The split of the body of a loop, whose carry is not known."""
         counts = loop_counts(equation)
         if counts is None:
             return None
         carried = range(counts[0], sum(counts))
         known = [self._known[i] and n not in carried for n, i in enumerate(inputs)]
-        varying = [self._varying[i] or n in carried for n, i in enumerate(inputs)]
-        split = _Split(equation.params["jaxpr"], known, varying)
+        split = Hoisted(equation.params["jaxpr"], known, [self._varying[i] for i in inputs])
         return split if split.worthwhile else None
-
-    def _is_prepared(self, i: int) -> bool:
-        return self._known[i] and self._varying[i] and self._expensive[i]
 
     def _read_by_step(self, operation: _Operation) -> list[int]:
         """The inputs of an operation that the step still performs."""
         if operation.equation.primitive.name == _FUSE:
             return [i for i in operation.inputs if not self._known[i]]
-        return [] if all(self._is_prepared(o) for o in operation.outputs) else operation.inputs
+        return [] if all(self._prepares[o] for o in operation.outputs) else operation.inputs
 
-    def prepare(self, inputs: Sequence[Any]) -> list[Any]:
+    def prepare(self, *inputs: Any) -> list[Any]:
         """The prepared values; an input that is not known may be anything."""
         needed = set(self.prepared)
         for position in self.loops:
             needed.update(i for i in self._operations[position].inputs if self._known[i])
-        values = self._evaluated(needed, inputs, {})
+        values = self._evaluated(needed, inputs, {}, {})
         packed = (values[g[0]] if len(g) == 1 else jnp.stack([values[i] for i in g]) for g in self._groups.values())
         return [*packed, *(self._prepared_by_loop(position, values) for position in self.loops)]
 
@@ -214,7 +186,7 @@ class _Split:
         fixed, columns = [values.get(i) for i in inputs[:first]], [values.get(i) for i in inputs[first:]]
 
         def row(columns: Any) -> list[Any]:
-            return self.loops[position].prepare([*fixed, *columns])
+            return self.loops[position].prepare(*fixed, *columns)
 
         _, rows = jax.lax.scan(
             lambda _, columns: (None, row(columns)),
@@ -225,7 +197,7 @@ class _Split:
         )
         return rows
 
-    def rest(self, prepared: Sequence[Any], inputs: Sequence[Any]) -> list[Any]:
+    def rest(self, prepared: Sequence[Any], *inputs: Any) -> list[Any]:
         """The outputs of the function, from the prepared values and the inputs."""
         given: dict[int, Any] = {}
         prepared = jax.lax.optimization_barrier(list(prepared))
@@ -236,10 +208,10 @@ class _Split:
         return [values[i] for i in self._outputs]
 
     def _evaluated(
-        self, needed: set[int], inputs: Sequence[Any], rows: dict[int, Any], given: dict[int, Any] | None = None
+        self, needed: set[int], inputs: Sequence[Any], rows: dict[int, Any], given: dict[int, Any]
     ) -> dict[int, Any]:
         """The needed values and all on which they depend; `rows` holds the prepared values of loops."""
-        values = self._constants | dict(zip(self._inputs, inputs, strict=True)) | (given or {})
+        values = self._constants | dict(zip(self._inputs, inputs, strict=True)) | given
         wanted = set(needed) - values.keys()
         performed: list[tuple[int, _Operation]] = []
         for position in reversed(range(len(self._operations))):
@@ -267,7 +239,7 @@ class _Split:
 
         def turn(carried: Any, row: Any) -> tuple[Any, Any]:
             prepared, columns = row
-            results = self.loops[position].rest(prepared, [*fixed, *carried, *columns])
+            results = self.loops[position].rest(prepared, *fixed, *carried, *columns)
             return results[:carry], results[carry:]
 
         options = {name: equation.params[name] for name in ("length", "reverse", "unroll")}

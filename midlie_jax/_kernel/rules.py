@@ -93,6 +93,12 @@ def is_expensive(equation: Any) -> bool:
     return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # `y` is the exponent of integer_pow
 
 
+def count_operations(closed: ClosedJaxpr) -> int:
+    """The number of operations of a traced function, with those of the `jit` calls in it."""
+    bodies = ((equation, body_of(equation)) for equation in closed.jaxpr.eqns)
+    return sum(1 if body is None else count_operations(body) for _, body in bodies)
+
+
 def fits(aval: Any) -> bool:
     """Whether values of this type are split into scalars: small arrays of numbers, but not keys or references."""
     return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= _LARGEST_SIZE

@@ -4,7 +4,7 @@
 than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores.
 """
 
-import os
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -24,10 +24,10 @@ from . import shared_inputs
 from .arguments import as_first_step, as_method, check_saving, check_step, check_system
 from .integrate import Path, path_of_body
 from .rows import count_rows, torque_rows
+from .timing import cores
 
 CHUNK = 256  # bodies moved at once on one core
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
-_BLOCK = 64  # rows of this table that are computed at once
 
 
 def ensemble(
@@ -161,18 +161,15 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps
         return None, None
     system, first = System.of(body, torque, start, t0), first.astype(jnp.int32)
 
-    def row(step: tuple[Array, Array]) -> shared_inputs.Rows:
-        return inputs.rows(system, t0, dt, *step)
-
-    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(jax.eval_shape(row, (dt, first))))
+    row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row))
     if size * steps > _LARGEST_TABLE:
         return None, None
-    # The first row is that of the steps of length zero before the run. Blocks of one size, of which the last is filled
-    # up, so that the vector code of each row and hence its bits do not depend on the number of steps.
-    padded = -(-(steps + 1) // _BLOCK) * _BLOCK
+    # The first row is that of the steps of length zero before the run; the last block is filled up.
+    padded = -(-(steps + 1) // shared_inputs.BLOCK) * shared_inputs.BLOCK
     indices = first - 1 + jnp.arange(padded, dtype=jnp.int32)
     lengths = jnp.where(jnp.arange(padded) == 0, 0 * dt, dt)
-    table = jax.lax.map(row, (lengths, indices), batch_size=_BLOCK)
+    table = inputs.table(system, t0, dt, lengths, indices)
     return inputs, (
         jax.tree.map(lambda x: x[jnp.array([0, 0])], table),
         jax.tree.map(lambda x: x[1 : steps + 1], table),
@@ -186,8 +183,7 @@ def chunk_size() -> int:
     the chunk should therefore fit the first-level cache, and be large enough to hide the cost of starting a loop. XLA
     spreads a loop over several cores only if it is long.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return CHUNK if cores == 1 else 32 * CHUNK
+    return CHUNK if cores() == 1 else 32 * CHUNK
 
 
 def _chunks(count: int, chunk: int) -> int:

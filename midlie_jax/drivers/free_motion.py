@@ -26,7 +26,7 @@ from .._kernel.checks import as_floats, require_finite
 from .._kernel.elliptic import Complex, Modulus, Point, half_addition_angle, product
 from .._kernel.weierstrass import sigma_functions
 from .._kernel.width import wide_jit
-from ..methods.flights.jacobi import Jacobi
+from ..methods.flights.jacobi import LARGEST_TURN, Jacobi
 from ..methods.flights.jacobi_momentum import Invariants
 from ..methods.inertia import Inertia
 from ..methods.system import Motion, System
@@ -35,7 +35,7 @@ from ..model.state import AnyState
 from .arguments import as_method, check_system
 from .integrate import Path
 
-_TURN = 1.1  # the largest turn of the first flight, in radians; JACOBI's own limit is 1.2
+_TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
 _DOUBLINGS = {"float64": 52, "float32": 23}  # after more, no digit of the phase is left
 _LARGEST_LEVER = 64.0  # of rounding errors in the attitude, see `_Orbit.lever`
 
@@ -210,7 +210,7 @@ class _Orbit(NamedTuple):
         about = cp.multiply(cp.multiply(_to_third(first), increment), cp.conjugate(_to_third(cp.add(first, change))))
         length = jnp.hypot(about[0], about[3])
         invariants = Invariants.of(self.inertia, self.inertia.travel(h, first))
-        s, w, _ = sigma_functions(invariants.g2, invariants.g3, 1.2)
+        s, w, _ = sigma_functions(invariants.g2, invariants.g3, LARGEST_TURN)
         v = w - invariants.wp * s * s
         e1, e2, e3 = (jnp.sqrt(v + difference * s * s) for difference in invariants.differences)
         return (

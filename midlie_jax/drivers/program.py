@@ -22,8 +22,6 @@ from ..model.torques import TorqueLike
 from . import shared_inputs
 from .clock import ends_of_step
 
-_BLOCK = 64  # turns of the loop for which shared inputs are prepared at once
-
 
 class Program:
     """A compiled method on a batch of bodies.
@@ -109,14 +107,13 @@ def _run(
         return method.advance(system, (zero, dt), partial(ends_of_step, n), dt, progress)[0]
 
     def take_block(block: Array, progress: Progress) -> Progress:
-        before = block * _BLOCK
+        before = block * shared_inputs.BLOCK
         if inputs is None:
             turns_in_block, rows = turns, None
         else:
-            turns_in_block = jnp.minimum(turns - before, _BLOCK)
-            indices = before * unroll + jnp.arange(_BLOCK * unroll, dtype=jnp.int32)
-            row = partial(inputs.rows, system, zero, dt, dt)
-            rows = jax.lax.map(row, indices, batch_size=_BLOCK)
+            turns_in_block = jnp.minimum(turns - before, shared_inputs.BLOCK)
+            indices = before * unroll + jnp.arange(shared_inputs.BLOCK * unroll, dtype=jnp.int32)
+            rows = inputs.table(system, zero, dt, jnp.broadcast_to(dt, indices.shape), indices)
 
         def turn(i: Array, progress: Progress) -> Progress:
             for k in range(unroll):
@@ -128,7 +125,7 @@ def _run(
 
     parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
     progress = jax.vmap(jax.vmap(begin))(parts)
-    blocks = 1 if inputs is None else -(-turns // _BLOCK)
+    blocks = 1 if inputs is None else -(-turns // shared_inputs.BLOCK)
     progress = jax.lax.fori_loop(0, blocks, take_block, progress)
     progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
     return jax.vmap(system.state)(progress.motion), progress.ok

@@ -19,6 +19,7 @@ from ..methods.system import System
 from ..model.torques import on_body
 from .clock import ends_of_step
 
+BLOCK = 64  # rows that are computed at once
 Rows = list[Any]
 
 
@@ -38,6 +39,13 @@ class SharedInputs(NamedTuple):
     def rows(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
         """The prepared values of step n, taken with the step h."""
         return self.hoisted.prepare(h, n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
+
+    def table(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
+        """The rows of steps with these lengths and indices, (k,), k a multiple of `BLOCK`, with a leading axis (k,).
+
+        All blocks have one size, so that the code that computes a row, and hence its bits, do not depend on k.
+        """
+        return jax.lax.map(lambda step: self.rows(system, t0, dt, *step), (h, n), batch_size=BLOCK)
 
     def advance(
         self, system: System, t0: Array, dt: Array, h: Array, progress: Progress, n: Array, row: Any

@@ -14,7 +14,7 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.fusion import fuse
-from .._kernel.hoisting import count_operations
+from .._kernel.rules import count_operations
 from ..model.bodies import RigidBody
 from . import tableau
 from .base import Method

@@ -42,7 +42,7 @@ from .base import Flight
 from .jacobi_momentum import Invariants, momentum_change
 
 # The largest h |Omega|, in radians, for which the sums are exact to rounding.
-_LARGEST_TURN = 1.2
+LARGEST_TURN = 1.2
 
 Complex = tuple[Array, Array]  # (real, imaginary / |y|), so that only |y|^2 is needed, never |y|
 
@@ -74,15 +74,15 @@ class Jacobi(Flight):
         closed_form, ok = _turn(inertia, spins, _select(at_rest, cp.times(inertia.middle, inertia.relative), y))
         series = cp.square(series)
         increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (size <= _LARGEST_TURN**2)
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (size <= LARGEST_TURN**2)
 
     def momentum_change(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
         """The change of the momentum as a rational function, without the angle of the body about the momentum."""
-        change, half = momentum_change(inertia, h, momentum, _LARGEST_TURN)
+        change, half = momentum_change(inertia, h, momentum, LARGEST_TURN)
         turn = cp.times(inertia.spins, inertia.travel(h, momentum))
         # The invariants of half a flight are a quarter of those of the flight.
-        ok = 4 * cp.largest(half.differences) <= _LARGEST_TURN**2
-        return change, ok & (cp.dot(turn, turn) <= _LARGEST_TURN**2)
+        ok = 4 * cp.largest(half.differences) <= LARGEST_TURN**2
+        return change, ok & (cp.dot(turn, turn) <= LARGEST_TURN**2)
 
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaternion, Array]:
@@ -92,7 +92,7 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaterni
     """
     a, middle = inertia.gaps, inertia.middle
     k, a_jk, squares, total, K, differences, wp, g2, g3 = Invariants.of(inertia, y)
-    s, w, odd = step_functions(wp, g2, g3, _LARGEST_TURN)
+    s, w, odd = step_functions(wp, g2, g3, LARGEST_TURN)
 
     v = w - wp * s * s
     e = (
@@ -121,7 +121,7 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaterni
     x = cp.add(cp.scale(cosine * per_total, across), cp.scale(sine, cp.add(cp.scale(d, y), n)))
     scalar = cosine * M
     factor = cp.inverse_root(scalar * scalar + cp.dot(x, x))
-    ok = cp.largest(differences) <= _LARGEST_TURN**2
+    ok = cp.largest(differences) <= LARGEST_TURN**2
     return (factor * scalar, factor * x[0], factor * x[1], factor * x[2]), ok
 
 
