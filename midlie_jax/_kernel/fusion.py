@@ -9,10 +9,11 @@ computes only one. The whole step becomes one vectorised loop and compiles sever
 `tests/test_compiled.py` counts the loops. Leaves that are not arrays of numbers, such as the typed key of a random
 torque, pass unchanged.
 
-The reduction is emitted on CPUs only. On other platforms `fuse` is the identity: a GPU's compiler fuses many outputs
-by itself, and the reduction would split the step in two.
+The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by itself, and the reduction would split the
+step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity. `cut` divides a
+step there, too, where it is longer than one loop or kernel can be.
 
-`fuse` is a JAX primitive. To automatic differentiation it is the identity, and it fuses tangents and cotangents too.
+Both are one JAX primitive. To automatic differentiation it is the identity, and it fuses tangents and cotangents too.
 """
 
 from collections import defaultdict
@@ -28,10 +29,21 @@ from .mesh import axes_of, is_number
 
 T = TypeVar("T")
 
+FUSE, CUT, DERIVATIVE = "fuse", "cut", "fuse_derivative"  # what the primitive is used for
+
 
 def fuse(tree: T) -> T:
     """The tree with its values unchanged; the compiled program computes all leaves of equal shape in one loop."""
-    return _bind(tree, always=True)
+    return _bind(tree, FUSE)
+
+
+def cut(tree: T) -> T:
+    """`fuse` in the middle of a step; on an accelerator, too, what follows is a kernel of its own.
+
+    Left alone, a GPU's compiler divides a step that is too long for one kernel in more parts than necessary, and each
+    part writes many intermediate results to memory.
+    """
+    return _bind(tree, CUT)
 
 
 def fuse_derivative(tree: T) -> T:
@@ -40,33 +52,33 @@ def fuse_derivative(tree: T) -> T:
     Use it between the parts of a step. The step itself remains one loop; its derivative, which is several times larger,
     is split there into loops of a size that the compiler can handle.
     """
-    return _bind(tree, always=False)
+    return _bind(tree, DERIVATIVE)
 
 
-def _bind(tree: T, always: bool) -> T:
+def _bind(tree: T, use: str) -> T:
     leaves, structure = jax.tree.flatten(tree)
-    return jax.tree.unflatten(structure, _fuse_where(leaves, _is_number, always))
+    return jax.tree.unflatten(structure, _fuse_where(leaves, _is_number, use))
 
 
 def _is_number(leaf: Any) -> bool:
     return isinstance(leaf, Array) and is_number(jax.typeof(leaf))
 
 
-def _fuse_where(leaves: Sequence[Any], condition: Callable[[Any], bool], always: bool) -> list[Any]:
+def _fuse_where(leaves: Sequence[Any], condition: Callable[[Any], bool], use: str) -> list[Any]:
     """Fuses the leaves for which the condition holds; the others are returned unchanged."""
     result = list(leaves)
     positions = [i for i, leaf in enumerate(leaves) if condition(leaf)]
     if positions:
-        for i, leaf in zip(positions, _fuse.bind(*(leaves[i] for i in positions), always=always), strict=True):
+        for i, leaf in zip(positions, _fuse.bind(*(leaves[i] for i in positions), use=use), strict=True):
             result[i] = leaf
     return result
 
 
-def _reduce(*leaves: Array, always: bool) -> list[Array]:
+def _reduce(*leaves: Array, use: str) -> list[Array]:
     """The lowering on CPUs: one reduction for all leaves of one shape that vary along the same mesh axes."""
     result = list(leaves)
     groups: dict[Any, list[int]] = defaultdict(list)
-    for i, leaf in enumerate(leaves if always else ()):
+    for i, leaf in enumerate(() if use == DERIVATIVE else leaves):
         groups[leaf.shape, axes_of(leaf)].append(i)
     for indices in groups.values():
         pairs = tuple(jnp.broadcast_to(leaves[i], (2, *leaves[i].shape)) for i in indices)
@@ -76,27 +88,31 @@ def _reduce(*leaves: Array, always: bool) -> list[Array]:
     return result
 
 
-def _identity(*leaves: Array, always: bool) -> list[Array]:
-    del always
-    return list(leaves)
+def _separate(*leaves: Array, use: str) -> list[Array]:
+    """The lowering on other platforms."""
+    return list(jax.lax.optimization_barrier(leaves) if use == CUT else leaves)
 
 
 def _is_nonzero(tangent: Any) -> bool:
     return not is_zero_tangent(tangent) and _is_number(tangent)
 
 
-def _jvp(primals: Any, tangents: Any, *, always: bool) -> tuple[list[Any], list[Any]]:
-    del always
-    return _fuse.bind(*primals, always=True), _fuse_where(tangents, _is_nonzero, always=True)
+def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]]:
+    use = _in_derivative(use)
+    return _fuse.bind(*primals, use=use), _fuse_where(tangents, _is_nonzero, use)
 
 
-def _transpose(cotangents: Any, *primals: Any, always: bool) -> list[Any]:
-    del primals, always
-    return _fuse_where(cotangents, _is_nonzero, always=True)
+def _transpose(cotangents: Any, *primals: Any, use: str) -> list[Any]:
+    del primals
+    return _fuse_where(cotangents, _is_nonzero, _in_derivative(use))
 
 
-def _batch(values: Any, axes: Any, *, always: bool) -> tuple[list[Array], Any]:
-    return _fuse.bind(*values, always=always), axes
+def _in_derivative(use: str) -> str:
+    return FUSE if use == DERIVATIVE else use
 
 
-_fuse = make_primitive("fuse", default=_identity, on_cpu=_reduce, jvp=_jvp, transpose=_transpose, batch=_batch)
+def _batch(values: Any, axes: Any, *, use: str) -> tuple[list[Array], Any]:
+    return _fuse.bind(*values, use=use), axes
+
+
+_fuse = make_primitive("fuse", default=_separate, on_cpu=_reduce, jvp=_jvp, transpose=_transpose, batch=_batch)

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
-import jax
 
 from .internals import runs_at_once
+from .platform import on_cpu
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -32,7 +32,7 @@ def vector_width_options() -> dict[str, Any]:
     Empty if the programs run on another device than the CPU, if the processor has no AVX-512, and if XLA_FLAGS already
     sets the width.
     """
-    if jax.default_backend() != "cpu" or _FLAG in os.environ.get("XLA_FLAGS", "") or not _has_avx512():
+    if not on_cpu() or _FLAG in os.environ.get("XLA_FLAGS", "") or not _has_avx512():
         return {}
     return {_FLAG: 512}
 

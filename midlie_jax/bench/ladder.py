@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.ensemble import CHUNK
+from ..drivers.ensemble import chunk_size
 from ..drivers.program import Program
 from ..methods.base import Method
 from ..model.states import RigidState
@@ -20,7 +20,7 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
     """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long."""
     scene = case.scene
     starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
-    program = Program(method, scene.body, scene.torque, starts, chunk=CHUNK)
+    program = Program(method, scene.body, scene.torque, starts, chunk=chunk_size(len(starts.momentum)))
     count = max(1, case.scene.steps // 100)
     best, rungs_without_gain = np.inf, 0
     while rungs_without_gain < 3:

@@ -1,7 +1,8 @@
 """`ensemble`: the driver for many bodies, which are moved in chunks that fit the cache.
 
 `jax.vmap` of `integrate` is the same computation. But there each step passes over the whole batch, and a batch larger
-than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores.
+than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores. On an
+accelerator there is one chunk, because a launch for each step and chunk would take longer than the memory does.
 """
 
 from functools import partial
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel.checks import as_count, as_floats, require_finite
+from .._kernel.platform import on_cpu
 from .._kernel.width import wide_jit
 from ..methods.base import Method
 from ..methods.system import System
@@ -26,7 +28,7 @@ from .integrate import Path, path_of_body
 from .rows import count_rows, torque_rows
 from .timing import cores
 
-CHUNK = 256  # bodies moved at once on one core
+_CHUNK = 256  # bodies moved at once on one core
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
 
@@ -95,7 +97,7 @@ def ensemble(
     arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     mapped, shared = eqx.partition(arguments, rows)
-    return _run(method, mapped, shared, first, steps, save_every, chunk or chunk_size())
+    return _run(method, mapped, shared, first, steps, save_every, chunk or chunk_size(count))
 
 
 def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
@@ -176,14 +178,16 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps
     )
 
 
-def chunk_size() -> int:
-    """How many bodies are moved at once by default.
+def chunk_size(count: int) -> int:
+    """How many of `count` bodies are moved at once by default: all on an accelerator, which wants long loops.
 
-    A step reads and writes the state of each body once; it keeps what is between in registers. On one core the state of
-    the chunk should therefore fit the first-level cache, and be large enough to hide the cost of starting a loop. XLA
-    spreads a loop over several cores only if it is long.
+    On a CPU a step reads and writes the state of each body once; it keeps what is between in registers. On one core the
+    state of the chunk should therefore fit the first-level cache, and be large enough to hide the cost of starting a
+    loop. XLA spreads a loop over several cores only if it is long.
     """
-    return CHUNK if cores() == 1 else 32 * CHUNK
+    if not on_cpu():
+        return count
+    return _CHUNK if cores() == 1 else 32 * _CHUNK
 
 
 def _chunks(count: int, chunk: int) -> int:

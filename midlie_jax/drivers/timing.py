@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, NamedTuple
 
-import jax
+from .._kernel.platform import on_cpu
 
 _BUSY = 0.85  # the machine was busy if this process got a smaller share of its core
 
@@ -41,7 +41,7 @@ def _wall() -> Clock:
 
 def cost_clock() -> Clock:
     """The clock for the cost of a run: processor time of all threads; wall time where an accelerator works."""
-    return _processor() if jax.default_backend() == "cpu" else _wall()
+    return _processor() if on_cpu() else _wall()
 
 
 def user_clock() -> Clock:
@@ -148,7 +148,7 @@ class Load:
 
     def share(self) -> float:
         """The fraction of time in which the process had its core; on several cores, cores over the reported load."""
-        if cores() == 1 and jax.default_backend() == "cpu":
+        if cores() == 1 and on_cpu():
             return (time.process_time() - self._processor) / max(time.perf_counter() - self._wall, 1e-9)
         try:
             return (os.cpu_count() or 1) / max(os.getloadavg()[0], os.cpu_count() or 1)

@@ -13,7 +13,8 @@ import jax
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import fuse
+from .._kernel.fusion import cut
+from .._kernel.platform import on_cpu
 from .._kernel.rules import count_operations
 from ..model.bodies import RigidBody
 from . import tableau
@@ -23,8 +24,9 @@ from .formula import Formula
 from .system import AnyMotion, Motion, System
 
 # Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
-# operations a step takes 40 times as long as in loops of half that length.
-_LONGEST_LOOP = 2800
+# operations a step takes 40 times as long as in loops of half that length. On a GPU longer kernels are divided, too.
+_LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
+_EVALUATIONS_IN_KERNEL = 16  # of a simple torque
 
 
 class RungeKutta(Method):
@@ -56,6 +58,10 @@ class RungeKutta(Method):
     def __hash__(self) -> int:
         return hash((type(self), self.name))
 
+    @property
+    def unroll(self) -> int:
+        return 1 if on_cpu() else max(1, _EVALUATIONS_IN_KERNEL // self.evaluations)
+
     def keeps_force(self, system: System) -> bool:
         return False
 
@@ -69,13 +75,14 @@ class RungeKutta(Method):
             force = None if system.torque is None else system.force(t, motion)
             return system.rates(motion, h if part == 1 else part * h, force)
 
+        longest = _LONGEST_LOOP if on_cpu() else _LONGEST_KERNEL
         in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
 
         def pause(tree: Any, evaluations: int) -> Any:
             nonlocal in_loop
-            ends = (in_loop + evaluations) * per_evaluation > _LONGEST_LOOP
+            ends = (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
-            return fuse(tree) if ends else tree
+            return cut(tree) if ends else tree
 
         turn = cp.scale(h, system.velocity(motion.momentum))
         change = self.formula.change(rates, pause, motion)

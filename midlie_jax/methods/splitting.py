@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import fuse, fuse_derivative
+from .._kernel.fusion import cut, fuse, fuse_derivative
+from .._kernel.platform import on_cpu
 from ..model.bodies import Body, RigidBody, principal_of
 from .base import Method
 from .flights import Flight
@@ -49,7 +50,9 @@ class Splitting(Method):
 
     @property
     def unroll(self) -> int:
-        return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
+        if on_cpu():
+            return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
+        return max(1, self.flight.per_kernel // self.scheme.flights)
 
     def fitted(self, body: Body) -> "Splitting":
         principal = principal_of(body)
@@ -81,7 +84,7 @@ class Splitting(Method):
             nonlocal ok
             motion, flight_ok = stages.fly(a, motion)
             ok = ok & flight_ok
-            return fuse(motion) if self.scheme.flights > self.flight.per_loop else stages.system.loop_boundary(motion)
+            return cut(motion) if self.scheme.flights > self.flight.per_loop else stages.system.loop_boundary(motion)
 
         motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)
         return motion, force, ok
@@ -94,6 +97,7 @@ class Splitting(Method):
             force = stages.evaluate(0.0, 0.0, motion)
 
         short_flight = self.flight.per_loop > 2
+        unroll = (2 if short_flight else 1) if on_cpu() else self.flight.per_kernel
         after_flight = stages.system.loop_boundary if short_flight else fuse
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
@@ -112,7 +116,7 @@ class Splitting(Method):
         count = min(len(kicks), len(flights))
         rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
         begin = motion, force, jnp.ones_like(stages.h, bool)
-        (motion, force, ok), _ = jax.lax.scan(iteration, begin, rows, unroll=2 if short_flight else 1)
+        (motion, force, ok), _ = jax.lax.scan(iteration, begin, rows, unroll=unroll)
         if kicks_first:
             return stages.kick(kicks[-1], 1.0, motion, force), force, ok
         motion, flight_ok = stages.fly(flights[-1], motion)

@@ -22,6 +22,8 @@ class Flight(eqx.Module):
         equal_moments: whether the flight moves only bodies with two equal moments.
         per_loop: how many flights fit in one compiled loop; in a step with more flights, each flight ends a loop. XLA's
             CPU emitter splits a larger loop into functions that call each other, and so repeats the work many times.
+        per_kernel: how many flights, each with a kick, XLA's GPU compiler keeps in one kernel
+            (`benchmarks/kernels.py` counts).
         one_loop: whether one flight compiles to a single loop over the batch; False where its solve is cut in parts.
     """
 
@@ -33,6 +35,7 @@ class Flight(eqx.Module):
     body: ClassVar[type[RigidBody] | type[Particles]]
     equal_moments: ClassVar[bool] = False
     per_loop: ClassVar[int]
+    per_kernel: ClassVar[int] = 1
     one_loop: ClassVar[bool] = True
 
     def fitted(self, moments: Array) -> "Flight":

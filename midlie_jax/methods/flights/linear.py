@@ -18,6 +18,7 @@ class Linear(Flight):
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = Particles
     per_loop: ClassVar[int] = 64
+    per_kernel: ClassVar[int] = 8
 
     def __call__(self, inertia: Particles, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
         return h * inertia.velocity(momentum), jnp.zeros_like(momentum), True

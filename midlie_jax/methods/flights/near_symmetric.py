@@ -29,6 +29,7 @@ class NearSymmetric(Flight):
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 4
+    per_kernel: ClassVar[int] = 2
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         # 1/I1 - 1/I2, computed from the difference of the moments.

@@ -30,6 +30,7 @@ class ThreeAxis(Flight):
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 4
+    per_kernel: ClassVar[int] = 2
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         zero = h * 0

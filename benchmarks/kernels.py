@@ -1,0 +1,238 @@
+"""The kernels of a step on a GPU, counted on a machine without one.
+
+    make kernels
+
+prints a table and puts it between the markers in docs/gpu.md. XLA's CUDA compiler needs no GPU: it compiles for the
+card that `h200.txtpb` describes (NVIDIA H200), and this file reads the optimised program. A step is counted inside the
+loop over steps, without what happens once before and after that loop.
+
+Two kinds of launch are counted: kernels that read or write arrays of the batch, and small kernels for what all bodies
+share, such as the counter of the loop. The bytes are those that the kernels of the batch read and write.
+"""
+
+import importlib.util
+import os
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
+
+os.environ.setdefault("JAX_SKIP_CUDA_CONSTRAINTS_CHECK", "1")  # the compiler asks for a driver otherwise
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+import jax
+import jax.numpy as jnp
+from jax.experimental import topologies
+from jax.interpreters import mlir
+from jax.sharding import SingleDeviceSharding
+
+jax.config.update("jax_enable_x64", True)
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax._kernel import fusion  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+CARD = Path(__file__).with_name("h200.txtpb")
+BEGIN, END = "<!-- kernels -->", "<!-- /kernels -->"
+BATCH, TURNS = 10007, 37  # numbers that nothing else in the program has
+
+NAMES = (
+    "SYMMETRIC[EA]",
+    "JACOBI[EA]",
+    "LIEMID[EA]",
+    "RK4",
+    "DOP853",
+    "GBS12",
+    "AKW",
+    "JACOBI[SRKN14a]",
+    "SYMMETRIC[SRKN14a]",
+)
+
+_NO_KERNEL = {"parameter", "get-tuple-element", "tuple", "bitcast", "constant", "after-all", "while"}
+_BYTES = {"f64": 8, "f32": 4, "s32": 4, "u32": 4, "s64": 8, "u64": 8, "s16": 2, "u16": 2, "s8": 1, "u8": 1, "pred": 1}
+_INSTRUCTION = re.compile(r"\s+(?:ROOT )?%?([\w.\-]+) = (\(.*?\)|\S+) ([\w\-]+)\((.*)")
+
+
+class Launches(NamedTuple):
+    """What a part of a program launches.
+
+    Attributes:
+        kernels: kernels over the batch.
+        small: other kernels.
+        size: bytes that the kernels over the batch read and write.
+    """
+
+    kernels: float
+    small: float
+    size: float
+
+    def times(self, factor: float) -> "Launches":
+        return Launches(*(factor * x for x in self))
+
+    def plus(self, other: "Launches") -> "Launches":
+        return Launches(*(x + y for x, y in zip(self, other, strict=True)))
+
+
+class Compiled(NamedTuple):
+    """A program for the card.
+
+    Attributes:
+        unroll: steps in a turn of the loop over steps.
+        step: the launches of a step and the bytes a body.
+        seconds: of tracing and compiling.
+        ptx: the code of all its kernels.
+    """
+
+    unroll: int
+    step: Launches
+    seconds: float
+    ptx: str
+
+
+def missing() -> str:
+    """Why nothing can be compiled for a GPU here; "" if it can."""
+    if any(importlib.util.find_spec(f"jax_cuda{version}_plugin") for version in (12, 13)):
+        return ""
+    return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."
+
+
+def compiled(name: str, dtype: str, *, reduction: bool = False) -> Compiled:
+    """A method on heavy tops, compiled for the card.
+
+    Args:
+        reduction: whether the outputs of a step leave it through a reduction, as on a CPU.
+    """
+    method = ml.method(name)
+    moments = jnp.array((5.0, 5.0, 1.0) if name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
+    torque = ml.torques.HeavyTop(jnp.asarray(20.0, dtype))
+    card = SingleDeviceSharding(_card())
+
+    def run(momentum, attitude):
+        start = ml.RigidState(momentum, attitude)
+        steps = TURNS * unroll
+        return ml.integrate(method, ml.RigidBody(moments), torque, start, dt=0.02, steps=steps, save_every=steps)
+
+    arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
+    jax.clear_caches()  # the package traces another program for a GPU
+    _lower_on_cuda(fusion._reduce if reduction else fusion._separate)
+    began = time.perf_counter()
+    with mock.patch.object(jax, "default_backend", return_value="gpu"), tempfile.TemporaryDirectory() as folder:
+        unroll = method.fitted(ml.RigidBody(moments)).unroll
+        lowered = jax.jit(jax.vmap(run), out_shardings=card).lower(*arguments)
+        program = lowered.compile(compiler_options={"xla_backend_optimization_level": 3, "xla_dump_to": folder})
+        ptx = "".join(file.read_text() for file in sorted(Path(folder).glob("*.ptx")))
+    seconds = time.perf_counter() - began
+    jax.clear_caches()
+    _lower_on_cuda(fusion._separate)
+    turn = _loop_over_steps(_computations(program.as_text()))
+    return Compiled(unroll, turn.times(1 / unroll)._replace(size=turn.size / unroll / BATCH), seconds, ptx)
+
+
+def _card():
+    target = CARD.read_text()
+    topology = topologies.get_topology_desc("h200", platform="cuda", target_config=target, topology="1x1x1")
+    return topology.devices[0]
+
+
+def _lower_on_cuda(function) -> None:
+    mlir.register_lowering(fusion._fuse, mlir.lower_fun(function, multiple_results=True), platform="cuda")
+
+
+def _computations(text: str) -> dict[str, list[tuple[str, ...]]]:
+    """The instructions of each computation of an optimised program, as (name, shape, operation, rest)."""
+    found: dict[str, list[tuple[str, ...]]] = {}
+    current = None
+    for line in text.splitlines():
+        if header := re.match(r"(?:ENTRY )?%?([\w.\-]+) \(.*\{$", line):
+            current = found.setdefault(header[1], [])
+        elif line.startswith("}"):
+            current = None
+        elif current is not None and (instruction := _INSTRUCTION.match(line)):
+            current.append(instruction.groups())
+    return found
+
+
+def _loop_over_steps(computations) -> Launches:
+    """The launches of one turn of the loop with `TURNS` turns."""
+    for instructions in computations.values():
+        for _, _, operation, rest in instructions:
+            if operation == "while" and _turns(rest) == TURNS:
+                return _launches(computations, _body(rest))
+    raise ValueError(f"no loop of {TURNS} turns in the program")
+
+
+def _launches(computations, name: str) -> Launches:
+    total, shapes = Launches(0, 0, 0), {}
+    for result, shape, operation, rest in computations[name]:
+        shapes[result] = shape
+        if operation == "while":
+            total = total.plus(_launches(computations, _body(rest)).times(_turns(rest)))
+        elif operation not in _NO_KERNEL:
+            operands = re.findall(r"%([\w.\-]+)", rest.split("),")[0])
+            size = _size(shape) + sum(_size(shapes.get(operand, "")) for operand in operands)
+            total = total.plus(Launches(1, 0, size) if size >= BATCH else Launches(0, 1, 0))
+    return total
+
+
+def _body(rest: str) -> str:
+    return re.search(r"body=%?([\w.\-]+)", rest)[1]
+
+
+def _turns(rest: str) -> int:
+    """How many turns a loop takes. A loop that does not say it would ask the host before each turn: there is none."""
+    return int(re.search(r'"known_trip_count":\{"n":"(\d+)"', rest)[1])
+
+
+def _size(shape: str) -> int:
+    total = 0
+    for kind, dimensions in re.findall(r"(\w+)\[([\d,]*)\]", shape):
+        entries = 1
+        for dimension in filter(None, dimensions.split(",")):
+            entries *= int(dimension)
+        total += entries * _BYTES[kind]
+    return total
+
+
+def row(name: str, dtype: str, before: bool) -> list[str]:
+    now = compiled(name, dtype)
+    cells = [name, dtype, str(now.unroll), f"{now.step.kernels:.3g} + {now.step.small:.3g}", f"{now.step.size:.0f}"]
+    if before:
+        old = compiled(name, dtype, reduction=True)
+        return [
+            *cells,
+            f"{old.step.kernels:.3g} + {old.step.small:.3g}",
+            f"{old.step.size:.0f}",
+            f"{now.seconds:.0f} s",
+        ]
+    return [*cells, "", "", f"{now.seconds:.0f} s"]
+
+
+def main() -> None:
+    if missing():
+        sys.exit(missing())
+    titles = (
+        "method",
+        "dtype",
+        "steps a turn",
+        "launches a step",
+        "bytes a body and step",
+        "launches, with the CPU's reduction",
+        "bytes, with the CPU's reduction",
+        "compile",
+    )
+    lines = [f"| {' | '.join(titles)} |", "| " + " | ".join("---" for _ in titles) + " |"]
+    for name in NAMES:
+        for dtype in ("float32", "float64"):
+            lines.append(f"| {' | '.join(row(name, dtype, before=name in NAMES[:3]))} |")
+            print(lines[-1], flush=True)
+    page = ROOT / "docs" / "gpu.md"
+    text = page.read_text()
+    head, rest = text.split(BEGIN)
+    page.write_text("\n".join([head + BEGIN, *lines, END]) + rest.split(END)[1])
+
+
+if __name__ == "__main__":
+    main()

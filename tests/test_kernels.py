@@ -1,0 +1,55 @@
+"""What XLA's CUDA compiler makes of a step, for an H200 and without one: kernels, bytes, and how they round.
+
+Needs the compiler, not the card: `make test-kernels` installs it in an environment of its own.
+"""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+_PATH = Path(__file__).parent.parent / "benchmarks" / "kernels.py"
+_SPEC = importlib.util.spec_from_file_location("kernels", _PATH)
+kernels = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(kernels)
+
+pytestmark = pytest.mark.skipif(bool(kernels.missing()), reason=kernels.missing() or "the compiler is there")
+
+# Momentum, attitude, the force that is kept and `ok`; HeavyTop has no force along its axis.
+NUMBERS = {"SYMMETRIC[EA]": 9, "JACOBI[EA]": 9, "LIEMID[EA]": 9, "RK4": 7}
+FUSED_OR_ROUGH = r"\bfma\.|\.approx|\.full|\bcall\b"
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [("SYMMETRIC[EA]", "float32"), ("JACOBI[EA]", "float64"), ("LIEMID[EA]", "float32"), ("RK4", "float64")],
+)
+def test_a_turn_of_the_loop_is_one_kernel_that_reads_and_writes_the_state(name, dtype):
+    compiled = kernels.compiled(name, dtype)
+    turn = compiled.step.times(compiled.unroll)
+    state = 2 * NUMBERS[name] * int(dtype[-2:]) // 8
+    assert turn.kernels == 1
+    assert turn.small <= 2
+    assert state <= turn.size <= state + 3
+    # No multiply-add with one rounding, no rough division or root: the results are those of a CPU.
+    assert not re.search(FUSED_OR_ROUGH, compiled.ptx)
+
+
+def test_the_reduction_of_cpus_would_cost_kernels_and_memory():
+    ours, reduction = (kernels.compiled("SYMMETRIC[EA]", "float32", reduction=r).step for r in (False, True))
+    assert reduction.kernels >= 8 * ours.kernels
+    assert reduction.size >= 6 * ours.size
+
+
+def test_a_long_step_is_cut_where_little_has_to_be_kept():
+    """Left to the compiler, GBS12 in float32 is ten kernels that read and write 1286 bytes a body."""
+    step = kernels.compiled("GBS12", "float32").step
+    assert step.kernels <= 4
+    assert step.size <= 450
+
+
+def test_the_search_for_fused_operations_finds_them():
+    assert re.search(FUSED_OR_ROUGH, "fma.rn.f32 %f1, %f2, %f3, %f4;")
+    assert re.search(FUSED_OR_ROUGH, "div.full.f32 %f1, %f2, %f3;")
+    assert not re.search(FUSED_OR_ROUGH, "mul.rn.f32 %f1, %f2, %f3; add.rn.f32 %f1, %f1, %f4;")

@@ -1,0 +1,92 @@
+"""One package for CPUs and accelerators: what is lowered for each platform, on a machine that need not have it.
+
+`test_kernels.py` counts what XLA's CUDA compiler makes of it.
+"""
+
+import re
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import CLASSES, by_turns, cast, epsilon, integrate, quick, rows, setup
+
+import midlie_jax as ml
+from midlie_jax._kernel.platform import on_cpu
+from midlie_jax.drivers.ensemble import chunk_size
+
+PLATFORMS = ["cpu", "cuda", "rocm", "tpu"]
+MANY_OPERANDS = r"stablehlo\.reduce\(%\S+ init: %\S+\), \("
+METHODS = sorted({*CLASSES, "SYMMETRIC[EA]", "JACOBI[SRKN14a]"})
+DIFFERENT = ["SYMMETRIC[EA]", "JACOBI[SRKN14a]", "RK4", "GBS10"]  # in the steps of a turn, its stages and its cuts
+SETUPS = rows(setup(), setup(weight=-1.0))
+START = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def top(name, start):
+    body, torque = ml.RigidBody(jnp.array([1.0, 2.0, 2.5])), ml.torques.HeavyTop(2.0)
+    return ml.integrate(name, body, torque, start, dt=0.02, steps=4, save_every=4)
+
+
+@pytest.fixture
+def on_gpu(monkeypatch):
+    """Traces as for a GPU; the programs still run here."""
+    jax.clear_caches()
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    yield
+    jax.clear_caches()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_outputs_leave_a_step_through_a_reduction_on_cpus_alone(name):
+    traced = jax.jit(jax.vmap(lambda s: integrate(name, s, steps=4, save_every=4))).trace(cast(SETUPS, "float32"))
+    texts = {platform: traced.lower(lowering_platforms=(platform,)).as_text() for platform in PLATFORMS}
+    assert re.search(MANY_OPERANDS, texts["cpu"])
+    for platform in PLATFORMS[1:]:
+        assert not re.search(MANY_OPERANDS, texts[platform])
+
+
+def test_long_steps_are_cut_on_a_gpu_and_short_ones_are_not(on_gpu):
+    for name, cuts in (("GBS12", True), ("DOP853", False), ("JACOBI[EA]", False)):
+        text = jax.jit(partial(top, name)).trace(START).lower(lowering_platforms=("cuda",)).as_text()
+        assert ("optimization_barrier" in text) == cuts
+
+
+def test_an_ensemble_on_an_accelerator_is_one_chunk(on_gpu):
+    assert not on_cpu()
+    assert chunk_size(10**6) == 10**6
+
+
+def test_the_default_device_decides_where_programs_are_taken_to_run(on_gpu):
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert on_cpu()
+        assert chunk_size(10**6) < 10**6
+
+
+def test_a_turn_of_the_loop_has_more_steps_on_an_accelerator(monkeypatch):
+    methods = [ml.method(name) for name in ml.methods()]
+    here = [method.unroll for method in methods]
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    there = {method.name: method.unroll for method in methods}
+    assert max(here) == 2
+    assert there["SYMMETRIC[EA]"] == 4
+    assert there["RK4"] == 4
+    assert there["LIEMID[EA]"] == there["GBS12"] == 1
+
+
+@pytest.mark.parametrize(("name", "dtype"), by_turns(DIFFERENT, DIFFERENT))
+def test_what_is_traced_for_a_gpu_computes_the_same(name, dtype, on_gpu):
+    """Though its loops have other turns: 7 steps are no multiple of any."""
+
+    def end(s):
+        return integrate(name, s, steps=7, save_every=7)
+
+    there = quick(jax.vmap(end))(cast(SETUPS, dtype))
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert on_cpu()
+        jax.clear_caches()
+        here = quick(jax.vmap(lambda s: end(s)))(cast(SETUPS, dtype))
+    assert np.array_equal(here.ok, there.ok)
+    for mine, its in zip(jax.tree.leaves(here.states), jax.tree.leaves(there.states), strict=True):
+        assert float(jnp.max(jnp.abs(mine - its))) <= 16 * epsilon(dtype)
