@@ -6,17 +6,22 @@
 #   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
 #   make rivals             error against time beside other programs: docs/work-precision.md and its charts
+#   make test-gpu           the laws on the accelerator that JAX sees; installs JAX='jax[cuda13]' unless told otherwise
+#   make gpu                the speed there: docs/gpu.md and docs/gpu.png
+#   make kernels            the kernels of a step on a GPU, counted without one: docs/gpu.md
+#   make test-kernels       tests of these
 #   make docs               the pages of docs/ as a site: site/index.html
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
 MINUTES ?= 5
+JAX ?= jax[cuda13]
 # A file is one worker's, so that a program that it needs twice is compiled once; in the order of the names.
 PYTEST = .venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test test-full lint fuzz bench rivals docs
+.PHONY: chart test test-full test-gpu test-kernels lint fuzz bench rivals gpu kernels docs
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -27,6 +32,15 @@ test: .venv/.test
 
 test-full: .venv/.test
 	$(PYTEST) -m "full or not full"
+
+# Each worker takes of the accelerator's memory only what it needs.
+LAWS = $(patsubst %,tests/test_%.py,laws runs rounding conservation gradients diffrax ensemble momentum free_motion \
+	shared_inputs)
+test-gpu: .venv/.test .venv/.accelerator
+	XLA_PYTHON_CLIENT_PREALLOCATE=false $(PYTEST) --accelerator $(LAWS)
+
+test-kernels: .venv-cuda/.compiler
+	.venv-cuda/bin/pytest -n 2 tests/test_kernels.py
 
 lint: .venv/.lint
 	.venv/bin/ruff format --check
@@ -43,11 +57,30 @@ bench: .venv/.bench
 rivals: .venv/.bench
 	.venv/bin/python benchmarks/work_precision.py
 
+gpu: .venv/.test .venv/.accelerator
+	.venv/bin/python benchmarks/gpu.py --write
+
+kernels: .venv-cuda/.compiler
+	.venv-cuda/bin/python benchmarks/kernels.py
+
 docs: .venv/.docs
 	.venv/bin/mkdocs build --strict
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
+
+.venv/.accelerator: pyproject.toml | .venv/bin/python
+	$(PIP) '$(JAX)'
+	@touch $@
+
+# XLA's CUDA compiler, which needs no GPU, apart from .venv: there JAX would look for a GPU at every start.
+.venv-cuda/.compiler: pyproject.toml
+	@echo "installing midlie_jax[test] and XLA's CUDA compiler into .venv-cuda"
+	$(PYTHON) -m venv .venv-cuda
+	.venv-cuda/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	.venv-cuda/bin/python -m pip install --quiet --disable-pip-version-check \
+		"jax-cuda12-plugin==$$(.venv-cuda/bin/python -c 'import jax; print(jax.__version__)')"
+	@touch $@
 
 # One stamp for each extra: installed since pyproject.toml last changed.
 .venv/.%: pyproject.toml | .venv/bin/python

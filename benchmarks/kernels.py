@@ -51,6 +51,16 @@ NAMES = (
     "SYMMETRIC[SRKN14a]",
 )
 
+OURS, REDUCTION, UNCUT = "ours", "through a reduction, as on a CPU", "not cut"
+OUTPUTS = {OURS: fusion._separate, REDUCTION: fusion._reduce, UNCUT: lambda *leaves, use: list(leaves)}
+# Beside the methods as they are: what other forms of their programs would cost.
+FORMS = {
+    ("SYMMETRIC[EA]", "float32"): ((REDUCTION, None), (OURS, 1), (OURS, 8)),
+    ("JACOBI[EA]", "float32"): ((REDUCTION, None), (OURS, 1), (OURS, 4)),
+    ("LIEMID[EA]", "float32"): ((REDUCTION, None), (OURS, 2)),
+    ("GBS12", "float32"): ((UNCUT, None),),
+}
+
 _NO_KERNEL = {"parameter", "get-tuple-element", "tuple", "bitcast", "constant", "after-all", "while"}
 _BYTES = {"f64": 8, "f32": 4, "s32": 4, "u32": 4, "s64": 8, "u64": 8, "s16": 2, "u16": 2, "s8": 1, "u8": 1, "pred": 1}
 _INSTRUCTION = re.compile(r"\s+(?:ROOT )?%?([\w.\-]+) = (\(.*?\)|\S+) ([\w\-]+)\((.*)")
@@ -99,11 +109,12 @@ def missing() -> str:
     return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."
 
 
-def compiled(name: str, dtype: str, *, reduction: bool = False) -> Compiled:
+def compiled(name: str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> Compiled:
     """A method on heavy tops, compiled for the card.
 
     Args:
-        reduction: whether the outputs of a step leave it through a reduction, as on a CPU.
+        outputs: how outputs leave a step, a key of `OUTPUTS`.
+        unroll: steps in a turn of the loop; by default those of the method on a GPU.
     """
     method = ml.method(name)
     moments = jnp.array((5.0, 5.0, 1.0) if name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
@@ -112,23 +123,25 @@ def compiled(name: str, dtype: str, *, reduction: bool = False) -> Compiled:
 
     def run(momentum, attitude):
         start = ml.RigidState(momentum, attitude)
-        steps = TURNS * unroll
-        return ml.integrate(method, ml.RigidBody(moments), torque, start, dt=0.02, steps=steps, save_every=steps)
+        steps = TURNS * turn
+        run = {"dt": 0.02, "steps": steps, "save_every": steps}
+        with mock.patch.object(type(method), "unroll", turn):
+            return ml.integrate(method, ml.RigidBody(moments), torque, start, **run)
 
     arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
     jax.clear_caches()  # the package traces another program for a GPU
-    _lower_on_cuda(fusion._reduce if reduction else fusion._separate)
+    _lower_on_cuda(OUTPUTS[outputs])
     began = time.perf_counter()
     with mock.patch.object(jax, "default_backend", return_value="gpu"), tempfile.TemporaryDirectory() as folder:
-        unroll = method.fitted(ml.RigidBody(moments)).unroll
+        turn = unroll or method.unroll
         lowered = jax.jit(jax.vmap(run), out_shardings=card).lower(*arguments)
         program = lowered.compile(compiler_options={"xla_backend_optimization_level": 3, "xla_dump_to": folder})
         ptx = "".join(file.read_text() for file in sorted(Path(folder).glob("*.ptx")))
     seconds = time.perf_counter() - began
     jax.clear_caches()
-    _lower_on_cuda(fusion._separate)
-    turn = _loop_over_steps(_computations(program.as_text()))
-    return Compiled(unroll, turn.times(1 / unroll)._replace(size=turn.size / unroll / BATCH), seconds, ptx)
+    _lower_on_cuda(OUTPUTS[OURS])
+    launches = _loop_over_steps(_computations(program.as_text()))
+    return Compiled(turn, launches.times(1 / turn)._replace(size=launches.size / turn / BATCH), seconds, ptx)
 
 
 def _card():
@@ -196,38 +209,24 @@ def _size(shape: str) -> int:
     return total
 
 
-def row(name: str, dtype: str, before: bool) -> list[str]:
-    now = compiled(name, dtype)
-    cells = [name, dtype, str(now.unroll), f"{now.step.kernels:.3g} + {now.step.small:.3g}", f"{now.step.size:.0f}"]
-    if before:
-        old = compiled(name, dtype, reduction=True)
-        return [
-            *cells,
-            f"{old.step.kernels:.3g} + {old.step.small:.3g}",
-            f"{old.step.size:.0f}",
-            f"{now.seconds:.0f} s",
-        ]
-    return [*cells, "", "", f"{now.seconds:.0f} s"]
+def row(name: str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> str:
+    found = compiled(name, dtype, outputs, unroll)
+    kernels, small, size = (f"{x:.3g}" for x in found.step)
+    form = "" if (outputs, unroll) == (OURS, None) else outputs if unroll is None else "other number of steps a turn"
+    cells = (name, dtype, form, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
+    line = f"| {' | '.join(cells)} |"
+    print(line, flush=True)
+    return line
 
 
 def main() -> None:
     if missing():
         sys.exit(missing())
-    titles = (
-        "method",
-        "dtype",
-        "steps a turn",
-        "launches a step",
-        "bytes a body and step",
-        "launches, with the CPU's reduction",
-        "bytes, with the CPU's reduction",
-        "compile",
-    )
-    lines = [f"| {' | '.join(titles)} |", "| " + " | ".join("---" for _ in titles) + " |"]
+    heads = ("method", "dtype", "form", "steps a turn", "launches a step", "bytes a body and step", "compile")
+    lines = [f"| {' | '.join(heads)} |", f"| {' | '.join(['---'] * len(heads))} |"]
     for name in NAMES:
         for dtype in ("float32", "float64"):
-            lines.append(f"| {' | '.join(row(name, dtype, before=name in NAMES[:3]))} |")
-            print(lines[-1], flush=True)
+            lines += [row(name, dtype), *(row(name, dtype, *form) for form in FORMS.get((name, dtype), ()))]
     page = ROOT / "docs" / "gpu.md"
     text = page.read_text()
     head, rest = text.split(BEGIN)

@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax._kernel.platform import on_cpu
 from midlie_jax.methods.flights import FLIGHTS
 from midlie_jax.methods.registry import ENTRIES
 from midlie_jax.methods.runge_kutta import RungeKutta
@@ -89,9 +90,14 @@ def accepted(**options):
     return {name: value for name, value in options.items() if known(name, value)}
 
 
+def on_cpus(**options):
+    """The accepted options on CPUs, none on an accelerator, whose programs are never compiled in a hurry."""
+    return accepted(**options) if on_cpu() else {}
+
+
 # Code that compiles in half the time; what it computes is the same, at worst rounded otherwise. For derivatives and
 # long programs: the laws of the steps are held by the code that users get.
-QUICK = accepted(
+QUICK = on_cpus(
     xla_backend_optimization_level=0, xla_cpu_use_fusion_emitters=False, xla_cpu_parallel_codegen_split_count=1
 )
 
@@ -102,7 +108,7 @@ def quick(function):
 
 
 # The code that users get, which `conftest.py` does not make of what asks for nothing.
-REAL = accepted(
+REAL = on_cpus(
     xla_backend_optimization_level=3, xla_cpu_use_fusion_emitters=True, xla_cpu_parallel_codegen_split_count=32
 )
 

@@ -12,8 +12,9 @@ import sys
 import jax
 import pytest
 
-# Compiled in a hurry, in a third of the time. What is held to rounding asks for the code that users get, `cases.REAL`;
-# the whole matrix (-m full) runs on nothing else. `test_shard_map.py` gives its process flags of its own.
+# Compiled in a hurry, in a third of the time, on CPUs. What is held to rounding asks for the code that users get,
+# `cases.REAL`; the whole matrix (-m full) and accelerators run nothing else. `test_shard_map.py` gives its process
+# flags of its own.
 HURRIED = (
     "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 )
@@ -25,8 +26,16 @@ def known(flags):
     return subprocess.run(start, env=os.environ | {"XLA_FLAGS": flags}, capture_output=True).returncode == 0
 
 
+def pytest_addoption(parser):
+    parser.addoption("--accelerator", action="store_true", help="run on an accelerator; fail without one")
+
+
 def pytest_configure(config):
-    if config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ and known(HURRIED):
+    if config.option.accelerator:
+        if jax.default_backend() == "cpu":
+            raise pytest.UsageError("JAX sees no accelerator here; bring its programs: pip install 'jax[cuda13]'.")
+        print(f"JAX {jax.__version__} on {jax.devices()[0].device_kind}")
+    elif config.option.markexpr == "not full" and "XLA_FLAGS" not in os.environ and known(HURRIED):
         os.environ["XLA_FLAGS"] = HURRIED
 
 

@@ -40,9 +40,18 @@ def test_every_page_is_in_the_site():
     assert {page.name for page in PAGES[1:]} == set(re.findall(r"([\w-]+\.md)$", nav, re.MULTILINE))
 
 
+TABLES = (
+    ("run", "performance"),
+    ("long_run", "theory"),
+    ("work_precision", "how-it-compares"),
+    ("gpu", "gpu"),
+    ("kernels", "gpu"),
+)
+
+
 def test_tables_of_benchmarks_have_their_markers():
     """Each benchmark that writes into a page names the page, and finds its markers there."""
-    for script, page in (("run", "performance"), ("long_run", "theory"), ("work_precision", "how-it-compares")):
+    for script, page in TABLES:
         code = (ROOT / "benchmarks" / f"{script}.py").read_text()
         (begin,), (end,) = (re.findall(f'"(<!-- {slash}[a-z ]+ -->)"', code) for slash in ("", "/"))
         text = (ROOT / "docs" / f"{page}.md").read_text()

@@ -1,0 +1,289 @@
+"""The speed of the methods on an accelerator, against the number of bodies: one table and one chart.
+
+    make gpu                                      everything, written to docs/gpu.md and docs/gpu.png
+    python benchmarks/gpu.py [--quick] [--seconds N] [--write]
+
+The scene is the fast top P1, or for JACOBI[...] and GBS12 an asymmetric top. Each figure is the median of runs after
+the first, by the wall clock, without compiling. Beside each method stands the difference of its result from that of the
+CPU. Programs are traced in turn and compiled by as many threads as the machine has cores. The most informative programs
+come first; no program is begun after N seconds (540 by default), and what was measured by then is written.
+
+The forms of a program:
+
+- `ours`: as the package compiles it, with several steps a turn of the loop.
+- `one step a turn`: the same with one step a turn.
+- `as on a CPU`: one step a turn, whose outputs leave it through a reduction.
+- `graph`: as `ours`, with XLA's option to record the loop as a CUDA graph.
+"""
+
+import argparse
+import contextlib
+import os
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.interpreters import mlir
+
+jax.config.update("jax_enable_x64", True)
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax._kernel import fusion  # noqa: E402
+from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.bench.rivals.problem import rates  # noqa: E402
+from midlie_jax.methods.runge_kutta import RungeKutta  # noqa: E402
+from midlie_jax.methods.splitting import Splitting  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
+DT = 0.005
+COMPARED = 64  # bodies whose result is compared with the CPU's
+OURS, SINGLE, REDUCTION, GRAPH = "ours", "one step a turn", "as on a CPU", "graph"
+TSIT5, SOLVER = "diffrax Tsit5", "LIEMID[EA] by diffrax"
+METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12")
+FORMS: dict[str, dict[str, Any]] = {
+    GRAPH: {"xla_gpu_enable_command_buffer": "FUSION,WHILE", "xla_gpu_graph_min_graph_size": 1},
+}
+# Body-steps a second that the arithmetic of an H200 allows (132 multiprocessors at 1.98 GHz), from the instructions of
+# the same step compiled by nvcc 13.0 for sm_90, with fused multiply-adds, which XLA does not make.
+CEILINGS = {
+    ("SYMMETRIC[EA]", "float32"): 2.4e11,
+    ("SYMMETRIC[EA]", "float64"): 1.2e11,
+    ("JACOBI[EA]", "float32"): 8.1e10,
+    ("JACOBI[EA]", "float64"): 3.4e10,
+    ("LIEMID[EA]", "float32"): 3.8e10,
+}
+
+
+class Job(NamedTuple):
+    """What one program computes."""
+
+    method: str
+    dtype: str
+    bodies: int
+    form: str = OURS
+
+    @property
+    def steps(self) -> int:
+        """A run takes a fraction of a second: a launch takes some microseconds, a step of 1e7 bodies a millisecond."""
+        return 64 * max(1, min(160, round(4e8 / self.bodies / 64)))
+
+
+class Figure(NamedTuple):
+    """Body-steps a second, and the difference of the momenta from the CPU's, in units of eps |Pi|."""
+
+    job: Job
+    speed: float
+    difference: float
+
+
+def jobs(quick: bool) -> Iterator[Job]:
+    """All jobs, the most informative first."""
+    if quick:
+        yield from (Job(method, "float32", 1000) for method in METHODS)
+        yield from (Job("SYMMETRIC[EA]", "float32", 1000, form) for form in (SINGLE, REDUCTION))
+        yield from (Job(form, "float32", 1000, form) for form in (TSIT5, SOLVER))
+        return
+    for dtype in ("float32", "float64"):
+        yield from (Job(method, dtype, 10**n) for n in (6, 4, 2, 5, 3, 7) for method in METHODS[:3])
+        if dtype == "float32":
+            yield from (
+                Job(method, dtype, n, form)
+                for n in (10**4, 10**6, 100)
+                for form in (SINGLE, REDUCTION, GRAPH)
+                for method in METHODS[:2]
+            )
+        yield from (Job(form, dtype, 10**n, form) for n in (6, 4, 2, 5, 3) for form in (TSIT5, SOLVER))
+        yield from (Job(method, dtype, 10**n) for n in (6, 4, 2, 5, 3) for method in METHODS[3:])
+
+
+def run_of(job: Job):
+    """The function that the job compiles, from a state to the momentum at the end."""
+    scene = scene_of(job)
+
+    def ours(start):
+        every = {"dt": DT, "steps": job.steps, "save_every": job.steps}
+        return ml.integrate(job.method, scene.body, scene.torque, start, **every).states.momentum[-1]
+
+    def by_diffrax(terms, solver, start):
+        end = jnp.asarray(DT * job.steps, job.dtype)
+        options = {"adjoint": diffrax.ForwardMode(), "max_steps": None}
+        return diffrax.diffeqsolve(terms, solver, 0 * end, end, end / job.steps, start, **options).ys
+
+    def tsit5(start):
+        field = rates(scene)
+        term = diffrax.ODETerm(lambda t, y, args: jnp.stack(field([y[i] for i in range(7)])))
+        return by_diffrax(term, diffrax.Tsit5(), jnp.concatenate([start.momentum, start.attitude]))[-1, :3]
+
+    def solver(start):
+        term = ml.RigidBodyTerm(scene.body, scene.torque)
+        return by_diffrax(term, ml.LieSolver("LIEMID[EA]"), start).momentum[-1]
+
+    return {TSIT5: tsit5, SOLVER: solver}.get(job.form, ours)
+
+
+def scene_of(job: Job):
+    asymmetric = job.method.startswith(("JACOBI", "GBS"))
+    return scenes.scene("asymmetric-top" if asymmetric else "P1", jnp.dtype(job.dtype))
+
+
+def starts_of(job: Job) -> ml.RigidState:
+    return scenes.perturbed(scene_of(job), job.bodies, 1e-3)
+
+
+def lowered(job: Job, starts: ml.RigidState):
+    """The traced program, in the form of the job; forms differ while a program is traced and lowered."""
+    lower_with(fusion._reduce if job.form == REDUCTION else fusion._separate)
+    jax.clear_caches()  # JAX would find the step as it was traced for another form
+    with contextlib.ExitStack() as stack:
+        stack.callback(lower_with, fusion._separate)
+        if job.form in (SINGLE, REDUCTION):
+            for kind in (Splitting, RungeKutta):
+                stack.enter_context(mock.patch.object(kind, "unroll", 1))
+        return jax.jit(jax.vmap(run_of(job))).lower(starts)
+
+
+def lower_with(function) -> None:
+    platform = {"gpu": "cuda"}.get(jax.default_backend(), jax.default_backend())
+    if platform != "cpu":
+        lowering = mlir.lower_fun(function, multiple_results=True)
+        mlir.register_lowering(fusion._fuse, lowering, platform=platform)
+
+
+def difference(job: Job, starts: ml.RigidState, momentum) -> float:
+    """Of the first bodies from the same run on the CPU, in units of eps |Pi|; NaN for a program of diffrax."""
+    if job.form in (TSIT5, SOLVER):
+        return float("nan")
+    few = jax.tree.map(lambda x: np.asarray(x[:COMPARED]), starts)
+    with jax.default_device(jax.devices("cpu")[0]):
+        expected = np.asarray(jax.jit(jax.vmap(run_of(job)))(few))
+    gap = np.linalg.norm(np.asarray(momentum)[:COMPARED] - expected, axis=-1) / np.linalg.norm(expected, axis=-1)
+    return float(gap.max() / np.finfo(job.dtype).eps)
+
+
+def measured(queue: list[Job], seconds: float, compare: bool) -> Iterator[Figure]:
+    """The figures of the jobs, as they are found; failures are printed and left out."""
+    began = time.perf_counter()
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for part in range(0, len(queue), 12):
+            programs: list[tuple[Job, ml.RigidState, Future[Any]]] = []
+            for job in queue[part : part + 12]:
+                if time.perf_counter() - began > seconds:
+                    print(f"out of time before {job}", flush=True)
+                    break
+                starts = starts_of(job)
+                options = FORMS.get(job.form, {}) if jax.default_backend() != "cpu" else {}
+                programs.append((job, starts, pool.submit(lowered(job, starts).compile, options)))
+            for job, starts, future in programs:
+                try:
+                    yield timed(job, future.result(), starts, compare)
+                except Exception as error:  # one program that fails must not cost the figures of the others
+                    print(f"{job}: {type(error).__name__}: {str(error)[:200]}", flush=True)
+
+
+def timed(job: Job, program, starts: ml.RigidState, compare: bool) -> Figure:
+    momentum = jax.block_until_ready(program(starts))
+    laps = []
+    for _ in range(5):
+        began = time.perf_counter()
+        jax.block_until_ready(program(starts))
+        laps.append(time.perf_counter() - began)
+    speed = job.bodies * job.steps / statistics.median(laps)
+    return Figure(job, speed, difference(job, starts, momentum) if compare else float("nan"))
+
+
+def table(figures: list[Figure]) -> list[str]:
+    """One row for each method, dtype and form, one column for each number of bodies; then our speed over Tsit5's."""
+    sizes = sorted({figure.job.bodies for figure in figures})
+    found = {figure.job: figure for figure in figures}
+    kinds = sorted(dict.fromkeys((f.job.dtype, f.job.form, f.job.method) for f in figures), key=lambda kind: kind[0])
+    heads = ["body-steps a second", "", "", *(f"{n:.0e} bodies" for n in sizes), "ceiling", "difference from the CPU"]
+    lines = [heads, ["---"] * len(heads)]
+    for dtype, form, method in kinds:
+        row = [found.get(Job(method, dtype, n, form)) for n in sizes]
+        gaps = [f.difference for f in row if f and np.isfinite(f.difference)]
+        gap = f"{max(gaps):.0f} eps" if gaps else ""
+        cells = [f"{f.speed:.2g}" if f else "" for f in row]
+        lines.append([method, dtype, "" if form == method else form, *cells, ceiling(method, dtype, "{:.2g}"), gap])
+    for dtype, form, method in kinds:
+        if form == OURS:
+            pairs = [(found.get(Job(method, dtype, n)), found.get(Job(TSIT5, dtype, n, TSIT5))) for n in sizes]
+            cells = [f"{mine.speed / its.speed:.3g}" if mine and its else "" for mine, its in pairs]
+            lines.append([f"{method} over Tsit5", dtype, "ratio of speeds", *cells, "", ""])
+    return [f"| {' | '.join(line)} |" for line in lines]
+
+
+def ceiling(method: str, dtype: str, form: str) -> str:
+    """What the arithmetic of the card allows, in words; "" where that is not known."""
+    known = "H200" in jax.devices()[0].device_kind and (method, dtype) in CEILINGS
+    return form.format(CEILINGS[method, dtype]) if known else ""
+
+
+def chart(figures: list[Figure], path: Path) -> None:
+    from midlie_jax.bench.figures import heading, new_figure, panel, write
+    from midlie_jax.bench.line_labels import End, label_ends
+    from midlie_jax.bench.line_styles import COOL, DASHED, SOLID, WARM, styles
+
+    figure = new_figure(13.0, 6.5)
+    dtypes = list(dict.fromkeys(f.job.dtype for f in figures))
+    panels = figure.subplots(1, len(dtypes), squeeze=False)[0]
+    figure.subplots_adjust(bottom=0.1, wspace=0.18)
+    heading(figure, "Steps a second against the number of bodies", where())
+    for axes, dtype in zip(panels, dtypes, strict=True):
+        chosen = [f for f in figures if f.job.dtype == dtype and f.job.form in (OURS, TSIT5, SOLVER)]
+        names = list(dict.fromkeys(f.job.method for f in chosen))
+        look = styles([name for name in names if name in METHODS], COOL, SOLID, ours=True)
+        look |= styles([name for name in names if name not in METHODS], WARM, DASHED, ours=False)
+        panel(axes, dtype, "Bodies", "Body-steps a second")
+        axes.set(xscale="log", yscale="log")
+        ends = []
+        for name in names:
+            points = sorted((f.job.bodies, f.speed) for f in chosen if f.job.method == name)
+            axes.plot(*zip(*points, strict=True), **look[name].drawn(1.8, 6))
+            ends.append(End(name, look[name].colour, *points[-1], bold=name in METHODS))
+            if height := ceiling(name, dtype, "{}"):
+                axes.axhline(float(height), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
+        label_ends(axes, ends)
+    write(figure, str(path))
+
+
+def where() -> str:
+    device = jax.devices()[0].device_kind
+    return (
+        f"{device}, JAX {jax.__version__}, {time.strftime('%Y-%m-%d')}. Dotted: what the arithmetic of the card allows"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a few programs, to see that everything runs")
+    parser.add_argument("--seconds", type=float, default=540.0, help="no program is begun later")
+    parser.add_argument("--write", action="store_true", help="write docs/gpu.md and docs/gpu.png")
+    options = parser.parse_args()
+    if jax.default_backend() == "cpu" and not options.quick:
+        sys.exit("JAX sees no accelerator here; `--quick` runs a few programs on the CPU.")
+    figures: list[Figure] = []
+    for figure in measured(list(jobs(options.quick)), options.seconds, compare=True):
+        figures.append(figure)
+        print(f"{figure.job}: {figure.speed:.3g} body-steps a second, {figure.difference:.0f} eps", flush=True)
+    lines = [f"{where()}.", "", *table(figures)]
+    print("\n".join(lines))
+    chart(figures, ROOT / "docs" / "gpu.png" if options.write else Path("gpu.png"))
+    if options.write:
+        page = ROOT / "docs" / "gpu.md"
+        head, rest = page.read_text().split(BEGIN)
+        picture = "![Speed against the number of bodies](gpu.png)"
+        page.write_text("\n".join([head + BEGIN, picture, "", *lines, END]) + rest.split(END)[1])
+
+
+if __name__ == "__main__":
+    main()
