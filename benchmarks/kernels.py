@@ -211,7 +211,7 @@ def _size(shape: str) -> int:
 
 def row(name: str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> str:
     found = compiled(name, dtype, outputs, unroll)
-    kernels, small, size = (f"{x:.3g}" for x in found.step)
+    kernels, small, size = (f"{x:.4g}" for x in found.step)
     form = "" if (outputs, unroll) == (OURS, None) else outputs if unroll is None else "other number of steps a turn"
     cells = (name, dtype, form, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
     line = f"| {' | '.join(cells)} |"
