@@ -9,6 +9,9 @@ from .diffrax import RigidBodyTerm as RigidBodyTerm
 from .diffrax import RotationNorm as RotationNorm
 from .drivers.adaptive import AdaptivePath as AdaptivePath
 from .drivers.adaptive import integrate_adaptive as integrate_adaptive
+from .drivers.adjoints import Checkpointed as Checkpointed
+from .drivers.adjoints import Forward as Forward
+from .drivers.adjoints import Reversible as Reversible
 from .drivers.ensemble import ensemble as ensemble
 from .drivers.free_motion import free_motion as free_motion
 from .drivers.integrate import Path as Path

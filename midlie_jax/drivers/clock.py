@@ -10,6 +10,11 @@ def ends_of_step(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, No
     return time_of(*clock, n), time_of(*clock, n + 1), None
 
 
+def ends_of_step_back(n: Array, clock: tuple[Array, Array]) -> tuple[Array, Array, None]:
+    """The times at both ends of step n when it is taken backwards."""
+    return time_of(*clock, n + 1), time_of(*clock, n), None
+
+
 def time_of(t0: Array, dt: Array, n: Array) -> Array:
     """t0 + n dt in the dtype of the run, for every 32-bit index n.
 

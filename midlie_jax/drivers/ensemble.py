@@ -23,6 +23,7 @@ from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from . import shared_inputs
+from .adjoints import Adjoint, Checkpointed, Reversible, as_adjoint
 from .arguments import as_first_step, as_method, check_saving, check_step, check_system
 from .integrate import Path, path_of_body
 from .rows import count_rows, torque_rows
@@ -45,6 +46,7 @@ def ensemble(
     first_step: int | Array = 0,
     torque_axes: Any = None,
     chunk: int | None = None,
+    adjoint: Adjoint | None = None,
 ) -> Path:
     """Integrates n bodies; the results are those of `integrate` for each body, up to a few units in the last place.
 
@@ -65,6 +67,7 @@ def ensemble(
             a tree like the torque's with leaves 0 and None, like the `in_axes` of `jax.vmap`. To get such a tree, use
             `jax.tree.map(lambda leaf: 0, torque)`.
         chunk: number of bodies that are moved at once; by default the number that is fastest on this machine.
+        adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
 
     Returns:
         The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,), and `states`
@@ -97,7 +100,8 @@ def ensemble(
     arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     mapped, shared = eqx.partition(arguments, rows)
-    return _run(method, mapped, shared, first, steps, save_every, chunk or chunk_size(count))
+    adjoint = Checkpointed() if adjoint is None else as_adjoint(adjoint)
+    return _run(method, adjoint, mapped, shared, first, steps, save_every, chunk or chunk_size(count))
 
 
 def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
@@ -111,6 +115,7 @@ def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
 @wide_jit
 def _run(
     method: Method,
+    adjoint: Adjoint,
     mapped: Any,
     shared: Any,
     first: Array,
@@ -126,12 +131,14 @@ def _run(
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
-    inputs, rows = _inputs_of_all(method, mapped, shared, first, steps)
+    # A step that is taken backwards needs other inputs than a step forwards.
+    reversible = isinstance(adjoint, Reversible)
+    inputs, rows = (None, None) if reversible else _inputs_of_all(method, mapped, shared, first, steps)
 
     def path_of_one(mapped: Any) -> Path:
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         every = save_every or steps
-        path = path_of_body(method, body, torque, start, dt, t0, first, steps, every, inputs, rows)
+        path = path_of_body(method, adjoint, body, torque, start, dt, t0, first, steps, every, inputs, rows)
         if save_every is not None:
             return path
         return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok)

@@ -17,8 +17,9 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike, on_body
+from .adjoints import Adjoint, Checkpointed, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
-from .clock import ends_of_step, time_of
+from .clock import ends_of_step, ends_of_step_back, time_of
 from .shared_inputs import Rows, SharedInputs
 
 
@@ -47,12 +48,12 @@ def integrate(
     save_every: int = 1,
     t0: float | Array = 0.0,
     first_step: int | Array = 0,
+    adjoint: Adjoint | None = None,
 ) -> Path:
     """Integrates one body with a constant step; map over bodies, torques, states and steps with `jax.vmap`.
 
     Compiled on the first call for each method, torque function, shape and step count. Differentiable, forward and
-    reverse, in every array; reverse mode stores one state for each step and recomputes the rest. All arithmetic is in
-    the dtype of `start`.
+    reverse, in every array; `adjoint` chooses how. All arithmetic is in the dtype of `start`.
 
     Args:
         method: from `midlie_jax.method`, or its name.
@@ -67,6 +68,9 @@ def integrate(
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
             integer index. So a run continued from a saved state with the index of that state equals the uninterrupted
             run, bit for bit.
+        adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
+            each step and recomputes the rest. `Reversible()`: reverse mode takes the steps backwards, in memory that
+            does not grow with their number. `Forward()`: forward mode alone.
 
     Returns:
         The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception.
@@ -82,11 +86,13 @@ def integrate(
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     check_step(dt)
-    return _run(method, body, torque, start, dt, t0, first, steps, save_every)
+    adjoint = Checkpointed() if adjoint is None else as_adjoint(adjoint)
+    return _run(method, adjoint, body, torque, start, dt, t0, first, steps, save_every)
 
 
 def path_of_body(
     method: Method,
+    adjoint: Adjoint,
     body: Any,
     torque: Any,
     start: AnyState,
@@ -101,7 +107,7 @@ def path_of_body(
     """`integrate` without the checks.
 
     Args:
-        method, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
+        method, adjoint, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
         shared: the step with prepared inputs, or None for the step of the method.
         rows: the prepared inputs of the steps of zero length before the run, and of the steps of the run.
     """
@@ -109,29 +115,31 @@ def path_of_body(
     uniform = t0, dt
     body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
     system = System.of(body, torque, start, t0)
+    adjoint.check(method, system, save_every)
     counted, first = counts(first, steps), first.astype(jnp.int32)
 
     if shared is not None:
         system = system._replace(costly=shared.costly)
     rows_before, rows_of_steps = (None, None) if rows is None else rows
 
-    def advance(h: Array, progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, None]:
+    def advance(h: Array, progress: Progress, step: tuple[Array, Any]) -> Progress:
         n, row = step
         if shared is not None:
-            return shared.advance(system, t0, dt, h, progress, n, row), None
-        return method.advance(system, (t0, dt), partial(ends_of_step, n), h, progress, axes)
+            return shared.advance(system, t0, dt, h, progress, n, row)
+        return method.advance(system, (t0, dt), partial(ends_of_step, n), h, progress, axes)[0]
+
+    def take_back(progress: Progress, step: tuple[Array, Any]) -> Progress:
+        return method.advance(system, (t0, dt), partial(ends_of_step_back, step[0]), -dt, progress, axes)[0]
 
     progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
     if method.keeps_force(system):
         progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
-    # Two checkpoints, because each order of reverse mode removes one: so a gradient of a gradient, too, stores only one
-    # state for each step.
-    step = jax.checkpoint(jax.checkpoint(partial(advance, dt), prevent_cse=False), prevent_cse=False)
 
     def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, AnyState]:
         n, rows = interval
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        progress, _ = jax.lax.scan(step, progress, (indices, rows), unroll=method.unroll)
+        inputs = Steps(partial(advance, dt), take_back, (indices, rows), save_every, method.unroll)
+        progress = adjoint.run(inputs, progress)
         return progress, system.state(progress.motion)
 
     intervals = steps // save_every
@@ -162,7 +170,7 @@ def _with_force(
     indices = jnp.stack([first - 1, first - 1])
     zero_step = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
     before = jax.lax.stop_gradient(progress._replace(force=zeros))
-    after, _ = jax.lax.scan(partial(advance, zero_step), before, (indices, rows))
+    after, _ = jax.lax.scan(lambda p, step: (advance(zero_step, p, step), None), before, (indices, rows))
     direct = system.force(t, motion)
     stop = jax.lax.stop_gradient
     return progress._replace(force=jax.tree.map(lambda f, d: stop(f) + (d - stop(d)), after.force, direct))

@@ -1,0 +1,229 @@
+"""How a run is differentiated: `Checkpointed`, `Reversible` and `Forward`, the choices of `adjoint=`.
+
+The values of a run do not depend on the choice. What differs is where the reverse derivative takes the states from that
+it passes on its way back: it keeps some and computes the others again, or it takes every step backwards.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel.checks import as_count, described
+from .._kernel.internals import is_zero_tangent, make_primitive
+from ..methods.base import Method, Progress
+from ..methods.system import System
+
+_INTERVALS = 16  # of a reversible run, between states that are kept
+Step = Callable[[Progress, Any], Progress]
+
+
+class Steps(NamedTuple):
+    """Consecutive steps of one run.
+
+    Attributes:
+        take: the progress after a step, from the progress before it and its inputs.
+        take_back: the progress before a step of a symmetric method, from the progress after it and its inputs.
+        inputs: of all steps, a pytree with a leading axis; the index of the step and its prepared values.
+        count: number of steps.
+        unroll: steps in a turn of the loop.
+    """
+
+    take: Step
+    take_back: Step
+    inputs: Any
+    count: int
+    unroll: int
+
+
+class Adjoint(eqx.Module):
+    """The derivative of a run."""
+
+    @abstractmethod
+    def run(self, steps: Steps, progress: Progress) -> Progress:
+        """The progress after all steps."""
+
+    def check(self, method: Method, system: System, save_every: int) -> None:
+        """Raises a ValueError unless the derivative exists for this method and torque."""
+        del method, system, save_every
+
+
+class Checkpointed(Adjoint):
+    """Reverse mode keeps some states and recomputes what lies between them. Forward mode and higher orders work, too.
+
+    Attributes:
+        every: a state is kept every `every` steps; it must divide `save_every`. With 1 each step is recomputed once.
+            With more, it is recomputed twice, and n steps need memory for n / every + every states.
+    """
+
+    every: int = eqx.field(static=True, default=1)
+
+    def __check_init__(self) -> None:
+        as_count("every", self.every)
+
+    def check(self, method: Method, system: System, save_every: int) -> None:
+        del method, system
+        _check_division(self.every, save_every)
+
+    def run(self, steps: Steps, progress: Progress) -> Progress:
+        take = _recomputed(lambda progress, step: (steps.take(progress, step), None))
+        if self.every == 1:
+            return jax.lax.scan(take, progress, steps.inputs, unroll=steps.unroll)[0]
+        block = _recomputed(lambda progress, inputs: jax.lax.scan(take, progress, inputs, unroll=steps.unroll))
+        return jax.lax.scan(block, progress, _in_blocks(steps.inputs, self.every))[0]
+
+
+class Reversible(Adjoint):
+    """Reverse mode takes the steps of a symmetric method backwards, so its memory does not grow with their number.
+
+    A step of -h undoes a step of h, up to rounding. Rounding adds up on the way back, so a few states are kept, and the
+    way back starts from each of them anew. There is no forward mode; derivatives of a gradient work.
+
+    Attributes:
+        every: a state is kept every `every` steps; it must divide `save_every`. By default 16 states are kept between
+            two saved ones, or fewer if `save_every` is not divisible by 16.
+    """
+
+    every: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self) -> None:
+        if self.every is not None:
+            as_count("every", self.every)
+
+    def check(self, method: Method, system: System, save_every: int) -> None:
+        if not method.symmetric:
+            raise ValueError(
+                f"adjoint=Reversible() needs a symmetric method, and {method.name} is not one; "
+                "use Checkpointed(), or a method whose `symmetric` is True."
+            )
+        if system.reads_momentum:
+            raise ValueError(
+                "adjoint=Reversible() needs a torque that does not read the momentum, because a step with another "
+                "torque cannot be undone; use Checkpointed()."
+            )
+        if self.every is not None:
+            _check_division(self.every, save_every)
+
+    def run(self, steps: Steps, progress: Progress) -> Progress:
+        block = self.every or _block(steps.count)
+        index = jax.tree.map(lambda x: x[0], steps.inputs)
+        # Arrays that the steps close over become arguments, because derivatives with respect to them are wanted.
+        take, arrays = jax.closure_convert(steps.take, progress, index)
+        take_back, arrays_back = jax.closure_convert(steps.take_back, progress, index)
+        run = partial(_run_reversibly, take, take_back, steps.unroll)
+        blocks = _in_blocks(steps.inputs, block)
+        return jax.lax.scan(lambda p, inputs: (run(p, inputs, arrays, arrays_back), None), progress, blocks)[0]
+
+
+class Forward(Adjoint):
+    """Forward mode alone, which compiles fastest; what asks for reverse mode gets a ValueError."""
+
+    def run(self, steps: Steps, progress: Progress) -> Progress:
+        taken = jax.lax.scan(lambda p, step: (steps.take(p, step), None), progress, steps.inputs, unroll=steps.unroll)[
+            0
+        ]
+        leaves, structure = jax.tree.flatten(taken)
+        return structure.unflatten(_forward_only.bind(*leaves))
+
+
+def as_adjoint(adjoint: Any) -> Adjoint:
+    """The adjoint itself; a ValueError for anything else."""
+    if not isinstance(adjoint, Adjoint):
+        raise ValueError(
+            f"adjoint must be midlie_jax.Checkpointed(), Reversible() or Forward(), got {described(adjoint)}."
+        )
+    return adjoint
+
+
+def _recomputed(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function; reverse mode keeps its arguments and computes it again.
+
+    There are two checkpoints, because each order of reverse mode removes one: so a gradient of a gradient, too, keeps
+    the arguments alone.
+    """
+    return jax.checkpoint(jax.checkpoint(function, prevent_cse=False), prevent_cse=False)
+
+
+def _check_division(every: int, save_every: int) -> None:
+    if save_every % every:
+        raise ValueError(
+            f"save_every ({save_every}) must be divisible by every ({every}) of the adjoint; change one of them."
+        )
+
+
+def _block(count: int) -> int:
+    """The smallest divisor of `count` that makes at most `_INTERVALS` blocks."""
+    return next(block for block in range(-(-count // _INTERVALS), count + 1) if count % block == 0)
+
+
+def _in_blocks(tree: Any, block: int) -> Any:
+    return jax.tree.map(lambda x: x.reshape(-1, block, *x.shape[1:]), tree)
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2))
+def _run_reversibly(
+    take: Any, take_back: Any, unroll: int, progress: Progress, inputs: Any, arrays: Any, arrays_back: Any
+) -> Progress:
+    del take_back, arrays_back
+    return jax.lax.scan(lambda p, step: (take(p, step, *arrays), None), progress, inputs, unroll=unroll)[0]
+
+
+def _forward_pass(
+    take: Any, take_back: Any, unroll: int, progress: Progress, inputs: Any, arrays: Any, arrays_back: Any
+) -> tuple[Progress, Any]:
+    end = _run_reversibly(take, take_back, unroll, progress, inputs, arrays, arrays_back)
+    return end, (end, inputs, arrays, arrays_back)
+
+
+def _backward_pass(take: Any, take_back: Any, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
+    end, inputs, arrays, arrays_back = kept
+    del unroll
+    numbers, rest = eqx.partition(end, eqx.is_inexact_array)
+
+    def step_back(carry: Any, step: Any) -> tuple[Any, None]:
+        after, cotangent, total = carry
+        before = eqx.filter(take_back(eqx.combine(after, rest), step, *arrays_back), eqx.is_inexact_array)
+
+        def taken(before: Any, arrays: Any) -> Any:
+            return eqx.filter(take(eqx.combine(before, rest), step, *arrays), eqx.is_inexact_array)
+
+        _, pullback = jax.vjp(taken, before, arrays)
+        cotangent, change = pullback(cotangent)
+        return (before, cotangent, jax.tree.map(jnp.add, total, change)), None
+
+    begin = numbers, eqx.filter(cotangent, eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, arrays)
+    (_, before, total), _ = jax.lax.scan(step_back, begin, inputs, reverse=True)
+    return before, None, total, None  # None stands for zero: also in `before`, where it takes the place of `ok`
+
+
+_run_reversibly.defvjp(_forward_pass, _backward_pass)
+
+
+def _identity(*leaves: Array) -> list[Array]:
+    return list(leaves)
+
+
+def _mark_tangents(primals: Any, tangents: Any) -> tuple[list[Any], list[Any]]:
+    """The primitive stays on the tangents alone, where a reverse derivative will transpose it."""
+    moving = [tangent for tangent in tangents if not is_zero_tangent(tangent)]
+    marked = iter(_forward_only.bind(*moving) if moving else [])
+    return list(primals), [tangent if is_zero_tangent(tangent) else next(marked) for tangent in tangents]
+
+
+def _no_transpose(cotangents: Any, *primals: Any) -> list[Any]:
+    raise ValueError("adjoint=Forward() has no reverse derivative; use Checkpointed() or Reversible(), or jax.jacfwd.")
+
+
+_forward_only = make_primitive(
+    "forward_only",
+    default=_identity,
+    on_cpu=_identity,
+    jvp=_mark_tangents,
+    transpose=_no_transpose,
+    batch=lambda values, axes: (_forward_only.bind(*values), axes),
+)
