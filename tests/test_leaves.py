@@ -7,7 +7,7 @@ import pytest
 from cases import quick
 
 import midlie_jax as ml
-from midlie_jax._kernel.fusion import fuse, fuse_derivative
+from midlie_jax._kernel.fusion import begin, cut, fuse, fuse_derivative, split
 
 BODY = ml.RigidBody(jnp.array([1.0, 2.0, 3.0]))
 START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), jnp.array([1.0, 0.0, 0.0, 0.0]))
@@ -57,7 +57,7 @@ def test_derivatives_pass_by_keys_and_integers(run):
     np.testing.assert_allclose([values[0], value], by_raw, rtol=1e-12)
 
 
-@pytest.mark.parametrize("held", [fuse, fuse_derivative])
+@pytest.mark.parametrize("held", [begin, fuse, split, cut, fuse_derivative])
 def test_what_holds_outputs_together_is_the_identity_on_any_leaf(held):
     leaves = {
         "key": jax.random.key(3),

@@ -10,10 +10,10 @@ computes only one. The whole step becomes one vectorised loop and compiles sever
 torque, pass unchanged.
 
 The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by itself, and the reduction would split the
-step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity. `cut` divides a
-step there, too, where it is longer than one loop or kernel can be.
+step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity.
 
-Both are one JAX primitive. To automatic differentiation it is the identity, and it fuses tangents and cotangents too.
+A step, and the body of a loop within it, starts with `begin` and ends with `fuse`. `split`, `cut` and `fuse_derivative`
+divide a step that does not fit one loop. All are one JAX primitive, which fuses tangents and cotangents as well.
 """
 
 from collections import defaultdict
@@ -29,30 +29,46 @@ from .mesh import axes_of, is_number
 
 T = TypeVar("T")
 
-FUSE, CUT, DERIVATIVE = "fuse", "cut", "fuse_derivative"  # what the primitive is used for
+# What the primitive is used for.
+_BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE = "begin", "fuse", "split", "cut", "fuse_derivative"
+_NOTHING = (_BEGIN, _DERIVATIVE)  # what compiles to nothing
 
 
 def fuse(tree: T) -> T:
-    """The tree with its values unchanged; the compiled program computes all leaves of equal shape in one loop."""
-    return _bind(tree, FUSE)
+    """The tree with its values unchanged, at the end of a step: its leaves of equal shape are computed in one loop."""
+    return _bind(tree, _FUSE)
+
+
+def begin(tree: T) -> T:
+    """The tree with its values unchanged, at the beginning of a step; the counterpart of `fuse` at its end.
+
+    It compiles to nothing. A reverse derivative runs through the step from its end to its beginning: what enters it at
+    `fuse` is left alone, and what leaves it at `begin` is fused.
+    """
+    return _bind(tree, _BEGIN)
+
+
+def split(tree: T) -> T:
+    """`fuse` in the middle of a step: what follows is a loop of its own, in the derivatives, too."""
+    return _bind(tree, _SPLIT)
 
 
 def cut(tree: T) -> T:
-    """`fuse` in the middle of a step; on an accelerator, too, what follows is a kernel of its own.
+    """`split`, and on an accelerator, too, what follows is a kernel of its own.
 
     Left alone, a GPU's compiler divides a step that is too long for one kernel in more parts than necessary, and each
     part writes many intermediate results to memory.
     """
-    return _bind(tree, CUT)
+    return _bind(tree, _CUT)
 
 
 def fuse_derivative(tree: T) -> T:
-    """The tree with its values unchanged; in a derivative it acts as `fuse`, otherwise it compiles to nothing.
+    """`split` in a derivative; otherwise it compiles to nothing.
 
-    Use it between the parts of a step. The step itself remains one loop; its derivative, which is several times larger,
-    is split there into loops of a size that the compiler can handle.
+    The step itself remains one loop; its derivative, which is several times larger, is split there into loops of a size
+    that the compiler can handle.
     """
-    return _bind(tree, DERIVATIVE)
+    return _bind(tree, _DERIVATIVE)
 
 
 def _bind(tree: T, use: str) -> T:
@@ -78,7 +94,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
     """The lowering on CPUs: one reduction for all leaves of one shape that vary along the same mesh axes."""
     result = list(leaves)
     groups: dict[Any, list[int]] = defaultdict(list)
-    for i, leaf in enumerate(() if use == DERIVATIVE else leaves):
+    for i, leaf in enumerate(() if use in _NOTHING else leaves):
         groups[leaf.shape, axes_of(leaf)].append(i)
     for indices in groups.values():
         pairs = tuple(jnp.broadcast_to(leaves[i], (2, *leaves[i].shape)) for i in indices)
@@ -90,7 +106,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
 
 def _separate(*leaves: Array, use: str) -> list[Array]:
     """The lowering on other platforms."""
-    return list(jax.lax.optimization_barrier(leaves) if use == CUT else leaves)
+    return list(jax.lax.optimization_barrier(leaves) if use == _CUT else leaves)
 
 
 def _is_nonzero(tangent: Any) -> bool:
@@ -98,17 +114,15 @@ def _is_nonzero(tangent: Any) -> bool:
 
 
 def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]]:
-    use = _in_derivative(use)
+    use = _SPLIT if use == _DERIVATIVE else use
     return _fuse.bind(*primals, use=use), _fuse_where(tangents, _is_nonzero, use)
 
 
 def _transpose(cotangents: Any, *primals: Any, use: str) -> list[Any]:
     del primals
-    return _fuse_where(cotangents, _is_nonzero, _in_derivative(use))
-
-
-def _in_derivative(use: str) -> str:
-    return FUSE if use == DERIVATIVE else use
+    if use == _FUSE:  # the cotangents of a step enter here
+        return list(cotangents)
+    return _fuse_where(cotangents, _is_nonzero, _FUSE if use == _BEGIN else use)
 
 
 def _batch(values: Any, axes: Any, *, use: str) -> tuple[list[Array], Any]:

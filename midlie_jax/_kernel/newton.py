@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from . import components as cp
-from .fusion import fuse
+from .fusion import fuse, split
 
 Residual = Callable[[cp.Vector], cp.Vector]
 
@@ -52,7 +52,7 @@ def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x
         inverse = cp.Inverse3.of(slope(x))
         for _ in range(2):
             x = cp.subtract(x, inverse.times(residual(x)))
-        x = fuse(x)
+        x = split(x)
     return x
 
 

@@ -21,7 +21,7 @@ from jax import Array
 
 from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, used_inputs
 from .mesh import axes_of, promoted
-from .rules import Pool, body_of, fits, is_expensive, rule_for
+from .rules import Pool, body_of, count_operations, fits, is_expensive, rule_for
 
 
 class Traits(NamedTuple):
@@ -29,10 +29,12 @@ class Traits(NamedTuple):
 
     Attributes:
         costly: whether it contains an operation that XLA treats as expensive or that has no rule.
+        operations: how many operations it has; one on arrays counts as one.
         reads: the arguments, with each leaf replaced by True if the result depends on it, otherwise by False.
     """
 
     costly: bool
+    operations: int
     reads: Any
 
 
@@ -40,7 +42,8 @@ def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
     closed = jax.make_jaxpr(function)(*arguments)
     used = used_inputs(closed)
-    return Traits(any(map(is_expensive, closed.jaxpr.eqns)), jax.tree.unflatten(jax.tree.structure(arguments), used))
+    reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
+    return Traits(any(map(is_expensive, closed.jaxpr.eqns)), count_operations(closed), reads)
 
 
 class Packed(NamedTuple):

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 
 from .._kernel.checks import as_count, described
 from .._kernel.internals import is_zero_tangent, make_primitive
@@ -20,7 +21,7 @@ from ..methods.base import Method, Progress
 from ..methods.system import System
 
 _INTERVALS = 16  # of a reversible run, between states that are kept
-Step = Callable[[Progress, Any], Progress]
+Step = Callable[..., Progress]
 
 
 class Steps(NamedTuple):
@@ -30,14 +31,14 @@ class Steps(NamedTuple):
         take: the progress after a step, from the progress before it and its inputs.
         take_back: the progress before a step of a symmetric method, from the progress after it and its inputs.
         inputs: of all steps, a pytree with a leading axis; the index of the step and its prepared values.
-        count: number of steps.
+        number: how many steps.
         unroll: steps in a turn of the loop.
     """
 
     take: Step
     take_back: Step
     inputs: Any
-    count: int
+    number: int
     unroll: int
 
 
@@ -110,14 +111,16 @@ class Reversible(Adjoint):
             _check_division(self.every, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
-        block = self.every or _block(steps.count)
+        block = self.every or _block(steps.number)
         index = jax.tree.map(lambda x: x[0], steps.inputs)
         # Arrays that the steps close over become arguments, because derivatives with respect to them are wanted.
         take, arrays = jax.closure_convert(steps.take, progress, index)
         take_back, arrays_back = jax.closure_convert(steps.take_back, progress, index)
-        run = partial(_run_reversibly, take, take_back, steps.unroll)
-        blocks = _in_blocks(steps.inputs, block)
-        return jax.lax.scan(lambda p, inputs: (run(p, inputs, arrays, arrays_back), None), progress, blocks)[0]
+
+        def run(progress: Progress, inputs: Any) -> tuple[Progress, None]:
+            return _run_reversibly(take, take_back, steps.unroll, progress, inputs, arrays, arrays_back), None
+
+        return jax.lax.scan(run, progress, _in_blocks(steps.inputs, block))[0]
 
 
 class Forward(Adjoint):
@@ -165,43 +168,52 @@ def _in_blocks(tree: Any, block: int) -> Any:
     return jax.tree.map(lambda x: x.reshape(-1, block, *x.shape[1:]), tree)
 
 
+class _Perturbed(eqx.Module):
+    """For each array that the steps read, whether a derivative with respect to it is asked for."""
+
+    flags: tuple[bool, ...] = eqx.field(static=True)
+
+
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2))
 def _run_reversibly(
-    take: Any, take_back: Any, unroll: int, progress: Progress, inputs: Any, arrays: Any, arrays_back: Any
+    take: Step, take_back: Step, unroll: int, progress: Progress, inputs: Any, arrays: Any, arrays_back: Any
 ) -> Progress:
+    """The progress after the steps with these inputs; `take` and `take_back` read the arrays."""
     del take_back, arrays_back
     return jax.lax.scan(lambda p, step: (take(p, step, *arrays), None), progress, inputs, unroll=unroll)[0]
 
 
-def _forward_pass(
-    take: Any, take_back: Any, unroll: int, progress: Progress, inputs: Any, arrays: Any, arrays_back: Any
-) -> tuple[Progress, Any]:
-    end = _run_reversibly(take, take_back, unroll, progress, inputs, arrays, arrays_back)
-    return end, (end, inputs, arrays, arrays_back)
+def _forward_pass(take: Step, take_back: Step, unroll: int, *arguments: Any) -> tuple[Progress, Any]:
+    progress, inputs, arrays, arrays_back = jax.tree.map(lambda x: x.value, arguments)
+    end: Any = _run_reversibly(take, take_back, unroll, progress, inputs, arrays, arrays_back)
+    return end, (end, inputs, arrays, arrays_back, _Perturbed(tuple(x.perturbed for x in arguments[2])))
 
 
-def _backward_pass(take: Any, take_back: Any, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
-    end, inputs, arrays, arrays_back = kept
-    del unroll
+def _backward_pass(take: Step, take_back: Step, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
+    end, inputs, arrays, arrays_back, perturbed = kept
     numbers, rest = eqx.partition(end, eqx.is_inexact_array)
+    # Only the arrays whose derivative is asked for are differentiated: so the step's derivative has fewer operations.
+    wanted, given = eqx.partition(arrays, list(perturbed.flags))
 
     def step_back(carry: Any, step: Any) -> tuple[Any, None]:
         after, cotangent, total = carry
         before = eqx.filter(take_back(eqx.combine(after, rest), step, *arrays_back), eqx.is_inexact_array)
 
-        def taken(before: Any, arrays: Any) -> Any:
-            return eqx.filter(take(eqx.combine(before, rest), step, *arrays), eqx.is_inexact_array)
+        def taken(before: Any, wanted: Any) -> Any:
+            after = take(eqx.combine(before, rest), step, *eqx.combine(wanted, given))
+            return eqx.filter(after, eqx.is_inexact_array)
 
-        _, pullback = jax.vjp(taken, before, arrays)
+        _, pullback = jax.vjp(taken, before, wanted)
         cotangent, change = pullback(cotangent)
         return (before, cotangent, jax.tree.map(jnp.add, total, change)), None
 
-    begin = numbers, eqx.filter(cotangent, eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, arrays)
-    (_, before, total), _ = jax.lax.scan(step_back, begin, inputs, reverse=True)
-    return before, None, total, None  # None stands for zero: also in `before`, where it takes the place of `ok`
+    received = jax.tree.map(lambda x, c: jnp.zeros_like(x) if isinstance(c, SymbolicZero) else c, end, cotangent)
+    begin = numbers, eqx.filter(received, eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, wanted)
+    (_, before, total), _ = jax.lax.scan(step_back, begin, inputs, reverse=True, unroll=unroll)
+    return before, None, total, None  # None stands for zero, also where `before` and `total` have None
 
 
-_run_reversibly.defvjp(_forward_pass, _backward_pass)
+_run_reversibly.defvjp(_forward_pass, _backward_pass, symbolic_zeros=True)
 
 
 def _identity(*leaves: Array) -> list[Array]:

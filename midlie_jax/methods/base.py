@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jax import Array
 
-from .._kernel.fusion import fuse, fuse_derivative
+from .._kernel.fusion import begin, fuse
 from .._kernel.mesh import NONE, Axes, all_promoted
 from ..model.bodies import Body
 from .system import AnyMotion, System
@@ -111,7 +111,7 @@ class Method(eqx.Module):
         Returns:
             The progress after the step, and the further results of `times`.
         """
-        system, clock, h, progress = fuse_derivative((system, clock, h, progress))
+        system, clock, h, progress = begin((system, clock, h, progress))
         t0, t1, rest = times(clock)
         motion, force, ok = self.step(system, t0, t1, h, progress.motion, progress.force)
         return fuse(all_promoted((Progress(motion, force, progress.ok & ok), rest), axes))

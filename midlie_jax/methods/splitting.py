@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import cut, fuse, fuse_derivative
+from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
 from .._kernel.platform import on_cpu
 from ..model.bodies import Body, RigidBody, principal_of
 from .base import Method
@@ -98,10 +98,10 @@ class Splitting(Method):
 
         short_flight = self.flight.per_loop > 2
         unroll = (2 if short_flight else 1) if on_cpu() else self.flight.per_kernel
-        after_flight = stages.system.loop_boundary if short_flight else fuse
+        after_flight = stages.system.loop_boundary if short_flight else split
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            motion, force, ok = carry
+            motion, force, ok = begin(carry)
             kick, flight, start_time, end_time = row
             if kicks_first:
                 motion = stages.kick(kick, start_time, motion, force)
@@ -115,8 +115,8 @@ class Splitting(Method):
         rows = [kicks, flights, times[:-1], times[1:]]
         count = min(len(kicks), len(flights))
         rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
-        begin = motion, force, jnp.ones_like(stages.h, bool)
-        (motion, force, ok), _ = jax.lax.scan(iteration, begin, rows, unroll=unroll)
+        start = motion, force, jnp.ones_like(stages.h, bool)
+        (motion, force, ok), _ = jax.lax.scan(iteration, start, rows, unroll=unroll)
         if kicks_first:
             return stages.kick(kicks[-1], 1.0, motion, force), force, ok
         motion, flight_ok = stages.fly(flights[-1], motion)
@@ -167,5 +167,6 @@ def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) 
 
     The increment is None for a state without a pose, which ignores it.
     """
-    inertia, h, momentum = fuse_derivative((inertia, h, momentum))
+    if flight.long_derivative:
+        inertia, h, momentum = fuse_derivative((inertia, h, momentum))
     return flight(inertia, h, momentum) if has_pose else (None, *flight.momentum_change(inertia, h, momentum))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import fuse, fuse_derivative
+from .._kernel.fusion import fuse_derivative, split
 from .._kernel.replay import traits
 from ..model.bodies import Body, RigidBody, TensorBody, principal_of
 from ..model.state import AnyState, P, Q
@@ -17,6 +17,7 @@ from ..model.torques import TorqueLike, on_body, velocity_dependent
 from .inertia import Inertia
 
 T = TypeVar("T")
+_LONG_TORQUE = 150  # operations
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
 
 
@@ -42,6 +43,7 @@ class System(NamedTuple):
         kind: the class of the state.
         reads_momentum: whether the torque depends on the momentum, as damping and control do.
         costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
+        long: whether the torque has so many operations that its derivative does not fit one loop with the flight's.
         axes: the quaternion that rotates principal components to the user's; None where both are the same.
     """
 
@@ -50,6 +52,7 @@ class System(NamedTuple):
     kind: type[AnyState]
     reads_momentum: bool
     costly: bool
+    long: bool
     axes: cp.Quaternion | None = None
 
     @classmethod
@@ -63,7 +66,7 @@ class System(NamedTuple):
         principal = principal_of(body)
         inertia = Inertia.of(principal) if isinstance(principal, RigidBody) else principal
         if torque is None:
-            return cls(inertia, None, type(start), reads_momentum=False, costly=False, axes=axes)
+            return cls(inertia, None, type(start), reads_momentum=False, costly=False, long=False, axes=axes)
         torque = on_body(torque, body)
         try:
             torque_traits = traits(torque, t, start)
@@ -73,20 +76,22 @@ class System(NamedTuple):
                 f"jax.numpy for numpy (jnp.cross for np.cross). JAX reports: {str(error).splitlines()[0]}"
             ) from error
         reads = velocity_dependent(torque) or torque_traits.reads[1].momentum
-        return cls(inertia, torque, type(start), reads, torque_traits.costly, axes)
+        long = torque_traits.operations > _LONG_TORQUE
+        return cls(inertia, torque, type(start), reads, torque_traits.costly, long, axes)
 
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.
 
         XLA counts a division, root or exponential as too expensive to repeat, and ends the loop around a torque with
         such an operation at every value that is used twice. A costly torque therefore gets loops of its own, which end
-        here. Without a costly torque the step is a single loop, and only its derivative is split here.
+        here. Without a costly torque the step is a single loop, and only the derivative with a long torque is split
+        here.
         """
-        return fuse(tree) if self.costly else fuse_derivative(tree)
+        return split(tree) if self.costly else fuse_derivative(tree) if self.long else tree
 
     def _torque_boundary(self, tree: T) -> T:
         """The tree unchanged; ends the loop before and after a costly torque."""
-        return fuse(tree) if self.costly else tree
+        return split(tree) if self.costly else tree
 
     def motion(self, state: AnyState) -> AnyMotion:
         """The motion of a state, in principal components."""

@@ -24,6 +24,7 @@ class Flight(eqx.Module):
             CPU emitter splits a larger loop into functions that call each other, and so repeats the work many times.
         per_kernel: how many flights, each with a kick, XLA's GPU compiler keeps in one kernel
             (`benchmarks/kernels.py` counts).
+        long_derivative: whether the reverse derivative of a flight has so many operations that it needs a loop alone.
         one_loop: whether one flight compiles to a single loop over the batch; False where its solve is cut in parts.
     """
 
@@ -36,6 +37,7 @@ class Flight(eqx.Module):
     equal_moments: ClassVar[bool] = False
     per_loop: ClassVar[int]
     per_kernel: ClassVar[int] = 1
+    long_derivative: ClassVar[bool] = True
     one_loop: ClassVar[bool] = True
 
     def fitted(self, moments: Array) -> "Flight":

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import fuse
+from ..._kernel.fusion import split
 from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, arctangent, arctangent_slope, share_of_one
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
@@ -45,6 +45,7 @@ class LieMidpoint(Flight):
     symplectic: ClassVar[bool] = False
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
+    long_derivative: ClassVar[bool] = False
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)
@@ -69,7 +70,7 @@ def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector) -> cp.Vector:
 def _root_jvp(primals: Any, tangents: Any) -> tuple[cp.Vector, cp.Vector]:
     """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
     quadruple, y, _ = primals
-    u = fuse(_root(*primals))
+    u = split(_root(*primals))
     x = cp.dot(u, u)
     g = arctangent(x, exact=True)
     inverse = cp.Inverse3.of(_columns(quadruple, y, u, g, arctangent_slope(x, exact=True)))

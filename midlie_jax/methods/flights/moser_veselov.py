@@ -19,7 +19,7 @@ import jax
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import fuse
+from ..._kernel.fusion import split
 from ..._kernel.newton import newton_pairs
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
@@ -151,7 +151,7 @@ def _root(moments: cp.Vector, gaps: cp.Vector, y: cp.Vector) -> cp.Vector:
 @_root.defjvp
 def _root_jvp(primals: Any, tangents: Any) -> Any:
     moments, gaps, y = primals
-    c = fuse(_root(moments, gaps, y))
+    c = split(_root(moments, gaps, y))
     inverse = cp.Inverse3.of(_slope(moments, gaps, y, c))
     _, change = jax.jvp(partial(_residual, c=c), primals, tangents)
     return c, cp.scale(-1, inverse.times(change))

@@ -53,6 +53,7 @@ class Symmetric(Flight):
     equal_moments: ClassVar[bool] = True
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 4
+    long_derivative: ClassVar[bool] = False
 
     def fitted(self, moments: Array) -> "Symmetric":
         """This flight with the axis of symmetry fixed, if all bodies with these moments, (..., 3), share an axis.

@@ -15,7 +15,7 @@ import jax
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.fusion import fuse
+from ..._kernel.fusion import split
 from ..._kernel.newton import newton_pairs
 from ..._kernel.short_series import LARGEST_SQUARE, half_turn, stumpff
 from ...model.bodies import RigidBody
@@ -94,7 +94,7 @@ def _turn(order: int | None, inertia: Inertia, y: cp.Vector) -> cp.Vector:
 @_turn.defjvp
 def _turn_jvp(order: int | None, primals: tuple[Inertia, cp.Vector], tangents: tuple[Inertia, cp.Vector]) -> Any:
     inertia, y = primals
-    turn = fuse(_turn(order, inertia, y))
+    turn = split(_turn(order, inertia, y))
     inverse = cp.Inverse3.of(_slope(order, inertia, y, turn))
     _, change = jax.jvp(lambda inertia, y: _residual(order, inertia, y, turn), primals, tangents)
     return turn, cp.scale(-1, inverse.times(change))

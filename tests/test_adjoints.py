@@ -1,0 +1,183 @@
+"""The choices of `adjoint=`: one derivative and one value whichever is taken; what each costs in memory; its limits."""
+
+import re
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import METHODS, each, epsilon, quick, real, setup, suited
+
+import midlie_jax as ml
+
+CASE = setup()
+SYMMETRIC = [method.name for method in METHODS if method.symmetric]
+FEW = ["SYMMETRIC[EA]", "JACOBI[SRKN6b]", "AKW"]  # an exact flight, a loop over stages, an implicit method
+ADJOINTS = {
+    "states kept every 8 steps": ml.Checkpointed(every=8),
+    "backwards": ml.Reversible(),
+    "backwards from every 8th step": ml.Reversible(every=8),
+}
+WEIGHTS = jnp.array([0.3, -1.1, 0.7, 0.9, -0.4, 0.6, 1.3])
+
+
+def parameters(name, dtype="float64"):
+    values = (suited(name, jnp.asarray(CASE.moments)), CASE.weight, CASE.momentum, CASE.attitude, CASE.dt)
+    return tuple(jnp.asarray(value, dtype) for value in values)
+
+
+def path(name, adjoint, parameters, steps=48, save_every=16, axis=(0.48, 0.6, 0.64)):
+    moments, weight, momentum, attitude, dt = parameters
+    torque = ml.torques.HeavyTop(weight, axis)
+    start = ml.RigidState(momentum, attitude)
+    run = {"dt": dt, "steps": steps, "save_every": save_every, "adjoint": adjoint}
+    return ml.integrate(name, ml.RigidBody(moments), torque, start, **run)
+
+
+def loss(name, adjoint, parameters, **run):
+    """One number that depends on every entry of every saved state."""
+    states = path(name, adjoint, parameters, **run).states
+    values = jnp.concatenate([states.momentum, states.attitude], axis=-1)
+    return jnp.sum((values + values**2) @ WEIGHTS.astype(values.dtype))
+
+
+def gap(found, expected):
+    pairs = zip(found, expected, strict=True)
+    return max(float(jnp.max(jnp.abs(x - y)) / jnp.max(jnp.abs(y))) for x, y in pairs)
+
+
+@pytest.mark.parametrize("name", each(SYMMETRIC, FEW))
+def test_every_adjoint_gives_the_same_value_and_gradient(name):
+    given = parameters(name)
+    value, gradient = quick(jax.value_and_grad(partial(loss, name, ml.Checkpointed())))(given)
+    for label, adjoint in ADJOINTS.items():
+        other, found = quick(jax.value_and_grad(partial(loss, name, adjoint)))(given)
+        assert abs(other - value) <= 4 * epsilon("float64") * abs(value), label
+        assert gap(found, gradient) <= 1e-12, label
+    forward = quick(jax.jacfwd(partial(loss, name, ml.Forward())))(given)
+    assert gap(forward, gradient) <= 1e-11
+
+
+def test_the_way_back_over_ten_thousand_steps():
+    """Of a regular motion, Lagrange's top; 16 states are kept, so the rounding of 625 steps adds up."""
+    name = "SYMMETRIC[EA]"
+    given = parameters(name)
+    run = {"steps": 10_000, "save_every": 10_000, "axis": (0.0, 0.0, 1.0)}
+    kept = quick(jax.grad(partial(loss, name, ml.Checkpointed(every=100), **run)))(given)
+    found = quick(jax.grad(partial(loss, name, ml.Reversible(), **run)))(given)
+    assert gap(found, kept) <= 1e-9
+
+
+def test_memory_of_the_way_back_does_not_grow_with_the_steps():
+    def memory(adjoint, steps):
+        gradient = jax.grad(partial(loss, "SYMMETRIC[EA]", adjoint, steps=steps, save_every=steps))
+        return quick(gradient).lower(parameters("SYMMETRIC[EA]")).compile().memory_analysis().temp_size_in_bytes
+
+    # 8 bytes a step stay: the index of the step and the counter of the loop.
+    assert memory(ml.Reversible(), 160_000) - memory(ml.Reversible(), 1600) <= 8 * 160_000
+    assert memory(ml.Checkpointed(), 160_000) >= 7 * 8 * 160_000
+    assert memory(ml.Checkpointed(every=400), 160_000) <= 8 * 160_000 + 12 * 8 * 2 * 400 + 100_000
+
+
+def test_arrays_that_a_torque_closes_over_have_derivatives():
+    given = parameters("SYMMETRIC[EA]")
+
+    def end(strength, adjoint):
+        def torque(t, state):
+            return strength * jnp.cross(jnp.array([0.3, -0.5, 0.4]), ml.so3.to_matrix(state.attitude)[2]) * jnp.cos(t)
+
+        start = ml.RigidState(given[2], given[3])
+        run = {"dt": 1 / 64, "steps": 32, "save_every": 32, "adjoint": adjoint}
+        return (
+            ml.integrate("SYMMETRIC[EA]", ml.RigidBody([2.0, 2.0, 2.5]), torque, start, **run).states.momentum[-1]
+            @ WEIGHTS[:3]
+        )
+
+    slopes = [jax.grad(end)(jnp.asarray(1.5), adjoint) for adjoint in (ml.Checkpointed(), ml.Reversible())]
+    assert abs(slopes[0]) > 1e-2
+    assert abs(slopes[1] - slopes[0]) <= 1e-12 * abs(slopes[0])
+
+
+def test_second_derivatives_of_the_way_back():
+    given = parameters("SYMMETRIC[EA]")
+
+    def in_weight(adjoint, weight):
+        return loss("SYMMETRIC[EA]", adjoint, (given[0], weight, *given[2:]))
+
+    second = [
+        quick(jax.grad(jax.grad(partial(in_weight, adjoint))))(given[1])
+        for adjoint in (ml.Checkpointed(), ml.Reversible())
+    ]
+    assert abs(second[1] - second[0]) <= 1e-11 * abs(second[0])
+
+
+def test_an_ensemble_goes_back_as_each_of_its_bodies():
+    momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, 5)[:, None])
+    starts = ml.RigidState(momenta, jnp.tile(jnp.asarray(CASE.attitude), (5, 1)))
+
+    def ends(weight, adjoint):
+        torque, body = ml.torques.HeavyTop(weight, (0.48, 0.6, 0.64)), ml.RigidBody(jnp.asarray([2.0, 2.0, 2.5]))
+        many = ml.ensemble("SYMMETRIC[EA]", body, torque, starts, dt=1 / 64, steps=32, chunk=2, adjoint=adjoint)
+        return jnp.sum(many.states.attitude**3)
+
+    slopes = [quick(jax.grad(partial(ends, adjoint=a)))(jnp.asarray(2.0)) for a in (ml.Checkpointed(), ml.Reversible())]
+    assert abs(slopes[0]) > 1e-3
+    assert abs(slopes[1] - slopes[0]) <= 1e-12 * abs(slopes[0])
+
+
+def damping(t, state):
+    del t
+    return -0.1 * state.momentum
+
+
+@pytest.mark.parametrize(
+    ("method", "torque", "adjoint", "save_every", "message"),
+    [
+        ("RK4", None, ml.Reversible(), 16, "RK4 is not one"),
+        ("JACOBI[EA]", damping, ml.Reversible(), 16, "does not read the momentum"),
+        ("JACOBI[EA]", None, ml.Reversible(every=5), 16, r"save_every \(16\) must be divisible by every \(5\)"),
+        ("JACOBI[EA]", None, ml.Checkpointed(every=3), 16, r"save_every \(16\) must be divisible by every \(3\)"),
+    ],
+)
+def test_what_has_no_derivative_is_refused(method, torque, adjoint, save_every, message):
+    start = ml.RigidState(jnp.array([1.0, 0.8, -1.3]), jnp.array([1.0, 0.0, 0.0, 0.0]))
+    run = {"dt": 0.01, "steps": 32, "save_every": save_every, "adjoint": adjoint}
+    with pytest.raises(ValueError, match=message):
+        ml.integrate(method, ml.RigidBody([1.0, 2.0, 2.5]), torque, start, **run)
+
+
+@pytest.mark.parametrize("every", [0, -1, True])
+@pytest.mark.parametrize("adjoint", [ml.Checkpointed, ml.Reversible])
+def test_every_is_a_positive_integer(adjoint, every):
+    with pytest.raises(ValueError, match="every must be a positive"):
+        adjoint(every=every)
+
+
+def test_forward_mode_alone_refuses_reverse_mode():
+    with pytest.raises(ValueError, match="has no reverse derivative"):
+        jax.grad(partial(loss, "SYMMETRIC[EA]", ml.Forward()))(parameters("SYMMETRIC[EA]"))
+
+
+BATCH = 1003  # a number that nothing else in the program has
+
+
+@pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 3)])
+def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops):
+    """Without those that only add up what a step contributes to the derivatives of shared parameters."""
+
+    def gradient(momentum):
+        given = parameters(name)
+        return jax.grad(partial(loss, name, ml.Checkpointed(), steps=8, save_every=8))(
+            (*given[:2], momentum, *given[3:])
+        )
+
+    momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, BATCH)[:, None])
+    text = real(jax.vmap(gradient)).lower(momenta).compile().as_text()
+    computations = {c.split()[0].lstrip("%"): c for c in re.split(r"\n}\n+", text) if c.split()}
+    bodies = [computations[body] for body in set(re.findall(r"body=%?([\w.\-]+)", text))]
+    fused = [re.findall(rf"%([a-z_]+)_fusion\S* = .*\[{BATCH}\].* fusion\(", body) for body in bodies]
+    assert max(fusions.count("broadcast_reduce") for fusions in fused) <= 2 * loops
+    # What is not: sums, and copies of kept states.
+    others = {"broadcast_reduce", "add_add", "bitcast_dynamic-update-slice"}
+    assert max(len([name for name in fusions if name not in others]) for fusions in fused) <= 6
