@@ -32,6 +32,7 @@ class Estimate(eqx.Module):
         unconstrained: (p, p), the covariance of the unconstrained numbers on the combinations that are determined.
         spectrum: singular values and vectors of the Jacobian, see `Spectrum`.
         steps: the number of steps of the optimiser.
+        converged: whether the optimiser converged and every step of the run was good.
         ok: whether the optimiser converged, every step of the run was good, and all parameters are determined.
     """
 
@@ -47,6 +48,7 @@ class Estimate(eqx.Module):
     unconstrained: Float[Array, "*batch p p"]
     spectrum: Spectrum
     steps: Int[Array, "*batch"]
+    converged: Bool[Array, "*batch"]
     ok: Bool[Array, "*batch"]
 
 
@@ -74,6 +76,7 @@ def estimate_at(
     covariance = slopes @ unconstrained @ slopes.T
     unknown = spectrum.undetermined(slopes)
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
+    converged = ok & good & jnp.all(jnp.isfinite(found))
     quantile = one * ndtri(0.5 + CONFIDENCE / 2) if absolute_sigma else _quantile(dof, found.size, one)
     coordinates = data.layout.coordinates(vector)
     half = quantile * jnp.sqrt(jnp.diagonal(covariance))
@@ -90,7 +93,8 @@ def estimate_at(
         unconstrained=unconstrained,
         spectrum=spectrum,
         steps=steps,
-        ok=ok & good & jnp.all(spectrum.determined) & jnp.all(jnp.isfinite(found)) & (dof >= 1),
+        converged=converged,
+        ok=converged & jnp.all(spectrum.determined) & (dof >= 1),
     )
 
 

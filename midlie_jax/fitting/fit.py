@@ -80,7 +80,8 @@ def fit(
 
     Raises:
         ValueError: an argument is invalid, or there are too few measurements; raised before anything is traced. Or the
-            measurements do not determine all parameters; the message names those that cannot be told apart.
+            fit converged and the measurements do not determine all parameters; the message names those that cannot be
+            told apart.
     """
     shown = sys.stderr.isatty() if progress is None else progress
     plan = prepare(
@@ -109,7 +110,7 @@ def fit(
     layout = Layout(guess)
     groups = confounded(estimate.spectrum, layout.unconstrained_names())
     problem = complaint(groups, layout.parameters)
-    if problem and require_rank:
+    if problem and require_rank and bool(estimate.converged):
         raise ValueError(problem)
     return Fit(estimate, layout, tuple(listed), groups, problem)
 

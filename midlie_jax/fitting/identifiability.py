@@ -35,7 +35,7 @@ class Spectrum(NamedTuple):
     @classmethod
     def of(cls, jacobian: Float[Array, "r p"]) -> "Spectrum":
         lengths = lengths_of(jacobian)
-        _, singular, directions = jnp.linalg.svd(jacobian / lengths, full_matrices=False)
+        _, singular, directions = jnp.linalg.svd(jacobian / lengths[None], full_matrices=False)
         smallest = jnp.finfo(jacobian.dtype).eps ** (2 / 3) * jnp.maximum(singular[0], jnp.ones_like(singular[0]))
         return cls(lengths, singular, directions, singular > smallest)
 
@@ -54,13 +54,13 @@ class Spectrum(NamedTuple):
     def covariance(self) -> Float[Array, "p p"]:
         """(J^T J)^-1, of the unconstrained numbers, on the combinations that are determined; the others count zero."""
         inverse = jnp.where(self.determined, 1 / jnp.where(self.determined, self.singular, 1.0), 0.0)
-        half = inverse[:, None] * self.directions / self.lengths
+        half = inverse[:, None] * self.directions / self.lengths[None]
         return half.T @ half
 
     def undetermined(self, slopes: Float[Array, "k p"]) -> Bool[Array, " k"]:
         """Which quantities change along a null vector, given their derivatives in the unconstrained numbers."""
-        scaled = slopes / self.lengths
-        along = jnp.sum(jnp.where(self.determined, 0.0, (scaled @ self.directions.T) ** 2), axis=-1)
+        scaled = slopes / self.lengths[None]
+        along = jnp.sum(jnp.where(self.determined[None], 0.0, (scaled @ self.directions.T) ** 2), axis=-1)
         whole = jnp.sum(scaled**2, axis=-1)
         return along > jnp.finfo(slopes.dtype).eps ** (2 / 3) * whole
 

@@ -26,6 +26,35 @@ Part = str | Callable[[Any], Array] | Array  # a name in the values, a function 
 _SMALL_ANGLE = 1e-3  # below, the angle of two directions over its sine is a series
 
 
+class Source(eqx.Module):
+    """Where a quantity of an instrument comes from: see `Part`.
+
+    Attributes:
+        rule: the name of a parameter, a function of the values of the parameters, or None if the quantity is known.
+        known: the known quantity, or None.
+    """
+
+    rule: str | Callable[[Any], Array] | None = eqx.field(static=True)
+    known: Array | None
+
+    @classmethod
+    def of(cls, name: str, part: Any, shape: tuple[int, ...]) -> "Source":
+        """From an argument; a known array is checked for its shape."""
+        if isinstance(part, str) or callable(part):
+            return cls(part, None)
+        array = as_floats(name, part)
+        if array.size != int(np.prod(shape)):
+            raise ValueError(f"{name} must have shape {shape}, got {array.shape}.")
+        require_finite(name, array)
+        return cls(None, array.reshape(shape))
+
+    def __call__(self, parameters: Any) -> Any:
+        """The quantity for these values of the parameters."""
+        if isinstance(self.rule, str):
+            return parameters[self.rule]
+        return self.known if self.rule is None else self.rule(parameters)
+
+
 class Measurement(eqx.Module):
     """Values at times.
 
@@ -76,16 +105,16 @@ class Rates(Measurement):
     values: Float[Array, "n 3"]
     sigma: Float[Array, "n 3"]
     present: Bool[Array, "n 3"]
-    bias: Any
+    bias: Source | None
 
     def __init__(self, times: Any, values: Any, sigma: Any, bias: Part | None = None):
         self.times, self.values, self.present = _rows(times, values, (3,))
         self.sigma = _deviations(sigma, self.values)
-        self.bias = None if bias is None else _part("bias", bias, (3,))
+        self.bias = None if bias is None else Source.of("bias", bias, (3,))
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         rates = velocities(body, states)
-        return rates - self.values if self.bias is None else rates + resolve(self.bias, parameters)[None] - self.values
+        return rates - self.values if self.bias is None else rates + self.bias(parameters)[None] - self.values
 
 
 class Attitudes(Measurement):
@@ -187,8 +216,8 @@ class Positions(Measurement):
     values: Float[Array, "n m 3"]
     sigma: Float[Array, "n m 3"]
     present: Bool[Array, "n m 3"]
-    markers: Any
-    origin: Any
+    markers: Source
+    origin: Source | None
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, markers: Part | Any, origin: Part | Any = None):
         array = as_floats("values", values)
@@ -197,39 +226,21 @@ class Positions(Measurement):
             raise ValueError(f"values must have shape (n, 3) or (n, m, 3), got {array.shape}.")
         self.times, self.values, self.present = _rows(times, array.reshape(array.shape[0], *shape), shape)
         self.sigma = _deviations(sigma, self.values)
-        self.markers = _part("markers", markers, shape)
-        self.origin = None if origin is None else _part("origin", origin, (3,))
+        self.markers = Source.of("markers", markers, shape)
+        self.origin = None if origin is None else Source.of("origin", origin, (3,))
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         del body
-        markers = resolve(self.markers, parameters).reshape(1, -1, 3)
+        markers = self.markers(parameters).reshape(1, -1, 3)
         expected = so3.rotate(attitude_of(states)[:, None], markers)
         if self.origin is not None:
-            expected = expected + resolve(self.origin, parameters).reshape(1, 1, 3)
+            expected = expected + self.origin(parameters).reshape(1, 1, 3)
         return expected - self.values
 
 
 def velocities(body: RigidBody | TensorBody, states: AnyState) -> Float[Array, "n 3"]:
     """The angular velocities (n, 3) of several states of one body, body frame."""
     return jax.vmap(body.velocity)(states.momentum)
-
-
-def resolve(part: Any, parameters: Any) -> Any:
-    """The array for which a `Part` stands."""
-    if isinstance(part, str):
-        return parameters[part]
-    return part(parameters) if callable(part) else part
-
-
-def _part(name: str, part: Any, shape: tuple[int, ...]) -> Any:
-    """A `Part`, checked as far as it is known."""
-    if isinstance(part, str) or callable(part):
-        return part
-    array = as_floats(name, part)
-    if array.size != int(np.prod(shape)):
-        raise ValueError(f"{name} must have shape {shape}, got {array.shape}.")
-    require_finite(name, array)
-    return array.reshape(shape)
 
 
 def _rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -> tuple[Array, Array, Array]:
@@ -283,9 +294,10 @@ def _perpendicular(directions: Float[Array, "n 3"]) -> tuple[Array, Array]:
 def check_parts(measurement: Measurement, names: set[str]) -> None:
     """Raises a ValueError for a `Part` that names no parameter."""
     for field in ("bias", "markers", "origin"):
-        part = getattr(measurement, field, None)
-        if isinstance(part, str) and part not in names:
+        source = getattr(measurement, field, None)
+        rule = source.rule if isinstance(source, Source) else None
+        if isinstance(rule, str) and rule not in names:
             raise ValueError(
-                f"{field} of {type(measurement).__name__} names the parameter {part!r}, which is not in the guess; "
-                f"add it: guess = {{..., {part!r}: Free([0.0, 0.0, 0.0])}}."
+                f"{field} of {type(measurement).__name__} names the parameter {rule!r}, which is not in the guess; "
+                f"add it: guess = {{..., {rule!r}: Free([0.0, 0.0, 0.0])}}."
             )

@@ -22,7 +22,7 @@ from ..model import so3
 from ..model.state import AnyState
 from ..model.states import RigidState
 from .layout import Layout
-from .measurements import Attitudes, Measurement, Rates, resolve
+from .measurements import Attitudes, Measurement, Rates
 from .sampling import Grid
 
 Model = Callable[[Any], tuple[Any, Any, AnyState]]
@@ -101,7 +101,7 @@ class Problem(eqx.Module):
         for m in data.measurements:
             if isinstance(m, Rates):
                 rates = m.values[_nearest(m, times)]
-                rates = rates if m.bias is None else rates - resolve(m.bias, values)[None]
+                rates = rates if m.bias is None else rates - m.bias(values)[None]
                 states = eqx.tree_at(lambda s: s.momentum, states, jax.vmap(body.momentum)(rates))
             if isinstance(m, Attitudes) and isinstance(states, RigidState):
                 states = eqx.tree_at(lambda s: s.attitude, states, m.values[_nearest(m, times)])
@@ -142,7 +142,7 @@ def _moved(states: AnyState, moves: Float[Array, "s k"]) -> AnyState:
 
 def _defects(ends: AnyState, starts: AnyState) -> Float[Array, "s k"]:
     """The relative changes of momentum, and the rotations, from the ends of segments to the starts of the next."""
-    size = jax.lax.stop_gradient(jnp.linalg.norm(starts.momentum, axis=-1, keepdims=True))
+    size = jnp.linalg.norm(starts.momentum, axis=-1, keepdims=True)
     size = jnp.where(size == 0, jnp.ones_like(size), size)
     defects = (starts.momentum - ends.momentum) / size
     if isinstance(ends, RigidState) and isinstance(starts, RigidState):

@@ -14,7 +14,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from .._kernel.checks import as_floats, require, require_finite
+from .._kernel.checks import require, require_finite
+from .._kernel.components import is_traced
 from ..drivers.arguments import as_method
 from ..drivers.clock import time_of
 from ..drivers.integrate import Path, integrate
@@ -115,13 +116,16 @@ def states_at(
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure.
     """
-    times = as_floats("times", times).astype(start.momentum.dtype)
-    if times.ndim != 1 or not times.size:
-        raise ValueError(f"times must have shape (n,) with n >= 1, got {times.shape}.")
-    require_finite("times", times)
-    require("times", times, lambda x: np.diff(x) >= 0, "must ascend", "sort them.")
-    check_grid(np.asarray(times), dt, t0)
-    grid = Grid.of(np.asarray(times), float(dt), float(t0))
+    if is_traced(times):
+        raise ValueError("times must be concrete, because they decide the number of steps; close over them.")
+    known = np.asarray(times, start.momentum.dtype)  # NumPy's: inside jit an array of JAX would be traced
+    if known.ndim != 1 or not known.size:
+        raise ValueError(f"times must have shape (n,) with n >= 1, got {known.shape}.")
+    require_finite("times", known)
+    require("times", known, lambda x: np.diff(x) >= 0, "must ascend", "sort them.")
+    check_grid(known, dt, t0)
+    times = jnp.asarray(known)
+    grid = Grid.of(known, float(dt), float(t0))
     method = as_method(method)
     paths = grid.run(method, body, torque, jax.tree.map(lambda x: x[None], start))
     states, ok = grid.sample(method, body, torque, paths, times)

@@ -40,7 +40,7 @@ class Plan(eqx.Module):
     show: Callable[[Any, Any], None] | None = eqx.field(static=True)
 
 
-def fit_arrays(plan: Plan, guess: Any, measurements: Sequence[Measurement]) -> Estimate:
+def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Measurement]) -> Estimate:
     """Fits one data set; compile it with `jax.jit` and map it over data sets with `jax.vmap`. Raises nothing.
 
     Args:
@@ -52,7 +52,8 @@ def fit_arrays(plan: Plan, guess: Any, measurements: Sequence[Measurement]) -> E
     Returns:
         The estimate; check `ok`.
     """
-    data = Data(Layout(guess), tuple(measurements))
+    several = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)
+    data = Data(Layout(guess), several)
     start = data.layout.start()
     if plan.starts.shape[0] == 1:
         vector, steps, ok = _best(plan, data, start + plan.starts[0].astype(start.dtype))[:3]
