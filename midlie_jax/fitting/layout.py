@@ -64,20 +64,21 @@ class Layout(eqx.Module):
 
     def _named(self) -> Sequence[tuple[str, Parameter]]:
         found = jax.tree_util.tree_flatten_with_path(self.guess, is_leaf=_is_parameter)[0]
-        return [(jax.tree_util.keystr(path, simple=True, separator=".") or "value", p) for path, p in found]
+        return [(_name(path), parameter) for path, parameter in found]
 
     @classmethod
     def checked(cls, guess: Any) -> "Layout":
         """The layout of a guess; a ValueError if a leaf is no `Parameter`, or if there is none."""
-        layout = cls(guess)
-        if not layout.parameters:
+        leaves = jax.tree_util.tree_flatten_with_path(guess, is_leaf=_is_parameter)[0]
+        if not leaves:
             raise ValueError("guess holds no parameter; give for example {'moments': Moments([1.0, 2.0, 2.5])}.")
-        for name, leaf in layout._named():
-            if not isinstance(leaf, Parameter):
+        for path, leaf in leaves:
+            if not _is_parameter(leaf):
                 raise ValueError(
-                    f"guess: {name} is {described(leaf)}, not a parameter; wrap it, for example in "
+                    f"guess: {_name(path)} is {described(leaf)}, not a parameter; wrap it, for example in "
                     "midlie_jax.fitting.Free, or use it inside the model if it is known."
                 )
+        layout = cls(guess)
         dtypes = {parameter.vector().dtype.name for parameter in layout.parameters}
         if len(dtypes) > 1:
             raise ValueError(f"all parameters of the guess must have one dtype, got {' and '.join(sorted(dtypes))}.")
@@ -86,3 +87,8 @@ class Layout(eqx.Module):
 
 def _is_parameter(x: Any) -> bool:
     return isinstance(x, Parameter)
+
+
+def _name(path: Any) -> str:
+    """The name of a leaf of the guess, such as "moments" or "gyro.bias"."""
+    return jax.tree_util.keystr(path, simple=True, separator=".") or "value"

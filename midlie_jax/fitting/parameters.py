@@ -125,7 +125,7 @@ class Moments(Parameter):
     initial: Float[Array, "3"]
     scale: Scale = eqx.field(static=True)
 
-    def __init__(self, initial: Any, *, scale: Scale = "free"):
+    def __init__(self, initial: Any, *, scale: Scale | str = "free"):
         self.initial = _of_shape("initial", initial, (3,))
         self.scale = _checked_scale(scale)
         _require_positive("initial", self.initial)
@@ -172,7 +172,7 @@ class InertiaTensor(Parameter):
     initial: Float[Array, "3 3"]
     scale: Scale = eqx.field(static=True)
 
-    def __init__(self, initial: Any, *, scale: Scale = "free"):
+    def __init__(self, initial: Any, *, scale: Scale | str = "free"):
         self.initial = _of_shape("initial", initial, (3, 3))
         self.scale = _checked_scale(scale)
         require_finite("initial", self.initial)
@@ -254,9 +254,9 @@ def _of_shape(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def _checked_scale(scale: Any) -> Scale:
-    if scale not in ("free", "fixed"):
-        raise ValueError(f"scale must be 'free' or 'fixed', got {scale!r}.")
-    return scale
+    if scale == "free" or scale == "fixed":
+        return scale
+    raise ValueError(f"scale must be 'free' or 'fixed', got {scale!r}.")
 
 
 def _require_positive(name: str, value: Array) -> None:
