@@ -34,7 +34,7 @@ class Source(eqx.Module):
         known: the known quantity, or None.
     """
 
-    rule: str | Callable[[Any], Array] | None = eqx.field(static=True)
+    rule: str | Callable[..., Any] | None = eqx.field(static=True)
     known: Array | None
 
     @classmethod

@@ -21,7 +21,6 @@ _TURN = 0.5  # the most radians in a step
 
 def fit(options: argparse.Namespace) -> None:
     """Fits the data and prints the estimates; writes a chart."""
-    jax.config.update("jax_enable_x64", True)
     if options.out:
         require("matplotlib")
     times, rates = _read(options.data, options.columns, _FACTORS[options.unit])
