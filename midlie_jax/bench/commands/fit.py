@@ -32,6 +32,10 @@ def fit(options: argparse.Namespace) -> None:
     print(f"{options.data}: {known} angular velocities at {len(times)} times; free body, moments with a sum of "
           f"{moments.sum():g}, rates in rad/s")  # fmt: skip
     print(result)
+    if not options.sigma:
+        print(
+            "sigma is not given and counts as 1 rad/s: the rms is that of the rates, and the intervals follow from it"
+        )
     for i, (ratio, (low, high)) in enumerate(zip(ratios, intervals, strict=True)):
         print(f"moments[{i}] / moments[2]  {ratio:.10g}  [{low:.10g}, {high:.10g}]")
     if options.out:
@@ -42,7 +46,8 @@ def fit(options: argparse.Namespace) -> None:
         curve_times = np.linspace(times[0], times[-1], 1000)
         curve = states_at("JACOBI[EA]", body, None, start, curve_times, dt=dt, t0=float(times[0]))
         curves = np.asarray(curve.states.momentum) / moments
-        fit_chart(Path(options.data).name, times, rates, curve_times, curves, result.residuals()[0], options.out)
+        unit = "sigma" if options.sigma else "rad/s"
+        fit_chart(Path(options.data).name, times, rates, curve_times, curves, result.residuals()[0], unit, options.out)
         print(f"wrote {options.out}")
     if not result.ok:
         raise ValueError("the fit did not converge; give a guess of the moments by --moments, or check the unit.")

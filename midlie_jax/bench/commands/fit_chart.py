@@ -14,6 +14,7 @@ def fit_chart(
     curve_times: np.ndarray,
     curves: np.ndarray,
     residuals: np.ndarray,
+    unit: str,
     path: str,
 ) -> None:
     """Draws a fit and writes a PNG.
@@ -22,7 +23,8 @@ def fit_chart(
         name: of the data.
         times, rates: the measurements, (n,) and (n, 3), rad/s; NaN where missing.
         curve_times, curves: the fitted motion, (m,) and (m, 3).
-        residuals: (n, 3), model minus measurement over sigma.
+        residuals: (n, 3), model minus measurement.
+        unit: of the residuals.
         path: file to write; an existing file is replaced.
 
     Raises:
@@ -35,10 +37,10 @@ def fit_chart(
     )
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     panel(above, "Angular velocity about the principal axes", "", "Ω  [rad/s]")
-    panel(below, "Residuals", "Time t  [s]", "model - measurement, over sigma  [-]")
+    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")
     for i, colour in enumerate(_COLOURS):
         above.plot(curve_times, curves[:, i], color=colour, linewidth=1.2, label=f"Ω{i + 1}")
         above.plot(times, rates[:, i], ".", color=colour, markersize=4)
         below.plot(times, residuals[:, i], ".", color=colour, markersize=4)
-    above.legend(frameon=False, ncols=3, loc="upper right")
+    above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     write(figure, path)
