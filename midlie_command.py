@@ -15,7 +15,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
-COMMANDS = ("chart", "run", "methods", "scenes")
+COMMANDS = ("chart", "run", "fit", "methods", "scenes")
 _MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
@@ -81,6 +81,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
     _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
+    _add_fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
     commands.add_parser("methods", help="list the methods")
     commands.add_parser("scenes", help="list the scenes")
     return parser, dict(commands.choices)
@@ -135,6 +136,36 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_fit(fit: argparse.ArgumentParser) -> None:
+    fit.description = (
+        "Fits the moments of inertia of a body under no torque, up to their sum, and its initial angular velocity to "
+        "the angular velocities in a CSV file with a header: time in seconds, then the rates about the three principal "
+        "axes. Empty cells are missing values. Prints the estimates with 95 % intervals."
+    )
+    fit.add_argument("data", metavar="DATA.csv", help="the measurements")
+    fit.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
+    fit.add_argument(
+        "--columns",
+        nargs=4,
+        metavar="NAME",
+        help="the columns of time and of the three rates (default: the first four)",
+    )
+    fit.add_argument("--unit", choices=("deg/s", "rad/s"), required=True, help="the unit of the rates")
+    fit.add_argument(
+        "--sigma", type=_positive, metavar="S", help="their standard deviation, in this unit (default: from the fit)"
+    )
+    fit.add_argument(
+        "--moments",
+        nargs=3,
+        type=_positive,
+        metavar="I",
+        help="a guess; the fit keeps its sum (default: each order of three different moments, with the sum 5.5)",
+    )
+    fit.add_argument(
+        "--out", type=_file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG"
+    )
+
+
 def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
     """A reader of whole numbers, which may also be written as 1e3."""
     span = f"at least {least}" + (f" and at most {most}" if math.isfinite(most) else "")
@@ -167,6 +198,13 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a number, got {text!r}; write for example 0.005 or 5e-3") from None
+
+
+def _positive(text: str) -> float:
+    number = _number(text)
+    if not (math.isfinite(number) and number > 0):
+        raise argparse.ArgumentTypeError(f"must be positive, got {text!r}")
+    return number
 
 
 def _file(*endings: str) -> Callable[[str], str]:

@@ -3,6 +3,9 @@
 This module lists the public names; everything else is internal.
 """
 
+from importlib import import_module
+from typing import Any
+
 from .diffrax import LieInterpolation as LieInterpolation
 from .diffrax import LieSolver as LieSolver
 from .diffrax import RigidBodyTerm as RigidBodyTerm
@@ -38,3 +41,11 @@ from .model.states import DirectionState as DirectionState
 from .model.states import MomentumState as MomentumState
 from .model.states import ParticleState as ParticleState
 from .model.states import RigidState as RigidState
+
+
+def __getattr__(name: str) -> Any:
+    """`fit` and `fitting`, which need the extra `fit`, are imported when they are first asked for."""
+    if name in ("fit", "fitting"):
+        fitting = import_module(".fitting", __name__)
+        return fitting.fit if name == "fit" else fitting
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

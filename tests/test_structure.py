@@ -7,6 +7,8 @@ prints the floors, and the modules of each.
 
 import ast
 import re
+import subprocess
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -15,7 +17,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
-FLOORS = ("_kernel", "model", "methods", "drivers", "diffrax", "", "bench")
+FLOORS = ("_kernel", "model", "methods", "drivers", "diffrax", "fitting", "", "bench")
 
 
 def modules() -> dict[str, Path]:
@@ -111,15 +113,40 @@ def test_a_circle_is_found():
     assert set(circle(found)) >= {"model.so3", "model.states"}
 
 
-def test_only_the_plug_in_and_the_laboratory_import_diffrax():
+def users_of(package: str) -> set[str]:
+    """The folders with a module that imports an outside package."""
     users = [
         name
         for name, path in modules().items()
         for node in ast.walk(ast.parse(path.read_text()))
-        if (isinstance(node, ast.Import) and any(a.name == "diffrax" for a in node.names))
-        or (isinstance(node, ast.ImportFrom) and not node.level and node.module == "diffrax")
+        if (isinstance(node, ast.Import) and any(a.name.split(".")[0] == package for a in node.names))
+        or (isinstance(node, ast.ImportFrom) and not node.level and (node.module or "").split(".")[0] == package)
     ]
-    assert {name.split(".")[0] for name in users} <= {"diffrax", "bench"}
+    return {name.split(".")[0] for name in users}
+
+
+def test_only_the_plug_in_and_the_laboratory_import_diffrax():
+    assert users_of("diffrax") <= {"diffrax", "bench"}
+
+
+def test_only_fitting_imports_the_optimisers():
+    assert users_of("optimistix") | users_of("optax") == {"fitting"}
+
+
+def test_fitting_stands_beside_the_plug_in():
+    assert not [name for name, targets in graph().items() if name.split(".")[0] == "fitting" and any(
+        target.split(".")[0] == "diffrax" for target in targets
+    )]  # fmt: skip
+
+
+def test_fitting_is_imported_when_it_is_first_asked_for():
+    """And without optax, which a fit needs only for a solver of optax's."""
+    code = (
+        "import sys; sys.modules['optax'] = None; import midlie_jax as ml\n"
+        "print('midlie_jax.fitting' in sys.modules, ml.fit is ml.fitting.fit, 'midlie_jax.fitting' in sys.modules)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert said.split() == ["False", "True", "True"]
 
 
 def test_one_file_uses_what_jax_does_not_document():

@@ -6,7 +6,14 @@ import jax
 
 from . import chart, lists, run
 
-_ACTIONS = {"chart": chart.chart, "run": run.run, "methods": lists.methods, "scenes": lists.scenes}
+
+def _fit(options: argparse.Namespace) -> None:
+    from .fit import fit  # not before it is asked for: no other command needs the optimisers
+
+    fit(options)
+
+
+_ACTIONS = {"chart": chart.chart, "run": run.run, "fit": _fit, "methods": lists.methods, "scenes": lists.scenes}
 
 
 def act(options: argparse.Namespace) -> None:

@@ -1,0 +1,46 @@
+"""The chart of a fit: measured and fitted angular velocities, and the residuals."""
+
+import numpy as np
+
+from ..figures import heading, new_figure, panel, write
+
+_COLOURS = ("#0072B2", "#D55E00", "#009E73")  # of Okabe and Ito
+
+
+def fit_chart(
+    name: str,
+    times: np.ndarray,
+    rates: np.ndarray,
+    curve_times: np.ndarray,
+    curves: np.ndarray,
+    residuals: np.ndarray,
+    unit: str,
+    path: str,
+) -> None:
+    """Draws a fit and writes a PNG.
+
+    Args:
+        name: of the data.
+        times, rates: the measurements, (n,) and (n, 3), rad/s; NaN where missing.
+        curve_times, curves: the fitted motion, (m,) and (m, 3).
+        residuals: (n, 3), model minus measurement.
+        unit: of the residuals.
+        path: file to write; an existing file is replaced.
+
+    Raises:
+        ImportError: matplotlib is missing.
+        OSError: the file cannot be written.
+    """
+    figure = new_figure(11.0, 8.0)
+    heading(
+        figure, f"{name}: a free body", "Lines: the fitted motion. Dots: the measurements, and what the fit leaves."
+    )
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    panel(above, "Angular velocity about the principal axes", "", "Ω  [rad/s]")
+    panel(below, "Residuals: model minus measurement", "Time t  [s]", f"Residual  [{unit}]")
+    for i, colour in enumerate(_COLOURS):
+        above.plot(curve_times, curves[:, i], color=colour, linewidth=1.2, label=f"Ω{i + 1}")
+        above.plot(times, rates[:, i], ".", color=colour, markersize=4)
+        below.plot(times, residuals[:, i], ".", color=colour, markersize=4)
+    above.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    write(figure, path)

@@ -1,0 +1,104 @@
+"""`Estimate`: the result of a fit as arrays, for one data set or, with leading axes, for many."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+from scipy.special import ndtri, stdtrit  # SciPy comes with JAX
+
+from .identifiability import Spectrum
+from .residuals import Data, Problem, jacobian_of
+
+CONFIDENCE = 0.95
+
+
+class Estimate(eqx.Module):
+    """The parameters that fit best, and how well the data determine them.
+
+    Attributes:
+        vector: (p,), the unconstrained numbers.
+        values: the physical values, a pytree of the structure of the guess.
+        coordinates: (k,), the physical numbers of all values in one vector.
+        covariance: (k, k), of the coordinates, to first order; infinite for coordinates that the data do not determine.
+        intervals: (k, 2), the 95 % confidence intervals of the coordinates.
+        residuals: (r,), model minus measurement over sigma; zero where a measurement is missing.
+        rms: the root mean square of the residuals that are present.
+        dof: the number of residuals that are present, less that of the unconstrained numbers.
+        quantile: the half width of an interval over the standard deviation.
+        unconstrained: (p, p), the covariance of the unconstrained numbers on the combinations that are determined.
+        spectrum: singular values and vectors of the Jacobian, see `Spectrum`.
+        steps: the number of steps of the optimiser.
+        converged: whether the optimiser converged and every step of the run was good.
+        ok: whether the optimiser converged, every step of the run was good, and all parameters are determined.
+    """
+
+    vector: Float[Array, "*batch p"]
+    values: Any
+    coordinates: Float[Array, "*batch k"]
+    covariance: Float[Array, "*batch k k"]
+    intervals: Float[Array, "*batch k 2"]
+    residuals: Float[Array, "*batch r"]
+    rms: Float[Array, "*batch"]
+    dof: Int[Array, "*batch"]
+    quantile: Float[Array, "*batch"]
+    unconstrained: Float[Array, "*batch p p"]
+    spectrum: Spectrum
+    steps: Int[Array, "*batch"]
+    converged: Bool[Array, "*batch"]
+    ok: Bool[Array, "*batch"]
+
+
+def estimate_at(
+    problem: Problem, data: Data, vector: Float[Array, " p"], steps: Array, ok: Array, absolute_sigma: bool
+) -> Estimate:
+    """The estimate for a vector at which the sum of squares is least.
+
+    Args:
+        problem, data: of one segment.
+        vector: (p,), the unconstrained numbers.
+        steps, ok: of the optimiser.
+        absolute_sigma: whether the sigmas of the measurements are known; otherwise they are known up to a common
+            factor, which is estimated from the residuals.
+    """
+    found, good, jacobian = jacobian_of(vector, data, problem)
+    spectrum = Spectrum.of(jacobian)
+    present = jnp.concatenate([m.present.reshape(-1) for m in data.measurements])
+    count, squares = jnp.sum(present), jnp.sum(found**2)
+    dof = count - vector.size
+    one = jnp.ones_like(squares)
+    spread = one if absolute_sigma else squares / jnp.maximum(dof, 1).astype(one.dtype)
+    unconstrained = spread * spectrum.covariance()
+    slopes = jax.jacfwd(data.layout.coordinates)(vector)
+    covariance = slopes @ unconstrained @ slopes.T
+    unknown = spectrum.undetermined(slopes)
+    covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
+    converged = ok & good & jnp.all(jnp.isfinite(found))
+    quantile = one * ndtri(0.5 + CONFIDENCE / 2) if absolute_sigma else _quantile(dof, found.size, one)
+    coordinates = data.layout.coordinates(vector)
+    half = quantile * jnp.sqrt(jnp.diagonal(covariance))
+    return Estimate(
+        vector=vector,
+        values=data.layout.values(vector),
+        coordinates=coordinates,
+        covariance=covariance,
+        intervals=jnp.stack([coordinates - half, coordinates + half], axis=-1),
+        residuals=found,
+        rms=jnp.sqrt(squares / count.astype(one.dtype)),
+        dof=dof,
+        quantile=quantile,
+        unconstrained=unconstrained,
+        spectrum=spectrum,
+        steps=steps,
+        converged=converged,
+        ok=converged & jnp.all(spectrum.determined) & (dof >= 1),
+    )
+
+
+def _quantile(dof: Array, most: int, one: Array) -> Array:
+    """Student's t quantile of the intervals, from a table of all degrees of freedom that can occur."""
+    table = np.concatenate([[np.inf], stdtrit(np.arange(1, most + 1), 0.5 + CONFIDENCE / 2)])
+    return jnp.asarray(table, one.dtype)[jnp.clip(dof, 0, most)]

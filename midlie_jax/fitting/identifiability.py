@@ -1,0 +1,113 @@
+"""Which parameters the data determine: the singular values of the Jacobian with columns of length one.
+
+A column is the change of all residuals with one unconstrained number. A combination of numbers that changes no residual
+is a null vector of the Jacobian, and the parameters in it cannot be told apart.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from .parameters import InertiaTensor, Moments, Parameter
+
+_SHARE = 0.1  # a number belongs to a null vector if its entry is at least this share of the largest
+
+
+class Spectrum(NamedTuple):
+    """The singular value decomposition of a scaled Jacobian.
+
+    Attributes:
+        lengths: (p,), the lengths of the columns; one where a column is zero.
+        singular: (p,), the singular values of the scaled Jacobian, descending.
+        directions: (p, p), the right singular vectors, one in each row.
+        determined: (p,), whether each singular value is distinct from rounding.
+    """
+
+    lengths: Float[Array, " p"]
+    singular: Float[Array, " p"]
+    directions: Float[Array, "p p"]
+    determined: Bool[Array, " p"]
+
+    @classmethod
+    def of(cls, jacobian: Float[Array, "r p"]) -> "Spectrum":
+        lengths = lengths_of(jacobian)
+        _, singular, directions = jnp.linalg.svd(jacobian / lengths[None], full_matrices=False)
+        smallest = jnp.finfo(jacobian.dtype).eps ** (2 / 3) * jnp.maximum(singular[0], jnp.ones_like(singular[0]))
+        return cls(lengths, singular, directions, singular > smallest)
+
+    @property
+    def rank(self) -> Int[Array, ""]:
+        """The number of combinations of parameters that the data determine."""
+        return jnp.sum(self.determined)
+
+    @property
+    def condition(self) -> Float[Array, ""]:
+        """The largest singular value over the smallest; infinite where the rank is not full."""
+        infinite = jnp.full_like(self.singular[0], jnp.inf)
+        last = jnp.where(self.determined[-1], self.singular[-1], jnp.ones_like(self.singular[-1]))
+        return jnp.where(self.determined[-1], self.singular[0] / last, infinite)
+
+    def covariance(self) -> Float[Array, "p p"]:
+        """(J^T J)^-1, of the unconstrained numbers, on the combinations that are determined; the others count zero."""
+        inverse = jnp.where(self.determined, 1 / jnp.where(self.determined, self.singular, 1.0), 0.0)
+        half = inverse[:, None] * self.directions / self.lengths[None]
+        return half.T @ half
+
+    def undetermined(self, slopes: Float[Array, "k p"]) -> Bool[Array, " k"]:
+        """Which quantities change along a null vector, given their derivatives in the unconstrained numbers."""
+        scaled = slopes / self.lengths[None]
+        along = jnp.sum(jnp.where(self.determined[None], 0.0, (scaled @ self.directions.T) ** 2), axis=-1)
+        whole = jnp.sum(scaled**2, axis=-1)
+        return along > jnp.finfo(slopes.dtype).eps ** (2 / 3) * whole
+
+
+def lengths_of(jacobian: Float[Array, "r p"]) -> Float[Array, " p"]:
+    """The lengths of the columns, one where a column is zero."""
+    lengths = jnp.sqrt(jnp.sum(jacobian**2, axis=0))
+    return jnp.where(lengths == 0, jnp.ones_like(lengths), lengths)
+
+
+def confounded(spectrum: Spectrum, names: Sequence[str]) -> list[list[str]]:
+    """The groups of numbers that cannot be told apart; a group of one name is a number without any effect.
+
+    The null vectors span a space, and which vectors stand for it is arbitrary. So the groups are found from the
+    projection on this space: two numbers belong together if their entry in it is not small beside their own.
+    """
+    null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
+    projection = null.T @ null
+    own = np.sqrt(np.diagonal(projection))
+    inside = own > _SHARE * max(own.max(initial=0.0), 0.1)
+    linked = (np.abs(projection) > _SHARE * np.outer(own, own)) & np.outer(inside, inside)
+    groups: list[list[str]] = []
+    left = list(np.flatnonzero(inside))
+    while left:
+        group, waiting = set[int](), {int(left[0])}
+        while waiting:
+            i = waiting.pop()
+            group.add(i)
+            waiting |= {int(k) for k in np.flatnonzero(linked[i])} - group
+        groups.append([names[i] for i in sorted(group)])
+        left = [i for i in left if i not in group]
+    return groups
+
+
+def complaint(groups: list[list[str]], parameters: Sequence[Parameter]) -> str:
+    """What cannot be determined, and the cure; "" if everything is."""
+    if not groups:
+        return ""
+    told = "; ".join(
+        f"{group[0]} has no effect on them" if len(group) == 1 else f"{', '.join(group)} cannot be told apart"
+        for group in groups
+    )
+    scaled = any(isinstance(p, Moments | InertiaTensor) and p.scale == "free" for p in parameters)
+    cure = (
+        "Without a known torque, data give ratios of the moments only: fix the scale, for example "
+        'Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the momentum.'
+        if scaled
+        else "Make one of them a known number inside the model, or add measurements that depend on them differently."
+    )
+    return f"the measurements do not determine all parameters: {told}. {cure}"

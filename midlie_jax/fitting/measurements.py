@@ -1,0 +1,303 @@
+"""Measurements of a rotating body, each with its residual: the difference from a model, in units of its sigma.
+
+A value that is NaN is missing: its residual is zero and it is not counted. Shapes are those of one data set; to fit
+many data sets at once, map over the arrays of a measurement with `jax.vmap`.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float
+
+from .._kernel import components as cp
+from .._kernel.checks import as_floats, is_unit, require, require_finite
+from ..model import so3
+from ..model.bodies import RigidBody, TensorBody
+from ..model.state import AnyState
+from ..model.states import attitude_of
+
+Part = str | Callable[[Any], Array] | Array  # a name in the values, a function of the values, or a known array
+_SMALL_ANGLE = 1e-3  # below, the angle of two directions over its sine is a series
+
+
+class Source(eqx.Module):
+    """Where a quantity of an instrument comes from: see `Part`.
+
+    Attributes:
+        rule: the name of a parameter, a function of the values of the parameters, or None if the quantity is known.
+        known: the known quantity, or None.
+    """
+
+    rule: str | Callable[..., Any] | None = eqx.field(static=True)
+    known: Array | None
+
+    @classmethod
+    def of(cls, name: str, part: Any, shape: tuple[int, ...]) -> "Source":
+        """From an argument; a known array is checked for its shape."""
+        if isinstance(part, str) or callable(part):
+            return cls(part, None)
+        array = as_floats(name, part)
+        if array.size != int(np.prod(shape)):
+            raise ValueError(f"{name} must have shape {shape}, got {array.shape}.")
+        require_finite(name, array)
+        return cls(None, array.reshape(shape))
+
+    def __call__(self, parameters: Any) -> Any:
+        """The quantity for these values of the parameters."""
+        if isinstance(self.rule, str):
+            return parameters[self.rule]
+        return self.known if self.rule is None else self.rule(parameters)
+
+
+class Measurement(eqx.Module):
+    """Values at times.
+
+    Attributes:
+        times: (n,), ascending, in the unit of time of the model.
+        values: (n, ...), zero where missing.
+        sigma: standard deviations of the residuals' entries, broadcast to their shape (n, ...).
+        present: (n, ...), False where a value is missing.
+    """
+
+    times: eqx.AbstractVar[Float[Array, " n"]]
+    values: eqx.AbstractVar[Array]
+    sigma: eqx.AbstractVar[Array]
+    present: eqx.AbstractVar[Bool[Array, "..."]]
+
+    @abstractmethod
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        """Model minus measurement, of the shape of `present`.
+
+        Args:
+            parameters: the values of all parameters.
+            body: the body of the model.
+            states: the model's states at `times`.
+        """
+
+    def residuals(self, parameters: Any, body: Any, states: AnyState) -> Float[Array, " r"]:
+        """The differences over sigma, flat; zero where a value is missing."""
+        differences = self.differences(parameters, body, states)
+        return jnp.where(self.present, differences / self.sigma, jnp.zeros_like(differences)).reshape(-1)
+
+
+class Rates(Measurement):
+    """Angular velocities in the body frame, as a gyroscope measures them.
+
+    Args:
+        times: (n,), ascending.
+        values: (n, 3), radians per unit of time; NaN where missing.
+        sigma: standard deviation in radians per unit of time: one number, (3,), or (n, 3).
+        bias: what the gyroscope adds to the true rate: the name of a parameter (3,) of the guess, a function of the
+            values of the parameters that returns (3,), or a known array (3,). None is no bias.
+
+    Raises:
+        ValueError: no rows, times not ascending, wrong shapes, no value present, infinite values, or a sigma that is
+            not positive.
+    """
+
+    times: Float[Array, " n"]
+    values: Float[Array, "n 3"]
+    sigma: Float[Array, "n 3"]
+    present: Bool[Array, "n 3"]
+    bias: Source | None
+
+    def __init__(self, times: Any, values: Any, sigma: Any, bias: Part | None = None):
+        self.times, self.values, self.present = _rows(times, values, (3,))
+        self.sigma = _deviations(sigma, self.values)
+        self.bias = None if bias is None else Source.of("bias", bias, (3,))
+
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        rates = velocities(body, states)
+        return rates - self.values if self.bias is None else rates + self.bias(parameters)[None] - self.values
+
+
+class Attitudes(Measurement):
+    """Attitudes, as a star tracker or motion capture measures them.
+
+    The residual is the rotation vector from the measured attitude to that of the model, in the body frame; its length
+    is the geodesic distance. q and -q are the same attitude.
+
+    Args:
+        times: (n,), ascending.
+        values: (n, 4), unit quaternions (w, x, y, z) from body to space; a row with a NaN is missing.
+        sigma: standard deviation of the rotation about each body axis in radians: one number, (3,), or (n, 3).
+
+    Raises:
+        ValueError: as for `Rates`, or a quaternion whose length is not 1 to 1e-3.
+    """
+
+    times: Float[Array, " n"]
+    values: Float[Array, "n 4"]
+    sigma: Float[Array, "n 3"]
+    present: Bool[Array, "n 3"]
+
+    def __init__(self, times: Any, values: Any, sigma: Any):
+        self.times, numbers, present = _rows(times, values, (4,), whole=True)
+        # What is missing must still be a rotation, because a derivative reads it.
+        identity = jnp.eye(4, dtype=numbers.dtype)[:1]
+        self.values = jnp.where(present, numbers, identity)
+        require("values", self.values, is_unit, "must be unit quaternions (w, x, y, z)", "divide each by its norm.")
+        self.present = present[:, :3]
+        self.sigma = _deviations(sigma, self.values[:, :3])
+
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        del parameters, body
+        return so3.log(so3.multiply(so3.conjugate(self.values), attitude_of(states)))
+
+
+class Directions(Measurement):
+    """Directions known in the space frame and measured in the body frame, as a sun sensor or a magnetometer does.
+
+    The residual is the angle from the measured direction to that of the model, as two components perpendicular to the
+    measured direction. Lengths do not matter.
+
+    Args:
+        times: (n,), ascending.
+        values: (n, 3), body frame, of any length but zero; a row with a NaN is missing.
+        sigma: standard deviation of each of the two angles in radians: one number, (2,), or (n, 2).
+        reference: the known direction in the space frame, (3,), or (n, 3) if it changes with time.
+
+    Raises:
+        ValueError: as for `Rates`, or a direction of length zero.
+    """
+
+    times: Float[Array, " n"]
+    values: Float[Array, "n 3"]
+    sigma: Float[Array, "n 2"]
+    present: Bool[Array, "n 2"]
+    reference: Float[Array, "n 3"]
+
+    def __init__(self, times: Any, values: Any, sigma: Any, *, reference: Any):
+        self.times, numbers, present = _rows(times, values, (3,), whole=True)
+        self.values = _unit("values", jnp.where(present, numbers, jnp.eye(3, dtype=numbers.dtype)[:1]))
+        self.present = present[:, :2]
+        self.sigma = _deviations(sigma, self.values[:, :2])
+        known = as_floats("reference", reference).astype(numbers.dtype)
+        if known.shape not in ((3,), (len(self.times), 3)):
+            raise ValueError(f"reference must have shape (3,) or ({len(self.times)}, 3), got {known.shape}.")
+        require_finite("reference", known)
+        self.reference = _unit("reference", jnp.broadcast_to(known, self.values.shape))
+
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        del parameters, body
+        expected = cp.pack(states.seen_from_body(cp.vector(self.reference)))
+        first, second = _perpendicular(self.values)
+        x, y = jnp.sum(expected * first, axis=-1), jnp.sum(expected * second, axis=-1)
+        cosine, square = jnp.sum(expected * self.values, axis=-1), x * x + y * y
+        small = (square < _SMALL_ANGLE**2) & (cosine > 0)
+        safe = jnp.where(small, jnp.ones_like(square), square)
+        series = 1 + square / 6 + 3 * square**2 / 40
+        factor = jnp.where(small, series, jnp.arctan2(jnp.sqrt(safe), cosine) / jnp.sqrt(safe))
+        return jnp.stack([factor * x, factor * y], axis=-1)
+
+
+class Positions(Measurement):
+    """Positions in the space frame of markers fixed in the body.
+
+    Args:
+        times: (n,), ascending.
+        values: (n, 3) of one marker, or (n, m, 3), length; NaN where missing.
+        sigma: standard deviation in the same unit of length, broadcast to the shape of `values`.
+        markers: body-frame coordinates of the markers, (3,) or (m, 3): a known array, the name of a parameter, or a
+            function of the values of the parameters.
+        origin: position in space of the point about which the body turns, (3,), in the same three forms.
+
+    Raises:
+        ValueError: as for `Rates`.
+    """
+
+    times: Float[Array, " n"]
+    values: Float[Array, "n m 3"]
+    sigma: Float[Array, "n m 3"]
+    present: Bool[Array, "n m 3"]
+    markers: Source
+    origin: Source | None
+
+    def __init__(self, times: Any, values: Any, sigma: Any, *, markers: Part | Any, origin: Part | Any = None):
+        array = as_floats("values", values)
+        shape = (1, 3) if array.ndim == 2 else array.shape[1:]
+        if array.ndim not in (2, 3) or shape[-1] != 3:
+            raise ValueError(f"values must have shape (n, 3) or (n, m, 3), got {array.shape}.")
+        self.times, self.values, self.present = _rows(times, array.reshape(array.shape[0], *shape), shape)
+        self.sigma = _deviations(sigma, self.values)
+        self.markers = Source.of("markers", markers, shape)
+        self.origin = None if origin is None else Source.of("origin", origin, (3,))
+
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        del body
+        markers = self.markers(parameters).reshape(1, -1, 3)
+        expected = so3.rotate(attitude_of(states)[:, None], markers)
+        if self.origin is not None:
+            expected = expected + self.origin(parameters).reshape(1, 1, 3)
+        return expected - self.values
+
+
+def velocities(body: RigidBody | TensorBody, states: AnyState) -> Float[Array, "n 3"]:
+    """The angular velocities (n, 3) of several states of one body, body frame."""
+    return jax.vmap(body.velocity)(states.momentum)
+
+
+def _rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -> tuple[Array, Array, Array]:
+    """Times, values with zeros where they are missing, and which are present; with `whole`, rows are so as a whole."""
+    t, array = as_floats("times", times), as_floats("values", values)
+    if t.ndim != 1 or not t.size:
+        raise ValueError(f"times must have shape (n,) with n >= 1, got {t.shape}; give at least one row.")
+    if array.shape != (t.size, *shape):
+        raise ValueError(f"values must have shape {(t.size, *shape)}, one row for each time, got {array.shape}.")
+    require_finite("times", t)
+    require("times", t, lambda x: np.diff(x) >= 0, "must ascend", "sort the rows by time, for example with np.argsort.")
+    present = ~jnp.isnan(array)
+    array = jnp.where(present, array, jnp.zeros_like(array))
+    require("values", array, np.isfinite, "must be finite, or NaN where missing", "check the rows with infinities.")
+    if whole:
+        present = jnp.broadcast_to(jnp.all(present, axis=-1, keepdims=True), present.shape)
+    if not cp.is_traced(present) and not np.any(present):
+        raise ValueError("values are NaN in every row, so there is nothing to fit; check the columns of the data.")
+    return t.astype(array.dtype), array, present
+
+
+def _deviations(sigma: Any, like: Array) -> Array:
+    """Sigma, checked and broadcast to the shape of the residuals."""
+    array = as_floats("sigma", sigma).astype(like.dtype)
+    cure = "give the standard deviation in the unit of the residual."
+    require("sigma", array, lambda s: np.isfinite(s) & (s > 0), "must be positive and finite", cure)
+    try:
+        np.broadcast_shapes(array.shape, like.shape)
+        fits = array.ndim <= like.ndim
+    except ValueError:
+        fits = False
+    if not fits:
+        raise ValueError(f"sigma must broadcast to {like.shape}, got {array.shape}; give one number for all rows.")
+    return jnp.broadcast_to(array, like.shape)
+
+
+def _unit(name: str, vectors: Array) -> Array:
+    length = jnp.linalg.norm(vectors, axis=-1, keepdims=True)
+    require(name, length, lambda x: x > 0, "must not be zero", "mark a missing direction by NaN.")
+    return vectors / length
+
+
+def _perpendicular(directions: Float[Array, "n 3"]) -> tuple[Array, Array]:
+    """Two unit vectors that are perpendicular to each direction and to each other."""
+    axes = jnp.eye(3, dtype=directions.dtype)[jnp.argmin(jnp.abs(directions), axis=-1)]
+    first = jnp.cross(directions, axes)
+    first = first / jnp.linalg.norm(first, axis=-1, keepdims=True)
+    return first, jnp.cross(directions, first)
+
+
+def check_parts(measurement: Measurement, names: set[str]) -> None:
+    """Raises a ValueError for a `Part` that names no parameter."""
+    for field in ("bias", "markers", "origin"):
+        source = getattr(measurement, field, None)
+        rule = source.rule if isinstance(source, Source) else None
+        if isinstance(rule, str) and rule not in names:
+            raise ValueError(
+                f"{field} of {type(measurement).__name__} names the parameter {rule!r}, which is not in the guess; "
+                f"add it: guess = {{..., {rule!r}: Free([0.0, 0.0, 0.0])}}."
+            )

@@ -1,0 +1,279 @@
+"""Parameters that stay physical whatever an optimiser does.
+
+Each parameter maps a vector of unconstrained real numbers one-to-one onto the physical values of its kind, and back.
+A fit varies the unconstrained vector, so that no step of the optimiser leaves the physical values.
+"""
+
+from abc import abstractmethod
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from .._kernel.checks import as_floats, is_unit, require, require_finite
+from ..model import so3
+
+Scale = Literal["free", "fixed"]
+_CURE_OF_FLAT = "a flat body is the limit of a physical one: lower the largest moment by a millionth."
+_TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
+
+
+class Parameter(eqx.Module):
+    """One quantity to be estimated; `initial` is the guess from which the fit starts.
+
+    Two sets of numbers describe a value: the *unconstrained* vector (size,), which the optimiser varies, and the
+    *coordinates* (k,), the physical numbers in which the result and its covariance are given.
+    """
+
+    initial: eqx.AbstractVar[Array]
+
+    @abstractmethod
+    def vector(self) -> Float[Array, " size"]:
+        """The unconstrained numbers of the guess."""
+
+    @abstractmethod
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        """The physical value of unconstrained numbers, of the shape of `initial`."""
+
+    def coordinates(self, value: Array) -> Float[Array, " k"]:
+        """The physical numbers of a value."""
+        return value.reshape(-1)
+
+    def labels(self) -> list[str]:
+        """The index of each coordinate, such as "[0]"; "" for a single number."""
+        return _indices(self.initial.shape)
+
+    def unconstrained_labels(self) -> list[str]:
+        """The index of each unconstrained number."""
+        return self.labels()
+
+    def typical(self) -> Float[Array, " size"]:
+        """The sizes of changes of the unconstrained numbers that multiply the value by about e, or turn by a radian."""
+        return jnp.ones_like(self.vector())
+
+
+class Free(Parameter):
+    """Any real numbers, such as an initial angular velocity or the bias of a gyroscope, in any unit.
+
+    Args:
+        initial: the guess, of any shape.
+
+    Raises:
+        ValueError: the guess is not an array of finite numbers.
+    """
+
+    initial: Float[Array, "..."]
+
+    def __init__(self, initial: Any):
+        self.initial = as_floats("initial", initial)
+        require_finite("initial", self.initial)
+
+    def vector(self) -> Float[Array, " size"]:
+        return self.initial.reshape(-1)
+
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        return vector.reshape(self.initial.shape)
+
+    def typical(self) -> Float[Array, " size"]:
+        size = jnp.sqrt(jnp.mean(self.initial**2))
+        return jnp.where(size == 0, jnp.ones_like(size), size) * jnp.ones_like(self.vector())
+
+
+class Positive(Parameter):
+    """Positive numbers, such as a field strength, a mass or a damping: exp(u).
+
+    Args:
+        initial: the guess, of any shape.
+
+    Raises:
+        ValueError: a number of the guess is not positive and finite.
+    """
+
+    initial: Float[Array, "..."]
+
+    def __init__(self, initial: Any):
+        self.initial = as_floats("initial", initial)
+        _require_positive("initial", self.initial)
+
+    def vector(self) -> Float[Array, " size"]:
+        return jnp.log(self.initial).reshape(-1)
+
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        return jnp.exp(vector).reshape(self.initial.shape)
+
+
+class Moments(Parameter):
+    """Principal moments of inertia (3,), mass x length^2: positive, each less than the sum of the other two.
+
+    I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. These are the
+    exponentials of three unconstrained numbers. With `scale="fixed"` the sum of the moments stays that of the guess,
+    and log(a/c) and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios of the
+    moments only.
+
+    Args:
+        initial: the guess, (3,).
+        scale: "free", or "fixed" to estimate ratios only.
+
+    Raises:
+        ValueError: the guess is not of shape (3,) or is not the inertia of a body with extent in all three directions;
+            or `scale` is neither word.
+    """
+
+    initial: Float[Array, "3"]
+    scale: Scale = eqx.field(static=True)
+
+    def __init__(self, initial: Any, *, scale: Scale | str = "free"):
+        self.initial = _of_shape("initial", initial, (3,))
+        self.scale = _checked_scale(scale)
+        _require_positive("initial", self.initial)
+        require("initial", self.initial, _strict_triangle, "violates the strict triangle inequality", _CURE_OF_FLAT)
+
+    def vector(self) -> Float[Array, " size"]:
+        logs = jnp.log(jnp.asarray(_TRIANGLE, self.initial.dtype) @ self.initial)
+        return logs[:2] - logs[2] if self.scale == "fixed" else logs
+
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        if self.scale == "fixed":
+            extents = jnp.exp(jnp.concatenate([vector, jnp.zeros_like(vector[:1])]))
+            extents = extents * (jnp.sum(self.initial) / 2 / jnp.sum(extents))
+        else:
+            extents = jnp.exp(vector)
+        return jnp.sum(extents) - extents
+
+    def unconstrained_labels(self) -> list[str]:
+        return ["[0]", "[1]"] if self.scale == "fixed" else self.labels()
+
+
+class InertiaTensor(Parameter):
+    """A full inertia tensor (3, 3) in any frame fixed in the body, mass x length^2, for `midlie_jax.TensorBody`.
+
+    A tensor J belongs to a body if and only if its second moments of mass, Sigma = tr(J)/2 - J, are positive definite.
+    Sigma is the part of the pseudo-inertia that the rotation depends on, and its log-Cholesky form is used here:
+    Sigma = L L^T with a lower triangular L, whose diagonal is the exponential of three of the six unconstrained
+    numbers. (Mass and centre of mass, the other part, matter only through the torque; make them parameters of their
+    own.) With `scale="fixed"` the trace of J stays that of the guess and five numbers are left.
+
+    C. Rucker, P. M. Wensing, IEEE Robotics and Automation Letters 7 (2022) 2431; P. M. Wensing, S. Kim,
+    J.-J. E. Slotine, IEEE Robotics and Automation Letters 3 (2018) 60.
+
+    Args:
+        initial: the guess, (3, 3), symmetric. Its moments must differ: derivatives of principal axes are NaN where
+            moments are equal.
+        scale: "free", or "fixed" to estimate the tensor up to a factor.
+
+    Raises:
+        ValueError: the guess is not of shape (3, 3), not symmetric, or not the inertia of a body with extent in all
+            directions; or `scale` is neither word.
+    """
+
+    initial: Float[Array, "3 3"]
+    scale: Scale = eqx.field(static=True)
+
+    def __init__(self, initial: Any, *, scale: Scale | str = "free"):
+        self.initial = _of_shape("initial", initial, (3, 3))
+        self.scale = _checked_scale(scale)
+        require_finite("initial", self.initial)
+        require(
+            "initial", self.initial, _symmetric, "must be symmetric", "pass (J + J.T) / 2 if it differs by rounding."
+        )
+        require("initial", self.initial, _of_a_body, "violates the strict triangle inequality", _CURE_OF_FLAT)
+
+    def vector(self) -> Float[Array, " size"]:
+        half = jnp.trace(self.initial) / 2
+        factor = jnp.linalg.cholesky(half * jnp.eye(3, dtype=half.dtype) - self.initial)
+        if self.scale == "fixed":
+            factor = factor / factor[0, 0]
+        logs = jnp.log(jnp.diagonal(factor))
+        below = factor[np.tril_indices(3, -1)]
+        return jnp.concatenate([logs[1:] if self.scale == "fixed" else logs, below])
+
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        zero = jnp.zeros_like(vector[:1])
+        logs = jnp.concatenate([zero, vector[:2]]) if self.scale == "fixed" else vector[:3]
+        a, b, c = jnp.exp(logs)
+        d, e, f = vector[-3:]
+        o = zero[0]
+        factor = jnp.stack([jnp.stack([a, o, o]), jnp.stack([d, b, o]), jnp.stack([e, f, c])])
+        second = factor @ factor.T
+        if self.scale == "fixed":
+            second = second * (jnp.trace(self.initial) / 2 / jnp.trace(second))
+        return jnp.trace(second) * jnp.eye(3, dtype=second.dtype) - second
+
+    def coordinates(self, value: Array) -> Float[Array, " k"]:
+        """The six entries on and above the diagonal, row after row."""
+        return value[np.triu_indices(3)]
+
+    def labels(self) -> list[str]:
+        return [f"[{i},{j}]" for i, j in zip(*np.triu_indices(3), strict=True)]
+
+    def unconstrained_labels(self) -> list[str]:
+        logs = ["[1,1]", "[2,2]"] if self.scale == "fixed" else ["[0,0]", "[1,1]", "[2,2]"]
+        return [*logs, "[0,1]", "[0,2]", "[1,2]"]
+
+
+class UnitQuaternion(Parameter):
+    """An attitude, as a rotation from the guess: initial * exp(u), with the rotation vector u in the body frame.
+
+    u is in radians and the map is one-to-one for |u| < pi. The coordinates are the rotation vector (3,) from the guess
+    to the value.
+
+    Args:
+        initial: the guess, a unit quaternion (w, x, y, z), (4,).
+
+    Raises:
+        ValueError: the guess is not of shape (4,) or its length is not 1 to 1e-3.
+    """
+
+    initial: Float[Array, "4"]
+
+    def __init__(self, initial: Any):
+        self.initial = _of_shape("initial", initial, (4,))
+        require("initial", self.initial, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
+
+    def vector(self) -> Float[Array, " size"]:
+        return jnp.zeros_like(self.initial[:3])
+
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        return so3.multiply(self.initial / jnp.linalg.norm(self.initial), so3.exp(vector))
+
+    def coordinates(self, value: Array) -> Float[Array, " k"]:
+        return so3.log(so3.multiply(so3.conjugate(self.initial), value))
+
+    def labels(self) -> list[str]:
+        return [".x", ".y", ".z"]
+
+
+def _of_shape(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    array = as_floats(name, value)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}; map a fit over a batch with jax.vmap.")
+    return array
+
+
+def _checked_scale(scale: Any) -> Scale:
+    if scale == "free" or scale == "fixed":
+        return scale
+    raise ValueError(f"scale must be 'free' or 'fixed', got {scale!r}.")
+
+
+def _require_positive(name: str, value: Array) -> None:
+    require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check units and order.")
+
+
+def _strict_triangle(moments: np.ndarray) -> Any:
+    return moments @ _TRIANGLE > 0
+
+
+def _symmetric(tensor: np.ndarray) -> Any:
+    return np.allclose(tensor, tensor.T, rtol=0, atol=1e-5 * np.abs(tensor).max())
+
+
+def _of_a_body(tensor: np.ndarray) -> Any:
+    return np.linalg.eigvalsh(np.trace(tensor) / 2 * np.eye(3) - tensor) > 0
+
+
+def _indices(shape: tuple[int, ...]) -> list[str]:
+    return [f"[{','.join(map(str, index))}]" if index else "" for index in np.ndindex(shape)]

@@ -1,0 +1,183 @@
+"""`Problem`: what a fit minimises, as a pure function of a vector, with a derivative by forward mode.
+
+With one segment the vector is that of the parameters. With several (multiple shooting) the states at the starts of the
+second and later segments are unknowns of their own, appended to it; the differences between the end of a segment and
+the start of the next are further residuals.
+
+H. G. Bock, Recent advances in parameter identification techniques for O.D.E., in Numerical Treatment of Inverse
+Problems in Differential and Integral Equations (Birkhäuser 1983) 95.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from ..methods.base import Method
+from ..model import so3
+from ..model.state import AnyState
+from ..model.states import RigidState
+from .layout import Layout
+from .measurements import Attitudes, Measurement, Rates
+from .sampling import Grid
+
+Model = Callable[[Any], tuple[Any, Any, AnyState]]
+
+
+class Data(eqx.Module):
+    """What the residuals depend on besides the unknowns; every array may be mapped over.
+
+    Attributes:
+        layout: the parameters.
+        measurements: the measurements.
+        anchors: with multiple shooting, the states (segments - 1, ...) from which those at the starts of the second and
+            later segments are counted; otherwise None.
+    """
+
+    layout: Layout
+    measurements: tuple[Measurement, ...]
+    anchors: AnyState | None = None
+
+
+class Problem(eqx.Module):
+    """The fixed part of a fit: made and checked once, and the same for all data sets.
+
+    Attributes:
+        model: values of the parameters -> (body, torque, start).
+        method: the method of the run.
+        grid: the steps.
+        continuity: the weight of the defects of multiple shooting: one over the relative change of the momentum, and
+            over the rotation in radians, that counts as one standard deviation.
+    """
+
+    model: Model = eqx.field(static=True)
+    method: Method = eqx.field(static=True)
+    grid: Grid
+    continuity: float = eqx.field(static=True)
+
+    def run(self, vector: Float[Array, " u"], data: Data) -> tuple[Any, Any, Any, AnyState]:
+        """The values of the parameters, the body, the paths of the segments, and their starts (segments, ...)."""
+        count = data.layout.size
+        values = data.layout.values(vector[:count])
+        body, torque, start = self.model(values)
+        starts = jax.tree.map(lambda x: x[None], start)
+        if data.anchors is not None:
+            later = _moved(data.anchors, vector[count:].reshape(self.grid.segments - 1, -1))
+            starts = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), starts, later)
+        return values, body, (torque, self.grid.run(self.method, body, torque, starts)), starts
+
+    def residuals(self, vector: Float[Array, " u"], data: Data) -> tuple[Float[Array, " r"], Bool[Array, ""]]:
+        """All residuals over their standard deviations, and whether every step was good."""
+        values, body, (torque, paths), starts = self.run(vector, data)
+        times = jnp.concatenate([m.times.astype(vector.dtype) for m in data.measurements])
+        states, ok = self.grid.sample(self.method, body, torque, paths, times)
+        found: list[Array] = []
+        begin = 0
+        for measurement in data.measurements:
+            end = begin + measurement.times.shape[0]
+            here = jax.tree.map(lambda x, a=begin, b=end: x[a:b], states)
+            found.append(measurement.residuals(values, body, here))
+            begin = end
+        if data.anchors is not None:
+            ends = jax.tree.map(lambda x: x[:-1, -1], paths.states)
+            found.append(self.continuity * _defects(ends, jax.tree.map(lambda x: x[1:], starts)).reshape(-1))
+        return jnp.concatenate(found), ok & jnp.all(paths.ok)
+
+    def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
+        """The data with the states at the starts of the later segments: from the measurements where these have them.
+
+        Angular velocities are those of the nearest row of a `Rates`, attitudes those of the nearest row of an
+        `Attitudes`; the rest is from the run of the guess.
+        """
+        one = eqx.tree_at(lambda p: p.grid, self, _whole(self.grid))
+        values, body, (_, path), _ = one.run(vector, data)
+        places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
+        states = jax.tree.map(lambda x: x[0, places], path.states)
+        times = path.times[0, places]
+        for m in data.measurements:
+            if isinstance(m, Rates):
+                rates = m.values[_nearest(m, times)]
+                rates = rates if m.bias is None else rates - m.bias(values)[None]
+                states = eqx.tree_at(lambda s: s.momentum, states, jax.vmap(body.momentum)(rates))
+            if isinstance(m, Attitudes) and isinstance(states, RigidState):
+                states = eqx.tree_at(lambda s: s.attitude, states, m.values[_nearest(m, times)])
+        return Data(data.layout, data.measurements, states)
+
+
+def _nearest(measurement: Measurement, times: Float[Array, " s"]) -> Int[Array, " s"]:
+    """The row of the measurement that is complete and nearest to each time."""
+    missing = ~jnp.all(measurement.present, axis=-1)
+    distances = jnp.abs(measurement.times[None] - times[:, None])
+    return jnp.argmin(jnp.where(missing[None], jnp.full_like(distances, jnp.inf), distances), axis=-1)
+
+
+def _whole(grid: Grid) -> Grid:
+    """The same steps in one segment."""
+    return Grid(grid.dt, grid.t0, grid.steps * grid.segments, 1, grid.every, grid.exact)
+
+
+def unknowns(data: Data) -> Float[Array, " u"]:
+    """The vector at the guess and the anchors."""
+    vector = data.layout.start()
+    if data.anchors is None:
+        return vector
+    count = data.anchors.momentum.shape[0] * (6 if isinstance(data.anchors, RigidState) else 3)
+    return jnp.concatenate([vector, jnp.zeros(count, vector.dtype)])
+
+
+def _moved(states: AnyState, moves: Float[Array, "s k"]) -> AnyState:
+    """The states with the momentum changed by moves[:, :3] times its length, and turned by moves[:, 3:] radians."""
+    size = jnp.linalg.norm(states.momentum, axis=-1, keepdims=True)
+    size = jnp.where(size == 0, jnp.ones_like(size), size)
+    states = eqx.tree_at(lambda s: s.momentum, states, states.momentum + size * moves[:, :3])
+    if isinstance(states, RigidState):
+        turned = so3.multiply(states.attitude, so3.exp(moves[:, 3:]))
+        states = eqx.tree_at(lambda s: s.attitude, states, turned)
+    return states
+
+
+def _defects(ends: AnyState, starts: AnyState) -> Float[Array, "s k"]:
+    """The relative changes of momentum, and the rotations, from the ends of segments to the starts of the next."""
+    size = jnp.linalg.norm(starts.momentum, axis=-1, keepdims=True)
+    size = jnp.where(size == 0, jnp.ones_like(size), size)
+    defects = (starts.momentum - ends.momentum) / size
+    if isinstance(ends, RigidState) and isinstance(starts, RigidState):
+        turn = so3.log(so3.multiply(so3.conjugate(ends.attitude), starts.attitude))
+        defects = jnp.concatenate([defects, turn], axis=-1)
+    return defects
+
+
+@eqx.filter_custom_jvp
+def residuals(vector: Float[Array, " u"], data: Data, problem: Problem) -> tuple[Array, Array]:
+    """`Problem.residuals`, with the Jacobian in the vector by forward mode wherever its derivative is taken.
+
+    Without this, an optimiser would store every intermediate of the run to linearise it; here it stores the Jacobian.
+    """
+    return problem.residuals(vector, data)
+
+
+@residuals.def_jvp
+def _(primals: Sequence[Any], tangents: Sequence[Any]) -> Any:
+    vector, data, problem = primals
+    along, along_data, _ = tangents
+    found, ok, jacobian = jacobian_of(vector, data, problem)
+    change = jnp.zeros_like(found) if along is None else jacobian @ along
+    if any(leaf is not None for leaf in jax.tree.leaves(along_data)):
+        _, (more, _) = eqx.filter_jvp(lambda d: problem.residuals(vector, d), (data,), (along_data,))
+        change = change + more
+    return (found, ok), (change, None)
+
+
+def jacobian_of(vector: Float[Array, " u"], data: Data, problem: Problem) -> tuple[Array, Array, Float[Array, "r u"]]:
+    """The residuals (r,), whether every step was good, and the Jacobian (r, u)."""
+
+    def twice(v: Array) -> tuple[Array, tuple[Array, Array]]:
+        found, ok = problem.residuals(v, data)
+        return found, (found, ok)
+
+    jacobian, (found, ok) = jax.jacfwd(twice, has_aux=True)(vector)
+    return found, ok, jacobian

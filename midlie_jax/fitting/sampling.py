@@ -1,0 +1,142 @@
+"""The states of a run at any times: on the grid of the step, and from there by one shorter step of the same method.
+
+The shorter step has the method's order and stays on the group, and unlike an interpolation it needs no neighbouring
+states. It is differentiable like any step.
+"""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
+
+from .._kernel.checks import require, require_finite
+from .._kernel.components import is_traced
+from ..drivers.arguments import as_method
+from ..drivers.clock import time_of
+from ..drivers.integrate import Path, integrate
+from ..methods.base import Method
+from ..model.state import AnyState
+
+_ON_GRID = 1e-9  # a time is on the grid if it is off by less than this share of a step (float32: 1e-4)
+
+
+class Grid(eqx.Module):
+    """The steps of a run, cut into equal segments that can be integrated side by side.
+
+    Attributes:
+        dt, t0: the step, positive, and the time of the start.
+        steps: number of steps of each segment.
+        segments: number of segments.
+        every: save the state every `every` steps; divides `steps`.
+        exact: whether all times lie on saved states, so that no shorter step is needed.
+    """
+
+    dt: float = eqx.field(static=True)
+    t0: float = eqx.field(static=True)
+    steps: int = eqx.field(static=True)
+    segments: int = eqx.field(static=True)
+    every: int = eqx.field(static=True)
+    exact: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, times: np.ndarray, dt: float, t0: float, segments: int = 1) -> "Grid":
+        """The grid that reaches the last of the times (n,), which are concrete."""
+        tolerance = _ON_GRID if times.dtype == np.float64 else 1e-4
+        offsets = (np.asarray(times, np.float64) - t0) / dt
+        least = max(1, math.ceil(float(offsets.max()) - tolerance))
+        steps = -(-least // segments)
+        nearest = np.rint(offsets).astype(int)
+        exact = bool(np.all(np.abs(offsets - nearest) <= tolerance * np.maximum(1, offsets)))
+        every = math.gcd(steps, *np.unique(nearest).tolist()) if exact else 1
+        return cls(dt, t0, steps, segments, every, exact)
+
+    def place(self, times: Float[Array, " n"]) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
+        """For each time its segment, and the index of the last saved state in this segment that is not later."""
+        offsets = (times - self.t0) / self.dt
+        index = jnp.rint(offsets) if self.exact else jnp.floor(offsets)
+        index = jnp.clip(index.astype(jnp.int32), 0, self.steps * self.segments)
+        segment = jnp.minimum(index // self.steps, self.segments - 1)
+        return segment, (index - segment * self.steps) // self.every
+
+    def run(self, method: Method, body: Any, torque: Any, starts: AnyState) -> Path:
+        """The paths of all segments, (segments, saved, ...), from their starts (segments, ...)."""
+
+        def segment(start: AnyState, first: Array) -> Path:
+            every, t0 = self.every, self.t0
+            return integrate(
+                method, body, torque, start, dt=self.dt, steps=self.steps, save_every=every, t0=t0, first_step=first
+            )
+
+        first = self.steps * jnp.arange(self.segments, dtype=jnp.int32)
+        if self.segments == 1:
+            return jax.tree.map(lambda x: x[None], segment(jax.tree.map(lambda x: x[0], starts), first[0]))
+        return jax.vmap(segment)(starts, first)
+
+    def sample(
+        self, method: Method, body: Any, torque: Any, paths: Path, times: Float[Array, " n"]
+    ) -> tuple[AnyState, Array]:
+        """The states (n, ...) at the times, and whether every shorter step was good."""
+        segment, index = self.place(times)
+        states = jax.tree.map(lambda x: x[segment, index], paths.states)
+        if self.exact:
+            return states, jnp.ones((), bool)
+        one = jnp.asarray(1, times.dtype)
+        before = time_of(self.t0 * one, self.dt * one, (segment * self.steps + index).astype(jnp.int32))
+
+        def last_step(start: AnyState, t: Array, h: Array) -> tuple[AnyState, Array]:
+            path = integrate(method, body, torque, start, dt=h, steps=1, t0=t)
+            return jax.tree.map(lambda x: x[-1], path.states), path.ok
+
+        states, ok = jax.vmap(last_step)(states, before, times - before)
+        return states, jnp.all(ok)
+
+
+def states_at(
+    method: Method | str, body: Any, torque: Any, start: AnyState, times: Any, *, dt: float, t0: float = 0.0
+) -> Path:
+    """The states of one run at any ascending times, accurate to the order of the method.
+
+    The run takes steps of `dt`; a time between two of them is reached from the earlier one by one step of the remaining
+    length. Differentiable in body, torque and start.
+
+    Args:
+        method, body, torque, start: as for `midlie_jax.integrate`.
+        times: (n,), ascending, not before `t0`; concrete, because they decide the number of steps.
+        dt: the step, positive.
+        t0: the time of the start.
+
+    Returns:
+        The path at `times`. `ok` is False if a step failed or a number was not finite.
+
+    Raises:
+        ValueError: an argument is invalid; the message names the argument and the cure.
+    """
+    if is_traced(times):
+        raise ValueError("times must be concrete, because they decide the number of steps; close over them.")
+    known = np.asarray(times, start.momentum.dtype)  # NumPy's: inside jit an array of JAX would be traced
+    if known.ndim != 1 or not known.size:
+        raise ValueError(f"times must have shape (n,) with n >= 1, got {known.shape}.")
+    require_finite("times", known)
+    require("times", known, lambda x: np.diff(x) >= 0, "must ascend", "sort them.")
+    check_grid(known, dt, t0)
+    times = jnp.asarray(known)
+    grid = Grid.of(known, float(dt), float(t0))
+    method = as_method(method)
+    paths = grid.run(method, body, torque, jax.tree.map(lambda x: x[None], start))
+    states, ok = grid.sample(method, body, torque, paths, times)
+    return Path(times, states, ok & jnp.all(paths.ok))
+
+
+def check_grid(times: np.ndarray, dt: Any, t0: Any) -> None:
+    """Raises a ValueError unless the step is positive and no time is before the start."""
+    if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt must be a positive finite Python number, got {dt!r}.")
+    if not (isinstance(t0, (int, float)) and math.isfinite(t0)):
+        raise ValueError(f"t0 must be a finite Python number, got {t0!r}.")
+    if times.min() < t0:
+        raise ValueError(f"times must not be before the start at t0 = {t0:g}, got {times.min():g}; give an earlier t0.")

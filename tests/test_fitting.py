@@ -1,0 +1,491 @@
+"""Fits: parameters that stay physical, residuals and their derivatives, and estimates against what is known."""
+
+import sys
+from functools import cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import AXIS, quick, turn, whole
+from scipy.spatial.transform import Rotation
+
+import midlie_jax as ml
+from midlie_jax import fitting
+from midlie_jax.fitting.identifiability import Spectrum, confounded
+from midlie_jax.fitting.layout import Layout
+from midlie_jax.fitting.measurements import Attitudes, Directions, Positions, Rates
+from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, Positive, UnitQuaternion
+from midlie_jax.fitting.residuals import Data, jacobian_of
+
+METHOD = "RK4"  # compiles in a fifth of the time of the others; nothing here depends on the method
+TENSOR = np.array([[3.0, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 1.8]])
+PARAMETERS = {
+    "moments": Moments([1.0, 2.0, 2.5]),
+    "ratios": Moments([1.0, 2.0, 2.5], scale="fixed"),
+    "tensor": InertiaTensor(TENSOR),
+    "tensor up to a factor": InertiaTensor(TENSOR, scale="fixed"),
+    "positive": Positive([0.3, 20.0]),
+    "free": Free([[0.5, -2.0], [0.0, 7.0]]),
+    "quaternion": UnitQuaternion(turn(0.4, -1.0, 0.3)),
+}
+
+
+def of_a_body(tensor):
+    """Whether a tensor is the inertia of masses: the second moments are positive definite."""
+    return np.all(np.linalg.eigvalsh(np.trace(tensor) / 2 * np.eye(3) - tensor) > 0)
+
+
+PHYSICAL = {
+    Moments: lambda value: of_a_body(np.diag(value)),
+    InertiaTensor: of_a_body,
+    Positive: lambda value: np.all(value > 0),
+    Free: lambda value: np.all(np.isfinite(value)),
+    UnitQuaternion: lambda value: abs(np.linalg.norm(value) - 1) < 1e-12,
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_a_parameter_is_one_to_one_onto_physical_values(name):
+    parameter = PARAMETERS[name]
+    np.testing.assert_allclose(parameter.value(parameter.vector()), parameter.initial, rtol=1e-13, atol=1e-14)
+    assert len(parameter.unconstrained_labels()) == parameter.vector().size
+    assert len(parameter.labels()) == parameter.coordinates(parameter.initial).size
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        vector = jnp.asarray(rng.uniform(-1.7, 1.7, parameter.vector().shape))
+        value = parameter.value(vector)
+        assert PHYSICAL[type(parameter)](np.asarray(value))
+        again = eqx.tree_at(lambda p: p.initial, parameter, value).vector()
+        found = parameter.coordinates(value) if isinstance(parameter, UnitQuaternion) else again
+        np.testing.assert_allclose(found, vector, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["moments", "ratios", "tensor", "tensor up to a factor"])
+def test_moments_far_from_the_guess_are_still_those_of_a_body(name):
+    """Moments that cannot be told from a flat body's in float64 may fail the inequality by rounding, but no more."""
+    parameter = PARAMETERS[name]
+    for seed in range(20):
+        vector = jnp.asarray(np.random.default_rng(seed).uniform(-12, 12, parameter.vector().shape))
+        value = np.asarray(parameter.value(vector))
+        moments = value if value.ndim == 1 else np.linalg.eigvalsh(value)
+        assert np.all(moments > 0)
+        assert 2 * moments.max() <= moments.sum() * (1 + 1e-14)
+
+
+def test_a_fixed_scale_keeps_the_sum_of_the_moments():
+    vector = jnp.array([0.7, -1.3])
+    np.testing.assert_allclose(jnp.sum(PARAMETERS["ratios"].value(vector)), 5.5, rtol=1e-14)
+    five = jnp.array([0.7, -1.3, 0.1, 0.2, -0.3])
+    tensor = PARAMETERS["tensor up to a factor"].value(five)
+    np.testing.assert_allclose(np.trace(tensor), np.trace(TENSOR), rtol=1e-14)
+
+
+# One forced motion in which every parameter can be determined.
+TRUTH = {
+    "moments": jnp.array([1.0, 2.0, 2.5]),
+    "weight": jnp.array(2.0),
+    "rate": jnp.array([1.0, 0.4, -0.5]),
+    "attitude": jnp.asarray(turn(0.5, -0.3, 0.8)),
+    "bias": jnp.array([0.02, -0.01, 0.03]),
+}
+SUN = np.array([0.6, 0.0, 0.8])
+MARKERS = np.array([[0.3, 0.1, -0.2], [-0.1, 0.4, 0.2]])
+TIMES = np.array([0.03, 0.11, 0.11, 0.27, 0.4, 0.53, 0.68, 0.8, 0.99, 1.13, 1.2])  # between the steps, and on them
+DT = 0.1
+
+
+def top(values):
+    body = ml.RigidBody(values["moments"])
+    start = ml.RigidState(body.momentum(values["rate"]), values["attitude"])
+    return body, ml.torques.HeavyTop(values["weight"], AXIS), start
+
+
+def guess(**changes):
+    start = {
+        "moments": Moments([1.1, 2.1, 2.4]),
+        "weight": Positive(1.8),
+        "rate": Free([0.95, 0.45, -0.55]),
+        "attitude": UnitQuaternion(turn(0.45, -0.25, 0.75)),
+        "bias": Free([0.0, 0.0, 0.0]),
+    }
+    return start | changes
+
+
+@cache
+def true_states():
+    return quick(lambda v: ml.fitting.states_at(METHOD, *top(v), TIMES, dt=DT))(TRUTH)
+
+
+def measured(noise=0.0, seed=0):
+    """What perfect or noisy instruments show of the true motion, by SciPy's rotations."""
+    rng = np.random.default_rng(seed)
+    states = true_states().states
+    rotations = Rotation.from_quat(np.asarray(states.attitude), scalar_first=True)
+    n = len(TIMES)
+    rates = np.asarray(states.momentum) / np.asarray(TRUTH["moments"]) + np.asarray(TRUTH["bias"])
+    turned = rotations * Rotation.from_rotvec(noise * rng.standard_normal((n, 3)))
+    attitudes = turned.as_quat(scalar_first=True) * rng.choice([-1, 1], (n, 1))
+    directions = rotations.inv().apply(SUN) * rng.uniform(0.5, 2.0, (n, 1))
+    positions = np.stack([rotations.apply(marker) for marker in MARKERS], axis=1) + np.array([1.0, 2.0, 3.0])
+    rates = rates + noise * rng.standard_normal(rates.shape)
+    positions = positions + noise * rng.standard_normal(positions.shape)
+    rates[3, 1], attitudes[5, 2], directions[2, 0], positions[4, 1, 2] = np.nan, np.nan, np.nan, np.nan
+    sigma = noise or 1.0
+    return (
+        Rates(TIMES, rates, sigma, bias="bias"),
+        Attitudes(TIMES, attitudes, sigma),
+        Directions(TIMES, directions, sigma, reference=SUN),
+        Positions(TIMES, positions, sigma, markers=MARKERS, origin=[1.0, 2.0, 3.0]),
+    )
+
+
+def exact_guess():
+    kinds = {"moments": Moments, "weight": Positive, "attitude": UnitQuaternion}
+    return {name: kinds.get(name, Free)(value) for name, value in TRUTH.items()}
+
+
+@cache
+def plan(segments=1):
+    return fitting.prepare(top, guess(), measured(), method=METHOD, dt=DT, segments=segments)
+
+
+def test_states_between_steps_are_those_of_the_motion():
+    """A free body by JACOBI: the flight is exact, so each time has the digits of the closed form."""
+    body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([1.0, 0.8, -1.3], turn(0.5, -0.3, 0.8))
+    found = quick(lambda s: ml.fitting.states_at("JACOBI[EA]", body, None, s, TIMES, dt=DT))(start)
+    truth = ml.free_motion(body, start, TIMES)
+    assert found.ok
+    np.testing.assert_allclose(found.states.momentum, truth.states.momentum, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found.states.attitude, truth.states.attitude, rtol=0, atol=1e-13)
+
+
+def test_states_between_steps_have_the_order_of_the_method():
+    runs = [quick(lambda v, h=h: ml.fitting.states_at(METHOD, *top(v), TIMES, dt=h))(TRUTH) for h in (0.08, 0.04, 2e-3)]
+    coarse, fine = (np.abs(run.states.momentum - runs[2].states.momentum).max() for run in runs[:2])
+    assert 12 < coarse / fine < 20
+
+
+@pytest.mark.parametrize("instrument", range(4))
+def test_residuals_are_zero_at_the_truth(instrument):
+    """Whatever the sign of a quaternion and the length of a direction; missing values count zero."""
+    measurement = measured()[instrument]
+    assert 1 <= np.sum(~np.asarray(measurement.present)) <= 4
+    found = measurement.residuals(TRUTH, top(TRUTH)[0], true_states().states)
+    np.testing.assert_allclose(found, 0, atol=1e-13)
+
+
+def test_residuals_are_angles_and_lengths_over_sigma():
+    body, _, start = top(TRUTH)
+    states = jax.tree.map(lambda x: jnp.stack([x, x]), start)
+    attitude = Rotation.from_quat(np.asarray(start.attitude), scalar_first=True)
+    times, angle = [0.0, 1.0], np.array([0.4, -0.2, 0.9])
+    turned = (attitude * Rotation.from_rotvec(angle)).as_quat(scalar_first=True)
+    found = Attitudes(times, np.stack([turned, -turned]), 0.5).residuals(TRUTH, body, states)
+    np.testing.assert_allclose(found.reshape(2, 3), np.stack([-angle, -angle]) / 0.5, rtol=1e-13)
+    for size in (1e-8, 1e-4, 0.3, 2.0):
+        # Turned by `size` about an axis perpendicular to the direction.
+        seen = attitude.inv().apply(SUN)
+        axis = np.cross(seen, [1.0, 0.0, 0.0])
+        moved = Rotation.from_rotvec(size * axis / np.linalg.norm(axis)).apply(seen)
+        residuals = Directions(times, np.stack([moved, 3 * moved]), 0.5, reference=SUN).residuals(TRUTH, body, states)
+        np.testing.assert_allclose(np.linalg.norm(residuals.reshape(2, 2), axis=1), size / 0.5, rtol=1e-7)
+    place = attitude.apply(MARKERS[0]) + np.array([0.3, 0.0, 0.0])
+    found = Positions(times, np.stack([place, place]), 0.1, markers=MARKERS[0]).residuals(TRUTH, body, states)
+    np.testing.assert_allclose(found.reshape(2, 3), [[-3, 0, 0]] * 2, atol=1e-13)
+    rates = np.asarray(TRUTH["rate"]) + np.array([0.0, 0.2, 0.0])
+    found = Rates(times, np.stack([rates, rates]), [0.1, 0.4, 0.1]).residuals(TRUTH, body, states)
+    np.testing.assert_allclose(found.reshape(2, 3), [[0, -0.5, 0]] * 2, atol=1e-13)
+
+
+@pytest.mark.parametrize("segments", [3, *whole(1)])
+def test_the_jacobian_equals_differences(segments):
+    """With respect to every unknown: the parameters, and with several segments the states at their starts."""
+    problem, data = plan(segments).problem, Data(Layout(guess()), measured())
+    vector = data.layout.start()
+    if segments > 1:
+        data = quick(problem.anchored)(data, vector)
+        vector = jnp.concatenate([vector, 0.01 * jnp.arange(1.0, 1 + 6 * (segments - 1))])
+    _, ok, jacobian = quick(lambda v: jacobian_of(v, data, problem))(vector)
+    assert ok
+    sizes, factors = jnp.array([2.0, 1.0, -1.0, -2.0]) * 1e-3, jnp.array([-1.0, 8.0, -8.0, 1.0]) / 12e-3
+    moved = vector[None, None] + sizes[:, None, None] * jnp.eye(vector.size)[None]
+    values = quick(jax.vmap(jax.vmap(lambda v: problem.residuals(v, data)[0])))(moved)
+    differences = jnp.einsum("s,sur->ru", factors, values)
+    np.testing.assert_allclose(jacobian, differences, rtol=0, atol=1e-7 * np.abs(jacobian).max())
+
+
+def test_all_parameters_are_found_from_all_instruments():
+    """Without noise: the moments with their scale, for the torque is known up to the weight and sets no scale alone."""
+    known = guess(moments=Moments([1.1, 2.1, 2.4], scale="fixed"))
+    del known["weight"]
+    known_truth = TRUTH["moments"] * 5.6 / 5.5
+
+    def with_weight(values):
+        return top(values | {"weight": TRUTH["weight"] * 5.6 / 5.5})
+
+    result = ml.fit(with_weight, known, measured(), method=METHOD, dt=DT)
+    assert result.ok
+    assert not result.confounded
+    assert result.rank == 11
+    np.testing.assert_allclose(result.values["moments"], known_truth, rtol=1e-7)
+    for name in ("rate", "bias"):
+        np.testing.assert_allclose(result.values[name], TRUTH[name], rtol=0, atol=1e-7)
+    distance = np.linalg.norm(
+        ml.so3.log(ml.so3.multiply(ml.so3.conjugate(TRUTH["attitude"]), result.values["attitude"]))
+    )
+    assert distance < 1e-7
+
+
+# NASA NESC check case 2, the tumbling brick without torque: simulation 1, every 2.5 s, degrees per second.
+BRICK = np.array([0.00189422, 0.006211019, 0.007194665])  # slug ft^2
+BRICK_TIMES = np.arange(0.0, 30.1, 2.5)
+BRICK_RATES = np.deg2rad(
+    [
+        (9.99999999996, 20, 29.9999999999),
+        (-4.74028105465, 22.9654461294, 28.4678763351),
+        (-16.9394851494, 9.63193937744, 33.4066280794),
+        (-15.6333789317, -12.7550023251, 32.6626195391),
+        (-2.41890222178, -23.5525695195, 28.12859263),
+        (12.0432574252, -18.0549594639, 30.8551539978),
+        (18.4372543136, 2.38688029891, 34.3107056116),
+        (9.36648383982, 20.4978715829, 29.7627968788),
+        (-5.42273467989, 22.7159305765, 28.6082817472),
+        (-17.2600824195, 8.64613424581, 33.595702754),
+        (-15.1840887012, -13.6177995003, 32.4167961984),
+        (-1.72453974837, -23.652730324, 28.0694406586),
+        (12.6183907757, -17.3974747618, 31.1195888868),
+    ]
+)
+NOISE = 1e-3 * np.linalg.norm(BRICK_RATES[0])
+
+
+def free(values):
+    body = ml.RigidBody(values["moments"])
+    return body, None, ml.MomentumState(body.momentum(values["rate"]))
+
+
+def brick_guess():
+    """Moments in other ratios by 3 to 8 %, with the published sum; rates off by 2 %."""
+    moments = BRICK * [1.05, 0.97, 1.0]
+    moments = moments * (BRICK.sum() / moments.sum())
+    return {"moments": Moments(moments, scale="fixed"), "rate": Free(BRICK_RATES[0] * [1.02, 0.98, 1.01])}
+
+
+@cache
+def brick_plan():
+    return fitting.prepare(free, brick_guess(), Rates(BRICK_TIMES, BRICK_RATES, NOISE), dt=2.5 / 2)
+
+
+@cache
+def resampled():
+    """The estimates from 100 noisy copies of the rates, in one vmapped call, and the copies."""
+    copies = BRICK_RATES + NOISE * np.random.default_rng(15).standard_normal((100, *BRICK_RATES.shape))
+    plan = brick_plan()
+    one = quick(jax.vmap(lambda rates: fitting.fit_arrays(plan, brick_guess(), Rates(BRICK_TIMES, rates, NOISE))))
+    return one(copies), copies
+
+
+def test_the_brick_has_the_published_inertia():
+    result = ml.fit(free, brick_guess(), Rates(BRICK_TIMES, BRICK_RATES, NOISE), dt=2.5 / 2)
+    assert result.ok
+    np.testing.assert_allclose(result.values["moments"] / BRICK, 1, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.rad2deg(result.values["rate"]), [10, 20, 30], rtol=0, atol=1e-8)
+    ratio, interval = result.derived(lambda v: v["moments"][0] / v["moments"][2])
+    assert abs(ratio - BRICK[0] / BRICK[2]) < 1e-9
+    assert interval[0] < ratio < interval[1]
+    # One noisy copy alone is fitted as among the hundred.
+    many, copies = resampled()
+    alone = ml.fit(free, brick_guess(), Rates(BRICK_TIMES, copies[7], NOISE), dt=2.5 / 2)
+    np.testing.assert_allclose(alone.coordinates, many.coordinates[7], rtol=1e-7)
+    np.testing.assert_allclose(alone.intervals, many.intervals[7], rtol=1e-6)
+    text = str(alone)
+    assert all(f"{value:.10g}" in text for value in [*alone.coordinates, *alone.intervals.ravel()])
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """Each of the published numbers, in 90 to 99 of 100 copies with noise of 1e-3 of the angular velocity."""
+    many, _ = resampled()
+    assert np.all(many.ok)
+    truth = np.concatenate([BRICK, BRICK_RATES[0]])
+    low, high = np.moveaxis(np.asarray(many.intervals), -1, 0)
+    inside = np.sum((low <= truth) & (truth <= high), axis=0)
+    assert np.all((inside >= 90) & (inside <= 99)), inside
+    assert 0.9 < np.mean(many.rms) < 1.0  # less than 1, because the parameters take 5 of 39 degrees of freedom
+
+
+def test_the_covariance_is_that_of_the_scatter():
+    """Of 100 copies a variance is known to 14 %."""
+    many, _ = resampled()
+    scatter = np.cov(np.asarray(many.coordinates).T)
+    predicted = np.mean(many.covariance, axis=0)
+    np.testing.assert_allclose(np.diagonal(scatter) / np.diagonal(predicted), 1, rtol=0, atol=0.42)
+    sizes = np.sqrt(np.diagonal(predicted))
+    correlations = (matrix / np.outer(sizes, sizes) for matrix in (scatter, predicted))
+    np.testing.assert_allclose(*correlations, rtol=0, atol=0.42)
+
+
+def test_a_free_body_gives_ratios_of_moments_only():
+    """The fit says so, or flags it; and the ratios are found all the same."""
+    whole = brick_guess() | {"moments": Moments(BRICK)}
+    data = Rates(BRICK_TIMES, BRICK_RATES, NOISE)
+    message = r"moments\[0\], moments\[1\], moments\[2\] cannot be told apart\. .*ratios.*scale=\"fixed\""
+    with pytest.raises(ValueError, match=message):
+        ml.fit(free, whole, data, method=METHOD, dt=0.125)
+    flagged = ml.fit(free, whole, data, method=METHOD, dt=0.125, require_rank=False)
+    assert not flagged.ok
+    assert flagged.rank == 5
+    assert flagged.condition == np.inf
+    assert flagged.confounded == [["moments[0]", "moments[1]", "moments[2]"]]
+    assert "moments[0], moments[1], moments[2] cannot be told apart" in str(flagged)
+    unknown = [name for name, (low, high) in zip(flagged.names, flagged.intervals, strict=True) if high - low == np.inf]
+    assert unknown == ["moments[0]", "moments[1]", "moments[2]"]
+    ratio, interval = flagged.derived(lambda v: v["moments"][:2] / v["moments"][2])
+    np.testing.assert_allclose(ratio, BRICK[:2] / BRICK[2], rtol=1e-6)
+    assert np.all(np.isfinite(interval))
+    _, interval = flagged.derived(lambda v: v["moments"][0])
+    assert np.all(np.isinf(interval))
+
+
+def test_groups_do_not_depend_on_the_vectors_that_span_the_null_space():
+    """a + b, and c + d, and e without any effect."""
+    columns = np.random.default_rng(0).standard_normal((20, 3))
+    jacobian = np.stack(
+        [columns[:, 0], 2 * columns[:, 0], columns[:, 1], -columns[:, 1], 0 * columns[:, 2], columns[:, 2]]
+    )
+    spectrum = Spectrum.of(jnp.asarray(jacobian.T))
+    assert spectrum.rank == 3
+    assert confounded(spectrum, list("abcdef")) == [["a", "b"], ["c", "d"], ["e"]]
+
+
+def test_starts_five_percent_off_converge_near_the_separatrix():
+    """Ten guesses, mapped over: the body turns over some ten times, and each time late or early with the guess."""
+    moments, rate, sigma = np.array([1.0, 2.0, 2.6]), np.array([0.01, 1.0, 0.01]), 1e-3
+    times = np.arange(0.0, 60.1, 0.5)
+    body = ml.RigidBody(moments)
+    path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.asarray(rate))), times)
+    rng = np.random.default_rng(3)
+    rates = np.asarray(path.states.momentum) / moments + sigma * rng.standard_normal((times.size, 3))
+    data = Rates(times, rates, sigma)
+
+    def off():
+        return 1 + rng.choice([-0.05, 0.05], 3)
+
+    guesses = [{"moments": Moments(moments * off(), scale="fixed"), "rate": Free(rate * off())} for _ in range(10)]
+    plan = fitting.prepare(free, guesses[0], data, method=METHOD, dt=0.125, segments=10)
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *guesses)
+    found = quick(jax.vmap(lambda g: fitting.fit_arrays(plan, g, data)))(stacked)
+    assert np.all(found.ok)
+    ratios = np.asarray(found.values["moments"] / found.values["moments"][:, 2:])
+    np.testing.assert_allclose(ratios, np.broadcast_to(moments / moments[2], ratios.shape), rtol=2e-3)
+    np.testing.assert_allclose(found.rms, found.rms[0], rtol=1e-8)
+    assert 0.9 < found.rms[0] < 1.1
+
+
+def still(values):
+    """A ball that spins: the smallest of models."""
+    return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["rate"])
+
+
+def spin(sigma=0.1, n=5, **changes):
+    rates = np.tile([0.1, 0.2, 0.3], (n, 1)) + 0.01 * np.random.default_rng(0).standard_normal((n, 3))
+    return Rates(**({"times": np.arange(float(n)), "values": rates, "sigma": sigma} | changes))
+
+
+def test_sigmas_are_relative_unless_they_are_said_to_be_absolute():
+    """The mean of n numbers: its deviation is s / sqrt(n), by the scatter with Student's t, or by the given sigma."""
+    start = {"rate": Free([0.0, 0.0, 0.0])}
+    relative = ml.fit(still, start, spin(), method="RK4", dt=1.0)
+    absolute = ml.fit(still, start, spin(), method="RK4", dt=1.0, absolute_sigma=True)
+    rates = np.asarray(spin().values)
+    scatter = np.sqrt(np.sum((rates - rates.mean(axis=0)) ** 2) / 12)
+    np.testing.assert_allclose(relative.coordinates, rates.mean(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(np.ptp(relative.intervals, axis=1), 2 * 2.178812829663 * scatter / np.sqrt(5), rtol=1e-7)
+    np.testing.assert_allclose(np.ptp(absolute.intervals, axis=1), 2 * 1.959963984540 * 0.1 / np.sqrt(5), rtol=1e-7)
+    assert relative.dof == 12
+    np.testing.assert_allclose(np.concatenate([r.ravel() for r in relative.residuals()]), np.asarray(
+        (relative.coordinates - rates) / 0.1).ravel(), atol=1e-9)  # fmt: skip
+
+
+def test_the_best_of_several_starts_counts_and_a_line_shows_progress(capfd):
+    """Of a pendulum's measured direction there are two minima: the guess lies in the wrong one."""
+
+    def about_x(values):
+        body = ml.RigidBody([1.0, 1.0, 1.0])
+        phase = jnp.sin(3 * values["angle"]) + 0.3 * values["angle"]
+        return body, None, ml.MomentumState(jnp.stack([phase, 0 * phase, 0 * phase]))
+
+    wrong = {"angle": Positive(1.4)}
+    target = np.sin(3 * 3.0) + 0.9
+    data = Rates(np.arange(3.0), np.tile([target, 0.0, 0.0], (3, 1)), 0.01)
+    one = ml.fit(about_x, wrong, data, method="RK4", dt=1.0, progress=True)
+    assert "fit: step 1, loss" in capfd.readouterr().err
+    many = ml.fit(about_x, wrong, data, method="RK4", dt=1.0, starts=8, spread=0.5, progress=False)
+    assert capfd.readouterr().err == ""
+    assert one.rms > 1
+    assert many.ok
+    assert many.rms < 1e-6
+
+
+def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
+    import optax
+    import optimistix as optx
+
+    solver = optx.OptaxMinimiser(optax.adam(0.05), rtol=1e-7, atol=1e-7)
+    rates = np.asarray(spin().values)
+    start = {"rate": Free([0.0, 0.0, 0.0])}
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes float and int32
+        found = ml.fit(still, start, spin(), method="RK4", dt=1.0, solver=solver, max_steps=5000)
+    np.testing.assert_allclose(found.coordinates, rates.mean(axis=0), rtol=1e-3)
+
+
+TIMED = np.arange(5.0)
+WRONG = {
+    "no rows": (lambda: Rates([], np.zeros((0, 3)), 0.1), "at least one row"),
+    "unsorted times": (lambda: spin(times=TIMED[::-1]), "times must ascend"),
+    "times that are NaN": (lambda: spin(times=TIMED * np.nan), "times must be finite"),
+    "all missing": (lambda: spin(values=np.full((5, 3), np.nan)), "NaN in every row"),
+    "infinite": (lambda: spin(values=np.full((5, 3), np.inf)), "must be finite, or NaN where missing"),
+    "one row too few": (lambda: spin(times=TIMED[:4]), "one row for each time"),
+    "sigma of zero": (lambda: spin(sigma=0.0), "sigma must be positive"),
+    "sigma of another shape": (lambda: spin(sigma=np.ones((4, 1))), "sigma must broadcast"),
+    "quaternions not unit": (lambda: Attitudes(TIMED, np.ones((5, 4)), 0.1), "must be unit quaternions"),
+    "direction of length zero": (lambda: Directions(TIMED, np.zeros((5, 3)), 0.1, reference=SUN), "must not be zero"),
+    "reference of another shape": (lambda: Directions(TIMED, np.ones((5, 3)), 0.1, reference=[1.0]), "reference must"),
+    "positions of another shape": (lambda: Positions(TIMED, np.ones(5), 0.1, markers=SUN), r"\(n, m, 3\)"),
+    "markers of another shape": (lambda: Positions(TIMED, np.ones((5, 3)), 0.1, markers=MARKERS), "markers must have"),
+    "moments of no body": (lambda: Moments([1.0, 2.0, 3.5]), "strict triangle"),
+    "two moments": (lambda: Moments([1.0, 2.0]), r"shape \(3,\)"),
+    "negative": (lambda: Positive(-1.0), "positive and finite"),
+    "unknown scale": (lambda: Moments([1.0, 2.0, 2.5], scale="known"), "'free' or 'fixed'"),
+    "tensor of no body": (lambda: InertiaTensor(np.diag([1.0, 2.0, 3.5])), "strict triangle"),
+    "tensor not symmetric": (lambda: InertiaTensor(TENSOR + np.eye(3, k=1)), "must be symmetric"),
+    "attitude not unit": (lambda: UnitQuaternion([1.0, 1.0, 0.0, 0.0]), "unit quaternion"),
+    "before the start": (lambda: try_fit(spin(), t0=1.0), "before the start at t0 = 1"),
+    "negative step": (lambda: try_fit(spin(), dt=-1.0), "dt must be a positive"),
+    "too few rows": (lambda: try_fit(spin(n=1)), "3 measured numbers are too few for 3 unknowns"),
+    "no measurement": (lambda: try_fit([]), "measurements must be"),
+    "no parameter": (lambda: try_fit(spin(), guess={}), "guess holds no parameter"),
+    "a number as parameter": (lambda: try_fit(spin(), guess={"rate": jnp.zeros(3)}), "wrap it"),
+    "an unknown bias": (lambda: try_fit(spin(bias="drift")), "'drift', which is not in the guess"),
+    "no attitude": (lambda: try_fit(Attitudes(TIMED, np.eye(4)[[0] * 5], 0.1)), "return a RigidState"),
+    "another method": (lambda: try_fit(spin(), method="EULER"), "unknown"),
+    "many segments": (lambda: try_fit(spin(), segments=9), "too many"),
+    "half a start": (lambda: try_fit(spin(), starts=0), "starts must be"),
+    "another model": (lambda: try_fit(spin(), model=lambda: None), "model must take the values"),
+    "unsorted states": (lambda: fitting.states_at("RK4", *still({"rate": jnp.ones(3)}), [1.0, 0.0], dt=1.0), "ascend"),
+}
+
+
+def try_fit(measurements, model=still, guess=None, **changes):
+    start = {"rate": Free([0.0, 0.0, 0.0])} if guess is None else guess
+    return ml.fit(model, start, measurements, **({"dt": 1.0, "method": "RK4"} | changes))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_said_before_anything_is_traced(name, monkeypatch):
+    monkeypatch.setattr(sys.modules[ml.fit.__module__], "_run", None)
+    act, message = WRONG[name]
+    with pytest.raises(ValueError, match=message):
+        act()
