@@ -150,22 +150,6 @@ def through_diffrax(scene, batch, steps):
     return body_step(run, scene, batch, steps)
 
 
-def gradient_cost(name, scene, batch, steps):
-    """Time of value and gradient in (moments, weight) over time of the value alone; and seconds of compiling."""
-
-    def end(parameters, start):
-        moments, weight = parameters
-        torque = ml.torques.HeavyTop(weight)
-        path = ml.integrate(name, ml.RigidBody(moments), torque, start, dt=0.005, steps=steps, save_every=steps)
-        return jnp.sum(path.states.momentum[-1] ** 2)
-
-    parameters = (scene.body.moments, scene.torque.weight)
-    many = starts(scene, batch)
-    value, _ = compiled(jax.vmap(lambda s: end(parameters, s)), many)
-    slope, compiling = compiled(jax.vmap(lambda s: jax.value_and_grad(end)(parameters, s)), many)
-    return median_seconds(lambda: slope(many)) / median_seconds(lambda: value(many)), compiling
-
-
 def elsewhere(*options, **environment):
     """Seconds a body-step of LIEMID[EA], batch 4096, measured in a separate process."""
     command = [sys.executable, __file__, "--quick", "--only-first", *options]
@@ -329,9 +313,6 @@ def rows(scene, quick):
         cost, compiling = through_diffrax(scene, many, steps)
         label = f"LIEMID[EA] through diffrax, {many} bodies"
         yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
-    for name in ("LIEMID[EA]", "JACOBI[EA]"):
-        cost, compiling = gradient_cost(name, scene, 1024, 100)
-        yield f"{name}, value and gradient over value", f"{cost:.1f} times", "", f"{compiling:.1f} s"
 
 
 def table(lines):

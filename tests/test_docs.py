@@ -46,6 +46,7 @@ TABLES = (
     ("work_precision", "how-it-compares"),
     ("gpu", "gpu"),
     ("kernels", "gpu"),
+    ("gradients", "gradients"),
 )
 
 

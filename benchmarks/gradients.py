@@ -1,0 +1,110 @@
+"""What a derivative costs: value and gradient over the value, first calls and memory, put into docs/gradients.md.
+
+    python benchmarks/gradients.py [--write]
+
+1000 fast tops P1 take 128 steps in float64 on one core; the gradient is that of |Pi|^2 at the end with respect to the
+three moments and the weight, for each top. Times are medians of processor time, of programs that take turns; first
+calls include tracing and compiling. The memory is what the compiled gradient needs besides arguments and results, for
+one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+from midlie_jax.drivers.timing import pin
+
+pin()  # before XLA counts the cores
+
+import diffrax  # noqa: E402
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+
+jax.config.update("jax_enable_x64", True)
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.bench.rivals.problem import rates  # noqa: E402
+from midlie_jax.drivers.timing import timed_in_turn  # noqa: E402
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "gradients.md"
+BEGIN, END = "<!-- gradients -->", "<!-- /gradients -->"
+BODIES, STEPS, DT = 1000, 128, 0.005
+LONG = (1_000, 100_000)  # steps of the runs whose memory is compared
+METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]")
+ADJOINTS = {"`Checkpointed()`": ml.Checkpointed(), "`Reversible()`": ml.Reversible()}
+SCENE = scenes.scene("P1")
+PARAMETERS = (SCENE.body.moments, SCENE.torque.weight)
+STARTS = scenes.perturbed(SCENE, BODIES, 1e-3)
+
+
+def ours(name, adjoint, steps):
+    def end(parameters, start):
+        moments, weight = parameters
+        run = {"dt": DT, "steps": steps, "save_every": steps, "adjoint": adjoint}
+        path = ml.integrate(name, ml.RigidBody(moments), ml.torques.HeavyTop(weight), start, **run)
+        return jnp.sum(path.states.momentum[-1] ** 2)
+
+    return end
+
+
+def tsit5(parameters, start):
+    moments, weight = parameters
+    field = rates(SCENE._replace(body=ml.RigidBody(moments), torque=ml.torques.HeavyTop(weight)))
+    term = diffrax.ODETerm(lambda t, y, args: jnp.stack(field([y[i] for i in range(7)])))
+    y = jnp.concatenate([start.momentum, start.attitude])
+    options = {"stepsize_controller": diffrax.StepTo(ts=DT * jnp.arange(STEPS + 1.0)), "max_steps": STEPS}
+    found = diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, DT * STEPS, None, y, **options)
+    return jnp.sum(found.ys[-1, :3] ** 2)
+
+
+def compiled(function):
+    """The compiled function of the starts, and the seconds of a first call without the run."""
+    began = time.process_time()
+    program = jax.jit(jax.vmap(function)).lower(STARTS).compile()
+    return program, time.process_time() - began
+
+
+def memory(name, adjoint, steps):
+    """Bytes that the gradient of one top needs besides arguments and results."""
+    gradient = jax.jit(jax.grad(ours(name, adjoint, steps)))
+    analysis = gradient.lower(PARAMETERS, SCENE.start).compile().memory_analysis()
+    return analysis.temp_size_in_bytes
+
+
+def row(label, adjoint, end, value_of=None):
+    value, _ = compiled(lambda start: (value_of or end)(PARAMETERS, start))
+    gradient, seconds = compiled(lambda start: jax.value_and_grad(end)(PARAMETERS, start))
+    calls = [lambda: jax.block_until_ready(value(STARTS)), lambda: jax.block_until_ready(gradient(STARTS))]
+    (_, one), (_, both) = timed_in_turn(calls, least=5, most=9)
+    nanoseconds = 1e9 * both.seconds / BODIES / STEPS
+    return [label, adjoint, f"{both.seconds / one.seconds:.1f}", f"{nanoseconds:.0f}", f"{seconds:.0f} s"]
+
+
+def table():
+    heads = ("", "adjoint", "value and gradient over value", "ns a step and body", "first call")
+    longs = [f"memory, {steps} steps" for steps in LONG]
+    yield [*heads, *longs]
+    yield ["---"] * (len(heads) + len(longs))
+    for name in METHODS:
+        for label, adjoint in ADJOINTS.items():
+            sizes = [f"{memory(name, adjoint, steps) / 1e3:.0f} kB" for steps in LONG]
+            yield [*row(name, label, ours(name, adjoint, STEPS)), *sizes]
+    yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5), *("" for _ in LONG)]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="put the table into docs/gradients.md")
+    options = parser.parse_args()
+    lines = []
+    for cells in table():
+        lines.append(f"| {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+    if options.write:
+        head, rest = PAGE.read_text().split(BEGIN)
+        PAGE.write_text("\n".join([head + BEGIN, *lines, END]) + rest.split(END)[1])
+
+
+if __name__ == "__main__":
+    main()
