@@ -24,7 +24,6 @@ jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
-from midlie_jax.bench.rivals.problem import rates  # noqa: E402
 from midlie_jax.drivers.timing import timed_in_turn  # noqa: E402
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "gradients.md"
@@ -50,8 +49,16 @@ def ours(name, adjoint, steps):
 
 def tsit5(parameters, start):
     moments, weight = parameters
-    field = rates(SCENE._replace(body=ml.RigidBody(moments), torque=ml.torques.HeavyTop(weight)))
-    term = diffrax.ODETerm(lambda t, y, args: jnp.stack(field([y[i] for i in range(7)])))
+
+    def field(t, y, args):
+        momentum, attitude = y[:3], y[3:]
+        velocity = momentum / moments
+        up = ml.so3.to_matrix(attitude)[2]
+        torque = weight * jnp.stack([up[1], -up[0], 0 * weight])
+        turning = 0.5 * ml.so3.multiply(attitude, jnp.concatenate([jnp.zeros(1), velocity]))
+        return jnp.concatenate([jnp.cross(momentum, velocity) + torque, turning])
+
+    term = diffrax.ODETerm(field)
     y = jnp.concatenate([start.momentum, start.attitude])
     options = {"stepsize_controller": diffrax.StepTo(ts=DT * jnp.arange(STEPS + 1.0)), "max_steps": STEPS}
     found = diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, DT * STEPS, None, y, **options)

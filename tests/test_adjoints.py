@@ -74,10 +74,10 @@ def test_memory_of_the_way_back_does_not_grow_with_the_steps():
         gradient = jax.grad(partial(loss, "SYMMETRIC[EA]", adjoint, steps=steps, save_every=steps))
         return quick(gradient).lower(parameters("SYMMETRIC[EA]")).compile().memory_analysis().temp_size_in_bytes
 
-    # 8 bytes a step stay: the index of the step and the counter of the loop.
-    assert memory(ml.Reversible(), 160_000) - memory(ml.Reversible(), 1600) <= 8 * 160_000
-    assert memory(ml.Checkpointed(), 160_000) >= 7 * 8 * 160_000
-    assert memory(ml.Checkpointed(every=400), 160_000) <= 8 * 160_000 + 12 * 8 * 2 * 400 + 100_000
+    least = memory(ml.Reversible(), 1600)
+    assert memory(ml.Reversible(), 160_000) <= 1.1 * least
+    assert memory(ml.Checkpointed(), 160_000) >= 50 * least
+    assert memory(ml.Checkpointed(every=400), 160_000) <= memory(ml.Checkpointed(), 160_000) / 50
 
 
 def test_arrays_that_a_torque_closes_over_have_derivatives():

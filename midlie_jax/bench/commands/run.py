@@ -86,7 +86,7 @@ def _integrated(
 
     def path_of_body(start: Any, dt: Any) -> Any:
         def part(start: Any, first: int, count: int, every: int) -> Any:
-            options = {"dt": dt, "steps": count, "save_every": every, "first_step": first}
+            options: dict[str, Any] = {"dt": dt, "steps": count, "save_every": every, "first_step": first}
             return integrate(method, scene.body, scene.torque, start, **options)
 
         path = part(start, 0, steps - rest, every)
