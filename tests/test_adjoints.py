@@ -13,7 +13,7 @@ import midlie_jax as ml
 
 CASE = setup()
 SYMMETRIC = [method.name for method in METHODS if method.symmetric]
-FEW = ["SYMMETRIC[EA]", "JACOBI[SRKN6b]", "AKW"]  # an exact flight, a loop over stages, an implicit method
+FEW = ["SYMMETRIC[EA]", "SYMMETRIC[SRKN6b]", "AKW"]  # an exact flight, a loop over stages, an implicit method
 ADJOINTS = {
     "states kept every 8 steps": ml.Checkpointed(every=8),
     "backwards": ml.Reversible(),

@@ -124,12 +124,13 @@ class Reversible(Adjoint):
 
 
 class Forward(Adjoint):
-    """Forward mode alone, which compiles fastest; what asks for reverse mode gets a ValueError."""
+    """Forward mode alone; what asks for reverse mode gets a ValueError."""
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
-        taken = jax.lax.scan(lambda p, step: (steps.take(p, step), None), progress, steps.inputs, unroll=steps.unroll)[
-            0
-        ]
+        def take(progress: Progress, step: Any) -> tuple[Progress, None]:
+            return steps.take(progress, step), None
+
+        taken, _ = jax.lax.scan(take, progress, steps.inputs, unroll=steps.unroll)
         leaves, structure = jax.tree.flatten(taken)
         return structure.unflatten(_forward_only.bind(*leaves))
 
