@@ -32,12 +32,13 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.interpreters import mlir
 
 jax.config.update("jax_enable_x64", True)
 
+import lowering  # noqa: E402
+from pages import put  # noqa: E402
+
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel import fusion  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.bench.rivals.problem import rates  # noqa: E402
 from midlie_jax.methods.runge_kutta import RungeKutta  # noqa: E402
@@ -142,10 +143,10 @@ def starts_of(job: Job) -> ml.RigidState:
 
 def lowered(job: Job, starts: ml.RigidState):
     """The traced program, in the form of the job; forms differ while a program is traced and lowered."""
-    lower_with(fusion._reduce if job.form == REDUCTION else fusion._separate)
+    lower_with(lowering.REDUCTION if job.form == REDUCTION else lowering.OURS)
     jax.clear_caches()  # JAX would find the step as it was traced for another form
     with contextlib.ExitStack() as stack:
-        stack.callback(lower_with, fusion._separate)
+        stack.callback(lower_with, lowering.OURS)
         if job.form in (SINGLE, REDUCTION):
             for kind in (Splitting, RungeKutta):
                 stack.enter_context(mock.patch.object(kind, "unroll", 1))
@@ -155,8 +156,7 @@ def lowered(job: Job, starts: ml.RigidState):
 def lower_with(function) -> None:
     platform = {"gpu": "cuda"}.get(jax.default_backend(), jax.default_backend())
     if platform != "cpu":
-        lowering = mlir.lower_fun(function, multiple_results=True)
-        mlir.register_lowering(fusion._fuse, lowering, platform=platform)
+        lowering.lower_outputs(function, platform)
 
 
 def difference(job: Job, starts: ml.RigidState, momentum) -> float:
@@ -279,10 +279,7 @@ def main() -> None:
     print("\n".join(lines))
     chart(figures, ROOT / "docs" / "gpu.png" if options.write else Path("gpu.png"))
     if options.write:
-        page = ROOT / "docs" / "gpu.md"
-        head, rest = page.read_text().split(BEGIN)
-        picture = "![Speed against the number of bodies](gpu.png)"
-        page.write_text("\n".join([head + BEGIN, picture, "", *lines, END]) + rest.split(END)[1])
+        put("gpu.md", BEGIN, END, ["![Speed against the number of bodies](gpu.png)", "", *lines])
 
 
 if __name__ == "__main__":

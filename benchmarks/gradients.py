@@ -10,7 +10,6 @@ one top. diffrax's Tsit5 takes as many steps of the same length, with its defaul
 
 import argparse
 import time
-from pathlib import Path
 
 from midlie_jax.drivers.timing import pin
 
@@ -22,11 +21,12 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
+from pages import put  # noqa: E402
+
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed_in_turn  # noqa: E402
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "gradients.md"
 BEGIN, END = "<!-- gradients -->", "<!-- /gradients -->"
 BODIES, STEPS, DT = 1000, 128, 0.005
 LONG = (1_000, 100_000)  # steps of the runs whose memory is compared
@@ -109,8 +109,7 @@ def main():
         lines.append(f"| {' | '.join(cells)} |")
         print(lines[-1], flush=True)
     if options.write:
-        head, rest = PAGE.read_text().split(BEGIN)
-        PAGE.write_text("\n".join([head + BEGIN, *lines, END]) + rest.split(END)[1])
+        put("gradients.md", BEGIN, END, lines)
 
 
 if __name__ == "__main__":

@@ -26,15 +26,15 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 import jax
 import jax.numpy as jnp
 from jax.experimental import topologies
-from jax.interpreters import mlir
 from jax.sharding import SingleDeviceSharding
 
 jax.config.update("jax_enable_x64", True)
 
-import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel import fusion  # noqa: E402
+import lowering  # noqa: E402
+from pages import put  # noqa: E402
 
-ROOT = Path(__file__).resolve().parent.parent
+import midlie_jax as ml  # noqa: E402
+
 CARD = Path(__file__).with_name("h200.txtpb")
 BEGIN, END = "<!-- kernels -->", "<!-- /kernels -->"
 BATCH, TURNS = 10007, 37  # numbers that nothing else in the program has
@@ -52,7 +52,7 @@ NAMES = (
 )
 
 OURS, REDUCTION, UNCUT = "ours", "through a reduction, as on a CPU", "not cut"
-OUTPUTS = {OURS: fusion._separate, REDUCTION: fusion._reduce, UNCUT: lambda *leaves, use: list(leaves)}
+OUTPUTS = {OURS: lowering.OURS, REDUCTION: lowering.REDUCTION, UNCUT: lambda *leaves, use: list(leaves)}
 # Beside the methods as they are: what other forms of their programs would cost.
 FORMS = {
     ("SYMMETRIC[EA]", "float32"): ((REDUCTION, None), (OURS, 1), (OURS, 8)),
@@ -130,7 +130,7 @@ def compiled(name: str, dtype: str, outputs: str = OURS, unroll: int | None = No
 
     arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
     jax.clear_caches()  # the package traces another program for a GPU
-    _lower_on_cuda(OUTPUTS[outputs])
+    lowering.lower_outputs(OUTPUTS[outputs], "cuda")
     began = time.perf_counter()
     with mock.patch.object(jax, "default_backend", return_value="gpu"), tempfile.TemporaryDirectory() as folder:
         turn = unroll or method.unroll
@@ -139,7 +139,7 @@ def compiled(name: str, dtype: str, outputs: str = OURS, unroll: int | None = No
         ptx = "".join(file.read_text() for file in sorted(Path(folder).glob("*.ptx")))
     seconds = time.perf_counter() - began
     jax.clear_caches()
-    _lower_on_cuda(OUTPUTS[OURS])
+    lowering.lower_outputs(lowering.OURS, "cuda")
     launches = _loop_over_steps(_computations(program.as_text()))
     return Compiled(turn, launches.times(1 / turn)._replace(size=launches.size / turn / BATCH), seconds, ptx)
 
@@ -148,10 +148,6 @@ def _card():
     target = CARD.read_text()
     topology = topologies.get_topology_desc("h200", platform="cuda", target_config=target, topology="1x1x1")
     return topology.devices[0]
-
-
-def _lower_on_cuda(function) -> None:
-    mlir.register_lowering(fusion._fuse, mlir.lower_fun(function, multiple_results=True), platform="cuda")
 
 
 def _computations(text: str) -> dict[str, list[tuple[str, ...]]]:
@@ -227,10 +223,7 @@ def main() -> None:
     for name in NAMES:
         for dtype in ("float32", "float64"):
             lines += [row(name, dtype), *(row(name, dtype, *form) for form in FORMS.get((name, dtype), ()))]
-    page = ROOT / "docs" / "gpu.md"
-    text = page.read_text()
-    head, rest = text.split(BEGIN)
-    page.write_text("\n".join([head + BEGIN, *lines, END]) + rest.split(END)[1])
+    put("gpu.md", BEGIN, END, lines)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from pages import put
 
 import midlie_jax as ml
 from midlie_jax.bench import scenes
@@ -102,9 +103,7 @@ def main():
         print(lines[-1], flush=True)
         results.append(result)
     if options.write:
-        page = ROOT / "docs" / "theory.md"
-        head, rest = page.read_text().split(BEGIN)
-        page.write_text(head + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.split(END)[1])
+        put("theory.md", BEGIN, END, lines)
         draw(results, ROOT / "docs" / "long-run.png")
 
 

@@ -31,6 +31,8 @@ from scipy.integrate import solve_ivp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
+from pages import put  # noqa: E402
+
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.bench.rivals.problem import rates  # noqa: E402
@@ -343,10 +345,7 @@ def main():
         print(" | ".join(line), flush=True)
         lines.append(line)
     if options.write and not (options.flights or options.limits):
-        page = ROOT / "docs" / "performance.md"
-        text = page.read_text()
-        head, tail = text.split(BEGIN)[0], text.split(END)[1]
-        page.write_text(f"{head}{BEGIN}\n{table(lines)}\n{END}{tail}")
+        put("performance.md", BEGIN, END, [table(lines)])
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import jax
+from pages import put
 
 from midlie_jax.bench import frontier, rivals, work_precision
 from midlie_jax.bench.families import CONSERVING, FAMILIES, GENERAL
@@ -95,10 +96,7 @@ def into_page(text: str) -> None:
     lines = text.split("\n")
     first = next(i for i, line in enumerate(lines) if line.startswith("|"))
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
-    page = DOCS / "how-it-compares.md"
-    head, rest = page.read_text().split(BEGIN)
-    table = "\n".join(lines[first:last])
-    page.write_text(f"{head}{BEGIN}\n{table}\n{END}{rest.split(END)[1]}")
+    put("how-it-compares.md", BEGIN, END, lines[first:last])
 
 
 def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:

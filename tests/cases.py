@@ -5,9 +5,13 @@ runs that differ in body, torque, start and step, and every law reads its own ro
 """
 
 import os
+import re
+import sys
 from functools import cache, partial
+from importlib import import_module
 from itertools import product
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -226,6 +230,20 @@ def compiled(name: str, solo: bool = False, hurried: bool | None = None, **optio
         hurried = name not in CLASSES and "XLA_FLAGS" in os.environ
     function = partial(integrate, name, **options)
     return (quick if hurried else real)(function if solo else jax.vmap(function))
+
+
+def benchmark(name: str) -> Any:
+    """The module of a benchmark, which is a script outside the package; its neighbours are found as when it runs."""
+    folder = str(Path(__file__).parent.parent / "benchmarks")
+    if folder not in sys.path:
+        sys.path.append(folder)
+    return import_module(name)
+
+
+def loop_bodies(text: str) -> list[str]:
+    """The bodies of the loops of a compiled program, from its HLO."""
+    computations = {c.split()[0].lstrip("%"): c for c in re.split(r"\n}\n+", text) if c.split()}
+    return [computations[name] for name in set(re.findall(r"body=%?([\w.\-]+)", text))]
 
 
 def cast(s: Setup, dtype: str) -> Setup:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import METHODS, each, epsilon, quick, real, setup, suited
+from cases import METHODS, each, epsilon, loop_bodies, quick, real, setup, suited
 
 import midlie_jax as ml
 
@@ -172,9 +172,7 @@ def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops):
 
     momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, BATCH)[:, None])
     text = real(jax.vmap(gradient)).lower(momenta).compile().as_text()
-    computations = {c.split()[0].lstrip("%"): c for c in re.split(r"\n}\n+", text) if c.split()}
-    bodies = [computations[body] for body in set(re.findall(r"body=%?([\w.\-]+)", text))]
-    fused = [re.findall(rf"%([a-z_]+)_fusion\S* = .*\[{BATCH}\].* fusion\(", body) for body in bodies]
+    fused = [re.findall(rf"%([a-z_]+)_fusion\S* = .*\[{BATCH}\].* fusion\(", body) for body in loop_bodies(text)]
     assert max(fusions.count("broadcast_reduce") for fusions in fused) <= 2 * loops
     # What is not: sums, and copies of kept states.
     others = {"broadcast_reduce", "add_add", "bitcast_dynamic-update-slice"}

@@ -8,7 +8,7 @@ import re
 import jax
 import jax.numpy as jnp
 import pytest
-from cases import METHODS, by_turns, real
+from cases import METHODS, by_turns, loop_bodies, real
 
 import midlie_jax as ml
 from midlie_jax.methods.implicit import NewmarkBody
@@ -57,9 +57,7 @@ def loops(name, torque, dtype):
         return ml.integrate(ml.method(name), ml.RigidBody(jnp.array(BODY, dtype)), torque, start, dt=0.01, steps=7)
 
     text = real(jax.vmap(run)).lower(jnp.ones((BATCH, 3), dtype)).compile().as_text()
-    bodies = set(re.findall(r"body=%?([\w.\-]+)", text))
-    computations = {c.split()[0].lstrip("%"): c for c in re.split(r"\n}\n+", text) if c.split()}
-    return max(len(re.findall(rf"\[{BATCH}\].* fusion\(", computations[name])) for name in bodies), text
+    return max(len(re.findall(rf"\[{BATCH}\].* fusion\(", body)) for body in loop_bodies(text)), text
 
 
 # What no step may hold: matrix products and calls out of the loop, arrays put together by the way, and the functions

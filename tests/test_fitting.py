@@ -1,9 +1,7 @@
 """Fits: parameters that stay physical, residuals and their derivatives, and estimates against what is known."""
 
-import sys
 from functools import cache
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,70 +14,10 @@ from midlie_jax import fitting
 from midlie_jax.fitting.identifiability import Spectrum, confounded
 from midlie_jax.fitting.layout import Layout
 from midlie_jax.fitting.measurements import Attitudes, Directions, Positions, Rates
-from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, Positive, UnitQuaternion
+from midlie_jax.fitting.parameters import Free, Moments, Positive, UnitQuaternion
 from midlie_jax.fitting.residuals import Data, jacobian_of
 
 METHOD = "RK4"  # compiles in a fifth of the time of the others; nothing here depends on the method
-TENSOR = np.array([[3.0, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 1.8]])
-PARAMETERS = {
-    "moments": Moments([1.0, 2.0, 2.5]),
-    "ratios": Moments([1.0, 2.0, 2.5], scale="fixed"),
-    "tensor": InertiaTensor(TENSOR),
-    "tensor up to a factor": InertiaTensor(TENSOR, scale="fixed"),
-    "positive": Positive([0.3, 20.0]),
-    "free": Free([[0.5, -2.0], [0.0, 7.0]]),
-    "quaternion": UnitQuaternion(turn(0.4, -1.0, 0.3)),
-}
-
-
-def of_a_body(tensor):
-    """Whether a tensor is the inertia of masses: the second moments are positive definite."""
-    return np.all(np.linalg.eigvalsh(np.trace(tensor) / 2 * np.eye(3) - tensor) > 0)
-
-
-PHYSICAL = {
-    Moments: lambda value: of_a_body(np.diag(value)),
-    InertiaTensor: of_a_body,
-    Positive: lambda value: np.all(value > 0),
-    Free: lambda value: np.all(np.isfinite(value)),
-    UnitQuaternion: lambda value: abs(np.linalg.norm(value) - 1) < 1e-12,
-}
-
-
-@pytest.mark.parametrize("name", PARAMETERS)
-def test_a_parameter_is_one_to_one_onto_physical_values(name):
-    parameter = PARAMETERS[name]
-    np.testing.assert_allclose(parameter.value(parameter.vector()), parameter.initial, rtol=1e-13, atol=1e-14)
-    assert len(parameter.unconstrained_labels()) == parameter.vector().size
-    assert len(parameter.labels()) == parameter.coordinates(parameter.initial).size
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        vector = jnp.asarray(rng.uniform(-1.7, 1.7, parameter.vector().shape))
-        value = parameter.value(vector)
-        assert PHYSICAL[type(parameter)](np.asarray(value))
-        again = eqx.tree_at(lambda p: p.initial, parameter, value).vector()
-        found = parameter.coordinates(value) if isinstance(parameter, UnitQuaternion) else again
-        np.testing.assert_allclose(found, vector, rtol=1e-11, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["moments", "ratios", "tensor", "tensor up to a factor"])
-def test_moments_far_from_the_guess_are_still_those_of_a_body(name):
-    """Moments that cannot be told from a flat body's in float64 may fail the inequality by rounding, but no more."""
-    parameter = PARAMETERS[name]
-    for seed in range(20):
-        vector = jnp.asarray(np.random.default_rng(seed).uniform(-12, 12, parameter.vector().shape))
-        value = np.asarray(parameter.value(vector))
-        moments = value if value.ndim == 1 else np.linalg.eigvalsh(value)
-        assert np.all(moments > 0)
-        assert 2 * moments.max() <= moments.sum() * (1 + 1e-14)
-
-
-def test_a_fixed_scale_keeps_the_sum_of_the_moments():
-    vector = jnp.array([0.7, -1.3])
-    np.testing.assert_allclose(jnp.sum(PARAMETERS["ratios"].value(vector)), 5.5, rtol=1e-14)
-    five = jnp.array([0.7, -1.3, 0.1, 0.2, -0.3])
-    tensor = PARAMETERS["tensor up to a factor"].value(five)
-    np.testing.assert_allclose(np.trace(tensor), np.trace(TENSOR), rtol=1e-14)
 
 
 # One forced motion in which every parameter can be determined.
@@ -381,111 +319,3 @@ def test_starts_five_percent_off_converge_near_the_separatrix():
     np.testing.assert_allclose(ratios, np.broadcast_to(moments / moments[2], ratios.shape), rtol=2e-3)
     np.testing.assert_allclose(found.rms, found.rms[0], rtol=1e-8)
     assert 0.9 < found.rms[0] < 1.1
-
-
-def still(values):
-    """A ball that spins: the smallest of models."""
-    return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["rate"])
-
-
-def spin(sigma=0.1, n=5, **changes):
-    rates = np.tile([0.1, 0.2, 0.3], (n, 1)) + 0.01 * np.random.default_rng(0).standard_normal((n, 3))
-    return Rates(**({"times": np.arange(float(n)), "values": rates, "sigma": sigma} | changes))
-
-
-def test_sigmas_are_relative_unless_they_are_said_to_be_absolute():
-    """The mean of n numbers: its deviation is s / sqrt(n), by the scatter with Student's t, or by the given sigma."""
-    start = {"rate": Free([0.0, 0.0, 0.0])}
-    relative = ml.fit(still, start, spin(), method="RK4", dt=1.0)
-    absolute = ml.fit(still, start, spin(), method="RK4", dt=1.0, absolute_sigma=True)
-    rates = np.asarray(spin().values)
-    scatter = np.sqrt(np.sum((rates - rates.mean(axis=0)) ** 2) / 12)
-    np.testing.assert_allclose(relative.coordinates, rates.mean(axis=0), rtol=1e-9)
-    np.testing.assert_allclose(np.ptp(relative.intervals, axis=1), 2 * 2.178812829663 * scatter / np.sqrt(5), rtol=1e-7)
-    np.testing.assert_allclose(np.ptp(absolute.intervals, axis=1), 2 * 1.959963984540 * 0.1 / np.sqrt(5), rtol=1e-7)
-    assert relative.dof == 12
-    np.testing.assert_allclose(np.concatenate([r.ravel() for r in relative.residuals()]), np.asarray(
-        (relative.coordinates - rates) / 0.1).ravel(), atol=1e-9)  # fmt: skip
-
-
-def test_the_best_of_several_starts_counts_and_a_line_shows_progress(capfd):
-    """Of a pendulum's measured direction there are two minima: the guess lies in the wrong one."""
-
-    def about_x(values):
-        body = ml.RigidBody([1.0, 1.0, 1.0])
-        phase = jnp.sin(3 * values["angle"]) + 0.3 * values["angle"]
-        return body, None, ml.MomentumState(jnp.stack([phase, 0 * phase, 0 * phase]))
-
-    wrong = {"angle": Positive(1.4)}
-    target = np.sin(3 * 3.0) + 0.9
-    data = Rates(np.arange(3.0), np.tile([target, 0.0, 0.0], (3, 1)), 0.01)
-    one = ml.fit(about_x, wrong, data, method="RK4", dt=1.0, progress=True)
-    assert "fit: step 1, loss" in capfd.readouterr().err
-    many = ml.fit(about_x, wrong, data, method="RK4", dt=1.0, starts=8, spread=0.5, progress=False)
-    assert capfd.readouterr().err == ""
-    assert one.rms > 1
-    assert many.ok
-    assert many.rms < 1e-6
-
-
-def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
-    import optax
-    import optimistix as optx
-
-    solver = optx.OptaxMinimiser(optax.adam(0.05), rtol=1e-7, atol=1e-7)
-    rates = np.asarray(spin().values)
-    start = {"rate": Free([0.0, 0.0, 0.0])}
-    with jax.numpy_dtype_promotion("standard"):  # optax mixes float and int32
-        found = ml.fit(still, start, spin(), method="RK4", dt=1.0, solver=solver, max_steps=5000)
-    np.testing.assert_allclose(found.coordinates, rates.mean(axis=0), rtol=1e-3)
-
-
-TIMED = np.arange(5.0)
-WRONG = {
-    "no rows": (lambda: Rates([], np.zeros((0, 3)), 0.1), "at least one row"),
-    "unsorted times": (lambda: spin(times=TIMED[::-1]), "times must ascend"),
-    "times that are NaN": (lambda: spin(times=TIMED * np.nan), "times must be finite"),
-    "all missing": (lambda: spin(values=np.full((5, 3), np.nan)), "NaN in every row"),
-    "infinite": (lambda: spin(values=np.full((5, 3), np.inf)), "must be finite, or NaN where missing"),
-    "one row too few": (lambda: spin(times=TIMED[:4]), "one row for each time"),
-    "sigma of zero": (lambda: spin(sigma=0.0), "sigma must be positive"),
-    "sigma of another shape": (lambda: spin(sigma=np.ones((4, 1))), "sigma must broadcast"),
-    "quaternions not unit": (lambda: Attitudes(TIMED, np.ones((5, 4)), 0.1), "must be unit quaternions"),
-    "direction of length zero": (lambda: Directions(TIMED, np.zeros((5, 3)), 0.1, reference=SUN), "must not be zero"),
-    "reference of another shape": (lambda: Directions(TIMED, np.ones((5, 3)), 0.1, reference=[1.0]), "reference must"),
-    "positions of another shape": (lambda: Positions(TIMED, np.ones(5), 0.1, markers=SUN), r"\(n, m, 3\)"),
-    "markers of another shape": (lambda: Positions(TIMED, np.ones((5, 3)), 0.1, markers=MARKERS), "markers must have"),
-    "moments of no body": (lambda: Moments([1.0, 2.0, 3.5]), "strict triangle"),
-    "two moments": (lambda: Moments([1.0, 2.0]), r"shape \(3,\)"),
-    "negative": (lambda: Positive(-1.0), "positive and finite"),
-    "unknown scale": (lambda: Moments([1.0, 2.0, 2.5], scale="known"), "'free' or 'fixed'"),
-    "tensor of no body": (lambda: InertiaTensor(np.diag([1.0, 2.0, 3.5])), "strict triangle"),
-    "tensor not symmetric": (lambda: InertiaTensor(TENSOR + np.eye(3, k=1)), "must be symmetric"),
-    "attitude not unit": (lambda: UnitQuaternion([1.0, 1.0, 0.0, 0.0]), "unit quaternion"),
-    "before the start": (lambda: try_fit(spin(), t0=1.0), "before the start at t0 = 1"),
-    "negative step": (lambda: try_fit(spin(), dt=-1.0), "dt must be a positive"),
-    "too few rows": (lambda: try_fit(spin(n=1)), "3 measured numbers are too few for 3 unknowns"),
-    "no measurement": (lambda: try_fit([]), "measurements must be"),
-    "no parameter": (lambda: try_fit(spin(), guess={}), "guess holds no parameter"),
-    "a number as parameter": (lambda: try_fit(spin(), guess={"rate": jnp.zeros(3)}), "wrap it"),
-    "an unknown bias": (lambda: try_fit(spin(bias="drift")), "'drift', which is not in the guess"),
-    "no attitude": (lambda: try_fit(Attitudes(TIMED, np.eye(4)[[0] * 5], 0.1)), "return a RigidState"),
-    "another method": (lambda: try_fit(spin(), method="EULER"), "unknown"),
-    "many segments": (lambda: try_fit(spin(), segments=9), "too many"),
-    "half a start": (lambda: try_fit(spin(), starts=0), "starts must be"),
-    "another model": (lambda: try_fit(spin(), model=lambda: None), "model must take the values"),
-    "unsorted states": (lambda: fitting.states_at("RK4", *still({"rate": jnp.ones(3)}), [1.0, 0.0], dt=1.0), "ascend"),
-}
-
-
-def try_fit(measurements, model=still, guess=None, **changes):
-    start = {"rate": Free([0.0, 0.0, 0.0])} if guess is None else guess
-    return ml.fit(model, start, measurements, **({"dt": 1.0, "method": "RK4"} | changes))
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_said_before_anything_is_traced(name, monkeypatch):
-    monkeypatch.setattr(sys.modules[ml.fit.__module__], "_run", None)
-    act, message = WRONG[name]
-    with pytest.raises(ValueError, match=message):
-        act()

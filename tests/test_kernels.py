@@ -3,19 +3,15 @@
 Needs the compiler, not the card: `make test-kernels` installs it in an environment of its own.
 """
 
-import importlib.util
 import re
-from pathlib import Path
-from typing import Any
 
 import pytest
+from cases import benchmark
 
-_PATH = Path(__file__).parent.parent / "benchmarks" / "kernels.py"
-_SPEC: Any = importlib.util.spec_from_file_location("kernels", _PATH)
-kernels = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(kernels)
+kernels = benchmark("kernels")
 
-pytestmark = pytest.mark.skipif(bool(kernels.missing()), reason=kernels.missing() or "the compiler is there")
+if kernels.missing():
+    pytest.skip(kernels.missing(), allow_module_level=True)
 
 # Momentum, attitude, the force that is kept and `ok`; HeavyTop has no force along its axis.
 NUMBERS = {"SYMMETRIC[EA]": 9, "JACOBI[EA]": 9, "LIEMID[EA]": 9, "RK4": 7}

@@ -1,19 +1,14 @@
 """The hand-written C of benchmarks/limit.c does the work of the package: the same start leads to the same momentum."""
 
-import importlib.util
-from pathlib import Path
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import benchmark
 
 import midlie_jax as ml
 from midlie_jax.bench import scenes
 
-_PATH = Path(__file__).parent.parent / "benchmarks" / "limit.py"
-_SPEC = importlib.util.spec_from_file_location("limit", _PATH)
-limit = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(limit)
+limit = benchmark("limit")
 
 STEPS = 400
 # Each value of each choice occurs: numbers of vectors and groups, whose roots, which order of sums.

@@ -136,7 +136,9 @@ class Forward(Adjoint):
 
 
 def as_adjoint(adjoint: Any) -> Adjoint:
-    """The adjoint itself; a ValueError for anything else."""
+    """The adjoint itself, `Checkpointed()` for None; a ValueError for anything else."""
+    if adjoint is None:
+        return Checkpointed()
     if not isinstance(adjoint, Adjoint):
         raise ValueError(
             f"adjoint must be midlie_jax.Checkpointed(), Reversible() or Forward(), got {described(adjoint)}."

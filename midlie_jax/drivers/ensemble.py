@@ -23,7 +23,7 @@ from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from . import shared_inputs
-from .adjoints import Adjoint, Checkpointed, Reversible, as_adjoint
+from .adjoints import Adjoint, Reversible, as_adjoint
 from .arguments import as_first_step, as_method, check_saving, check_step, check_system
 from .integrate import Path, path_of_body
 from .rows import count_rows, torque_rows
@@ -100,8 +100,7 @@ def ensemble(
     arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     mapped, shared = eqx.partition(arguments, rows)
-    adjoint = Checkpointed() if adjoint is None else as_adjoint(adjoint)
-    return _run(method, adjoint, mapped, shared, first, steps, save_every, chunk or chunk_size(count))
+    return _run(method, as_adjoint(adjoint), mapped, shared, first, steps, save_every, chunk or chunk_size(count))
 
 
 def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:

@@ -17,7 +17,7 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike, on_body
-from .adjoints import Adjoint, Checkpointed, Steps, as_adjoint
+from .adjoints import Adjoint, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .shared_inputs import Rows, SharedInputs
@@ -86,8 +86,7 @@ def integrate(
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     check_step(dt)
-    adjoint = Checkpointed() if adjoint is None else as_adjoint(adjoint)
-    return _run(method, adjoint, body, torque, start, dt, t0, first, steps, save_every)
+    return _run(method, as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every)
 
 
 def path_of_body(

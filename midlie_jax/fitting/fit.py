@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -101,7 +102,7 @@ def fit(
         max_steps=max_steps,
     )
     if shown and starts == 1:
-        plan = Plan(plan.problem, solver, plan.starts, max_steps, absolute_sigma, _line)
+        plan = replace(plan, show=_line)
     listed = _listed(measurements)
     estimate = jax.block_until_ready(_run(plan, guess, tuple(listed)))
     if shown:

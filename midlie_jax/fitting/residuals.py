@@ -93,7 +93,7 @@ class Problem(eqx.Module):
         Angular velocities are those of the nearest row of a `Rates`, attitudes those of the nearest row of an
         `Attitudes`; the rest is from the run of the guess.
         """
-        one = eqx.tree_at(lambda p: p.grid, self, _whole(self.grid))
+        one = eqx.tree_at(lambda p: p.grid, self, self.grid.whole())
         values, body, (_, path), _ = one.run(vector, data)
         places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
         states = jax.tree.map(lambda x: x[0, places], path.states)
@@ -113,11 +113,6 @@ def _nearest(measurement: Measurement, times: Float[Array, " s"]) -> Int[Array, 
     missing = ~jnp.all(measurement.present, axis=-1)
     distances = jnp.abs(measurement.times[None] - times[:, None])
     return jnp.argmin(jnp.where(missing[None], jnp.full_like(distances, jnp.inf), distances), axis=-1)
-
-
-def _whole(grid: Grid) -> Grid:
-    """The same steps in one segment."""
-    return Grid(grid.dt, grid.t0, grid.steps * grid.segments, 1, grid.every, grid.exact)
 
 
 def unknowns(data: Data) -> Float[Array, " u"]:

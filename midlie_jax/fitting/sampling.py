@@ -5,6 +5,7 @@ states. It is differentiable like any step.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -54,6 +55,10 @@ class Grid(eqx.Module):
         exact = bool(np.all(np.abs(offsets - nearest) <= tolerance * np.maximum(1, offsets)))
         every = math.gcd(steps, *np.unique(nearest).tolist()) if exact else 1
         return cls(dt, t0, steps, segments, every, exact)
+
+    def whole(self) -> "Grid":
+        """The same steps in one segment."""
+        return replace(self, steps=self.steps * self.segments, segments=1)
 
     def place(self, times: Float[Array, " n"]) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
         """For each time its segment, and the index of the last saved state in this segment that is not later."""

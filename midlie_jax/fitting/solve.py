@@ -1,6 +1,7 @@
 """`fit_arrays`: the whole fit as one pure function of arrays, to be compiled, and mapped over data sets."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +16,6 @@ from .identifiability import lengths_of
 from .layout import Layout
 from .measurements import Measurement
 from .residuals import Data, Problem, jacobian_of, residuals, unknowns
-from .sampling import Grid
 
 _TOLERANCE = {"float64": 1e-8, "float32": 1e-3}
 
@@ -131,6 +131,4 @@ def _shown(show: Callable[[Any, Any], None] | None) -> Any:
 
 def _single(problem: Problem) -> Problem:
     """The problem without multiple shooting."""
-    grid = problem.grid
-    whole = Grid(grid.dt, grid.t0, grid.steps * grid.segments, 1, grid.every, grid.exact)
-    return Problem(problem.model, problem.method, whole, problem.continuity)
+    return replace(problem, grid=problem.grid.whole())

@@ -1,0 +1,123 @@
+"""Calls of `fit`: sigmas, several starts, other solvers, progress, and what is refused."""
+
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_fit_parameters import TENSOR
+from test_fitting import MARKERS, SUN
+
+import midlie_jax as ml
+from midlie_jax import fitting
+from midlie_jax.fitting.measurements import Attitudes, Directions, Positions, Rates
+from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, Positive, UnitQuaternion
+
+
+def still(values):
+    """A ball that spins: the smallest of models."""
+    return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["rate"])
+
+
+def spin(sigma=0.1, n=5, **changes):
+    rates = np.tile([0.1, 0.2, 0.3], (n, 1)) + 0.01 * np.random.default_rng(0).standard_normal((n, 3))
+    return Rates(**({"times": np.arange(float(n)), "values": rates, "sigma": sigma} | changes))
+
+
+def test_sigmas_are_relative_unless_they_are_said_to_be_absolute():
+    """The mean of n numbers: its deviation is s / sqrt(n), by the scatter with Student's t, or by the given sigma."""
+    start = {"rate": Free([0.0, 0.0, 0.0])}
+    relative = ml.fit(still, start, spin(), method="RK4", dt=1.0)
+    absolute = ml.fit(still, start, spin(), method="RK4", dt=1.0, absolute_sigma=True)
+    rates = np.asarray(spin().values)
+    scatter = np.sqrt(np.sum((rates - rates.mean(axis=0)) ** 2) / 12)
+    np.testing.assert_allclose(relative.coordinates, rates.mean(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(np.ptp(relative.intervals, axis=1), 2 * 2.178812829663 * scatter / np.sqrt(5), rtol=1e-7)
+    np.testing.assert_allclose(np.ptp(absolute.intervals, axis=1), 2 * 1.959963984540 * 0.1 / np.sqrt(5), rtol=1e-7)
+    assert relative.dof == 12
+    np.testing.assert_allclose(np.concatenate([r.ravel() for r in relative.residuals()]), np.asarray(
+        (relative.coordinates - rates) / 0.1).ravel(), atol=1e-9)  # fmt: skip
+
+
+def test_the_best_of_several_starts_counts_and_a_line_shows_progress(capfd):
+    """Of a pendulum's measured direction there are two minima: the guess lies in the wrong one."""
+
+    def about_x(values):
+        body = ml.RigidBody([1.0, 1.0, 1.0])
+        phase = jnp.sin(3 * values["angle"]) + 0.3 * values["angle"]
+        return body, None, ml.MomentumState(jnp.stack([phase, 0 * phase, 0 * phase]))
+
+    wrong = {"angle": Positive(1.4)}
+    target = np.sin(3 * 3.0) + 0.9
+    data = Rates(np.arange(3.0), np.tile([target, 0.0, 0.0], (3, 1)), 0.01)
+    one = ml.fit(about_x, wrong, data, method="RK4", dt=1.0, progress=True)
+    assert "fit: step 1, loss" in capfd.readouterr().err
+    many = ml.fit(about_x, wrong, data, method="RK4", dt=1.0, starts=8, spread=0.5, progress=False)
+    assert capfd.readouterr().err == ""
+    assert one.rms > 1
+    assert many.ok
+    assert many.rms < 1e-6
+
+
+def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
+    import optax
+    import optimistix as optx
+
+    solver = optx.OptaxMinimiser(optax.adam(0.05), rtol=1e-7, atol=1e-7)
+    rates = np.asarray(spin().values)
+    start = {"rate": Free([0.0, 0.0, 0.0])}
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes float and int32
+        found = ml.fit(still, start, spin(), method="RK4", dt=1.0, solver=solver, max_steps=5000)
+    np.testing.assert_allclose(found.coordinates, rates.mean(axis=0), rtol=1e-3)
+
+
+TIMED = np.arange(5.0)
+WRONG = {
+    "no rows": (lambda: Rates([], np.zeros((0, 3)), 0.1), "at least one row"),
+    "unsorted times": (lambda: spin(times=TIMED[::-1]), "times must ascend"),
+    "times that are NaN": (lambda: spin(times=TIMED * np.nan), "times must be finite"),
+    "all missing": (lambda: spin(values=np.full((5, 3), np.nan)), "NaN in every row"),
+    "infinite": (lambda: spin(values=np.full((5, 3), np.inf)), "must be finite, or NaN where missing"),
+    "one row too few": (lambda: spin(times=TIMED[:4]), "one row for each time"),
+    "sigma of zero": (lambda: spin(sigma=0.0), "sigma must be positive"),
+    "sigma of another shape": (lambda: spin(sigma=np.ones((4, 1))), "sigma must broadcast"),
+    "quaternions not unit": (lambda: Attitudes(TIMED, np.ones((5, 4)), 0.1), "must be unit quaternions"),
+    "direction of length zero": (lambda: Directions(TIMED, np.zeros((5, 3)), 0.1, reference=SUN), "must not be zero"),
+    "reference of another shape": (lambda: Directions(TIMED, np.ones((5, 3)), 0.1, reference=[1.0]), "reference must"),
+    "positions of another shape": (lambda: Positions(TIMED, np.ones(5), 0.1, markers=SUN), r"\(n, m, 3\)"),
+    "markers of another shape": (lambda: Positions(TIMED, np.ones((5, 3)), 0.1, markers=MARKERS), "markers must have"),
+    "moments of no body": (lambda: Moments([1.0, 2.0, 3.5]), "strict triangle"),
+    "two moments": (lambda: Moments([1.0, 2.0]), r"shape \(3,\)"),
+    "negative": (lambda: Positive(-1.0), "positive and finite"),
+    "unknown scale": (lambda: Moments([1.0, 2.0, 2.5], scale="known"), "'free' or 'fixed'"),
+    "tensor of no body": (lambda: InertiaTensor(np.diag([1.0, 2.0, 3.5])), "strict triangle"),
+    "tensor not symmetric": (lambda: InertiaTensor(TENSOR + np.eye(3, k=1)), "must be symmetric"),
+    "attitude not unit": (lambda: UnitQuaternion([1.0, 1.0, 0.0, 0.0]), "unit quaternion"),
+    "before the start": (lambda: try_fit(spin(), t0=1.0), "before the start at t0 = 1"),
+    "negative step": (lambda: try_fit(spin(), dt=-1.0), "dt must be a positive"),
+    "too few rows": (lambda: try_fit(spin(n=1)), "3 measured numbers are too few for 3 unknowns"),
+    "no measurement": (lambda: try_fit([]), "measurements must be"),
+    "no parameter": (lambda: try_fit(spin(), guess={}), "guess holds no parameter"),
+    "a number as parameter": (lambda: try_fit(spin(), guess={"rate": jnp.zeros(3)}), "wrap it"),
+    "an unknown bias": (lambda: try_fit(spin(bias="drift")), "'drift', which is not in the guess"),
+    "no attitude": (lambda: try_fit(Attitudes(TIMED, np.eye(4)[[0] * 5], 0.1)), "return a RigidState"),
+    "another method": (lambda: try_fit(spin(), method="EULER"), "unknown"),
+    "many segments": (lambda: try_fit(spin(), segments=9), "too many"),
+    "half a start": (lambda: try_fit(spin(), starts=0), "starts must be"),
+    "another model": (lambda: try_fit(spin(), model=lambda: None), "model must take the values"),
+    "unsorted states": (lambda: fitting.states_at("RK4", *still({"rate": jnp.ones(3)}), [1.0, 0.0], dt=1.0), "ascend"),
+}
+
+
+def try_fit(measurements, model=still, guess=None, **changes):
+    start = {"rate": Free([0.0, 0.0, 0.0])} if guess is None else guess
+    return ml.fit(model, start, measurements, **({"dt": 1.0, "method": "RK4"} | changes))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_said_before_anything_is_traced(name, monkeypatch):
+    monkeypatch.setattr(sys.modules[ml.fit.__module__], "_run", None)
+    act, message = WRONG[name]
+    with pytest.raises(ValueError, match=message):
+        act()
