@@ -155,18 +155,22 @@ def _fly_jvp(primals: Any, tangents: Any) -> tuple[FlightResult, FlightResult]:
     a, _, c = _first_derivatives_only(inverses)
     dh, (da, db, dc), dp = _with_zeros(tangents, primals)
 
-    def flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> FlightResult:
-        return _fly.fun(h, (a, a, c), momentum)
+    def moved(dp: cp.Vector) -> tuple[FlightResult, FlightResult]:
+        def flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> FlightResult:
+            return _fly.fun(h, (a, a, c), momentum)
 
-    (increment, _), (increment_dot, change_dot) = jax.jvp(flight, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
-    if not all(map(_is_zero, tangents[1])):
+        return jax.jvp(flight, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
+
+    if all(map(_is_zero, tangents[1])):
+        _, (increment_dot, change_dot) = moved(dp)
+    else:
         # The derivative with respect to e: a rotation by grad K, which also rotates the momentum, then the flight.
         turn = cp.scale((da - db) / 2, _gradient(h, c - a, momentum))
-        momentum_shift = cp.cross(momentum, turn)
-        _, (increment_shift, change_shift) = jax.jvp(lambda p: flight(h, a, c, p), (momentum,), (momentum_shift,))
+        shift = cp.cross(momentum, turn)
+        (increment, _), (increment_dot, change_dot) = moved(cp.add(dp, shift))
         turn_dot = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
-        increment_dot = tuple(x + y + z for x, y, z in zip(increment_dot, turn_dot, increment_shift, strict=True))
-        change_dot = cp.add(change_dot, cp.add(momentum_shift, change_shift))
+        increment_dot = jax.tree.map(jnp.add, increment_dot, turn_dot)
+        change_dot = cp.add(change_dot, shift)
     return _fly(*primals), (increment_dot, change_dot)
 
 
