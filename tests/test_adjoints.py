@@ -10,6 +10,7 @@ import pytest
 from cases import METHODS, each, epsilon, loop_bodies, quick, real, setup, suited
 
 import midlie_jax as ml
+from midlie_jax.drivers import adjoints
 
 CASE = setup()
 SYMMETRIC = [method.name for method in METHODS if method.symmetric]
@@ -67,6 +68,27 @@ def test_the_way_back_over_ten_thousand_steps():
     kept = quick(jax.grad(partial(loss, name, ml.Checkpointed(every=100), **run)))(given)
     found = quick(jax.grad(partial(loss, name, ml.Reversible(), **run)))(given)
     assert gap(found, kept) <= 1e-9
+
+
+@pytest.mark.parametrize(("dtype", "bound"), [("float64", 4e-9), ("float32", 1.4e-3)])
+def test_the_way_back_between_two_kept_states_is_right_to_the_stated_bound(dtype, bound):
+    """Of tops that turn by up to a radian a step, over the longest distance that `Reversible` takes by itself."""
+    steps = adjoints._FARTHEST[dtype]
+    spins = jnp.linspace(0.2, 1.0, 64).astype(dtype)
+
+    def there_and_back(spin):
+        body, torque = ml.RigidBody(jnp.array([2.0, 2.0, 1.2], dtype)), ml.torques.HeavyTop(jnp.asarray(0.01, dtype))
+        start = ml.RigidState(jnp.array([0.3, 0.2, 1.2], dtype) * spin, ml.so3.exp(jnp.array([0.5, 0.2, 0.0], dtype)))
+        run = {"steps": steps, "save_every": steps}
+        there = ml.integrate("SYMMETRIC[EA]", body, torque, start, dt=jnp.asarray(0.95, dtype), **run)
+        end = jax.tree.map(lambda x: x[-1], there.states)
+        back = ml.integrate("SYMMETRIC[EA]", body, torque, end, dt=jnp.asarray(-0.95, dtype), **run)
+        pair = (back.states.attitude[-1].astype(float), start.attitude.astype(float))
+        return ml.so3.log(ml.so3.multiply(ml.so3.conjugate(pair[1]), pair[0])), there.ok & back.ok
+
+    turns, ok = real(jax.vmap(there_and_back))(spins)
+    assert jnp.all(ok)
+    assert jnp.linalg.norm(turns, axis=1).max() <= bound
 
 
 def test_memory_of_the_way_back_does_not_grow_with_the_steps():

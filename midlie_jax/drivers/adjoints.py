@@ -21,6 +21,9 @@ from ..methods.base import Method, Progress
 from ..methods.system import System
 
 _INTERVALS = 16  # of a reversible run, between states that are kept
+# Steps back from a kept state, at most. Rounding changes the momentum by about eps a step, and the attitude follows it:
+# after n steps of one radian, in a regular motion, it is wrong by about n^1.5 eps, here 4e-9 and 1.4e-3 radians.
+_FARTHEST = {"float64": 2**16, "float32": 2**9}
 Step = Callable[..., Progress]
 
 
@@ -85,9 +88,13 @@ class Reversible(Adjoint):
     A step of -h undoes a step of h, up to rounding. Rounding adds up on the way back, so a few states are kept, and the
     way back starts from each of them anew. There is no forward mode; derivatives of a gradient work.
 
+    In a regular motion of at most one radian a step, the default keeps the states of the way back right to 4e-9 radians
+    in float64 and to 1.4e-3 radians in float32. In a chaotic motion the error grows as fast as the derivative itself.
+
     Attributes:
-        every: a state is kept every `every` steps; it must divide `save_every`. By default 16 states are kept between
-            two saved ones, or fewer if `save_every` is not divisible by 16.
+        every: a state is kept every `every` steps; it must divide `save_every`. By default 16 to 32 states are kept
+            between two saved ones, and more where they would be over 65536 steps apart in float64 or 512 in float32;
+            fewer if `save_every` has no such divisor.
     """
 
     every: int | None = eqx.field(static=True, default=None)
@@ -111,7 +118,7 @@ class Reversible(Adjoint):
             _check_division(self.every, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
-        block = self.every or _block(steps.number)
+        block = self.every or _block(steps.number, progress)
         index = jax.tree.map(lambda x: x[0], steps.inputs)
         # Arrays that the steps close over become arguments, because derivatives with respect to them are wanted.
         take, arrays = jax.closure_convert(steps.take, progress, index)
@@ -162,9 +169,12 @@ def _check_division(every: int, save_every: int) -> None:
         )
 
 
-def _block(count: int) -> int:
-    """The smallest divisor of `count` that makes at most `_INTERVALS` blocks."""
-    return next(block for block in range(-(-count // _INTERVALS), count + 1) if count % block == 0)
+def _block(count: int, progress: Progress) -> int:
+    """A divisor of `count`: the steps between two states that a reversible run keeps; see `Reversible`."""
+    dtypes = {str(leaf.dtype) for leaf in jax.tree.leaves(progress)}
+    longest = min(-(-count // _INTERVALS), *(_FARTHEST[dtype] for dtype in dtypes & _FARTHEST.keys()))
+    candidates = [*range(longest, longest // 2, -1), *range(longest + 1, count + 1)]
+    return next(block for block in candidates if count % block == 0)
 
 
 def _in_blocks(tree: Any, block: int) -> Any:
