@@ -109,7 +109,7 @@ def fit(
         jax.effects_barrier()
         print("\r\033[K", end="", file=sys.stderr, flush=True)
     layout = Layout(guess)
-    groups = confounded(estimate.spectrum, layout.unconstrained_names())
+    groups = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())
     problem = complaint(groups, layout.parameters)
     if problem and require_rank and bool(estimate.converged):
         raise ValueError(problem)

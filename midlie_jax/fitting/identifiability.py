@@ -5,7 +5,7 @@ is a null vector of the Jacobian, and the parameters in it cannot be told apart.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -71,28 +71,42 @@ def lengths_of(jacobian: Float[Array, "r p"]) -> Float[Array, " p"]:
     return jnp.where(lengths == 0, jnp.ones_like(lengths), lengths)
 
 
-def confounded(spectrum: Spectrum, names: Sequence[str]) -> list[list[str]]:
+def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) -> list[list[str]]:
     """The groups of numbers that cannot be told apart; a group of one name is a number without any effect.
 
     The null vectors span a space, and which vectors stand for it is arbitrary. So the groups are found from the
-    projection on this space: two numbers belong together if their entry in it is not small beside their own.
+    projection on this space: two numbers belong together if their entry in it is not small beside their own. Small is
+    meant by the change of the residuals that a number makes, and by the change of the number beside `typical`: of
+    moments that can change by one factor, one may count little by the first and all count the same by the second.
+
+    Args:
+        spectrum: of the Jacobian.
+        names: (p,), of the numbers.
+        typical: (p,), the sizes of changes that matter, see `Parameter.typical`; one if None.
     """
     null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
-    projection = null.T @ null
-    own = np.sqrt(np.diagonal(projection))
-    inside = own > _SHARE * max(own.max(initial=0.0), 0.1)
-    linked = (np.abs(projection) > _SHARE * np.outer(own, own)) & np.outer(inside, inside)
+    changes = null / np.asarray(spectrum.lengths) / (np.ones(len(names)) if typical is None else np.asarray(typical))
+    together = _linked(null) | _linked(changes)
     groups: list[list[str]] = []
-    left = list(np.flatnonzero(inside))
+    left = list(np.flatnonzero(np.diagonal(together)))
     while left:
         group, waiting = set[int](), {int(left[0])}
         while waiting:
             i = waiting.pop()
             group.add(i)
-            waiting |= {int(k) for k in np.flatnonzero(linked[i])} - group
+            waiting |= {int(k) for k in np.flatnonzero(together[i])} - group
         groups.append([names[i] for i in sorted(group)])
         left = [i for i in left if i not in group]
     return groups
+
+
+def _linked(vectors: np.ndarray) -> np.ndarray:
+    """(p, p), which numbers go together in the space that the vectors (m, p) span; on the diagonal, which are in it."""
+    basis = np.linalg.qr(vectors.T)[0]
+    projection = basis @ basis.T
+    own = np.sqrt(np.diagonal(projection))
+    inside = own > _SHARE * max(own.max(initial=0.0), 0.1)
+    return (np.abs(projection) > _SHARE * np.outer(own, own)) & np.outer(inside, inside)
 
 
 def complaint(groups: list[list[str]], parameters: Sequence[Parameter]) -> str:
@@ -105,7 +119,7 @@ def complaint(groups: list[list[str]], parameters: Sequence[Parameter]) -> str:
     )
     scaled = any(isinstance(p, Moments | InertiaTensor) and p.scale == "free" for p in parameters)
     cure = (
-        "Without a known torque, data give ratios of the moments only: fix the scale, for example "
+        "Without a known torque that does not grow with the moments, data give their ratios only: fix the scale, such as "
         'Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the momentum.'
         if scaled
         else "Make one of them a known number inside the model, or add measurements that depend on them differently."

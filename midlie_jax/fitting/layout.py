@@ -56,13 +56,14 @@ class Layout(eqx.Module):
 
     def names(self) -> list[str]:
         """The name of each coordinate, such as "moments[0]"."""
-        return [f"{name}{label}" for name, p in self._named() for label in p.labels()]
+        return [f"{name}{label}" for name, p in self.named() for label in p.labels()]
 
     def unconstrained_names(self) -> list[str]:
         """The name of each unconstrained number: that of the coordinate that it mainly changes."""
-        return [f"{name}{label}" for name, p in self._named() for label in p.unconstrained_labels()]
+        return [f"{name}{label}" for name, p in self.named() for label in p.unconstrained_labels()]
 
-    def _named(self) -> Sequence[tuple[str, Parameter]]:
+    def named(self) -> Sequence[tuple[str, Parameter]]:
+        """Each parameter with its name, such as "moments"."""
         found = jax.tree_util.tree_flatten_with_path(self.guess, is_leaf=_is_parameter)[0]
         return [(_name(path), parameter) for path, parameter in found]
 

@@ -246,6 +246,16 @@ class UnitQuaternion(Parameter):
         return [".x", ".y", ".z"]
 
 
+def flatness(value: Array) -> Float[Array, ""]:
+    """I1 + I2 - I3 over the sum of the moments, where I3 is the largest: zero for a flat body.
+
+    Args:
+        value: of a `Moments` or an `InertiaTensor`.
+    """
+    moments = value if value.ndim == 1 else jnp.linalg.eigvalsh(value)
+    return 1 - 2 * jnp.max(moments) / jnp.sum(moments)
+
+
 def _of_shape(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     array = as_floats(name, value)
     if array.shape != shape:

@@ -9,6 +9,9 @@ import numpy as np
 from .estimate import CONFIDENCE, Estimate
 from .layout import Layout
 from .measurements import Measurement
+from .parameters import InertiaTensor, Moments, flatness
+
+_FLAT = 1e-3  # of a share of I1 + I2 - I3 below this the optimum may not be reached, and the interval says nothing
 
 
 class Fit:
@@ -24,6 +27,7 @@ class Fit:
         steps: number of steps of the optimiser.
         rank, condition: of the Jacobian with columns of length one.
         confounded: the groups of unconstrained numbers that cannot be told apart; empty if all are determined.
+        flat: the names of the inertias that the data hardly tell from that of a flat body.
         ok: whether the fit converged to determined parameters.
     """
 
@@ -56,6 +60,23 @@ class Fit:
             begin += present.size
         return found
 
+    @property
+    def flat(self) -> list[str]:
+        """The names of the inertias that the data hardly tell from that of a flat body, I3 = I1 + I2.
+
+        They are those whose I1 + I2 - I3 is less than twice the half width of its interval, or than 1e-3 of the sum.
+        Such a body is the limit of the parameters: the optimiser goes on towards it in ever smaller steps and may end
+        without having converged. Where the body is flat, make two `Positive` moments the parameters, and their sum the
+        third.
+        """
+        found: list[str] = []
+        for place, (name, parameter) in enumerate(self._layout.named()):
+            if isinstance(parameter, Moments | InertiaTensor):
+                gap, (low, _) = self.derived(lambda values, i=place: flatness(jax.tree.leaves(values)[i]))
+                if gap < max(_FLAT, 2 * (gap - low)):
+                    found.append(name)
+        return found
+
     def derived(self, function: Callable[[Any], Any]) -> tuple[np.ndarray, np.ndarray]:
         """A quantity that depends on the parameters, and its 95 % interval to first order.
 
@@ -80,6 +101,8 @@ class Fit:
             "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in [heads, *rows]
         ]
         lines.insert(1, "  ".join("-" * w for w in widths))
+        if flat := self.flat:
+            lines.append(f"{', '.join(flat)}: the data hardly tell this body from a flat one, see Fit.flat")
         state = "ok" if self.ok else "NOT ok: " + (self.complaint or "the optimiser did not converge, or a run failed")
         lines.append(
             f"rms of residuals / sigma {self.rms:.4g}, {self.dof} degrees of freedom, {self.steps} steps, "

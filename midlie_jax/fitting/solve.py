@@ -1,5 +1,6 @@
 """`fit_arrays`: the whole fit as one pure function of arrays, to be compiled, and mapped over data sets."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -102,7 +103,7 @@ def _minimised(
     solver = plan.solver
     if solver is None:
         tolerance = _TOLERANCE[start.dtype.name]
-        solver = optx.LevenbergMarquardt(tolerance, tolerance, verbose=_shown(plan.show))
+        solver = optx.LevenbergMarquardt(tolerance, _rounding(problem, data, tolerance), verbose=_shown(plan.show))
     solution = optx.least_squares(
         scaled,
         solver,
@@ -116,6 +117,16 @@ def _minimised(
     loss = jnp.sum(problem.residuals(found, data)[0] ** 2)
     ok = (solution.result == optx.RESULTS.successful) & jnp.all(jnp.isfinite(found))
     return found, jnp.asarray(solution.stats["num_steps"], int), ok, loss
+
+
+def _rounding(problem: Problem, data: Data, least: float) -> Any:
+    """The change of a residual that counts as none: `least`, or where it is more what rounding leaves in a run.
+
+    With sigmas that are small beside the rounding of the measured values the optimiser would otherwise never end.
+    """
+    noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
+    sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]
+    return jnp.maximum(jnp.max(jnp.stack([noise * jnp.finfo(size.dtype).eps * size for size in sizes])), least)
 
 
 def _shown(show: Callable[[Any, Any], None] | None) -> Any:
