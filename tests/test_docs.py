@@ -47,6 +47,7 @@ TABLES = (
     ("gpu", "gpu"),
     ("kernels", "gpu"),
     ("gradients", "gradients"),
+    ("published_fits", "fitting"),
 )
 
 

@@ -106,8 +106,14 @@ WRONG = {
     "many segments": (lambda: try_fit(spin(), segments=9), "too many"),
     "half a start": (lambda: try_fit(spin(), starts=0), "starts must be"),
     "another model": (lambda: try_fit(spin(), model=lambda: None), "model must take the values"),
+    "degrees for radians": (lambda: try_fit(in_degrees(), guess={"rate": Free([0.1, 0.2, 0.3])}), "np.deg2rad"),
+    "times in another unit": (lambda: try_fit(spin(times=1e9 * TIMED)), "4e\\+09 steps after t0"),
     "unsorted states": (lambda: fitting.states_at("RK4", *still({"rate": jnp.ones(3)}), [1.0, 0.0], dt=1.0), "ascend"),
 }
+
+
+def in_degrees():
+    return spin(values=np.rad2deg(spin().values))
 
 
 def try_fit(measurements, model=still, guess=None, **changes):

@@ -13,17 +13,20 @@ import numpy as np
 from .._kernel.checks import as_count, described
 from ..drivers.arguments import as_method, check_system
 from ..methods.base import Method
-from ..model.bodies import Particles
+from ..model.bodies import Particles, RigidBody, TensorBody, principal_of
+from ..model.state import AnyState
 from ..model.states import DirectionState, RigidState
 from .identifiability import complaint, confounded
 from .layout import Layout
-from .measurements import Attitudes, Directions, Measurement, Positions, check_parts
+from .measurements import Attitudes, Directions, Measurement, Positions, Rates, check_parts
 from .report import Fit
 from .residuals import Model, Problem
 from .sampling import Grid, check_grid
 from .solve import Plan, fit_arrays
 
 _run = eqx.filter_jit(fit_arrays)
+_FACTOR = 20.0  # measured and guessed speeds that differ by more are in different units: degrees, hertz, minutes
+_MOST_STEPS = 2**31 - 1  # they are counted in int32
 
 
 def fit(
@@ -80,8 +83,8 @@ def fit(
         The result; print it for a table. `ok` is False if the optimiser did not converge or a run failed.
 
     Raises:
-        ValueError: an argument is invalid, or there are too few measurements; raised before anything is traced. Or the
-            fit converged and the measurements do not determine all parameters; the message names those that cannot be
+        ValueError: an argument is invalid, there are too few measurements, or the rates are in another unit than the
+            guess of a free body; raised before anything is traced. Or the fit converged and the measurements do not determine all parameters; the message names those that cannot be
             told apart.
     """
     shown = sys.stderr.isatty() if progress is None else progress
@@ -159,6 +162,11 @@ def prepare(
         )
     method = _checked_model(model, layout, listed, method)
     grid = Grid.of(times, float(dt), float(t0), segments)
+    if grid.steps * segments > _MOST_STEPS:
+        raise ValueError(
+            f"the last time, {times.max():g}, is {(times.max() - t0) / dt:.2g} steps after t0; give times in the unit of "
+            "time of dt and of the model."
+        )
     if segments > 1 and grid.steps * (segments - 1) * dt >= times.max() - t0:
         raise ValueError(f"{segments} segments are too many for the steps; give fewer, or a smaller dt.")
     offsets = np.random.default_rng(seed).standard_normal((starts, layout.size)) * spread
@@ -190,6 +198,8 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
     method = check_system(method, body, torque, start)
     if isinstance(body, Particles):
         raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
+    if torque is None:
+        _check_speeds(body, start, measurements)
     if start.momentum.dtype != layout.start().dtype:
         raise ValueError(f"the guess is {layout.start().dtype} but the start of the model {start.momentum.dtype}.")
     for m in measurements:
@@ -206,3 +216,25 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
 
 def _line(step: Any, loss: Any) -> None:
     print(f"\r\033[Kfit: step {int(step)}, loss {float(loss):.6g}", end="", file=sys.stderr, flush=True)
+
+
+def _check_speeds(body: RigidBody | TensorBody, start: AnyState, measurements: Sequence[Measurement]) -> None:
+    """Raises if a free body cannot turn as fast or as slowly as measured; the units are then not the same.
+
+    Its speed changes by at most the ratio of the largest moment to the smallest.
+    """
+    guessed = float(jnp.linalg.norm(body.velocity(start.momentum)))
+    moments = principal_of(body).moments
+    allowed = max(_FACTOR, 2 * float(jnp.max(moments) / jnp.min(moments)))
+    for measurement in measurements:
+        if not isinstance(measurement, Rates) or measurement.bias is not None:
+            continue
+        complete = np.all(np.asarray(measurement.present), axis=1)
+        speeds = np.linalg.norm(np.asarray(measurement.values)[complete], axis=1)
+        measured = float(np.median(speeds)) if speeds.size else 0.0
+        if guessed > 0 and measured > 0 and not 1 / allowed < measured / guessed < allowed:
+            raise ValueError(
+                f"Rates: the body was measured to turn at {measured:.3g}, and the free body of the guess turns at "
+                f"{guessed:.3g} radians per unit of time; give both in radians per unit of time of dt, such as "
+                "np.deg2rad(values)."
+            )

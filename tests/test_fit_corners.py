@@ -1,0 +1,132 @@
+"""Fits that are hard or at a limit: near the separatrix, full tensors, float32, flat bodies, tiny sigmas."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from cases import quick, turn
+from scipy.spatial.transform import Rotation
+from test_fit_parameters import TENSOR
+
+import midlie_jax as ml
+from midlie_jax import fitting
+from midlie_jax.fitting.measurements import Directions, Rates
+from midlie_jax.fitting.parameters import Free, InertiaTensor, Moments, UnitQuaternion
+
+METHOD = "RK4"  # compiles in a fifth of the time of the others; nothing here depends on the method
+TIMES = np.arange(0.0, 12.1, 0.5)
+
+
+def free(values):
+    body = ml.RigidBody(values["moments"])
+    return body, None, ml.MomentumState(body.momentum(values["rate"]))
+
+
+def true_rates(moments, rate, times):
+    body = ml.RigidBody(moments)
+    path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.asarray(rate))), times)
+    return np.asarray(path.states.momentum) / moments
+
+
+def test_starts_five_percent_off_converge_near_the_separatrix():
+    """Moments, rates, and both, off by 5 % either way, mapped over: the body turns over early or late with the guess."""
+    moments, rate, sigma = np.array([1.0, 2.0, 2.6]), np.array([0.01, 1.0, 0.01]), 1e-3
+    times = np.arange(0.0, 60.1, 0.5)
+    rng = np.random.default_rng(3)
+    clean = true_rates(moments, rate, times)
+    assert np.sum(np.diff(np.sign(clean[:, 1])) != 0) >= 4  # it turns over several times
+    data = Rates(times, clean + sigma * rng.standard_normal(clean.shape), sigma)
+
+    def off(wanted):
+        return 1 + wanted * rng.choice([-0.05, 0.05], 3)
+
+    wanted = [(1, 0)] * 4 + [(0, 1)] * 4 + [(1, 1)] * 4
+    guesses = [
+        {"moments": Moments(moments * off(first), scale="fixed"), "rate": Free(rate * off(second))}
+        for first, second in wanted
+    ]
+    plan = fitting.prepare(free, guesses[0], data, method=METHOD, dt=0.125, segments=10)
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *guesses)
+    found = quick(jax.vmap(lambda g: fitting.fit_arrays(plan, g, data)))(stacked)
+    assert np.all(found.ok)
+    ratios = np.asarray(found.values["moments"] / found.values["moments"][:, 2:])
+    np.testing.assert_allclose(ratios, np.broadcast_to(moments / moments[2], ratios.shape), rtol=2e-3)
+    np.testing.assert_allclose(found.rms, found.rms[0], rtol=1e-8)
+    assert 0.9 < found.rms[0] < 1.1
+
+
+def test_a_full_tensor_and_an_attitude_are_found_from_a_direction_that_changes():
+    """A gyroscope and a sensor of a direction that moves in space; the tensor up to its factor."""
+    attitude, rate = turn(0.5, -0.3, 0.8), np.array([0.5, 0.3, 0.4])
+
+    def tumbling(values):
+        body = ml.TensorBody(values["tensor"])
+        return body, None, ml.RigidState(body.momentum(values["rate"]), values["attitude"])
+
+    # The truth in the principal frame, in closed form, turned to the frame of the tensor by NumPy.
+    moments, axes = np.linalg.eigh(TENSOR)
+    axes = axes * np.linalg.det(axes)
+    given = Rotation.from_quat(attitude, scalar_first=True)
+    principal = (given * Rotation.from_matrix(axes)).as_quat(scalar_first=True)
+    start = ml.RigidState(moments * (axes.T @ rate), principal)
+    states = ml.free_motion(ml.RigidBody(moments), start, TIMES).states
+    rates = np.asarray(states.momentum) / moments @ axes.T
+    turned = Rotation.from_quat(np.asarray(states.attitude), scalar_first=True) * Rotation.from_matrix(axes.T)
+    reference = np.stack([np.cos(0.3 * TIMES), np.sin(0.3 * TIMES), 0.5 + 0 * TIMES], axis=1)
+
+    guess = {
+        "tensor": InertiaTensor(TENSOR * (1 + 0.05 * np.diag([1.0, -1.0, 0.5])), scale="fixed"),
+        "rate": Free(rate * [1.02, 0.98, 1.02]),
+        "attitude": UnitQuaternion(turn(0.45, -0.25, 0.75)),
+    }
+    data = [Rates(TIMES, rates, 1e-3), Directions(TIMES, turned.inv().apply(reference), 1e-3, reference=reference)]
+    result = ml.fit(tumbling, guess, data, method=METHOD, dt=0.0625)
+    assert result.ok
+    assert result.rank == 11
+    tensor = np.asarray(result.values["tensor"])
+    np.testing.assert_allclose(tensor / np.trace(tensor), TENSOR / np.trace(TENSOR), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(result.values["rate"], rate, rtol=0, atol=1e-6)
+    assert np.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(attitude), result.values["attitude"]))) < 1e-6
+
+
+MOMENTS, RATE = np.array([1.0, 2.0, 2.5]), np.array([0.5, 0.3, 0.4])
+
+
+def fitted(moments, sigma, noise=0.0, dtype="float64"):
+    """From a guess that is 5 % off, as the fit in float32 and float64 or of a flat body."""
+    rates = true_rates(moments, RATE, TIMES)
+    rates = rates + noise * np.random.default_rng(0).standard_normal(rates.shape)
+    off = moments * [1.05, 1.0, 0.94]
+    guess = {
+        "moments": Moments(jnp.asarray(off * moments.sum() / off.sum(), dtype), scale="fixed"),
+        "rate": Free(jnp.asarray(RATE * [1.02, 0.98, 1.02], dtype)),
+    }
+    data = Rates(jnp.asarray(TIMES, dtype), jnp.asarray(rates, dtype), sigma)
+    return ml.fit(free, guess, data, method=METHOD, dt=0.125)
+
+
+def test_a_fit_in_float32_is_that_in_float64():
+    """To a tenth of a standard deviation; all that it returns is float32."""
+    single, double = (fitted(MOMENTS, 1e-3, noise=1e-3, dtype=dtype) for dtype in ("float32", "float64"))
+    assert single.ok
+    assert double.ok
+    floats = [leaf for leaf in jax.tree.leaves(single.estimate) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    assert {leaf.dtype.name for leaf in floats} == {"float32"}
+    deviations = np.sqrt(np.diagonal(double.covariance))
+    assert np.all(np.abs(single.coordinates - double.coordinates) < 0.1 * deviations)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(single.covariance)), deviations, rtol=0.01)
+    assert not double.flat
+
+
+def test_sigmas_below_what_rounding_leaves_do_not_keep_the_optimiser_going():
+    result = fitted(MOMENTS, 1e-16)
+    assert result.ok
+    np.testing.assert_allclose(result.values["moments"] / MOMENTS, 1, rtol=0, atol=1e-6)  # the error of the step
+
+
+def test_a_flat_body_is_a_limit_that_the_result_names():
+    """I3 = I1 + I2: the moments come near, the fit may not converge, and the result says why."""
+    flat = np.array([1.0, 2.0, 3.0])
+    result = fitted(flat, 1e-3)
+    assert result.flat == ["moments"]
+    assert "moments: the data hardly tell this body from a flat one" in str(result)
+    np.testing.assert_allclose(result.values["moments"] / result.values["moments"][2], flat / 3, rtol=0, atol=1e-3)
