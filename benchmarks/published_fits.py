@@ -2,9 +2,10 @@
 
     python benchmarks/published_fits.py [--write]
 
-Two data sets. The tumbling brick of NASA's NESC (check case 2, simulation 1) is a free body: thirteen rows of its rates.
-The satellite of NASA's JEOD (verification case RUN_10A) turns in the gravity gradient of the Earth on a known orbit,
-from a known attitude: only its rates at the start and after 28,800 s are published. All rates are in the body frame.
+Two data sets. The tumbling brick of NASA's NESC (check case 2, simulation 1) is a free body: thirteen rows of its
+rates. The satellite of NASA's JEOD (verification case RUN_10A) turns in the gravity gradient of the Earth on a known
+orbit, from a known attitude: only its rates at the start and after 28,800 s are published. All rates are in the body
+frame.
 """
 
 import argparse

@@ -13,28 +13,28 @@
 # %% [markdown]
 # # The inertia of a tumbling brick, from its gyroscope
 #
-# A brick tumbles freely in space and a gyroscope fixed in it measures how fast it turns. Can we weigh the brick that way?
-# Nearly: the way it tumbles gives away the *ratios* of its moments of inertia, to as many digits as the gyroscope has.
-# This page finds them, says how sure they are, and shows what no gyroscope can find.
+# A brick tumbles freely in space and a gyroscope fixed in it measures how fast it turns. Can we weigh the brick that
+# way? Nearly: the way it tumbles gives away the *ratios* of its moments of inertia, to as many digits as the
+# gyroscope has. This page finds them, says how sure they are, and shows what no gyroscope can find.
 #
-# The data are NASA's: check case 2 of the NESC six-degree-of-freedom comparison, a brick without any torque, computed by
-# one of the simulation programs that took part. Thirteen of its 301 rows are quoted below, one for every 2.5 seconds.
-# They are free of noise. Where this page adds noise, it says so.
+# The data are NASA's: check case 2 of the NESC six-degree-of-freedom comparison, a brick without any torque, computed
+# by one of the simulation programs that took part. Thirteen of its 301 rows are quoted below, one for every 2.5
+# seconds. They are free of noise. Where this page adds noise, it says so.
 #
-# Throughout, a vector has its components along the three edges of the brick (the body frame), and $\Omega_1, \Omega_2,
-# \Omega_3$ are the components of its angular velocity. The brick's moments of inertia about these edges are $I_1$, $I_2$
-# and $I_3$, in slug ft² (1 slug ft² = 1.356 kg m²).
+# Throughout, a vector has its components along the three edges of the brick (the body frame), and $\Omega_1,
+# \Omega_2, \Omega_3$ are the components of its angular velocity. The brick's moments of inertia about these edges are
+# $I_1$, $I_2$ and $I_3$, in slug ft² (1 slug ft² = 1.356 kg m²).
 
 # %%
 import jax
-
-jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 
 import midlie_jax as ml
 from midlie_jax import fitting
+
+jax.config.update("jax_enable_x64", True)  # sixteen digits
 
 times = np.arange(0.0, 30.1, 2.5)  # seconds
 degrees = np.array([  # Ω1, Ω2, Ω3 in degrees per second
@@ -58,9 +58,9 @@ published = np.array([0.00189422, 0.006211019, 0.007194665])  # slug ft^2, with 
 # %% [markdown]
 # ## A first look
 #
-# With no torque one might expect steady turning. But the brick wobbles: $\Omega_1$ and $\Omega_2$ swing from side to side,
-# a quarter of a period apart, and $\Omega_3$ trembles twice as fast. Only the differences between the three moments can
-# make it do so.
+# With no torque one might expect steady turning. But the brick wobbles: $\Omega_1$ and $\Omega_2$ swing from side to
+# side, a quarter of a period apart, and $\Omega_3$ trembles twice as fast. Only the differences between the three
+# moments can make it do so.
 
 # %%
 COLOURS, INK = ("#0072B2", "#D55E00", "#009E73"), "#222222"  # told apart with any kind of colour vision
@@ -90,10 +90,11 @@ plt.show()
 # %% [markdown]
 # ## The fit
 #
-# A *model* takes the values of the unknowns and returns a body, the torque on it (none here), and its start. The *guess*
-# says which unknowns there are and where the search begins. `Moments` keeps to the moments of bodies that exist: each
-# positive, none larger than the sum of the other two. With `scale="fixed"` their sum stays that of the guess, for a reason
-# that comes below. We guess moments of a wrong shape, 3 to 8 % off, and start from the first row of rates, 2 % off.
+# A *model* takes the values of the unknowns and returns a body, the torque on it (none here), and its start. The
+# *guess* says which unknowns there are and where the search begins. `Moments` keeps to the moments of bodies that
+# exist: each positive, none larger than the sum of the other two. With `scale="fixed"` their sum stays that of the
+# guess, for a reason that comes below. We guess moments of a wrong shape, 3 to 8 % off, and start from the first row
+# of rates, 2 % off.
 
 
 # %%
@@ -129,7 +130,7 @@ def fitted_motion(result, at):
 
 def picture(result, values, title, unit, factor):
     fine = np.linspace(0, 30, 600)
-    figure, (above, below) = plt.subplots(2, 1, figsize=(9, 6), height_ratios=(2, 1), sharex=True, layout="constrained")
+    _, (above, below) = plt.subplots(2, 1, figsize=(9, 6), height_ratios=(2, 1), sharex=True, layout="constrained")
     dots(above, values)
     curves, left = fitted_motion(result, fine), values - fitted_motion(result, times)
     for i in range(3):
@@ -141,16 +142,16 @@ def picture(result, values, title, unit, factor):
     plt.show()
 
 
-picture(clean, degrees, "Published rates (dots) and the fitted brick (curves)", "1e-9 deg/s", 1e9)
+picture(clean, degrees, "Published rates (dots) and the fitted brick (curves)", "1e-12 deg/s", 1e12)
 
 # %% [markdown]
-# Between the dots, 2.5 s apart, nothing was measured: the curves there are the laws of motion. What the fit leaves is a
-# few times 1e-11 of a degree per second or less, the last of the digits that were published.
+# Between the dots, 2.5 s apart, nothing was measured: the curves there are the laws of motion. What the fit leaves is
+# less than 1e-10 of a degree per second: the last of the digits that were published.
 #
 # ## What cannot be found
 #
-# Why was the sum of the moments fixed? A brick of lead and a brick of wood of the same shape tumble alike, since with no
-# torque the mass drops out of the equations of motion. Ask for all three moments, and the fit refuses:
+# Why was the sum of the moments fixed? A brick of lead and a brick of wood of the same shape tumble alike, since with
+# no torque the mass drops out of the equations of motion. Ask for all three moments, and the fit refuses:
 
 # %%
 try:
@@ -180,7 +181,9 @@ alone = jax.vmap(lambda f: disagreement(published * jnp.stack([f, jnp.ones_like(
 figure, axes = plt.subplots(figsize=(9, 3.6), layout="constrained")
 axes.plot(factors, alone, color=COLOURS[1])
 axes.plot(factors, together, color=COLOURS[0])
-axes.annotate("$I_1$ alone", (factors[12], alone[12]), (10, 4), textcoords="offset points", color=COLOURS[1], fontsize=12)
+axes.annotate(
+    "$I_1$ alone", (factors[12], alone[12]), (10, 4), textcoords="offset points", color=COLOURS[1], fontsize=12
+)
 axes.annotate("all three together", (factors[8], 0), (0, 8), textcoords="offset points", color=COLOURS[0], fontsize=12)
 tidy(axes, "Disagreement with the data", "factor on the moments", "root mean square  [deg/s]")
 plt.show()
@@ -190,8 +193,9 @@ plt.show()
 #
 # ## Noise
 #
-# A real gyroscope is not that good. Here the published rates get **simulated** noise: normal, independent in each number,
-# with a standard deviation of 0.04 deg/s, a thousandth of the speed of the brick. The fit is told this *sigma*.
+# A real gyroscope is not that good. Here the published rates get **simulated** noise: normal, independent in each
+# number, with a standard deviation of 0.04 deg/s, a thousandth of the speed of the brick. The fit is told this
+# *sigma*.
 
 # %%
 sigma = 1e-3 * np.linalg.norm(rates[0])
@@ -201,11 +205,12 @@ print(noisy)
 picture(noisy, np.rad2deg(rates + noise[0]), "Rates with simulated noise, and the fitted brick", "deg/s", 1.0)
 
 # %% [markdown]
-# The residuals look like the noise: no trend, no wave, and as large as sigma (the table's "rms of residuals / sigma" is
-# near 1). That is the check that the model is right. A wave in this picture would say that something is missing from it.
+# The residuals look like the noise: no trend, no wave, and as large as sigma (the table's "rms of residuals / sigma"
+# is near 1). That is the check that the model is right. A wave in this picture would say that something is missing
+# from it.
 #
-# Each number now has a 95 % interval. Ratios have one, too, narrower than those of the two moments would suggest, since
-# errors in the moments go together:
+# Each number now has a 95 % interval. So has everything that follows from the numbers, such as a ratio; `derived`
+# takes into account that the errors of the moments go together:
 
 # %%
 ratio, (low, high) = noisy.derived(lambda values: values["moments"][0] / values["moments"][2])
@@ -215,9 +220,9 @@ print(f"I1/I3   published {true_ratio:.5f}   fitted {ratio:.5f}   95 % interval 
 # %% [markdown]
 # ## Do the intervals keep their promise?
 #
-# "95 %" means: repeat the experiment many times, and 95 of 100 intervals hold the truth. So let us repeat it a thousand
-# times, each with simulated noise of its own. `fit_arrays` is the fit as a pure function; `jax.vmap` makes it a thousand
-# fits, and `jax.jit` one program.
+# "95 %" means: repeat the experiment many times, and 95 of 100 intervals hold the truth. So let us repeat it a
+# thousand times, each with simulated noise of its own. `fit_arrays` is the fit as a pure function; `jax.vmap` makes
+# it a thousand fits, and `jax.jit` one program.
 
 # %%
 plan = fitting.prepare(model, guess, fitting.Rates(times, rates, sigma), dt=1.25)
@@ -240,11 +245,11 @@ figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
 axes.hist(np.asarray(ratios), bins=40, color=COLOURS[0], alpha=0.6)
 top = axes.get_ylim()[1]
 axes.axvline(true_ratio, color=INK)
-axes.annotate("published", (true_ratio, top), (6, -10), textcoords="offset points", color=INK)
-axes.plot([low, high], [0.06 * top] * 2, color=COLOURS[1], linewidth=4, solid_capstyle="butt")
-axes.annotate("95 % interval of the one fit above", (high, 0.06 * top), (6, 0), textcoords="offset points",
-              color=COLOURS[1], va="center")  # fmt: skip
-axes.set_ylim(0, 1.1 * top)
+axes.annotate("published", (true_ratio, 1.3 * top), (6, -14), textcoords="offset points", color=INK)
+axes.plot([low, high], [1.05 * top] * 2, color=COLOURS[1], linewidth=4, solid_capstyle="butt")
+axes.annotate("95 % interval of the one fit above", ((low + high) / 2, 1.05 * top), (0, 6), textcoords="offset points",
+              color=COLOURS[1], ha="center")  # fmt: skip
+axes.set_ylim(0, 1.3 * top)
 tidy(axes, "The ratio of moments in 1000 simulated experiments", "$I_1 / I_3$", "fits")
 plt.show()
 

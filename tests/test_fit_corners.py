@@ -28,12 +28,12 @@ def true_rates(moments, rate, times):
 
 
 def test_starts_five_percent_off_converge_near_the_separatrix():
-    """Moments, rates, and both, off by 5 % either way, mapped over: the body turns over early or late with the guess."""
-    moments, rate, sigma = np.array([1.0, 2.0, 2.6]), np.array([0.01, 1.0, 0.01]), 1e-3
-    times = np.arange(0.0, 60.1, 0.5)
+    """Moments, rates, and both, off by 5 %, mapped over: with the guess the body turns over early or late."""
+    moments, rate, sigma = np.array([1.0, 2.0, 2.6]), np.array([0.03, 1.0, 0.03]), 1e-3
+    times = np.arange(0.0, 100.1, 0.5)
     rng = np.random.default_rng(3)
     clean = true_rates(moments, rate, times)
-    assert np.sum(np.diff(np.sign(clean[:, 1])) != 0) >= 4  # it turns over several times
+    assert np.sum(np.diff(np.sign(clean[:, 1])) != 0) >= 4  # it turns over
     data = Rates(times, clean + sigma * rng.standard_normal(clean.shape), sigma)
 
     def off(wanted):
@@ -44,7 +44,7 @@ def test_starts_five_percent_off_converge_near_the_separatrix():
         {"moments": Moments(moments * off(first), scale="fixed"), "rate": Free(rate * off(second))}
         for first, second in wanted
     ]
-    plan = fitting.prepare(free, guesses[0], data, method=METHOD, dt=0.125, segments=10)
+    plan = fitting.prepare(free, guesses[0], data, method=METHOD, dt=0.125, segments=20)
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *guesses)
     found = quick(jax.vmap(lambda g: fitting.fit_arrays(plan, g, data)))(stacked)
     assert np.all(found.ok)
@@ -85,7 +85,10 @@ def test_a_full_tensor_and_an_attitude_are_found_from_a_direction_that_changes()
     tensor = np.asarray(result.values["tensor"])
     np.testing.assert_allclose(tensor / np.trace(tensor), TENSOR / np.trace(TENSOR), rtol=0, atol=1e-7)
     np.testing.assert_allclose(result.values["rate"], rate, rtol=0, atol=1e-6)
-    assert np.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(attitude), result.values["attitude"]))) < 1e-6
+    assert (
+        np.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(jnp.asarray(attitude)), result.values["attitude"])))
+        < 1e-6
+    )
 
 
 MOMENTS, RATE = np.array([1.0, 2.0, 2.5]), np.array([0.5, 0.3, 0.4])

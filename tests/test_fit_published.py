@@ -103,7 +103,7 @@ def test_the_satellite_has_the_published_ratios_of_moments():
 
 @pytest.mark.full
 def test_a_gravity_gradient_gives_ratios_of_moments_only():
-    """Its torque grows with the moments; the first moment matters little to the residuals, and is named all the same."""
+    """Its torque grows with the moments. The first matters little to the residuals and is named all the same."""
     result = published.satellite_without_scale()
     assert result.rank == 2
     assert result.confounded == [["moments[0]", "moments[1]", "moments[2]"]]

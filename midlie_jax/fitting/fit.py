@@ -84,8 +84,8 @@ def fit(
 
     Raises:
         ValueError: an argument is invalid, there are too few measurements, or the rates are in another unit than the
-            guess of a free body; raised before anything is traced. Or the fit converged and the measurements do not determine all parameters; the message names those that cannot be
-            told apart.
+            guess of a free body; raised before anything is traced. Or the fit converged and the measurements do not
+            determine all parameters; the message names those that cannot be told apart.
     """
     shown = sys.stderr.isatty() if progress is None else progress
     plan = prepare(
@@ -164,8 +164,8 @@ def prepare(
     grid = Grid.of(times, float(dt), float(t0), segments)
     if grid.steps * segments > _MOST_STEPS:
         raise ValueError(
-            f"the last time, {times.max():g}, is {(times.max() - t0) / dt:.2g} steps after t0; give times in the unit of "
-            "time of dt and of the model."
+            f"the last time, {times.max():g}, is {(times.max() - t0) / dt:.2g} steps after t0; give times in the unit"
+            " of time of dt and of the model."
         )
     if segments > 1 and grid.steps * (segments - 1) * dt >= times.max() - t0:
         raise ValueError(f"{segments} segments are too many for the steps; give fewer, or a smaller dt.")

@@ -119,8 +119,8 @@ def complaint(groups: list[list[str]], parameters: Sequence[Parameter]) -> str:
     )
     scaled = any(isinstance(p, Moments | InertiaTensor) and p.scale == "free" for p in parameters)
     cure = (
-        "Without a known torque that does not grow with the moments, data give their ratios only: fix the scale, such as "
-        'Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the momentum.'
+        "Without a known torque that does not grow with the moments, data give their ratios only: fix the scale, such"
+        ' as Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the momentum.'
         if scaled
         else "Make one of them a known number inside the model, or add measurements that depend on them differently."
     )

@@ -92,13 +92,15 @@ def _minimised(
     The unknowns are scaled such that a change by one changes the residuals by one standard deviation in all. So neither
     the units nor the number of data matter to the tolerances, nor to the damping, which starts at the diagonal of
     J^T J. A weaker damping saves steps near the optimum, and from guesses further off it ends in other minima.
+
+    The optimiser works in JAX's default dtype, which optimistix takes for its own numbers, the run in that of the data.
     """
     _, _, jacobian = jacobian_of(start, data, problem)
     lengths = lengths_of(jacobian)
 
     def scaled(z: Array, args: tuple[Array, Array, Data]) -> Array:
         start, lengths, data = args
-        return residuals(start + z / lengths, data, problem)[0]
+        return residuals(start + z.astype(start.dtype) / lengths, data, problem)[0].astype(z.dtype)
 
     solver = plan.solver
     if solver is None:
@@ -107,13 +109,13 @@ def _minimised(
     solution = optx.least_squares(
         scaled,
         solver,
-        jnp.zeros_like(start),
+        jnp.zeros(start.size),
         (start, lengths, data),
         options={"jac": "fwd"} if isinstance(solver, optx.AbstractLeastSquaresSolver) else {},
         max_steps=plan.max_steps,
         throw=False,
     )
-    found = start + solution.value / lengths
+    found = start + solution.value.astype(start.dtype) / lengths
     loss = jnp.sum(problem.residuals(found, data)[0] ** 2)
     ok = (solution.result == optx.RESULTS.successful) & jnp.all(jnp.isfinite(found))
     return found, jnp.asarray(solution.stats["num_steps"], int), ok, loss
@@ -126,7 +128,8 @@ def _rounding(problem: Problem, data: Data, least: float) -> Any:
     """
     noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
     sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]
-    return jnp.maximum(jnp.max(jnp.stack([noise * jnp.finfo(size.dtype).eps * size for size in sizes])), least)
+    rounded = [noise * jnp.finfo(size.dtype).eps * size for size in sizes]
+    return jnp.maximum(jnp.max(jnp.stack(rounded)), least).astype(float)
 
 
 def _shown(show: Callable[[Any, Any], None] | None) -> Any:
