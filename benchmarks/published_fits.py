@@ -137,9 +137,8 @@ def table():
         *rows("satellite", other, (SATELLITE, SATELLITE_RATES[0]), "rad/s"),
     ]:
         digits = 1 - math.floor(math.log10(half))
-        yield f"| {label} | {name} {unit} | {published:.12g} | {round(float(found), digits) + 0.0:.{digits}f} | {half:.1e} |".replace(
-            "  |", " |"
-        )
+        shown = f"{round(float(found), digits) + 0.0:.{digits}f}"  # no zero with a sign
+        yield f"| {label} | {name} {unit} | {published:.12g} | {shown} | {half:.1e} |".replace("  |", " |")
 
 
 def main():
