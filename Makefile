@@ -2,6 +2,8 @@
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
 #   make test               the tests
 #   make test-full         the same and the whole matrix of methods, dtypes and drivers: hours
+#   make notebooks          executes the notebooks, each of which must end without an error within 3 minutes
+#   make notebooks-write    makes the notebooks from their scripts, with their outputs: notebooks/*.ipynb
 #   make lint               formatting, lint, types
 #   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
@@ -21,7 +23,8 @@ PYTEST = .venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test test-full test-gpu test-kernels lint fuzz bench rivals gpu kernels docs
+.PHONY: chart test test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench rivals gpu kernels \
+	docs
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -41,6 +44,12 @@ test-gpu: .venv/.test .venv/.accelerator
 
 test-kernels: .venv-cuda/.compiler
 	.venv-cuda/bin/pytest -n 2 tests/test_kernels.py
+
+notebooks: .venv/.notebooks
+	.venv/bin/python benchmarks/notebooks.py
+
+notebooks-write: .venv/.notebooks
+	.venv/bin/python benchmarks/notebooks.py --write
 
 lint: .venv/.lint
 	.venv/bin/ruff format --check

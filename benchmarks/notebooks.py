@@ -1,0 +1,76 @@
+"""Executes the notebooks of `notebooks/`, each from its first cell to its last, in a fresh Python.
+
+    python benchmarks/notebooks.py [NAME ...]            executes what is stored; an error or a late end is a failure
+    python benchmarks/notebooks.py --write [NAME ...]    makes the .ipynb from its script, with the outputs
+
+A notebook is written as a script in jupytext's percent format, `notebooks/NAME.py`; `notebooks/NAME.ipynb` has the same
+cells and their outputs, and is never edited by hand. `tests/test_notebooks.py` checks that the two agree.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import jupytext
+import nbformat
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError, CellTimeoutError
+
+FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
+LIMIT = 180  # seconds for one notebook, with what it compiles
+KERNEL = {"name": "python3", "display_name": "Python 3", "language": "python"}
+
+
+def from_script(path):
+    """The notebook of a script, without outputs; the names of its cells do not vary from run to run."""
+    notebook = jupytext.read(path, fmt="py:percent")
+    notebook.metadata = nbformat.from_dict({"kernelspec": KERNEL})
+    for number, cell in enumerate(notebook.cells):
+        cell.id = f"cell-{number}"
+    return notebook
+
+
+def execute(notebook):
+    """Fills in the outputs; the seconds that this took."""
+    began = time.monotonic()
+
+    def left(cell):
+        del cell
+        return max(1, int(began + LIMIT - time.monotonic()))
+
+    resources = {"metadata": {"path": str(FOLDER)}}
+    quiet = ["--log-level=ERROR"]
+    options = {"record_timing": False, "resources": resources, "extra_arguments": quiet}
+    NotebookClient(notebook, timeout_func=left, **options).execute()
+    return time.monotonic() - began
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="notebooks, without .ipynb; by default all")
+    parser.add_argument("--write", action="store_true", help="make each .ipynb from its script, with its outputs")
+    options = parser.parse_args()
+    suffix = ".py" if options.write else ".ipynb"
+    known = sorted(path.stem for path in FOLDER.glob(f"*{suffix}"))
+    unknown = sorted(set(options.names) - set(known))
+    if unknown or not known:
+        parser.error(f"no notebook {' or '.join(unknown)}; there are {', '.join(known)}.")
+    failed = []
+    for name in options.names or known:
+        path = FOLDER / (name + suffix)
+        notebook = from_script(path) if options.write else nbformat.read(path, 4)
+        try:
+            seconds = execute(notebook)
+        except (CellExecutionError, CellTimeoutError) as error:
+            print(f"{path.name} failed, or took more than {LIMIT} s:\n{error}", flush=True)
+            failed.append(name)
+            continue
+        if options.write:
+            nbformat.write(notebook, path.with_suffix(".ipynb"))
+        print(f"{path.name}: {seconds:.0f} s", flush=True)
+    sys.exit(bool(failed))
+
+
+if __name__ == "__main__":
+    main()
