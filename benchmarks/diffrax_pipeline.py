@@ -1,13 +1,15 @@
 """Measures the integrators through diffrax: a table for each name.
 
-    python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32]
+    python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32] [adjoints] [--write]
 
 solvers  one term with five solvers of diffrax and two of ours: error, order, drift of a free body's spatial momentum
 energy   energy error of an asymmetric top over a long time, with a constant step and with a PIDController
 float32  1e5 steps in float32: the torque itself, against the torque recovered from the derivative of the arrays
+adjoints  first call and later calls of the derivatives that optimisers need; --write puts it into docs/diffrax.md
 """
 
 import sys
+import time
 
 import diffrax
 import equinox as eqx
@@ -17,6 +19,8 @@ import numpy as np
 import optimistix
 
 jax.config.update("jax_enable_x64", True)
+
+from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
@@ -147,11 +151,67 @@ def float32(steps=100_000, dt=0.005, count=64):
         print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
 
 
-TABLES = {"solvers": solvers, "energy": energy, "float32": float32}
+BEGIN, END = "<!-- adjoints -->", "<!-- /adjoints -->"
+LENGTH, STEPS, SAVED = 1.0, 200, 11  # of the run that is differentiated
+
+
+def readings(parameters, solver, controller, adjoint):
+    """The momenta of a fast top at 11 times, for these moments and this weight."""
+    moments, weight = parameters
+    fast = ml.RigidState(jnp.array([0.0, 0.0, 50.0]), ml.so3.exp(jnp.array([0.05, 0.0, 0.0])))
+    term = ml.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
+    first = None if isinstance(controller, diffrax.StepTo) else LENGTH / STEPS
+    options = {"saveat": diffrax.SaveAt(ts=jnp.linspace(0.0, LENGTH, SAVED)), "adjoint": adjoint}
+    options["stepsize_controller"] = controller
+    return diffrax.diffeqsolve(term, solver, 0.0, LENGTH, first, fast, weight, **options).ys.momentum
+
+
+def first_and_later(function, parameters, calls=9):
+    """Processor seconds of the first call, and the median of later ones."""
+    program, seconds = jax.jit(function), []
+    for _ in range(1 + calls):
+        began = time.process_time()
+        jax.block_until_ready(program(parameters))
+        seconds.append(time.process_time() - began)
+    return f"{seconds[0]:.0f} s", f"{1e3 * np.median(seconds[1:]):.1f} ms"
+
+
+def adjoints(write=False):
+    """Prints the table of docs/diffrax.md."""
+    fixed = diffrax.StepTo(ts=LENGTH / STEPS * jnp.arange(STEPS + 1.0))
+    adaptive = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=50.0))
+    ours = [ml.LieSolver(name) for name in ("LIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]")]
+    cases = [(solver, "200 equal steps", fixed) for solver in (*ours, diffrax.Tsit5())]
+    cases.append((ours[0], "adaptive", adaptive))
+    reverse, forward = diffrax.RecursiveCheckpointAdjoint(), diffrax.ForwardMode()
+    heads = "solver", "steps", "`value_and_grad`: first call", "later calls", "`jacfwd`: first call", "later calls"
+    lines = [f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads))]
+    print("\n".join(lines), flush=True)
+    for solver, steps, controller in cases:
+        name = solver.method.name if isinstance(solver, ml.LieSolver) else f"diffrax {type(solver).__name__}"
+        moments = jnp.array([5.0, 5.0, 1.0] if name.startswith("SYMMETRIC") else [5.0, 4.0, 1.0])
+
+        def run(adjoint, parameters, solver=solver, controller=controller):
+            return readings(parameters, solver, controller, adjoint)
+
+        def loss(parameters, run=run):
+            return jnp.mean(run(reverse, parameters) ** 2)
+
+        parameters = moments, jnp.array(20.0)
+        gradient = first_and_later(jax.value_and_grad(loss), parameters)
+        jacobian = first_and_later(jax.jacfwd(lambda p, run=run: run(forward, p)), parameters)
+        lines.append(f"| {' | '.join((f'`{name}`', steps, *gradient, *jacobian))} |")
+        print(lines[-1], flush=True)
+    if write:
+        put("diffrax.md", BEGIN, END, lines)
+
+
+TABLES = {"solvers": solvers, "energy": energy, "float32": float32, "adjoints": adjoints}
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or TABLES:
+    names = [name for name in sys.argv[1:] if name != "--write"]
+    for name in names or TABLES:
         if name not in TABLES:
             sys.exit(f"unknown table {name!r}; choose from {', '.join(TABLES)}.")
-        TABLES[name]()
+        TABLES[name](**({"write": True} if name == "adjoints" and "--write" in sys.argv else {}))
         print()

@@ -1,16 +1,246 @@
 # %% [markdown]
 # # In a diffrax pipeline
 #
-# You integrate with [diffrax](https://docs.kidger.site/diffrax/) and fit with optimistix or optax. A rotating body is
-# part of the problem.
+# You simulate with [diffrax](https://docs.kidger.site/diffrax/) and fit with optimistix or optax, and one part of your
+# model is a body that rotates. This notebook changes one line of such a program, the solver, and shows what improves,
+# what stays the same, and when the change is not worth it.
+#
+# The body is a spinning top on a fixed point. Its principal moments of inertia are 0.05, 0.04 and 0.01 kg m², and it
+# spins at 50 rad/s about its third axis. Gravity pulls with 0.2 N m: weight times the distance of the centre of mass
+# from the fixed point. The *body frame* is fixed to the top, with its axes along the principal axes; in the *space
+# frame*, z points up. A state consists of the angular momentum in the body frame (N m s) and of the attitude, a unit
+# quaternion (w, x, y, z) that rotates body vectors to the space frame.
 
 # %%
 import jax
 
 jax.config.update("jax_enable_x64", True)
 
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
+import numpy as np
+import optax
+import optimistix
 
-fig, axes = plt.subplots()
-axes.plot([1, 2, 3])
+import midlie_jax as ml
+from midlie_jax.bench.figures import panel
+
+MOMENTS, WEIGHT = jnp.array([0.05, 0.04, 0.01]), 0.2  # kg m², N m
+START = ml.RigidState(
+    momentum=jnp.array([0.0, 0.02, 0.5]),  # N m s, body frame
+    attitude=ml.so3.exp(jnp.array([0.3, 0.0, 0.0])),  # leaning by 0.3 rad
+)
+BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
+
+# %% [markdown]
+# ## The line that changes
+#
+# `RigidBodyTerm` is a diffrax term. diffrax's own solvers take it as it is: they integrate the seven numbers of the
+# state. So the program before the change has `diffrax.Tsit5()`, and the program after it has `ml.LieSolver(...)`, which
+# turns the body by rotations instead. Everything else stays.
+
+# %%
+term = ml.RigidBodyTerm(ml.RigidBody(MOMENTS), ml.torques.HeavyTop(WEIGHT))
+
+
+@eqx.filter_jit
+def run(solver, dt, duration, saveat, **options):
+    options = {"adjoint": diffrax.ForwardMode(), "max_steps": None, **options}
+    return diffrax.diffeqsolve(term, solver, 0.0, duration, dt, START, saveat=saveat, **options)
+
+
+times = jnp.linspace(0.0, 200.0, 401)  # s
+before = run(diffrax.Tsit5(), 0.02, 200.0, diffrax.SaveAt(ts=times))
+after = run(ml.LieSolver("JACOBI[EA]"), 0.02, 200.0, diffrax.SaveAt(ts=times))
+
+# %% [markdown]
+# ## What improves: the long run
+#
+# Both solvers take 10,000 steps of 0.02 s, in each of which the top turns by about one radian. Three quantities are
+# constant in the true motion: the energy, the length of the quaternion, and the vertical component of the angular
+# momentum in the space frame. The pictures show how far each solution is from them.
+
+
+# %%
+def errors(states):
+    body, torque = term.body, term.torque
+    energy = jax.vmap(lambda state: ml.energy(body, torque, state))(states)
+    vertical = jax.vmap(ml.spatial_momentum)(states)[:, 2]
+    length = jnp.linalg.norm(states.attitude, axis=-1)
+    return energy / energy[0] - 1, length - 1, vertical / vertical[0] - 1
+
+
+figure, panels = plt.subplots(1, 3, figsize=(11.5, 3.3), dpi=80, layout="constrained")
+titles = ("Energy", "Length of the quaternion", "Vertical angular momentum")
+for axes, title, theirs, ours in zip(panels, titles, errors(before.ys), errors(after.ys), strict=True):
+    axes.semilogy(times, np.maximum(np.abs(theirs), 1e-17), color=ORANGE, label="Tsit5")
+    axes.semilogy(times, np.maximum(np.abs(ours), 1e-17), color=BLUE, label="JACOBI[EA]")
+    panel(axes, title, "time (s)", "relative error")
+    axes.set_ylim(1e-18, 10)
+panels[0].legend(frameon=False, loc="lower right")
 plt.show()
+
+# %% [markdown]
+# The length of the quaternion and the vertical momentum stay at rounding: `LieSolver` only multiplies rotations, and
+# this torque has no vertical component. The energy is not exact, but its error does not grow, because the method is
+# symplectic. With `Tsit5` all three errors grow with time.
+#
+# ## Work for an accuracy
+#
+# The next picture compares the attitude after 10 s with a reference by `JACOBI[SRKN14a]` at a quarter of the smallest
+# step. The work is counted in evaluations of the torque, which is what grows with your model.
+
+# %%
+SOLVERS = {
+    "Tsit5": (diffrax.Tsit5(), 6, ORANGE, "s"),
+    "JACOBI[EA]": (ml.LieSolver("JACOBI[EA]"), 1, BLUE, "o"),
+    "JACOBI[SRKN6b]": (ml.LieSolver("JACOBI[SRKN6b]"), 6, GREEN, "^"),
+}
+
+
+def end(solver, steps):
+    solution = run(solver, jnp.array(10.0 / steps), 10.0, diffrax.SaveAt(t1=True))
+    return solution.ys.attitude[-1]
+
+
+def angle(a, b):
+    return float(jnp.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(a), b / jnp.linalg.norm(b)))))
+
+
+exact = end(ml.LieSolver("JACOBI[SRKN14a]"), 20_000)
+figure, axes = plt.subplots(figsize=(6.4, 3.8), dpi=80, layout="constrained")
+for name, (solver, evaluations, colour, mark) in SOLVERS.items():
+    counts = (625, 1250, 2500, 5000, 10_000)
+    found = [angle(end(solver, steps), exact) for steps in counts]
+    work = [evaluations * steps for steps in counts]
+    axes.loglog(work, found, color=colour, marker=mark)
+    axes.annotate(name, (work[-1], found[-1]), (8, 0), textcoords="offset points", color=colour, va="center")
+axes.margins(x=0.25)
+panel(axes, "Attitude after 10 s", "evaluations of the torque", "error (rad)")
+plt.show()
+
+# %% [markdown]
+# Fewer evaluations are needed for the same error, because the flight between two torques is exact for any body. Ask
+# `ml.recommend` which method is cheapest for your body, torque and tolerance.
+#
+# ## What stays the same
+#
+# `SaveAt`, events and step size controllers are diffrax's. Dense output consists of unit quaternions. The event below
+# stops the run when the tip of the top, seen from above, crosses the vertical plane x = 0 for the first time after its
+# start; the controller keeps the error of a step below 1e-6, with the momentum in units of 0.5 N m s and the attitude
+# in radians.
+
+
+# %%
+def sideways(t, y, args, **kwargs):
+    return ml.so3.to_matrix(y.attitude)[0, 2] + jnp.where(t < 0.1, 1.0, 0.0)
+
+
+tolerances = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=0.5))
+event = diffrax.Event(sideways, optimistix.Newton(1e-12, 1e-12))
+stopped = run(
+    ml.LieSolver("JACOBI[SRKN6b]"),
+    0.01,
+    20.0,
+    diffrax.SaveAt(t0=True, steps=True, t1=True),
+    stepsize_controller=tolerances,
+    event=event,
+    adjoint=diffrax.RecursiveCheckpointAdjoint(),
+    max_steps=4096,
+)
+when = float(jnp.max(jnp.where(jnp.isfinite(stopped.ts), stopped.ts, 0.0)))
+print(f"The tip crosses the plane after {when:.6f} s, in {int(stopped.stats['num_accepted_steps'])} steps.")
+
+# %% [markdown]
+# ## Gradients: which adjoint for which optimiser
+#
+# | what you call | what it needs | give diffeqsolve |
+# |---|---|---|
+# | `optimistix.LevenbergMarquardt`, `jax.jacfwd`, `jax.jvp` | forward mode | `adjoint=diffrax.ForwardMode()` |
+# | optax, `jax.grad`, `optimistix.BFGS` | reverse mode | `adjoint=diffrax.RecursiveCheckpointAdjoint()`, the default |
+#
+# With the default, Levenberg-Marquardt ends in "can't apply forward-mode autodiff (jvp) to a custom_vjp function".
+#
+# We fit the weight and the first moment of inertia to the three rates of a gyroscope (rad/s, body frame), 41 readings
+# in 2 s, each with noise of 0.05 rad/s. The start of the fit is 20 % off in both.
+
+# %%
+readings = jnp.linspace(0.0, 2.0, 41)
+grid = diffrax.StepTo(ts=jnp.linspace(0.0, 2.0, 201))  # steps of 0.01 s
+
+
+def rates(factors, adjoint):
+    """The rates for the true moment and weight times `factors`."""
+    moments = MOMENTS * jnp.stack([factors[0], 1.0, 1.0])
+    weighed = ml.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
+    solution = diffrax.diffeqsolve(
+        weighed,
+        ml.LieSolver("LIEMID[EA]"),
+        0.0,
+        2.0,
+        None,
+        START,
+        factors[1] * WEIGHT,
+        saveat=diffrax.SaveAt(ts=readings),
+        stepsize_controller=grid,
+        adjoint=adjoint,
+    )
+    return solution.ys.momentum / moments
+
+
+noise = 0.05 * jax.random.normal(jax.random.key(0), (41, 3))
+true, guess = jnp.array([1.0, 1.0]), jnp.array([1.2, 0.8])
+data = rates(true, diffrax.ForwardMode()) + noise
+
+
+def residuals(factors, _):
+    return (rates(factors, diffrax.ForwardMode()) - data) / 0.05
+
+
+fitted = optimistix.least_squares(residuals, optimistix.LevenbergMarquardt(1e-8, 1e-8), guess)
+print(f"first moment {0.05 * fitted.value[0]:.5f} kg m² (true 0.05), weight {0.2 * fitted.value[1]:.5f} N m (true 0.2)")
+
+
+# %%
+def loss(factors):
+    return jnp.mean((rates(factors, diffrax.RecursiveCheckpointAdjoint()) - data) ** 2) / 0.05**2
+
+
+descend = optax.adam(0.02)
+
+
+@jax.jit
+def improve(factors, memory):
+    value, gradient = jax.value_and_grad(loss)(factors)
+    updates, memory = descend.update(gradient, memory)
+    return optax.apply_updates(factors, updates), memory, value
+
+
+factors, memory, values = guess, descend.init(guess), []
+for _ in range(150):
+    factors, memory, value = improve(factors, memory)
+    values.append(float(value))
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 3.5), dpi=80, layout="constrained")
+left.plot(readings, data[:, 0], "o", color=ORANGE, markersize=4, label="readings")
+left.plot(readings, rates(guess, diffrax.ForwardMode())[:, 0], ":", color="#666666", label="before the fit")
+left.plot(readings, rates(fitted.value, diffrax.ForwardMode())[:, 0], color=BLUE, label="after the fit")
+left.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, -0.42))
+panel(left, "Rate about the first axis", "time (s)", "rate (rad/s)")
+right.semilogy(values, color=GREEN)
+panel(right, "Adam: mean square of residual over noise", "iteration", "loss")
+plt.show()
+print(f"Adam after 150 iterations: {0.05 * factors[0]:.5f} kg m², {0.2 * factors[1]:.5f} N m")
+
+# %% [markdown]
+# ## When not to use it
+#
+# - The body turns by a few radians in all and you need twelve digits: an explicit Runge-Kutta method of high order,
+#   such as `diffrax.Dopri8`, needs no structure for that.
+# - The rotation is coupled to other states in one large differential equation, such as a flexible body or a motor.
+#   `LieSolver` moves one rigid body.
+# - The step has to vary all the time in a long run. A varying step destroys the long-time behaviour shown above.
+# - You need nothing else of diffrax: `ml.integrate` and `ml.ensemble` are faster, and `ml.fit` has measurements,
+#   parameters that stay physical, and intervals.

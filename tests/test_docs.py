@@ -48,6 +48,7 @@ TABLES = (
     ("kernels", "gpu"),
     ("gradients", "gradients"),
     ("published_fits", "fitting"),
+    ("diffrax_pipeline", "diffrax"),
 )
 
 

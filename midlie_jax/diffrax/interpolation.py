@@ -1,13 +1,18 @@
 """`LieInterpolation`, dense output on the group: states between the ends of a step."""
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
+from .._kernel.fusion import begin, fuse
+from .._kernel.replay import Packed, by_components
 from ..model import so3
 from ..model.states import DirectionState, RigidState
 from .term import ambient_rate, like
@@ -50,42 +55,87 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
         h: Array,
     ):
         self.t0, self.t1, self.y0 = t0, t1, y0
-        if isinstance(y0, RigidState):
-            turned = so3.multiply(so3.conjugate(y0.attitude), y1.attitude)
-            angle = so3.log(turned)
-            # h times the mean angular velocity approximates the turn. If the logarithm is far from this value, the true
-            # turn is longer than pi: turns that differ by 2 pi have the same logarithm.
-            deviation = angle - h / 2 * (velocity0 + velocity1)
-            angle = jnp.where(jnp.sum(deviation**2) < jnp.pi**2, angle, jnp.nan)
-            self.turn = _cubic(jnp.zeros_like(angle), angle, h * velocity0, h * so3.dexp_inverse(-angle, velocity1))
-            momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
-            self.rest = _cubic(y0.momentum, momentum, h * torque0, h * torque)
-        else:
-            slope0 = ambient_rate(y0, y0.unpack(velocity0), y0.unpack(torque0))
-            slope1 = ambient_rate(y1, y1.unpack(velocity1), y1.unpack(torque1))
-            self.turn = None
-            ends = zip(*map(jax.tree.leaves, (y0, y1, slope0, slope1)), strict=True)
-            self.rest = [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
+        self.turn, self.rest = _cubics(y0, y1, velocity0, velocity1, torque0, torque1, h)
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
         """The state at t0; with t1, the arrays at t1 minus the arrays at t0. `derivative` differentiates the arrays."""
         del left
         if t1 is not None:
             return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
-        y0 = self.y0
-        length = self.t1 - self.t0
-        no_step = length == 0
-        s = jnp.where(no_step, jnp.zeros_like(length), t0 - self.t0) / jnp.where(no_step, jnp.ones_like(length), length)
-        s = s.astype(y0.momentum.dtype)
-        if isinstance(y0, RigidState):
-            turn = so3.exp(_at(self.turn, s))
-            momentum = so3.rotate(so3.conjugate(turn), _at(self.rest, s))
-            attitude = RigidState.turn(cp.quaternion(y0.attitude), cp.quaternion(turn), jnp.array(False), s)
-            return like(y0, momentum, cp.pack(attitude))
-        leaves = [_at(cubic, s) for cubic in self.rest]
-        if isinstance(y0, DirectionState):
-            leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
-        return like(y0, *leaves)
+        # A number would be a constant of the compiled program, which would then be compiled anew for each time.
+        return _state_at(self, t0 if eqx.is_array(t0) else jnp.asarray(t0, jnp.result_type(self.t0)))
+
+
+@eqx.filter_jit
+def _cubics(
+    y0: Any, y1: Any, velocity0: Array, velocity1: Array, torque0: Array, torque1: Array, h: Array
+) -> tuple[Any, Any]:
+    """The cubics `turn` and `rest` of a `LieInterpolation`."""
+    return _by_scalars(_cubics_of_arrays, y0, y1, velocity0, velocity1, torque0, torque1, h)
+
+
+def _cubics_of_arrays(
+    y0: Any, y1: Any, velocity0: Array, velocity1: Array, torque0: Array, torque1: Array, h: Array
+) -> tuple[Any, Any]:
+    if isinstance(y0, RigidState):
+        turned = so3.multiply(so3.conjugate(y0.attitude), y1.attitude)
+        angle = so3.log(turned)
+        # h times the mean angular velocity approximates the turn. If the logarithm is far from this value, the true
+        # turn is longer than pi: turns that differ by 2 pi have the same logarithm.
+        deviation = angle - h / 2 * (velocity0 + velocity1)
+        angle = jnp.where(jnp.sum(deviation**2) < jnp.pi**2, angle, jnp.nan)
+        turn = _cubic(jnp.zeros_like(angle), angle, h * velocity0, h * so3.dexp_inverse(-angle, velocity1))
+        momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
+        rest = _cubic(y0.momentum, momentum, h * torque0, h * torque)
+    else:
+        slope0 = ambient_rate(y0, y0.unpack(velocity0), y0.unpack(torque0))
+        slope1 = ambient_rate(y1, y1.unpack(velocity1), y1.unpack(torque1))
+        turn = None
+        ends = zip(*map(jax.tree.leaves, (y0, y1, slope0, slope1)), strict=True)
+        rest = [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
+    return turn, rest
+
+
+@eqx.filter_jit
+def _state_at(dense: LieInterpolation, t: Any) -> Any:
+    """The state at the time t."""
+    return _by_scalars(_state_of_arrays, dense, t)
+
+
+def _state_of_arrays(dense: LieInterpolation, t: Any) -> Any:
+    y0 = dense.y0
+    length = dense.t1 - dense.t0
+    no_step = length == 0
+    s = jnp.where(no_step, jnp.zeros_like(length), t - dense.t0) / jnp.where(no_step, jnp.ones_like(length), length)
+    s = s.astype(y0.momentum.dtype)
+    if isinstance(y0, RigidState):
+        turn = so3.exp(_at(dense.turn, s))
+        momentum = so3.rotate(so3.conjugate(turn), _at(dense.rest, s))
+        attitude = RigidState.turn(cp.quaternion(y0.attitude), cp.quaternion(turn), jnp.array(False), s)
+        return like(y0, momentum, cp.pack(attitude))
+    leaves = [_at(cubic, s) for cubic in dense.rest]
+    if isinstance(y0, DirectionState):
+        leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
+    return like(y0, *leaves)
+
+
+def _by_scalars(function: Callable[..., Any], *arguments: Any) -> Any:
+    """The function of pytrees of arrays, evaluated on their entries in one loop; so its derivative compiles faster."""
+    leaves, structure = jax.tree.flatten(begin(arguments))
+    leaves = [jnp.asarray(leaf) for leaf in leaves]
+    if max(leaf.ndim for leaf in leaves) > 1:
+        return function(*arguments)
+    result = jax.eval_shape(function, *arguments)
+    shapes, result_structure = jax.tree.flatten(result)
+
+    def joined(leaves: list[Array]) -> Array:
+        results = jax.tree.leaves(function(*jax.tree.unflatten(structure, leaves)))
+        return jnp.concatenate([jnp.ravel(x) for x in results])
+
+    entries, _ = by_components(joined, [Packed(tuple(x[i] for i in range(len(x)))) if x.ndim else x for x in leaves])
+    found = iter(fuse(entries))
+    packed = [jnp.stack([next(found) for _ in range(math.prod(x.shape))]).reshape(x.shape) for x in shapes]
+    return jax.tree.unflatten(result_structure, packed)
 
 
 def _cubic(start: Array, end: Array, slope0: Array, slope1: Array) -> tuple[Array, Array, Array, Array]:

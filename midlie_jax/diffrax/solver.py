@@ -4,11 +4,13 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, cast
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from .._kernel.checks import described
+from .._kernel.fusion import fuse, split
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
@@ -89,58 +91,22 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         """The memory before the first step: the torque at t0, and no history."""
         del t1
         system, clock = self._system(terms, t0, y0, args)
-        return self._new_memory(system, clock(t0), system.motion(y0))
+        return _new_memory(system, clock(t0), system.motion(y0), self._begins_with_force(system))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Memory, made_jump: Any
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
         system, clock = self._system(terms, t0, y0, args)
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
-        motion = system.motion(y0)
-        keeps_force, begins_with_force = self.method.keeps_force(system), self._begins_with_force(system)
-        memory = solver_state
-        if made_jump is not False:
-            memory = jax.lax.cond(made_jump, lambda: self._new_memory(system, start_time, motion), lambda: solver_state)
-        stored_force = memory.force
-        progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(True))
-        (end, method_force, ok), _ = self.method.advance(
-            system, (start_time, end_time), lambda clock: (*clock, None), h, progress
-        )
-        # Controllers of diffrax handle NaN in y1, but not infinity.
-        y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
-
-        # The compiler removes the following computations where nothing uses their results.
-        end_torque = method_force if keeps_force else system.force(end_time, end)
-        start_torque = stored_force if begins_with_force else system.force(start_time, motion)
-        dense = {"y0": y0, "y1": y1, "h": h}
-        for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
-            dense[f"velocity{i}"] = system.kind.pack(system.vector_in_user_axes(system.velocity(momentum)))
-            dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
-        for leaf in jax.tree.leaves(y1):
-            ok = ok & jnp.all(jnp.isfinite(leaf))
-        stop = jax.lax.stop_gradient
-        step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(memory.history)
-        target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
-        user_target = system.in_user_axes(target)
-        error = jax.tree.map(jnp.subtract, y1, like(y1, y1.pack(user_target.momentum), y1.pack_pose(user_target.pose)))
-        error = jax.tree.map(
-            lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error)
-        )
+        kind = _Kind(self.method, self.method.keeps_force(system), self._begins_with_force(system))
+        y1, error, dense, memory, ok = _step(kind, system, start_time, end_time, h, y0, solver_state, made_jump)
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
-        result = diffrax.RESULTS.where(ok, success, failure)
-        # Derivatives do not pass through a torque that only the error estimate reads.
-        next_force = end_torque if begins_with_force else jax.lax.stop_gradient(end_torque)
-        return y1, error, dense, Memory(next_force, history), result
+        return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
     def func(self, terms: Any, t0: Any, y0: Any, args: Any) -> Any:
         """The derivative of the state's arrays, as a state of the same class."""
         self._system(terms, t0, y0, args)
         return terms.vf(t0, y0, args).ambient
-
-    def _new_memory(self, system: System, t: Array, motion: AnyMotion) -> Memory:
-        force = system.force(t, motion)
-        next_force = force if self._begins_with_force(system) else jax.lax.stop_gradient(force)
-        return Memory(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
 
     def _begins_with_force(self, system: System) -> bool:
         """Whether a step first needs the torque at its start, which the step before has stored."""
@@ -160,6 +126,68 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
             return as_time(terms.contr(jnp.zeros_like(t), jnp.asarray(t)), y)
 
         return System.of(term.body, torque, y, clock(t)), clock
+
+
+class _Kind(NamedTuple):
+    """How a method comes by the torque at the start of a step.
+
+    Attributes:
+        method: the method.
+        keeps_force: whether its step returns the torque at the end.
+        begins_with_force: whether its step first needs the torque at the start.
+    """
+
+    method: Method
+    keeps_force: bool
+    begins_with_force: bool
+
+
+@eqx.filter_jit
+def _step(
+    kind: _Kind, system: System, start_time: Array, end_time: Array, h: Array, y0: Any, memory: Memory, made_jump: Any
+) -> Any:
+    """One step."""
+    motion = system.motion(y0)
+    method, keeps_force, begins_with_force = kind
+    if made_jump is not False:
+        solver_state = memory
+        memory = jax.lax.cond(
+            made_jump, lambda: _new_memory(system, start_time, motion, begins_with_force), lambda: solver_state
+        )
+    stored_force = memory.force
+    progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(True))
+    (end, method_force, ok), _ = method.advance(
+        system, (start_time, end_time), lambda clock: (*clock, None), h, progress
+    )
+    # Controllers of diffrax handle NaN in y1, but not infinity.
+    y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
+
+    # The compiler removes the following computations where nothing uses their results. They are loops of their own.
+    motion, end, stored_force, method_force = split((motion, end, stored_force, method_force))
+    end_torque = method_force if keeps_force else system.force(end_time, end)
+    start_torque = stored_force if begins_with_force else system.force(start_time, motion)
+    dense = {"y0": y0, "y1": y1, "h": h}
+    for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
+        dense[f"velocity{i}"] = system.kind.pack(system.vector_in_user_axes(system.velocity(momentum)))
+        dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
+    for leaf in jax.tree.leaves(y1):
+        ok = ok & jnp.all(jnp.isfinite(leaf))
+    stop = jax.lax.stop_gradient
+    step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(memory.history)
+    target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
+    target, history, valid = fuse((target, history, valid))
+    user_target = system.in_user_axes(target)
+    error = jax.tree.map(jnp.subtract, y1, like(y1, y1.pack(user_target.momentum), y1.pack_pose(user_target.pose)))
+    error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
+    # Derivatives do not pass through a torque that only the error estimate reads.
+    next_force = end_torque if begins_with_force else jax.lax.stop_gradient(end_torque)
+    return y1, error, dense, Memory(next_force, history), ok
+
+
+def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
+    force = system.force(t, motion)
+    next_force = force if begins_with_force else jax.lax.stop_gradient(force)
+    return Memory(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
 
 
 def _single_term(terms: Any) -> RigidBodyTerm:
