@@ -208,7 +208,7 @@ def loss(factors):
     return jnp.mean((rates(factors, diffrax.RecursiveCheckpointAdjoint()) - data) ** 2) / 0.05**2
 
 
-descend = optax.adam(0.02)
+descend = optax.adam(0.03)
 
 
 @jax.jit
@@ -219,7 +219,7 @@ def improve(factors, memory):
 
 
 factors, memory, values = guess, descend.init(guess), []
-for _ in range(150):
+for _ in range(100):
     factors, memory, value = improve(factors, memory)
     values.append(float(value))
 
@@ -232,7 +232,7 @@ panel(left, "Rate about the first axis", "time (s)", "rate (rad/s)")
 right.semilogy(values, color=GREEN)
 panel(right, "Adam: mean square of residual over noise", "iteration", "loss")
 plt.show()
-print(f"Adam after 150 iterations: {0.05 * factors[0]:.5f} kg m², {0.2 * factors[1]:.5f} N m")
+print(f"Adam after 100 iterations: {0.05 * factors[0]:.5f} kg m², {0.2 * factors[1]:.5f} N m")
 
 # %% [markdown]
 # ## When not to use it

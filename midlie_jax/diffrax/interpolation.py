@@ -17,6 +17,8 @@ from ..model import so3
 from ..model.states import DirectionState, RigidState
 from .term import ambient_rate, like
 
+_LARGEST = 16  # entries of a vector that is split into its entries
+
 
 class LieInterpolation(diffrax.AbstractLocalInterpolation):
     """Interpolation between the ends of a step, on the group, with a local error of fourth order if the ends are exact.
@@ -120,10 +122,13 @@ def _state_of_arrays(dense: LieInterpolation, t: Any) -> Any:
 
 
 def _by_scalars(function: Callable[..., Any], *arguments: Any) -> Any:
-    """The function of pytrees of arrays, evaluated on their entries in one loop; so its derivative compiles faster."""
+    """The function of pytrees of small vectors, evaluated on their entries in one loop: its derivative compiles faster.
+
+    A function of larger arrays, as particles may have, is evaluated as it is.
+    """
     leaves, structure = jax.tree.flatten(begin(arguments))
     leaves = [jnp.asarray(leaf) for leaf in leaves]
-    if max(leaf.ndim for leaf in leaves) > 1:
+    if any(leaf.ndim > 1 or leaf.size > _LARGEST for leaf in leaves):
         return function(*arguments)
     result = jax.eval_shape(function, *arguments)
     shapes, result_structure = jax.tree.flatten(result)

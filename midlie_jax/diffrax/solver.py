@@ -1,6 +1,7 @@
 """`LieSolver`, a method of the package as a solver of diffrax."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, NamedTuple, cast
 
 import diffrax
@@ -146,14 +147,19 @@ class _Kind(NamedTuple):
 def _step(
     kind: _Kind, system: System, start_time: Array, end_time: Array, h: Array, y0: Any, memory: Memory, made_jump: Any
 ) -> Any:
-    """One step."""
+    """The step of `LieSolver.step` on times of the term's clock.
+
+    It is one jitted function, because diffrax differentiates the body of its loop over the steps several times: JAX
+    then finds the derivative of the step already traced.
+
+    Returns:
+        The state at the end, its error, the data of the dense output, the memory, and whether the step succeeded.
+    """
     motion = system.motion(y0)
     method, keeps_force, begins_with_force = kind
     if made_jump is not False:
-        solver_state = memory
-        memory = jax.lax.cond(
-            made_jump, lambda: _new_memory(system, start_time, motion, begins_with_force), lambda: solver_state
-        )
+        fresh = partial(_new_memory, system, start_time, motion, begins_with_force)
+        memory = jax.lax.cond(made_jump, fresh, lambda kept=memory: kept)
     stored_force = memory.force
     progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(True))
     (end, method_force, ok), _ = method.advance(
@@ -185,6 +191,7 @@ def _step(
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
+    """The memory at the time t without a step before: the torque at t, and no history."""
     force = system.force(t, motion)
     next_force = force if begins_with_force else jax.lax.stop_gradient(force)
     return Memory(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
