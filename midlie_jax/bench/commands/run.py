@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
     load = Load()
     path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
     record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)
-    _report(record, checked, compile_seconds, timing, load)
+    _report(record, checked, _since(path), compile_seconds, timing, load)
     if options.out:
         save(record, options.out)
         print(f"wrote {options.out}")
@@ -117,7 +117,15 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _report(record: Record, checked: Check, compile_seconds: float, timing: Timing, load: Load) -> None:
+def _since(path: Path) -> str:
+    """When the first body failed, for the report; "" if none did."""
+    if bool(np.all(path.ok)):
+        return ""
+    last_good = int(np.min(path.first_bad)) - 1
+    return f"; the first after time {float(path.times[0, max(last_good, 0)]):g}"
+
+
+def _report(record: Record, checked: Check, since: str, compile_seconds: float, timing: Timing, load: Load) -> None:
     count = len(record.ok)
     failed = int(np.sum(~record.ok))
     print(f"{record.headline}, on the {jax.default_backend().upper()}")
@@ -128,7 +136,7 @@ def _report(record: Record, checked: Check, compile_seconds: float, timing: Timi
         *checked.parts,
         ("energy error, largest relative", energy_change(record).in_words),
         ("momentum error, largest relative", momentum_change(record).in_words),
-        ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{_since(record)}"),
+        ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),
         ("compile time", f"{compile_seconds:.2f} s"),
         ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
         ("throughput", f"{count * record.steps / timing.seconds:.3g} body-steps/s"),
