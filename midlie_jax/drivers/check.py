@@ -98,7 +98,12 @@ class Check(NamedTuple):
             text = f"{steps:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
             parts.append(("resonance", f"{text} {2 * self.order}"))
         if not self.solved:
-            parts.append(("first step", "FAILS: a solve does not succeed or a number is not finite"))
+            parts.append(
+                (
+                    "first step",
+                    "FAILS: a solve does not succeed, the step is beyond the reach, or a number is not finite",
+                )
+            )
         return parts
 
     def __str__(self) -> str:
@@ -265,7 +270,10 @@ def _judged(method: Method, forced: bool, dt: float, facts: Facts, solved: np.nd
     )
     if not solved[0]:
         good = np.cumprod(solved[::-1])[::-1].astype(bool)  # this step and all shorter ones succeed
-        suggested = min(suggested, h * 0.5 ** int(np.argmax(good)) if good[-1] else 0.0)
+        longest = h * 0.5 ** int(np.argmax(good)) if good[-1] else 0.0
+        # Where the reach explains why twice this step fails, the suggestion from the reach stands.
+        explained = good[-1] and 2 * longest * turn_rate > method.reach
+        suggested = suggested if explained else min(suggested, longest)
     if not (math.isfinite(rate) and math.isfinite(turn_rate)):
         suggested = 0.0
     while 0 < suggested < math.inf and _nearest_resonance(suggested, facts.nutation, kicked)[2]:

@@ -117,7 +117,7 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _since(path: Path) -> str:
+def _since(path: Any) -> str:
     """When the first body failed, for the report; "" if none did."""
     if bool(np.all(path.ok)):
         return ""
