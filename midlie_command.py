@@ -178,7 +178,7 @@ def _add_stability(stability: argparse.ArgumentParser) -> None:
         "--steps", type=_whole(1, _MOST_STEPS), default=10_000, metavar="N", help="steps of each run (default: 1e4)"
     )
     stability.add_argument(
-        "--grid", type=_whole(2, 500), default=24, metavar="N", help="points along each side of a map (default: 24)"
+        "--grid", type=_whole(2, 500), default=32, metavar="N", help="points along each side of a map (default: 32)"
     )
     stability.add_argument(
         "--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)"

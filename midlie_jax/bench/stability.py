@@ -224,7 +224,7 @@ def _run(
         state, worst, failed, blown_up = carry
         path = integrate(method, body, scaled, state, dt=dt, steps=segment, first_step=n * segment)
         errors = jnp.abs(energy(body, scaled, path.states) - first) / scale
-        trusted = jnp.arange(segment + 1) < path.first_bad
+        trusted = jnp.arange(segment + 1, dtype=jnp.int32) < path.first_bad
         going_on = ~failed & ~blown_up
         largest = jnp.max(jnp.where(trusted & jnp.isfinite(errors), errors, 0))
         worst = jnp.where(going_on, jnp.maximum(worst, largest), worst)

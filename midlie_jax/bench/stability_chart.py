@@ -22,7 +22,7 @@ _LINES: dict[str, dict[str, Any]] = {
 }
 _MEANINGS = {
     "reach": "reach: largest turn a step",
-    "stability": "limit of h ω of the field",
+    "stability": "limit of h ω: unstable, or several solutions",
     "resonance": "nutation resonances h ω = π, π/2, π/3",
 }
 

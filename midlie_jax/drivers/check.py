@@ -6,7 +6,6 @@ later state.
 """
 
 import math
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -209,7 +208,7 @@ class Facts(NamedTuple):
         return np.hypot(self.turn_rate, 2 * growth)
 
 
-@partial(jax.jit, static_argnums=0)
+@eqx.filter_jit
 def _facts(method: Method, mapped: Any, shared: Any, t0: Array, dt: Array) -> tuple[Facts, Array]:
     """The facts of each body, and whether steps of dt, dt/2, dt/4, ... from its state succeed, (n, halvings)."""
 
@@ -230,21 +229,16 @@ def _facts(method: Method, mapped: Any, shared: Any, t0: Array, dt: Array) -> tu
 
 
 def _linearised(system: System, t: Array, motion: Any) -> Array:
-    """The matrix of (rotation vector, momentum) under the linearised torque alone, without the motion of the body.
-
-    The derivative of the torque T along a rotation w of the body is taken with half of w x T, which makes it the
-    symmetric matrix of second derivatives of the potential energy, if the torque has one.
-    """
+    """The matrix of (rotation vector, momentum) under the linearised torque alone, without the motion of the body."""
     one, nil = jnp.ones_like(motion.momentum[0]), jnp.zeros_like(motion.momentum[0])
     zero: cp.Vector = (nil, nil, nil)
     units: list[cp.Vector] = [(one, nil, nil), (nil, one, nil), (nil, nil, one)]
-    force = system.force(t, motion)
     still = jax.tree.map(jnp.zeros_like, motion.pose)
 
     def change(momentum: Any, pose: Any) -> Any:
         return jax.jvp(lambda m: system.force(t, m), (motion,), (Motion(momentum, pose),))[1]
 
-    by_turn = [cp.add(change(zero, system.kind.rate(motion.pose, w)), cp.scale(0.5, cp.cross(w, force))) for w in units]
+    by_turn = [change(zero, system.kind.rate(motion.pose, w)) for w in units]
     by_momentum = [change(w, still) for w in units]
     speeds = [system.velocity(w) for w in units]
     columns = [(*zero, *turn) for turn in by_turn]

@@ -11,6 +11,7 @@ import numpy as np
 
 from .formula import Formula
 from .scheme import KICK, Scheme
+from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
 _ROUNDING = 1e-9  # by which a trace may exceed 2
@@ -80,13 +81,16 @@ def runge_kutta_limit(formula: Formula, direction: complex) -> float:
     x = np.arange(_FINEST, _FURTHEST, _FINEST)
     z = x * direction
 
-    def rates(time: float, part: float, motion: Any) -> Any:
+    def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
         del time
-        return part * z * motion
+        return Motion(part * z * motion.momentum, ())
 
-    start: Any = np.ones_like(z)
-    change: Any = formula.change(rates, lambda tree, evaluations: tree, start)
-    return _first(x, np.abs(1 + change) > 1 + _GROWTH)
+    def pause(tree: Any, evaluations: int) -> Any:
+        del evaluations
+        return tree
+
+    change = formula.change(rates, pause, Motion(np.ones_like(z), ()))
+    return _first(x, np.abs(1 + np.asarray(change.momentum)) > 1 + _GROWTH)
 
 
 def _first(x: np.ndarray, beyond: np.ndarray) -> float:
