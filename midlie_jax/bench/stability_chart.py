@@ -12,7 +12,7 @@ from .stability import BLOWN_UP, Line, Map, Sweep
 _WIDTH, _HEIGHT = 2.0, 2.25  # of a panel with its share of the margins, inches
 _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inches
 _LEAST_ERROR = 1e-14
-_COLOURS = 200
+_COLOURS = 256
 _FAILED = "#d9d9d9"
 # Of Okabe and Ito, those that are seen on all colours of the map.
 _LINES: dict[str, dict[str, Any]] = {
@@ -59,7 +59,8 @@ def stability_chart(
     whole = BytesIO()
     write(stability_figure(maps, lines, steps, sweeps, title=title, note=note, time_unit=time_unit), whole)
     # Few colours make the file half as large.
-    Image.open(whole).convert("RGB").quantize(_COLOURS).save(path, format="PNG", optimize=True)
+    few = Image.open(whole).convert("RGB").quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(path, format="PNG", optimize=True)
 
 
 def stability_figure(
