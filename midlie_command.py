@@ -15,7 +15,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
-COMMANDS = ("chart", "run", "fit", "methods", "scenes")
+COMMANDS = ("chart", "run", "fit", "stability", "methods", "scenes")
 _MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
@@ -82,6 +82,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
     _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
     _add_fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
+    _add_stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
     commands.add_parser("methods", help="list the methods")
     commands.add_parser("scenes", help="list the scenes")
     return parser, dict(commands.choices)
@@ -163,6 +164,24 @@ def _add_fit(fit: argparse.ArgumentParser) -> None:
     )
     fit.add_argument(
         "--out", type=_file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG"
+    )
+
+
+def _add_stability(stability: argparse.ArgumentParser) -> None:
+    stability.description = (
+        "Runs every method over a grid of steps and of spins, shapes of the body and strengths of the field, and draws "
+        "the worst energy error, where solves fail, where runs blow up, and the limits that theory gives."
+    )
+    stability.add_argument("scene", metavar="SCENE", help="see `midlie scenes`; its energy must be constant")
+    stability.add_argument("--methods", nargs="+", metavar="NAME", help="methods (default: one of each kind)")
+    stability.add_argument(
+        "--steps", type=_whole(1, _MOST_STEPS), default=10_000, metavar="N", help="steps of each run (default: 1e4)"
+    )
+    stability.add_argument(
+        "--grid", type=_whole(2, 500), default=32, metavar="N", help="points along each side of a map (default: 32)"
+    )
+    stability.add_argument(
+        "--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)"
     )
 
 

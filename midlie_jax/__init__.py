@@ -15,6 +15,8 @@ from .drivers.adaptive import integrate_adaptive as integrate_adaptive
 from .drivers.adjoints import Checkpointed as Checkpointed
 from .drivers.adjoints import Forward as Forward
 from .drivers.adjoints import Reversible as Reversible
+from .drivers.check import Check as Check
+from .drivers.check import check as check
 from .drivers.ensemble import ensemble as ensemble
 from .drivers.free_motion import free_motion as free_motion
 from .drivers.integrate import Path as Path

@@ -459,7 +459,7 @@ def test_the_late_drift_of_akw_is_chaotic():
     assert abs(late.mean() - float(DRIFTS["AKW"][1])) < 2 * np.std(late)
 
 
-NAMES = ["P1", "P1-tilted", "P2", "slow-top", "tumbling-brick", "dzhanibekov", "free-asymmetric"]
+NAMES = ["P1", "P1-tilted", "P2", "slow-top", "compass", "tumbling-brick", "dzhanibekov", "free-asymmetric"]
 NAMES += ["asymmetric-top", "bruls-cardona", "gravity-gradient", "gravity-gradient-10", "pulsed-body"]
 
 

@@ -14,6 +14,7 @@ from . import components as cp
 
 # The Taylor polynomials below are exact to rounding for |w|^2 up to this bound, |w| <= 1.22.
 LARGEST_SQUARE = 1.5
+LARGEST_TURN = 2 * LARGEST_SQUARE**0.5  # radians; the quaternion of a turn is made from half the turn
 TERMS = {"float64": 9, "float32": 5}
 SPIN_TERMS = {"float64": 11, "float32": 7}
 STUMPFF_TERMS = {"float64": 11, "float32": 6}

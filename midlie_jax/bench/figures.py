@@ -5,6 +5,7 @@ matplotlib is an optional dependency, so it is imported only when a chart is dra
 
 import math
 from collections.abc import Sequence
+from io import BytesIO
 from typing import Any
 
 INK, FAINT, GRID = "#222222", "#8a8a8a", "#e3e3e3"
@@ -56,8 +57,8 @@ def panel(axes: Any, title: str, x_label: str, y_label: str) -> None:
     axes.set_axisbelow(True)
 
 
-def write(figure: Any, path: str) -> None:
-    """Writes a PNG.
+def write(figure: Any, path: str | BytesIO) -> None:
+    """Writes a PNG to a file, or to a buffer.
 
     Raises:
         OSError: the file cannot be written.

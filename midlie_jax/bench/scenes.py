@@ -19,7 +19,7 @@ from ..model import so3
 from ..model.bodies import RigidBody
 from ..model.orbits import KeplerOrbit
 from ..model.states import RigidState
-from ..model.torques import GravityGradient, HeavyTop, Prescribed, TorqueLike
+from ..model.torques import DipoleInField, GravityGradient, HeavyTop, Prescribed, TorqueLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,6 +230,21 @@ def _slow_top(dtype: Any) -> Scene:
     # A top that spins upright is stable ("sleeps") if Pi3^2 > 4 I1 mgl = 400.
     source = "P1's body; spin 10, half of the 20 that a stable upright spin needs: chosen here, not published"
     return _p1("slow heavy top: too slow to spin upright, it swings down and up again", 0.05, 10.0, 20.0, source, dtype)
+
+
+@_named("compass")
+def _compass(dtype: Any) -> Scene:
+    return Scene(
+        name="",
+        title="compass needle in a field: it swings about the field and spins slowly about its axis",
+        body=_body([1.0, 1.0, 1.2], dtype),
+        torque=DipoleInField(jnp.asarray([0.0, 0.0, 4.0], dtype), jnp.asarray([0.0, 0.0, 1.0], dtype)),
+        start=_start([0.0, 0.0, 0.6], _rotation((0.05, 0.0, 0.0)), dtype),
+        dt=0.05,
+        duration=20.0,
+        source="chosen here, not published: the frequency of small oscillations without spin is 2",
+        units=_ANY_UNITS,
+    )
 
 
 @_named("tumbling-brick")

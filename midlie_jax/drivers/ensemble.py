@@ -70,8 +70,9 @@ def ensemble(
         adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
 
     Returns:
-        The path, with `ok` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,), and `states`
-        with leading axes (n, k). Without: `times` (), or (n,), and `states` with a leading axis (n,).
+        The path, with `ok` and `first_bad` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,),
+        and `states` with leading axes (n, k). Without: `times` (), or (n,), `states` with a leading axis (n,), and
+        `first_bad` 0 for a body that failed, else 1.
 
     Raises:
         ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the cure.
@@ -140,9 +141,9 @@ def _run(
         path = path_of_body(method, adjoint, body, torque, start, dt, t0, first, steps, every, inputs, rows)
         if save_every is not None:
             return path
-        return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok)
+        return Path(path.times[-1], jax.tree.map(lambda x: x[-1], path.states), path.ok, path.ok.astype(jnp.int32))
 
-    out_axes: Any = Path(0 if own_times else None, 0, 0)  # pyright: ignore[reportArgumentType]
+    out_axes: Any = Path(0 if own_times else None, 0, 0, 0)  # pyright: ignore[reportArgumentType]
     path_of_chunk = jax.vmap(path_of_one, out_axes=out_axes)
     count = mapped[2].momentum.shape[0]
     chunks = _chunks(count, chunk)
@@ -155,8 +156,9 @@ def _run(
     def join(parts: Array) -> Array:
         return parts.reshape(chunks * size, *parts.shape[2:])[:count]
 
-    times, states, ok = jax.lax.map(lambda chunk: path_of_chunk(jax.tree.map(lambda x: x[chunk], mapped)), indices)
-    return Path(join(times) if own_times else times[0], jax.tree.map(join, states), join(ok))
+    path = jax.lax.map(lambda chunk: path_of_chunk(jax.tree.map(lambda x: x[chunk], mapped)), indices)
+    times = join(path.times) if own_times else path.times[0]
+    return Path(times, jax.tree.map(join, path.states), join(path.ok), join(path.first_bad))
 
 
 def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps: int) -> tuple[Any, Any]:

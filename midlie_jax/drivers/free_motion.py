@@ -90,7 +90,8 @@ def _run(body: Any, start: AnyState, times: Array) -> Path:
         return state, ok & jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(state)]))
 
     states, ok = jax.vmap(at)(times)
-    return Path(times, states, jnp.all(ok))
+    first_bad = jnp.argmin(jnp.append(ok, False)).astype(jnp.int32)
+    return Path(times, states, jnp.all(ok), first_bad)
 
 
 class _Orbit(NamedTuple):

@@ -1,13 +1,13 @@
 """`integrate`: the driver with a constant step, a `lax.scan` over steps that saves the state at regular intervals."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .._kernel.checks import as_count
 from .._kernel.mesh import all_promoted, axes_of_run, promoted
@@ -30,11 +30,16 @@ class Path(NamedTuple):
         times: (n,), the start first; n = 1 + steps / save_every.
         states: the states at these times, of the class of the start, with a leading axis (n,).
         ok: (), False when a solve failed or a number was not finite.
+        first_bad: (), the index in `times` of the first saved state that cannot be trusted, because a solve failed or a
+            number stopped being finite at or before its time; n if there is none. So `states[:first_bad]` can be
+            trusted, and the first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`: with
+            `save_every` 1 it is step number `first_bad` of the run, counted from 1.
     """
 
     times: Float[Array, "*n"]
     states: Any
     ok: Bool[Array, "*batch"]
+    first_bad: Int[Array, "*batch"]
 
 
 def integrate(
@@ -73,7 +78,8 @@ def integrate(
             does not grow with their number. `Forward()`: forward mode alone.
 
     Returns:
-        The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception.
+        The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception, and
+        `path.first_bad` says where it came first.
 
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
@@ -134,24 +140,43 @@ def path_of_body(
     if method.keeps_force(system):
         progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
 
-    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, AnyState]:
+    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[AnyState, Array]]:
         n, rows = interval
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         inputs = Steps(partial(advance, dt), take_back, (indices, rows), save_every, method.unroll)
         progress = adjoint.run(inputs, progress)
-        return progress, system.state(progress.motion)
+        return progress, (system.state(progress.motion), progress.ok)
 
     intervals = steps // save_every
     interval_starts = first + save_every * jnp.arange(intervals, dtype=jnp.int32)
     rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
-    progress, states = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
+    progress, (states, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
+    first_bad = _first_bad(start, states, solved)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
     finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(progress.motion)]
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
-    return Path(times, states, progress.ok & jnp.all(jnp.stack(finite)))
+    ok = progress.ok & jnp.all(jnp.stack(finite))
+    return Path(times, states, ok, first_bad)
 
 
 _run = wide_jit(path_of_body)
+
+
+def _first_bad(start: AnyState, states: AnyState, solved: Array) -> Array:
+    """`Path.first_bad`, from the start, the states after it, and whether all solves up to each of these succeeded.
+
+    What fails stays failed: the flag is never raised again, and what is not finite does not become finite. So the
+    states that can be trusted come first, and their number is the index of the next one. It is found after the loop
+    over steps, which need not know of it.
+    """
+    trusted = solved & _finite(states, 1)
+    return jnp.where(_finite(start, 0), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)
+
+
+def _finite(state: AnyState, axes: int) -> Array:
+    """Whether all numbers of a state are finite, of a state with leading axes for each of them."""
+    leaves = (jnp.isfinite(jax.lax.stop_gradient(leaf)) for leaf in jax.tree.leaves(state))
+    return reduce(jnp.logical_and, (jnp.all(leaf, axis=tuple(range(axes, leaf.ndim))) for leaf in leaves))
 
 
 def _with_force(

@@ -85,7 +85,7 @@ class Problem(eqx.Module):
         if data.anchors is not None:
             ends = jax.tree.map(lambda x: x[:-1, -1], paths.states)
             found.append(self.continuity * _defects(ends, jax.tree.map(lambda x: x[1:], starts)).reshape(-1))
-        return jnp.concatenate(found), ok & jnp.all(paths.ok)
+        return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok)
 
     def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
         """The data with the states at the starts of the later segments: from the measurements where these have them.

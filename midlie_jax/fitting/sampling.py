@@ -85,11 +85,12 @@ class Grid(eqx.Module):
     def sample(
         self, method: Method, body: Any, torque: Any, paths: Path, times: Float[Array, " n"]
     ) -> tuple[AnyState, Array]:
-        """The states (n, ...) at the times, and whether every shorter step was good."""
+        """The states (n, ...) at the times, and whether each can be trusted, (n,)."""
         segment, index = self.place(times)
         states = jax.tree.map(lambda x: x[segment, index], paths.states)
+        on_grid = index < paths.first_bad[segment]
         if self.exact:
-            return states, jnp.ones((), bool)
+            return states, on_grid
         one = jnp.asarray(1, times.dtype)
         before = time_of(self.t0 * one, self.dt * one, (segment * self.steps + index).astype(jnp.int32))
 
@@ -98,7 +99,7 @@ class Grid(eqx.Module):
             return jax.tree.map(lambda x: x[-1], path.states), path.ok
 
         states, ok = jax.vmap(last_step)(states, before, times - before)
-        return states, jnp.all(ok)
+        return states, on_grid & ok
 
 
 def states_at(
@@ -134,7 +135,8 @@ def states_at(
     method = as_method(method)
     paths = grid.run(method, body, torque, jax.tree.map(lambda x: x[None], start))
     states, ok = grid.sample(method, body, torque, paths, times)
-    return Path(times, states, ok & jnp.all(paths.ok))
+    first_bad = jnp.argmin(jnp.append(ok, False)).astype(jnp.int32)
+    return Path(times, states, jnp.all(ok) & jnp.all(paths.ok), first_bad)
 
 
 def check_grid(times: np.ndarray, dt: Any, t0: Any) -> None:

@@ -4,6 +4,7 @@ Most methods combine a flight with a scheme (`splitting.py`); the implicit metho
 methods in `runge_kutta.py`.
 """
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jax import Array
 
+from .._kernel import components as cp
 from .._kernel.fusion import begin, fuse
 from .._kernel.mesh import NONE, Axes, all_promoted
 from ..model.bodies import Body
@@ -60,6 +62,24 @@ class Method(eqx.Module):
         two launches at least, and reads and writes the state once; so there it takes as many steps as stay one kernel.
         """
         return 1
+
+    @property
+    def reach(self) -> float:
+        """The largest angle of a step, h times `turn_rate`, in radians: beyond, `ok` is False; infinity if unknown."""
+        return math.inf
+
+    def turn_rate(self, inertia: Any, momentum: Any) -> Array:
+        """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
+        return cp.norm(inertia.velocity(momentum))
+
+    def stability_limit(self, direction: complex) -> float:
+        """The largest h |lambda| under a torque for which a disturbance goes as exp(lambda t); infinity if unknown.
+
+        Args:
+            direction: lambda / |lambda|: 1j for an oscillation, -1 for a decay.
+        """
+        del direction
+        return math.inf
 
     def fitted(self, body: Body) -> "Method":
         """This method specialised to a body or a batch of bodies.

@@ -21,6 +21,7 @@ from . import tableau
 from .base import Method
 from .extrapolation import Extrapolation
 from .formula import Formula
+from .limits import runge_kutta_limit
 from .system import AnyMotion, Motion, System
 
 # Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
@@ -61,6 +62,13 @@ class RungeKutta(Method):
     @property
     def unroll(self) -> int:
         return 1 if on_cpu() else max(1, _EVALUATIONS_IN_KERNEL // self.evaluations)
+
+    @property
+    def reach(self) -> float:
+        return self.formula.reach
+
+    def stability_limit(self, direction: complex) -> float:
+        return runge_kutta_limit(self.formula, direction)
 
     def keeps_force(self, system: System) -> bool:
         return False

@@ -13,7 +13,8 @@ from .._kernel.platform import on_cpu
 from ..model.bodies import Body, RigidBody, principal_of
 from .base import Method
 from .flights import Flight
-from .scheme import KICK, Scheme, run
+from .limits import decay_limit, oscillator_limit
+from .scheme import FLIGHT, KICK, Scheme, run
 from .system import AnyMotion, Motion, System, added
 
 
@@ -53,6 +54,17 @@ class Splitting(Method):
         if on_cpu():
             return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1
         return max(1, self.flight.per_kernel // self.scheme.flights)
+
+    @property
+    def reach(self) -> float:
+        return self.flight.reach / max(abs(c) for kind, c in self.scheme.stages if kind == FLIGHT)
+
+    def turn_rate(self, inertia: Any, momentum: Any) -> Array:
+        return self.flight.turn_rate(inertia, momentum)
+
+    def stability_limit(self, direction: complex) -> float:
+        decays = -direction.real > abs(direction.imag)
+        return decay_limit(self.scheme) if decays else oscillator_limit(self.scheme)
 
     def fitted(self, body: Body) -> "Splitting":
         principal = principal_of(body)

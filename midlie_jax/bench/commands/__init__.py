@@ -13,7 +13,20 @@ def _fit(options: argparse.Namespace) -> None:
     fit(options)
 
 
-_ACTIONS = {"chart": chart.chart, "run": run.run, "fit": _fit, "methods": lists.methods, "scenes": lists.scenes}
+def _stability(options: argparse.Namespace) -> None:
+    from .stability import stability  # compiles nothing that another command needs
+
+    stability(options)
+
+
+_ACTIONS = {
+    "chart": chart.chart,
+    "run": run.run,
+    "fit": _fit,
+    "stability": _stability,
+    "methods": lists.methods,
+    "scenes": lists.scenes,
+}
 
 
 def act(options: argparse.Namespace) -> None:

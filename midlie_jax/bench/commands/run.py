@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...drivers.integrate import integrate
+from ...drivers.check import Check, check
+from ...drivers.integrate import Path, integrate
 from ...drivers.timing import Load, Timing, cores, timed, user_clock
 from ...methods.base import Method
 from ...methods.registry import method as find_method
@@ -23,6 +24,7 @@ _FEW, _MANY = 200, 2000  # most states saved of each body: for the errors alone,
 _MOST_NUMBERS = 2**25  # most numbers saved of all bodies: 256 MiB in float64
 _TIMINGS, _TIMING_SECONDS = 30, 1.0  # most runs timed, and the seconds after which no further run starts
 _MOST_STEPS = 2**31 - 1
+_MOST_CHECKED = 1000  # bodies whose step is checked before the run
 
 
 def run(options: argparse.Namespace) -> None:
@@ -35,10 +37,12 @@ def run(options: argparse.Namespace) -> None:
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     every = _save_every(steps, options.bodies, _MANY if options.out or options.plot else _FEW)
+    few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
+    checked = check(method, scene.body, scene.torque, few, dt)
     load = Load()
     path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
     record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)
-    _report(record, compile_seconds, timing, load)
+    _report(record, checked, _since(path), compile_seconds, timing, load)
     if options.out:
         save(record, options.out)
         print(f"wrote {options.out}")
@@ -96,7 +100,8 @@ def _integrated(
         times, states = jax.tree.map(
             lambda a, b: jnp.concatenate([a, b[1:]]), (path.times, path.states), (end.times, end.states)
         )
-        return path._replace(times=times, states=states, ok=path.ok & end.ok)
+        first_bad = jnp.where(path.ok, path.times.size - 1 + end.first_bad, path.first_bad)
+        return Path(times, states, path.ok & end.ok, first_bad)
 
     step = jnp.asarray(dt, start.momentum.dtype)
     began = time.perf_counter()
@@ -112,7 +117,15 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) -> None:
+def _since(path: Any) -> str:
+    """When the first body failed, for the report; "" if none did."""
+    if bool(np.all(path.ok)):
+        return ""
+    last_good = int(np.min(path.first_bad)) - 1
+    return f"; the first after time {float(path.times[0, max(last_good, 0)]):g}"
+
+
+def _report(record: Record, checked: Check, since: str, compile_seconds: float, timing: Timing, load: Load) -> None:
     count = len(record.ok)
     failed = int(np.sum(~record.ok))
     print(f"{record.headline}, on the {jax.default_backend().upper()}")
@@ -120,9 +133,10 @@ def _report(record: Record, compile_seconds: float, timing: Timing, load: Load) 
     clock = user_clock().name + (f" on {cores()} cores" if cores() > 1 else " on one core")
     warning = load.warning()
     for name, value in (
+        *checked.parts,
         ("energy error, largest relative", energy_change(record).in_words),
         ("momentum error, largest relative", momentum_change(record).in_words),
-        ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}"),
+        ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),
         ("compile time", f"{compile_seconds:.2f} s"),
         ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
         ("throughput", f"{count * record.steps / timing.seconds:.3g} body-steps/s"),

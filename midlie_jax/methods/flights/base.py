@@ -1,11 +1,13 @@
 """`Flight`, the base class of all flights: maps for the motion of a body under no torque."""
 
+import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
 import equinox as eqx
 from jax import Array
 
+from ..._kernel import components as cp
 from ...model.bodies import Particles, RigidBody
 
 
@@ -25,6 +27,8 @@ class Flight(eqx.Module):
         per_kernel: how many flights, each with a kick, XLA's GPU compiler keeps in one kernel
             (`benchmarks/kernels.py` counts).
         long_derivative: whether the reverse derivative of a flight has so many operations that it needs a loop alone.
+        reach: the largest angle of a flight, its time times `turn_rate`, in radians: beyond it `ok` is False.
+            Infinity if it is not known.
         one_loop: whether one flight compiles to a single loop over the batch; False where its solve is cut in parts.
     """
 
@@ -39,6 +43,7 @@ class Flight(eqx.Module):
     per_kernel: ClassVar[int] = 1
     long_derivative: ClassVar[bool] = True
     one_loop: ClassVar[bool] = True
+    reach: ClassVar[float] = math.inf
 
     def fitted(self, moments: Array) -> "Flight":
         """This flight specialised to bodies with these moments, (..., 3), which must be known, not traced.
@@ -62,6 +67,10 @@ class Flight(eqx.Module):
             The increment (for a rigid body a unit quaternion in the body frame), the change of the momentum, and `ok`,
             a boolean that is False where the result is invalid.
         """
+
+    def turn_rate(self, inertia: Any, momentum: Any) -> Array:
+        """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
+        return cp.norm(inertia.velocity(momentum))
 
     def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
         """The flight of a state without a pose (`MomentumState`), which needs no increment.

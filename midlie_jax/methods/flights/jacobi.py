@@ -62,6 +62,7 @@ class Jacobi(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
     per_kernel: ClassVar[int] = 2
+    reach: ClassVar[float] = LARGEST_TURN
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         spins, y = inertia.spins, inertia.travel(h, momentum)

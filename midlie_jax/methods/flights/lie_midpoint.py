@@ -19,7 +19,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.fusion import split
-from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, arctangent, arctangent_slope, share_of_one
+from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, LARGEST_TURN, arctangent, arctangent_slope, share_of_one
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
@@ -46,6 +46,7 @@ class LieMidpoint(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
     long_derivative: ClassVar[bool] = False
+    reach: ClassVar[float] = LARGEST_TURN
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)

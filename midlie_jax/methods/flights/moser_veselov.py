@@ -42,6 +42,7 @@ class _Preprocessed(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
     one_loop: ClassVar[bool] = False
+    reach: ClassVar[float] = 1.0  # of DMV by `limits.moser_veselov_limit`; DMV4 and DMV6 reach up to a fifth further
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)

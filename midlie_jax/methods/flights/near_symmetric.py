@@ -9,11 +9,11 @@ from typing import ClassVar
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, spin
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, spin
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
-from .symmetric import symmetric_turn, within_reach
+from .symmetric import larger_rate, symmetric_turn, within_reach
 
 
 class NearSymmetric(Flight):
@@ -30,6 +30,11 @@ class NearSymmetric(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 2
+    reach: ClassVar[float] = LARGEST_TURN
+
+    def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
+        """The larger rate of the two rotations of the symmetric flight."""
+        return larger_rate(inertia.inverses[1], inertia.inverses[2], momentum)
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         # 1/I1 - 1/I2, computed from the difference of the moments.

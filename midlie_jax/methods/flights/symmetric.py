@@ -22,7 +22,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, half_turn, spin, stumpff
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, spin, stumpff
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
@@ -54,6 +54,7 @@ class Symmetric(Flight):
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 4
     long_derivative: ClassVar[bool] = False
+    reach: ClassVar[float] = LARGEST_TURN
 
     def fitted(self, moments: Array) -> "Symmetric":
         """This flight with the axis of symmetry fixed, if all bodies with these moments, (..., 3), share an axis.
@@ -77,6 +78,12 @@ class Symmetric(Flight):
         (w, *u), change = _fly(h, inverses, renumbered)
         ok = within_reach(h, inverses[0], inverses[2], renumbered) & _equal(inverses[0], inverses[1])
         return (w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change), ok
+
+    def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
+        """The larger rate of the two rotations."""
+        numbering = _Numbering.of(inertia.inverses, self.axis)
+        inverses = numbering.renumbered(inertia.inverses)
+        return larger_rate(inverses[0], inverses[2], numbering.renumbered(momentum))
 
 
 def _equal(a: Any, b: Any) -> Any:
@@ -135,6 +142,11 @@ def symmetric_turn(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[c
     turn, angle = _rotations(h, a, c, momentum)
     cosine, sine = spin(angle)
     return cp.multiply_about(cp.square(half_turn(turn)), 2, cosine, sine), (cosine, sine)
+
+
+def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
+    """The larger rate of both rotations of `symmetric_turn`."""
+    return jnp.maximum(a * cp.norm(momentum), abs((c - a) * momentum[2]))
 
 
 def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:

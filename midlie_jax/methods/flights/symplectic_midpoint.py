@@ -17,7 +17,7 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.fusion import split
 from ..._kernel.newton import newton_pairs
-from ..._kernel.short_series import LARGEST_SQUARE, half_turn, stumpff
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, stumpff
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
@@ -34,6 +34,7 @@ class _Generated(Flight):
 
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody
+    reach: ClassVar[float] = LARGEST_TURN
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)

@@ -9,7 +9,7 @@ from typing import ClassVar
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, spin
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, spin
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
@@ -31,6 +31,13 @@ class ThreeAxis(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 2
+    reach: ClassVar[float] = LARGEST_TURN
+
+    def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
+        """The root of the sum of the squares of all rates of rotation, each times its fraction of the flight."""
+        x, y, z = (sum(fraction**2 for i, fraction in _SWEEP if i == axis) ** 0.5 for axis in range(3))
+        a, b, c = inertia.velocity(momentum)
+        return cp.norm((x * a, y * b, z * c))
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         zero = h * 0

@@ -7,7 +7,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
-from ..._kernel.short_series import LARGEST_SQUARE
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit, converged
 
@@ -20,6 +20,10 @@ class AKW(Implicit):
     """
 
     name: str = eqx.field(static=True, default="AKW")
+
+    @property
+    def reach(self) -> float:
+        return LARGEST_TURN
 
     def keeps_force(self, system: System) -> bool:
         return True

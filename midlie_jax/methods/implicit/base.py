@@ -28,6 +28,11 @@ class Implicit(Method):
     bodies: type[Any] = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=4 * ITERATIONS + 2)
 
+    def stability_limit(self, direction: complex) -> float:
+        """2: beyond, the equation of a step may have several solutions (`limits.midpoint_fold`); NMB is unstable."""
+        del direction
+        return 2.0
+
     def keeps_force(self, system: System) -> bool:
         return False
 

@@ -7,7 +7,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
-from ..._kernel.short_series import LARGEST_SQUARE, half_turn
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit, converged
 
@@ -23,6 +23,10 @@ class NewmarkBody(Implicit):
     name: str = eqx.field(static=True, default="NMB")
     keeps_momentum: bool = eqx.field(static=True, default=False)
     evaluations: int = eqx.field(static=True, default=1)
+
+    @property
+    def reach(self) -> float:
+        return LARGEST_TURN
 
     def keeps_force(self, system: System) -> bool:
         return True

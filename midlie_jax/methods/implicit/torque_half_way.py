@@ -25,6 +25,10 @@ class TorqueHalfWay(Implicit):
     or the end exceeds 12 radians.
     """
 
+    @property
+    def reach(self) -> float:
+        return 2 * _LARGEST_HALF_TURN
+
     @abstractmethod
     def mean_momentum(self, start: cp.Vector, half: cp.Quaternion, impulse: cp.Vector) -> cp.Vector:
         """M, from the momentum at the start, `half` = exp(Psi/2), and `impulse` = h Tm."""

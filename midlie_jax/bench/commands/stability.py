@@ -1,0 +1,60 @@
+"""`midlie stability`: maps of the worst energy error over step and spin, shape or field, for several methods."""
+
+import argparse
+import time
+
+import numpy as np
+
+from ...methods.registry import method as find_method
+from .. import scenes
+from ..stability import METHODS, Map, lines, measure, sweeps
+from ..stability_chart import stability_chart
+from .output import require, show_table
+
+
+def stability(options: argparse.Namespace) -> None:
+    """Measures the maps, prints how much of each fails, and draws them."""
+    require("matplotlib")
+    scene = scenes.scene(options.scene)
+    methods = [find_method(name) for name in dict.fromkeys(options.methods or METHODS)]
+    steps, varied = sweeps(scene, options.grid)
+    for method in methods:  # a method that cannot move the body is found before the first is measured
+        method.fitted(scene.body)
+    path = options.out or f"stability-{scene.name}.png"
+    maps, rows = [], []
+    for method in methods:
+        began = time.perf_counter()
+        maps.append(measure(method, scene, steps, varied, options.steps))
+        seconds = time.perf_counter() - began
+        rows += [
+            [
+                method.name,
+                sweep.name,
+                *(f"{100 * np.mean(x):.0f}" for x in (found.blown_up, found.failed)),
+                f"{_median(found):.0e}",
+                f"{seconds:.0f}" if sweep is varied[0] else "",
+            ]
+            for sweep, found in zip(varied, maps[-1], strict=True)
+        ]
+    heads = ["method", "sweep", "blows up [%]", "fails [%]", "median error elsewhere", "time [s]"]
+    show_table(heads, rows)
+    limits = {(method.name, sweep.name): lines(method, scene, sweep) for method in methods for sweep in varied}
+    stability_chart(
+        maps,
+        limits,
+        steps,
+        varied,
+        path,
+        title=f"{scene.name}: {scene.title}",
+        note=(
+            f"Each point of a map is one run of {options.steps} steps from the start of the scene with its spin, shape "
+            "or field changed. Lines: limits by theory, for the state at the start."
+        ),
+        time_unit=scene.time_unit,
+    )
+    print(f"\nwrote {path}")
+
+
+def _median(found: Map) -> float:
+    good = found.worst[~(found.failed | found.blown_up)]
+    return float(np.median(good)) if good.size else float("nan")

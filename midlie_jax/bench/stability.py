@@ -1,0 +1,274 @@
+"""Where a method fails on a scene: the worst energy error over a grid of steps and of spins, shapes or field strengths.
+
+A `Sweep` varies one property of a scene. `measure` runs a method on all sweeps, each point with its own step, as one
+batch in one compiled program. `lines` gives the limits of theory beside the map.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._kernel.width import vector_width_options
+from ..drivers.check import FAST, Facts, stability_limits
+from ..drivers.integrate import integrate
+from ..methods.base import Method
+from ..methods.limits import resonance
+from ..methods.registry import DEFAULT
+from ..methods.registry import method as find_method
+from ..methods.splitting import Splitting
+from ..model.bodies import RigidBody
+from ..model.observables import energy, kinetic_energy
+from ..model.states import RigidState
+from ..model.torques import TorqueLike, on_body, potential_of
+from ..model.torques.base import Torque
+from .scenes import Scene
+
+METHODS = (DEFAULT, "JACOBI[SRKN6b]", "LIEMID[EA]", "LIEMID[I]", "AKW", "NMB", "DMV[EA]", "GBS12")
+STEPS = 10_000
+BLOWN_UP = 1.0  # an energy error as large as the energy
+_SEGMENT = 50  # steps whose states are kept at once
+_STEPS_RANGE = (0.03, 6.0)  # the smallest and the largest step, times the fastest rate of the scene
+_RATES_RANGE = (0.1, 10.0)  # spins and frequencies of the field, over the fastest rate of the scene
+_FLATTEST = 0.98  # of the way from a ball to the thinnest body
+_ORDERS = (1, 2, 3)  # k of the step resonances that are drawn
+
+
+class Scaled(Torque):
+    """A torque times a number.
+
+    Attributes:
+        factor: the number, ().
+        torque: the torque, a callable of (t, state).
+    """
+
+    factor: Array
+    torque: TorqueLike
+
+    def __call__(self, t: Any, state: Any) -> Array:
+        return self.factor * self.torque(t, state)
+
+    def potential(self, t: Any, state: Any) -> Array:
+        return self.factor * potential_of(self.torque)(t, state)
+
+    def on(self, body: Any) -> Torque:
+        return Scaled(self.factor, on_body(self.torque, body))
+
+
+class Sweep(NamedTuple):
+    """One property of a scene, varied.
+
+    Attributes:
+        name: of the property.
+        label: of its axis.
+        values: of the property, (n,), ascending.
+        own: the value of the scene itself.
+        logarithmic: whether the axis is.
+        moments, momenta: of the bodies, (n, 3).
+        factors: by which the torque is multiplied, (n,).
+    """
+
+    name: str
+    label: str
+    values: np.ndarray
+    own: float
+    logarithmic: bool
+    moments: np.ndarray
+    momenta: np.ndarray
+    factors: np.ndarray
+
+
+class Map(NamedTuple):
+    """What a method did on one sweep; each array has a row for each value and a column for each step.
+
+    Attributes:
+        method: its name.
+        worst: the largest |E - E0| over (K0 + |V0|) before a failure, K0 and V0 the energies at the start.
+        failed: whether a solve failed (`ok` was False) before the run blew up.
+        blown_up: whether the error reached 1 or a number stopped being finite before a solve failed.
+    """
+
+    method: str
+    worst: np.ndarray
+    failed: np.ndarray
+    blown_up: np.ndarray
+
+
+def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
+    """The steps, (count,), and the sweeps that the scene allows: spin, anisotropy, and stiffness of the field.
+
+    The anisotropy a takes the moments from those of a ball with the same sum, at 0, through the scene's own, at 1,
+    towards those of the thinnest real body on the same line: a rod or a disc. Spins keep their axis, and bodies of
+    another shape their angular velocity.
+
+    Raises:
+        ValueError: the energy of the scene is not constant or not defined, or the body neither spins nor is in a field.
+    """
+    _check_energy(scene)
+    moments, momentum = (np.asarray(x, np.float64) for x in (scene.body.moments, scene.start.momentum))
+    velocity = momentum / moments
+    speed, field = float(np.linalg.norm(velocity)), _field_rate(scene)
+    fastest = max(speed, field)
+    if fastest == 0:
+        raise ValueError(f"the body of scene {scene.name!r} is at rest and has no field; take another scene.")
+    steps = np.geomspace(*_STEPS_RANGE, count) / fastest
+    alike, ones = np.tile(moments, (count, 1)), np.ones(count)
+    found: list[Sweep] = []
+    unit = f"rad/{scene.time_unit or 'time'}"
+    if speed:
+        rates = _rates(fastest, speed, count)
+        spun = rates[:, None] * momentum / speed
+        found.append(Sweep("spin", f"spin |Ω|  [{unit}]", rates, speed, True, alike, spun, ones))
+    ball = np.full(3, moments.mean())
+    if np.ptp(moments) > 1e-6 * moments.max():
+        # The masses' second moments (I_j + I_k - I_i) / 2 go to zero one by one; the first ends the way.
+        slope, start = (moments.sum() / 2 - moments) - (ball.sum() / 2 - ball), ball.sum() / 2 - ball
+        end = float(np.min(np.where(slope < 0, -start / np.where(slope < 0, slope, -1), np.inf)))
+        shares = np.linspace(0, _FLATTEST * end, count)
+        shapes = ball + shares[:, None] * (moments - ball)
+        found.append(Sweep("anisotropy", "anisotropy a  [-]", shares, 1.0, False, shapes, shapes * velocity, ones))
+    if field:
+        rates = _rates(fastest, field, count)
+        strengths = (rates / field) ** 2
+        label = f"field frequency ω  [{unit}]"
+        found.append(Sweep("stiffness", label, rates, field, True, alike, np.tile(momentum, (count, 1)), strengths))
+    return steps, found
+
+
+def _rates(fastest: float, own: float, count: int) -> np.ndarray:
+    """A range of spins or frequencies around the fastest rate of the scene, which contains the scene's own."""
+    return np.geomspace(min(_RATES_RANGE[0] * fastest, own / 2), _RATES_RANGE[1] * fastest, count)
+
+
+def _check_energy(scene: Scene) -> None:
+    try:
+        energy(scene.body, scene.torque, scene.start)
+    except ValueError as error:
+        reason = str(error).split(";")[0].split(":")[0]
+        raise ValueError(f"scene {scene.name!r} has no constant energy to measure ({reason}); take another.") from error
+
+
+def _field_rate(scene: Scene) -> float:
+    """The largest rate of the torque linearised at the start."""
+    facts = jax.jit(partial(Facts.of, find_method(DEFAULT), scene.body, scene.torque))(
+        scene.start, jnp.zeros((), scene.start.momentum.dtype)
+    )
+    return float(np.max(np.abs(facts.rates)))
+
+
+def measure(method: Method, scene: Scene, steps: np.ndarray, varied: Sequence[Sweep], number: int = STEPS) -> list[Map]:
+    """The maps of a method, one for each sweep: `number` steps of each length for each value, as one batch.
+
+    Raises:
+        ValueError: the method does not move rigid bodies, or not those of the scene.
+    """
+    if method.bodies is not RigidBody:
+        raise ValueError(f"method {method.name!r} does not move a rigid body; choose from `midlie methods`.")
+    rows = [
+        np.concatenate([np.repeat(getattr(s, name), len(steps), axis=0) for s in varied])
+        for name in ("moments", "momenta", "factors")
+    ]
+    dt = np.concatenate([np.tile(steps, len(s.values)) for s in varied])
+    dtype = scene.start.momentum.dtype
+    attitudes = jnp.tile(scene.start.attitude, (len(dt), 1))
+    moments, momenta, factors, dt = (jnp.asarray(x, dtype) for x in (*rows, dt))
+    worst, failed, blown_up = runs(method, scene.torque, moments, RigidState(momenta, attitudes), factors, dt, number)
+    sizes = [len(s.values) * len(steps) for s in varied]
+    parts = [np.split(x, np.cumsum(sizes)[:-1]) for x in (worst, failed, blown_up)]
+    return [
+        Map(method.name, *(x.reshape(len(s.values), len(steps)) for x in part))
+        for s, *part in zip(varied, *parts, strict=True)
+    ]
+
+
+def runs(
+    method: Method,
+    torque: TorqueLike | None,
+    moments: Array,
+    starts: RigidState,
+    factors: Array,
+    dt: Array,
+    number: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`worst`, `failed` and `blown_up` of `Map` for n bodies, each with its moments, factor of the torque, and step."""
+    segment = min(_SEGMENT, number)
+    one = partial(_run, method.fitted(RigidBody(moments)), torque, -(-number // segment), segment)
+    arguments = moments, starts, factors, dt
+    compiled = jax.jit(jax.vmap(one)).lower(*arguments).compile(compiler_options=vector_width_options())
+    worst, failed, blown_up = compiled(*arguments)
+    return np.asarray(worst), np.asarray(failed), np.asarray(blown_up)
+
+
+def _run(
+    method: Method,
+    torque: Any,
+    segments: int,
+    segment: int,
+    moments: Array,
+    start: RigidState,
+    factor: Array,
+    dt: Array,
+) -> tuple[Array, Array, Array]:
+    """One body: the worst error while it can be trusted, whether a solve failed first, and whether it blew up first."""
+    body = RigidBody(moments)
+    scaled = None if torque is None else Scaled(factor, torque)
+    first = energy(body, scaled, start)
+    kinetic = kinetic_energy(body, start)
+    scale = kinetic + abs(first - kinetic)
+
+    def take(carry: Any, n: Array) -> tuple[Any, None]:
+        state, worst, failed, blown_up = carry
+        path = integrate(method, body, scaled, state, dt=dt, steps=segment, first_step=n * segment)
+        errors = jnp.abs(energy(body, scaled, path.states) - first) / scale
+        trusted = jnp.arange(segment + 1, dtype=jnp.int32) < path.first_bad
+        going_on = ~failed & ~blown_up
+        largest = jnp.max(jnp.where(trusted & jnp.isfinite(errors), errors, 0))
+        worst = jnp.where(going_on, jnp.maximum(worst, largest), worst)
+        infinite = ~jnp.all(jnp.isfinite(jnp.where(trusted, 0, jnp.sum(path.states.momentum, axis=-1))))
+        blows_up = going_on & ((largest >= BLOWN_UP) | infinite)
+        last = jax.tree.map(lambda leaf: leaf[-1], path.states)
+        return (last, worst, failed | (going_on & ~blows_up & ~path.ok), blown_up | blows_up), None
+
+    nothing = jnp.zeros((), bool)
+    carry = start, jnp.zeros_like(dt), nothing, nothing
+    (_, worst, failed, blown_up), _ = jax.lax.scan(take, carry, jnp.arange(segments, dtype=jnp.int32))
+    return worst, failed, blown_up
+
+
+class Line(NamedTuple):
+    """A limit by theory: the step at each value of a sweep; NaN where there is none.
+
+    Attributes:
+        kind: "reach", "stability" or "resonance".
+        steps: (n,).
+    """
+
+    kind: str
+    steps: np.ndarray
+
+
+def lines(method: Method, scene: Scene, sweep: Sweep) -> list[Line]:
+    """The limits of `methods/limits.py` for each value of a sweep, from the state at the start."""
+    dtype = scene.start.momentum.dtype
+
+    def facts(moments: Array, momentum: Array, factor: Array) -> Facts:
+        torque = None if scene.torque is None else Scaled(factor, scene.torque)
+        state = RigidState(momentum, scene.start.attitude)
+        return Facts.of(method, RigidBody(moments), torque, state, jnp.zeros((), dtype))
+
+    rows = (jnp.asarray(x, dtype) for x in (sweep.moments, sweep.momenta, sweep.factors))
+    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(facts))(*rows))
+    rates = np.abs(found.rates)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = method.reach / found.fastest_turn
+        stability = np.min(stability_limits(method, found.rates) / rates, axis=-1)
+        field = np.max(rates, axis=-1)
+        kicked = (field > 0) & (found.nutation > FAST * field) & isinstance(method, Splitting)
+        steps = [resonance(found.nutation, k) for k in _ORDERS]
+        resonances = [np.where(kicked & (h < reach), h, np.nan) for h in steps]
+    limits = [Line("reach", reach), Line("stability", stability), *(Line("resonance", steps) for steps in resonances)]
+    return [line for line in limits if np.any(np.isfinite(line.steps))]

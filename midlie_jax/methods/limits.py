@@ -1,0 +1,170 @@
+"""How long a step may be, by theory: the limits that `midlie_jax.check` compares with and that stability maps draw.
+
+Each function derives its limit in its docstring. Frequencies are angular, in radians per unit of time, and steps are
+positive. Arguments may be NumPy arrays, except where a scheme or a formula is asked for.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .formula import Formula
+from .scheme import KICK, Scheme
+from .system import AnyMotion, Motion
+
+_FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
+_ROUNDING = 1e-9  # by which a trace may exceed 2
+_GROWTH = 1e-4  # by which a Runge-Kutta step may magnify an oscillation
+
+
+def verlet_limit(frequency: Any) -> Any:
+    """The longest stable step of kick and flight under a field, h = 2 / omega.
+
+    A body that swings about an axis with moment I in a field of stiffness k is the oscillator I x'' = -k x with
+    omega^2 = k / I. A flight adds h p / I to x, a kick subtracts h k x from p, and the step K_{h/2} F_h K_{h/2} has the
+    determinant 1 and the trace 2 - (h omega)^2. Both eigenvalues have the modulus 1 as long as the trace is between -2
+    and 2. At h omega = 2 they meet at -1, and beyond, one of them is larger than 1 in modulus. The frequency of the
+    numerical motion there is pi / h: two steps a period.
+    """
+    return 2 / np.asarray(frequency)
+
+
+def oscillator_limit(scheme: Scheme) -> float:
+    """The largest h omega up to which every step of a scheme of kicks and flights is stable on an oscillator.
+
+    As for `verlet_limit`, with all stages of the scheme: in units with I = omega = 1 and a step of x, a flight a is the
+    matrix ((1, a x), (0, 1)) and a kick b is ((1, 0), (-b x (1 - 2 g x^2), 1)). The weight g of a force gradient enters
+    because the potential V - g h^2 T . I^-1 T has the stiffness k (1 - 2 g (h omega)^2). The determinant is 1, so the
+    step is stable where the trace is between -2 and 2. The limit is the first x at which it leaves this interval.
+    """
+    x = np.arange(_FINEST, _FURTHEST, _FINEST)
+    step = np.broadcast_to(np.eye(2), (len(x), 2, 2))
+    weights = iter(scheme.gradients)
+    for kind, coefficient in scheme.stages:
+        stage = np.broadcast_to(np.eye(2), (len(x), 2, 2)).copy()
+        if kind == KICK:
+            stage[:, 1, 0] = -coefficient * x * (1 - 2 * next(weights, 0.0) * x * x)
+        else:
+            stage[:, 0, 1] = coefficient * x
+        step = stage @ step
+    return _first(x, np.abs(np.trace(step, axis1=1, axis2=2)) > 2 + _ROUNDING)
+
+
+def decay_limit(scheme: Scheme) -> float:
+    """The largest h gamma up to which a scheme damps what decays at the rate gamma, p' = -gamma p.
+
+    A kick b under a torque that reads the momentum is a step of the explicit midpoint rule, a factor
+    1 - b x + (b x)^2 / 2 with x = h gamma. Flights change nothing. The limit is the first x at which the product of the
+    factors exceeds 1.
+    """
+    x = np.arange(_FINEST, _FURTHEST, _FINEST)
+    factor = np.ones_like(x)
+    for kind, coefficient in scheme.stages:
+        if kind == KICK:
+            factor *= 1 - coefficient * x + (coefficient * x) ** 2 / 2
+    return _first(x, np.abs(factor) > 1 + _ROUNDING)
+
+
+def runge_kutta_limit(formula: Formula, direction: complex) -> float:
+    """The largest h |lambda| up to which a Runge-Kutta method does not magnify y' = lambda y by more than 1e-4 a step.
+
+    A step multiplies y by the stability polynomial R(h lambda) of the method. R is evaluated by the formula itself,
+    applied to this equation.
+
+    Args:
+        formula: of the method.
+        direction: lambda / |lambda|. What grows, with a positive real part, has no limit: infinity is returned.
+    """
+    if direction.real > _ROUNDING:
+        return math.inf
+    x = np.arange(_FINEST, _FURTHEST, _FINEST)
+    z = x * direction
+
+    def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
+        del time
+        return Motion(part * z * motion.momentum, ())
+
+    def pause(tree: Any, evaluations: int) -> Any:
+        del evaluations
+        return tree
+
+    change = formula.change(rates, pause, Motion(np.ones_like(z), ()))
+    return _first(x, np.abs(1 + np.asarray(change.momentum)) > 1 + _GROWTH)
+
+
+def _first(x: np.ndarray, beyond: np.ndarray) -> float:
+    return float(x[np.argmax(beyond)]) - _FINEST if np.any(beyond) else math.inf
+
+
+def top_limit(gyration: Any, frequency: Any) -> Any:
+    """The longest stable step of kick and flight for a hanging top, which spins about its axis of symmetry.
+
+    With I1 = I2, the tilt z = x + i y of the axis obeys z'' = i a z' - omega^2 z, where a = Pi3 / I1 is the frequency
+    of the free nutation, `gyration`, and omega^2 = m g l / I1 that of the top without spin. A flight turns z' by
+    e = exp(i a h) and adds (e - 1) / (i a) times it to z. A kick subtracts h omega^2 z from z'. The step has the
+    determinant e and the trace 1 + e + i (e - 1) h omega^2 / a. Its eigenvalues, divided by exp(i phi) with
+    phi = a h / 2, have the product 1 and the sum
+
+        2 cos phi - 2 b sin phi = 2 sqrt(1 + b^2) cos(phi + arctan b),    b = h omega^2 / a
+
+    They have the modulus 1 as long as this sum is between -2 and 2, that is while phi + 2 arctan b <= pi. Without spin
+    this limit is h omega = 2, and in a weak field it is the step resonance a h = 2 pi.
+    """
+    a, omega = np.broadcast_arrays(np.asarray(gyration, float), np.asarray(frequency, float))
+    low, high = np.zeros(a.shape), 2 / omega  # the sum phi + 2 arctan b ascends with h, and h omega = 2 is beyond
+    for _ in range(60):
+        h = (low + high) / 2
+        inside = a * h / 2 + 2 * np.arctan2(h * omega**2, a) <= np.pi
+        low, high = np.where(inside, h, low), np.where(inside, high, h)
+    return low
+
+
+def moser_veselov_limit(speed: Any) -> Any:
+    """The longest flight of the discrete Moser-Veselov body (DMV) that spins about a principal axis, h = 1 / |Omega|.
+
+    The flight turns the body by the quaternion (1, c) / sqrt(a), a = 1 + |c|^2, with I_i c_i = a (h/2) Pi_i plus terms
+    c_j c_k that vanish for a spin about one axis. So c = (1 + c^2) (h/2) Omega, and this quadratic equation has real
+    roots only for (h/2) |Omega| <= 1/2. There both roots meet at c = 1: a turn by 90 degrees, where the true turn is 1
+    radian.
+    """
+    return 1 / np.asarray(speed)
+
+
+def midpoint_fold(frequency: Any) -> Any:
+    """The longest step for which the equation of an implicit midpoint rule has one solution at every angle, 2 / omega.
+
+    A body that turns about one axis with moment I under the torque -k sin x moves by 2 w in a step, with
+
+        2 I w = h (p + (h/2) T(x + w))    (LIEMID[I], SW)
+
+    The derivative of both sides' difference by w is 2 I + (h^2 / 2) k cos(x + w). It is positive at every angle as long
+    as h omega < 2, omega^2 = k / I. Beyond, it vanishes at some angle near the inverted position: there the solution
+    folds, and three solutions take the place of one. AKW has the same limit for small turns: its two torques h/2 apart
+    weigh as much as one h at mid-step.
+    """
+    return 2 / np.asarray(frequency)
+
+
+def resonance(frequency: Any, k: Any = 1) -> Any:
+    """The step at which kicks resonate with a motion of this frequency, h = pi / (k omega): 2 k steps a period.
+
+    Under a weak torque the angle x = omega t of a nutation, a precession or a spin advances evenly, and the torque has
+    harmonics T_n cos(n x). In a continuous motion they average to zero. Kicks see the torque only at the times m h,
+    where the harmonic n = 2 k of an angle that advances by pi / k a step is the same at every kick: the kicks add up.
+    A field that is quadratic in the direction of the body, such as a gravity gradient, has n = 2 and resonates at
+    h omega = pi. A field that is linear in it has n = 1; its resonance in first order is at h omega = 2 pi, and those
+    at pi / k are of higher order in the field.
+    """
+    return np.pi / (np.asarray(k) * np.asarray(frequency))
+
+
+def resonance_half_width(field: Any, k: Any = 1) -> Any:
+    """By how much omega may differ from pi / (k h) and still be caught by the resonance: field / k.
+
+    Near the resonance of the harmonic n = 2 k the angle y = n x - 2 pi t / h changes slowly, and the kicks act on it as
+    the steady force of a pendulum, y'' = -f^2 sin y. Here f is the frequency `field` of small oscillations in this
+    harmonic alone: x'' = -(f^2 / n) sin(n x). The separatrix of the pendulum is at y' = 2 f, so x' = omega is caught
+    within 2 f / n.
+    """
+    return np.asarray(field) / np.asarray(k)

@@ -1,0 +1,179 @@
+"""What a user learns before a run, from `ml.check`, and after it, from `path.first_bad`."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import quick, whole
+
+import midlie_jax as ml
+from midlie_jax.bench import scenes
+from midlie_jax.methods import limits
+from midlie_jax.model.torques import Damping, DipoleInField, HeavyTop
+
+BODY = ml.RigidBody([1.0, 1.0, 1.2])
+OMEGA = 2.0
+NEEDLE = DipoleInField(jnp.array([0.0, 0.0, OMEGA**2]), jnp.array([0.0, 0.0, 1.0]))
+AT_REST = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+SPINNING = ml.RigidState([0.0, 0.0, 3.6], ml.so3.exp(jnp.array([0.1, 0.0, 0.0])))
+EA = "SYMMETRIC[EA]"  # compiles fastest
+
+
+def test_the_numbers_are_those_of_the_definitions():
+    found = ml.check(EA, BODY, NEEDLE, AT_REST, -0.1)
+    assert (found.method, found.dt, found.sane, found.solved) == (EA, -0.1, True, True)
+    assert found.turn == 0
+    assert found.rate == pytest.approx(OMEGA)
+    assert found.stiffness == pytest.approx(0.1 * OMEGA)
+    assert found.limit == limits.oscillator_limit(ml.schemes.EA)
+    assert found.suggested == pytest.approx(-0.5 * found.limit / OMEGA)
+    free = ml.check(EA, BODY, None, SPINNING, 0.1)
+    # The flight turns at |Pi| / I1 about the momentum, and slower about the axis.
+    assert free.turn == pytest.approx(0.36)
+    assert (free.rate, free.resonance, free.order) == (0, np.inf, 0)
+    assert free.suggested == pytest.approx(0.8 * free.reach / 3.6)
+
+
+def test_a_needle_next_to_the_inverted_position_is_as_fast_as_it_will_be():
+    """It falls at the rate omega, and passes the stable position at the speed 2 omega."""
+    inverted = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi - 1e-3, 0.0, 0.0])))
+    found = ml.check(EA, BODY, NEEDLE, inverted, 0.01)
+    assert found.rate == pytest.approx(OMEGA)
+    assert found.turn == pytest.approx(0.01 * 2 * OMEGA)
+    path = ml.integrate(EA, BODY, NEEDLE, inverted, dt=0.01, steps=1000, save_every=1)
+    fastest = jnp.max(jnp.linalg.norm(ml.angular_velocity(BODY, path.states), axis=-1))
+    assert fastest == pytest.approx(found.turn / 0.01, rel=1e-3)
+
+
+def test_each_reason_is_named():
+    def why(torque, state, dt):
+        found = ml.check(EA, BODY, torque, state, dt)
+        assert not found.sane
+        assert "NOT sane" in str(found)
+        assert ml.check(EA, BODY, torque, state, found.suggested * (1 - 1e-6)).sane
+        return found
+
+    turns = why(None, SPINNING, 0.9)
+    assert turns.turn > turns.reach
+    assert not turns.solved
+    assert "FAILS" in str(turns)
+    stiff = why(NEEDLE, AT_REST, 1.2)
+    assert stiff.stiffness > stiff.limit
+    assert stiff.solved
+    # Six steps a turn of the nutation, in a field whose width catches it.
+    resonant = why(HeavyTop(1.0), SPINNING, np.pi / 3 / 3.4)
+    assert resonant.resonant
+    assert resonant.order == 3
+    assert resonant.resonance == pytest.approx(3.6 / (1 + 0.1) * 1.1 / 3.4, rel=0.1)
+    assert "within the width of the resonance at 6" in str(resonant)
+
+
+def test_a_batch_is_judged_by_its_worst_body():
+    momenta = jnp.array([[0.0, 0.0, 1.0], [0.5, 0.0, 3.0], [0.0, 2.0, 0.0]])
+    states = ml.RigidState(momenta, jnp.tile(SPINNING.attitude, (3, 1)))
+    weights = jnp.array([5.0, 1.0, 0.2])
+    together = ml.check(EA, BODY, HeavyTop(weights), states, 0.05)
+    each = [
+        ml.check(EA, BODY, HeavyTop(w), jax.tree.map(lambda x, i=i: x[i], states), 0.05) for i, w in enumerate(weights)
+    ]
+    for name in ("turn", "rate", "stiffness"):
+        assert getattr(together, name) == pytest.approx(max(getattr(one, name) for one in each))
+    assert together.suggested == pytest.approx(min(one.suggested for one in each))
+
+
+def test_decay_and_what_is_not_finite():
+    damped = ml.check(EA, BODY, Damping(jnp.array(6.0)), SPINNING, 0.05)
+    assert damped.rate == pytest.approx(6.0)
+    assert damped.limit == limits.decay_limit(ml.schemes.EA)
+    broken = ml.check(EA, BODY, lambda t, state: state.momentum / 0, SPINNING, 0.05)
+    assert not broken.sane
+    assert broken.suggested == 0
+    assert "not finite" in str(broken)
+
+
+@pytest.mark.parametrize(
+    ("name", "scene"),
+    [
+        ("JACOBI[EA]", "P1"),
+        ("LIEMID[I]", "slow-top"),
+        *whole(*[(m, s) for m in ml.methods()[:4] for s in ("P1", "P2")]),
+    ],
+)
+def test_the_suggested_step_can_be_trusted(name, scene):
+    """Over a thousand steps no solve fails, and the energy stays."""
+    made = scenes.scene(scene)
+    found = ml.check(name, made.body, made.torque, made.start, made.dt)
+    path = ml.integrate(name, made.body, made.torque, made.start, dt=found.suggested, steps=1000)
+    energies = ml.energy(made.body, made.torque, path)
+    assert path.ok
+    assert path.first_bad == 1001
+    assert jnp.max(jnp.abs(energies - energies[0])) < 0.1 * abs(energies[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"dt": 0.0}, "dt must be finite and not zero"),
+        ({"dt": jnp.ones(3)}, "dt must be a scalar"),
+        ({"method": "Verlet"}, "check is for rigid bodies, but method 'Verlet' moves Particles"),
+        ({"state": jax.tree.map(lambda x: jnp.tile(x, (2, 2, 1)), SPINNING)}, "one leading axis"),
+        ({"body": ml.RigidBody([[1.0, 1.0, 1.2]] * 3)}, "body"),
+    ],
+)
+def test_bad_arguments_are_named(options, words):
+    arguments = {"method": EA, "body": BODY, "torque": NEEDLE, "state": SPINNING, "dt": 0.1} | options
+    with pytest.raises(ValueError, match=words):
+        ml.check(**arguments)
+
+
+def test_a_traced_argument_is_refused():
+    with pytest.raises(ValueError, match="an argument is traced"):
+        jax.jit(lambda dt: ml.check(EA, BODY, NEEDLE, SPINNING, dt).turn)(0.1)
+
+
+def switched_on(t, state):
+    """A torque that stops the flight from working after a step of 0.1 to time 1.1."""
+    return jnp.where(t > 1.05, 1e3, 0.0).astype(t.dtype) * jnp.ones_like(state.momentum)
+
+
+def nan_later(t, state):
+    return jnp.where(t > 1.05, jnp.nan, 0.0).astype(t.dtype) * jnp.ones_like(state.momentum)
+
+
+def path_of(torque, save_every, start=SPINNING):
+    return quick(lambda s: ml.integrate(EA, BODY, torque, s, dt=0.1, steps=20, save_every=save_every))(start)
+
+
+def test_the_first_bad_state_is_the_first_that_an_infinite_momentum_or_a_failed_flight_reaches():
+    """The kick at 1.1 ends step 11, and the flight of step 12 is the first that fails."""
+    for torque, step in ((switched_on, 12), (nan_later, 11)):
+        for save_every in (1, 4, 10):
+            path = path_of(torque, save_every)
+            assert not path.ok
+            assert path.first_bad == -(-step // save_every)
+    good = path_of(None, 4)
+    assert good.ok
+    assert good.first_bad == len(good.times) == 6
+    assert path_of(None, 4, jax.tree.map(lambda x: x * jnp.nan, SPINNING)).first_bad == 0
+
+
+def test_each_body_of_an_ensemble_has_its_own_first_bad_state():
+    starts = jax.tree.map(lambda x: jnp.stack([x, x, x]), SPINNING)
+    weights = jnp.array([0.0, 1e4, 0.0])
+
+    def run(save_every):
+        torque = HeavyTop(weights)
+        return ml.ensemble(EA, BODY, torque, starts, dt=0.1, steps=20, save_every=save_every)
+
+    path = run(1)
+    np.testing.assert_array_equal(path.ok, [True, False, True])
+    np.testing.assert_array_equal(path.first_bad, [21, path.first_bad[1], 21])
+    assert 1 <= path.first_bad[1] <= 2
+    np.testing.assert_array_equal(run(None).first_bad, [1, 0, 1])
+
+
+def test_free_motion_says_which_time_is_the_first_bad_one():
+    body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([1.0, 0.8, -1.3], [1.0, 0.0, 0.0, 0.0])
+    path = ml.free_motion(body, start, jnp.array([0.0, 1e3, 1e200, 2.0]))
+    assert not path.ok
+    assert path.first_bad == 2
