@@ -28,6 +28,10 @@ class Implicit(Method):
     bodies: type[Any] = eqx.field(static=True, default=RigidBody)
     evaluations: int = eqx.field(static=True, default=4 * ITERATIONS + 2)
 
+    @property
+    def solves(self) -> int:
+        return 1
+
     def keeps_force(self, system: System) -> bool:
         return False
 

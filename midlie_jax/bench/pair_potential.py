@@ -1,0 +1,31 @@
+"""The potential of the drift test of Bou-Rabee, Ortolan and Saccon, arXiv 1005.3078.
+
+    V = (d - 1)^2 - .3 / dm,    d = |R - 1|,    dm = |R - Rm|,    Rm = exp(2.5 (1, 0, 1) / sqrt(2))
+
+It has a ring of least energy about one attitude and a well at another; the norms are Frobenius's. A body that moves
+between them shows a drift of the energy where a method is reversible but not symplectic. The norm of R - 1 is that of
+the vector part of the attitude's quaternion, times the root of 8: written so, nothing cancels near R = 1.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..model import so3
+
+_WELL = (np.cos(1.25), np.sin(1.25) / np.sqrt(2.0), 0.0, np.sin(1.25) / np.sqrt(2.0))  # exp(2.5 (1, 0, 1) / sqrt(2))
+
+
+def pair_potential(t: Any, state: Any) -> Array:
+    """The potential energy (), for `torques.FromPotential`; singular where R is 1 or Rm."""
+    del t
+    attitude = state.attitude
+    from_well = so3.multiply(so3.conjugate(jnp.asarray(_WELL, attitude.dtype)), attitude)
+    return (_distance(attitude) - 1) ** 2 - 0.3 / _distance(from_well)
+
+
+def _distance(quaternion: Array) -> Array:
+    """|R - 1| of the rotation of a unit quaternion."""
+    return jnp.sqrt(8 * jnp.sum(quaternion[1:] ** 2))
