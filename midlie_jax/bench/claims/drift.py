@@ -18,6 +18,7 @@ from ...model.states import RigidState
 from ..scenes import scene
 
 COPIES, EIGHTHS = 8, 8
+_AGREE = 0.1
 
 
 class Drift(NamedTuple):
@@ -30,6 +31,22 @@ class Drift(NamedTuple):
     eighths: np.ndarray
     largest: np.ndarray
     ok: bool
+
+    @property
+    def mean(self) -> np.ndarray:
+        """The mean over the copies, (8,)."""
+        return self.eighths.mean(axis=0)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """The standard deviation of the copies, (8,)."""
+        return self.eighths.std(axis=0)
+
+    @property
+    def together(self) -> int:
+        """The last eighth up to which the copies agree to a tenth."""
+        apart = np.flatnonzero(self.spread > _AGREE * np.abs(self.mean))
+        return int(apart[0]) - 1 if len(apart) else EIGHTHS - 1
 
 
 def drift(method: Method) -> Drift:
@@ -47,5 +64,5 @@ def drift(method: Method) -> Drift:
         errors = (energies[1:] - energies[0]).reshape(EIGHTHS, -1)
         return errors.mean(-1), jnp.abs(errors).max(-1), path.ok
 
-    eighths, largest, ok = jax.jit(jax.vmap(run), compiler_options={"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1})(jnp.asarray(momenta))
+    eighths, largest, ok = jax.jit(jax.vmap(run))(jnp.asarray(momenta))
     return Drift(np.asarray(eighths), np.asarray(largest), bool(np.all(ok)))

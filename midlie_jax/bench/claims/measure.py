@@ -37,11 +37,12 @@ _BLOCK = 200  # of them in a call of the program
 DEFECT_STEPS = (0.4, 0.2, 0.1)  # h of the steps whose derivative is measured
 _TIME, _LADDER = 2.0, (2, 4, 8, 16, 32, 64, 128)  # duration and steps of the runs that measure the order
 _ACCURACY = 64  # the rung on which methods are compared
-_ROUNDING = 1e-11  # errors below this show rounding rather than the order
+_ROUNDING = 5e-13  # errors below this show rounding rather than the order
 _THERE, _BACK_STEP = 64, 0.1  # the run that is reversed
 _LONG_STEP, _FREE_STEP = 0.05, 0.5
 _P1_STEPS = 2000
 _REFERENCE = "JACOBI[SRKN14a]"
+_APART, _PARTING = 1e-9, (50, 100, 200, 400)  # how far apart neighbours start, and times at which they are compared
 _EQUAL, _ANY = (1.0, 3.0, 3.0), (1.0, 2.0, 3.0)
 
 
@@ -92,6 +93,7 @@ class Bench:
         self.every = steps // self.samples
         self.steps = self.every * self.samples
         self._ends: dict[bool, RigidState] = {}
+        self._programs: dict[bool, Program] = {}
         p1 = scene("P1")
         self._p1 = perturbed(p1, ROWS, 1e-3, seed=0)
         self._p1_dt = p1.duration / _P1_STEPS
@@ -138,11 +140,28 @@ class Bench:
     def _exact_end(self, equal: bool) -> RigidState:
         """The tops at the end of the ladder, by a method of order 6 with 1024 steps."""
         if equal not in self._ends:
-            moments = jnp.asarray(_EQUAL if equal else _ANY)
-            torque = HeavyTop(scene("asymmetric-top").torque.weight)  # pyright: ignore
-            program = Program(find_method(_REFERENCE), RigidBody(moments), torque, _tops())
-            self._ends[equal] = program.run(_TIME / 1024, 1024)[0]
+            ends = self._reference(equal).run(_TIME / 1024, 1024)[0]
+            self._ends[equal] = jax.tree.map(lambda x: x[:ROWS], ends)
         return self._ends[equal]
+
+    def _reference(self, equal: bool) -> Program:
+        """A method of order 6 on the tops, and on copies of them that are displaced by `_APART`."""
+        if equal not in self._programs:
+            starts = _tops()
+            displaced = RigidState(starts.momentum * (1 + _APART), starts.attitude)
+            both = jax.tree.map(lambda *x: jnp.concatenate(x), starts, displaced)
+            body = RigidBody(jnp.asarray(_EQUAL if equal else _ANY))
+            self._programs[equal] = Program(find_method(_REFERENCE), body, scene("asymmetric-top").torque, both)
+        return self._programs[equal]
+
+    def chaos(self) -> str:
+        """The sentence that shows that the motion of the tops is chaotic: how fast neighbours part."""
+        parted = []
+        for time in _PARTING:
+            ends = self._reference(False).run(1 / 32, round(32 * time))[0]
+            one, other = (jax.tree.map(lambda x, half=half: x[half], ends) for half in (slice(ROWS), slice(ROWS, None)))
+            parted.append(f"{_error(other, one):.0e} at t = {time}")
+        return f"copies whose momenta differ by {_APART:.0e} are apart by {', '.join(parted)}."
 
     def _order(self, runs: "_Runs", equal: bool) -> tuple[float, float]:
         """The order, from the smallest two steps whose errors are above rounding, and the error on the rung compared."""

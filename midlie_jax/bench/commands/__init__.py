@@ -13,7 +13,20 @@ def _fit(options: argparse.Namespace) -> None:
     fit(options)
 
 
-_ACTIONS = {"chart": chart.chart, "run": run.run, "fit": _fit, "methods": lists.methods, "scenes": lists.scenes}
+def _claims(options: argparse.Namespace) -> None:
+    from .claims import claims
+
+    claims(options)
+
+
+_ACTIONS = {
+    "chart": chart.chart,
+    "run": run.run,
+    "fit": _fit,
+    "claims": _claims,
+    "methods": lists.methods,
+    "scenes": lists.scenes,
+}
 
 
 def act(options: argparse.Namespace) -> None:
