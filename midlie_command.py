@@ -169,7 +169,7 @@ def _add_fit(fit: argparse.ArgumentParser) -> None:
 
 def _add_claims(claims: argparse.ArgumentParser) -> None:
     claims.description = (
-        "Measures order, symplectic defect, spatial momentum, reversal, energy over long runs, the published drift test "
+        "Measures order, symplectic defect, spatial momentum, reversal, energy over long runs, a published drift test "
         "and the work of a step, and holds the claims of the paper and of the package against the figures. By default "
         "the methods of the paper and one with each flight and each scheme of `midlie methods`, in under five minutes "
         "on two cores."

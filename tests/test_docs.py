@@ -47,6 +47,8 @@ TABLES = (
     ("gpu", "gpu"),
     ("kernels", "gpu"),
     ("gradients", "gradients"),
+    ("rounding", "rounding"),
+    ("rounding_growth", "rounding"),
 )
 
 

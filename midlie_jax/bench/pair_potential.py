@@ -14,16 +14,24 @@ import numpy as np
 from jax import Array
 
 from ..model import so3
+from ..model.state import Time
+from ..model.torques import FromPotential
+from ..model.torques.base import Torque
 
 _WELL = (np.cos(1.25), np.sin(1.25) / np.sqrt(2.0), 0.0, np.sin(1.25) / np.sqrt(2.0))  # exp(2.5 (1, 0, 1) / sqrt(2))
 
 
-def pair_potential(t: Any, state: Any) -> Array:
-    """The potential energy (), for `torques.FromPotential`; singular where R is 1 or Rm."""
-    del t
-    attitude = state.attitude
-    from_well = so3.multiply(so3.conjugate(jnp.asarray(_WELL, attitude.dtype)), attitude)
-    return (_distance(attitude) - 1) ** 2 - 0.3 / _distance(from_well)
+class PairPotential(Torque):
+    """The torque of the potential, by automatic differentiation; singular where R is 1 or Rm."""
+
+    def __call__(self, t: Time, state: Any) -> Array:
+        return FromPotential(self.potential)(t, state)
+
+    def potential(self, t: Time, state: Any) -> Array:
+        del t
+        attitude = state.attitude
+        from_well = so3.multiply(so3.conjugate(jnp.asarray(_WELL, attitude.dtype)), attitude)
+        return (_distance(attitude) - 1) ** 2 - 0.3 / _distance(from_well)
 
 
 def _distance(quaternion: Array) -> Array:

@@ -19,8 +19,8 @@ from ..model import so3
 from ..model.bodies import RigidBody
 from ..model.orbits import KeplerOrbit
 from ..model.states import RigidState
-from ..model.torques import FromPotential, GravityGradient, HeavyTop, Prescribed, TorqueLike
-from .pair_potential import pair_potential
+from ..model.torques import GravityGradient, HeavyTop, Prescribed, TorqueLike
+from .pair_potential import PairPotential
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,7 +382,7 @@ def _drift_test(dtype: Any) -> Scene:
         name="",
         title="drift test: between a ring and a well, where methods that are not symplectic drift",
         body=_body([2.0, 2.0, 4.0], dtype),
-        torque=FromPotential(pair_potential),
+        torque=PairPotential(),
         start=_start([0.0, 0.0, 4 * 0.625], _rotation((0.0, 0.7227, 0.0)), dtype),
         dt=0.25,
         duration=1e4,

@@ -164,7 +164,7 @@ class Bench:
         return f"copies whose momenta differ by {_APART:.0e} are apart by {', '.join(parted)}."
 
     def _order(self, runs: "_Runs", equal: bool) -> tuple[float, float]:
-        """The order, from the smallest two steps whose errors are above rounding, and the error on the rung compared."""
+        """The order, from the smallest two steps whose errors are above rounding; and the error to compare."""
         exact, errors = self._exact_end(equal), []
         for count in _LADDER:
             end, ok = runs.tops(_TIME / count, count)

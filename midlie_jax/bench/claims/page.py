@@ -29,10 +29,10 @@ What is measured, for every method the same way:
 - **R Pi**: the largest relative change of the spatial momentum of {bodies} free bodies over {steps:.0e} steps of .2 to
   .5 radians.
 - **reversal**: how far from the start 64 steps of .1 and 64 of -.1 end.
-- **top**: the energy error of {bodies} tops over {steps:.0e} steps of .05, relative. The shift is that of its mean from the
-  first eighth of the run to the last, root mean square over the tops; the oscillation is its root mean square in the
-  first eighth. A trend is a shift of more than a fifth of the oscillation and more than rounding. The motion is chaotic:
-  {chaos}
+- **top**: the energy error of {bodies} tops over {steps:.0e} steps of .05, relative. The shift is that of its mean from
+  the first eighth of the run to the last, root mean square over the tops; the oscillation is its root mean square in
+  the first eighth. A trend is a shift of more than a fifth of the oscillation and more than rounding. The motion is
+  chaotic: {chaos}
 - **drift**: the test of Bou-Rabee, Ortolan and Saccon (arXiv 1005.3078; the scene `drift-test`), T = 1e4 with h = .25:
   the mean energy error over the first and the last eighth.
 - **ev.**: torque evaluations a step after the first, with directional derivatives, counted in the trace of a step.
@@ -120,12 +120,12 @@ def write_page(
     steps = all_found[0].steps
     parts = [
         ABOUT.format(command=command, steps=steps, chaos=chaos, tops=tops, bodies=bodies),
-        "## The paper's claims\n\nThe paper makes them of its alternating method, which is `LIEMID[EA]`, or `LIEMID[EA*]` "
+        "## The paper's claims\n\nThe paper makes them of its alternating method: `LIEMID[EA]`, or `LIEMID[EA*]` "
         "when the same sequence is cut at another place. Its kind: second order, explicit with one torque a step, "
         "momentum kept.\n",
         tried(paper_verdicts(methods, all_found)),
-        "## The published drift of the energy\n\nMeans over copies that differ by 1e-14. Where the copies part ways, the "
-        "motion is chaotic by then, and the published figure is one draw.\n",
+        "## The published drift of the energy\n\nMeans over copies that differ by 1e-14. Where the copies part "
+        "ways, the motion is chaotic by then, and the published figure is one draw.\n",
         tried(published_verdicts(all_found)),
         *([f"![Energy over the two long runs]({picture})\n"] if picture else []),
         "## All figures\n",
@@ -144,5 +144,5 @@ def _declared(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:
     rows: list[list[str]] = []
     for method, found in zip(methods, all_found, strict=True):
         words = {v.key: word(v) for v in registry_verdicts(method, found)}
-        rows.append([f"`{found.method}`", *(words.get(key, "–") for key in DECLARED)])
+        rows.append([f"`{found.method}`", *(words.get(key, "-") for key in DECLARED)])
     return markdown(["method", *DECLARED], rows)

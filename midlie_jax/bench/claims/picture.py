@@ -36,7 +36,7 @@ def draw(all_found: Sequence[Measured], path: str) -> None:
     heading(
         figure,
         "Does the energy have a trend?",
-        "Left: the drift test of Bou-Rabee, Ortolan and Saccon; the mean energy error of each eighth of the run. Right: "
+        "Left: the drift test of Bou-Rabee, Ortolan and Saccon, mean energy error of each eighth of the run. Right: "
         f"chaotic heavy tops over {all_found[0].steps:.0e} steps; how far the mean energy error of each eighth is from "
         "that of the first, root mean square over the tops.",
     )

@@ -30,7 +30,7 @@ def canonical(momentum: Any) -> np.ndarray:
 
 
 def neighbours(momentum: Any, attitude: Any) -> RigidState:
-    """The states (49,) whose steps give the derivative at a state: the state itself, then the stencils of directions."""
+    """The states (49,) whose steps give the derivative at a state: the state, then a stencil for each direction."""
     changes = [np.zeros(6), *(_DELTA * place * axis for axis in np.eye(6) for place in _PLACES)]
     turns, pushes = np.split(np.array(changes), 2, axis=1)
     start = jnp.broadcast_to(jnp.asarray(attitude, float), (len(turns), 4))
@@ -39,10 +39,9 @@ def neighbours(momentum: Any, attitude: Any) -> RigidState:
 
 def derivative(ends: RigidState) -> np.ndarray:
     """The derivative M (6, 6) of a step, from where it takes the states of `neighbours`."""
-    momentum, attitude = np.asarray(ends.momentum), np.asarray(ends.attitude)
+    momentum = np.asarray(ends.momentum)
     seen = np.asarray(so3.log(so3.multiply(so3.conjugate(ends.attitude[:1]), ends.attitude)))
     change = np.concatenate([seen, momentum], axis=1)[1:].reshape(6, len(_PLACES), 6)
-    del attitude
     return np.einsum("p,jpi->ij", _WEIGHTS, change)
 
 
@@ -55,6 +54,5 @@ def area_defect(matrix: np.ndarray, before: Any, after: Any) -> float:
     """|area of the image / area - 1| on the momentum sphere, for a step of a free body."""
     block = matrix[3:, 3:]
     cofactors = np.stack([np.cross(block[1], block[2]), np.cross(block[2], block[0]), np.cross(block[0], block[1])])
-    normals = (np.asarray(p) / np.linalg.norm(p) for p in (before, after))
-    start, end = normals
+    start, end = (np.asarray(p) / np.linalg.norm(p) for p in (before, after))
     return abs(float(end @ cofactors @ start) - 1)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...methods.base import Method
-from ...methods.flights import LieMidpoint
 from ...methods.registry import ENTRIES
 from ...methods.splitting import Splitting
 from .drift import Drift
