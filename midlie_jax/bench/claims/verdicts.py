@@ -103,7 +103,7 @@ def drift_shift(found: Measured) -> float:
 
 
 def has_no_drift(found: Measured) -> bool:
-    return abs(drift_shift(found)) <= max(_TREND * found.drift.largest[0, 0], rounding(found))
+    return abs(drift_shift(found)) <= max(_TREND * float(found.drift.largest[0, 0]), rounding(found))
 
 
 def is_published_drift(found: Drift, first: float, last: float) -> bool:
