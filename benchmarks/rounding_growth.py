@@ -30,7 +30,6 @@ from midlie_jax.bench.runner import Rows, Runner
 from midlie_jax.drivers.timing import pin
 
 jax.config.update("jax_enable_x64", True)
-pin()
 
 BODIES, PER_DECADE = 16, 4
 LARGEST = 0.1  # an error beyond which an attitude is lost, and no longer grows as a power
@@ -248,6 +247,7 @@ def draw(results: list[Growth], path: Path) -> None:
                     axes.plot(counts, first * (counts / 10) ** power, ":", color="#8a8a8a", linewidth=1, zorder=1)
             axes.set_ylim(low, min(high, 10))
             label_ends(axes, ends)
+            axes.set_xticks(10.0 ** np.arange(2, np.log10(counts[-1]) + 0.5, 2))
     write(figure, str(path))
 
 
@@ -267,6 +267,7 @@ def lines(results: list[Growth]) -> list[str]:
 
 
 def main() -> None:
+    pin()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=lambda text: int(float(text)), default=100_000_000)
     parser.add_argument("--parts", type=Path)
