@@ -139,14 +139,16 @@ def ranked(
 ) -> tuple[str, bool] | None:
     """The best rival at the same step on the tops and on P1, in words; and whether `one` is the best on both.
 
-    Rivals are the other methods of the kind, but not the paper's alternating method cut at another place. None if no
-    rival was measured.
+    Rivals are the other methods of the kind, but not the paper's alternating method cut at another place; on the tops
+    also not those for two equal moments, which were measured on other tops. None if there is no rival.
     """
-    rivals = [f for m, f in zip(methods, all_found, strict=True) if kind(m, f) and not is_alternating(m)]
-    if not rivals:
+    pairs = [(m, f) for m, f in zip(methods, all_found, strict=True) if kind(m, f) and not is_alternating(m)]
+    every = [f for _, f in pairs]
+    same = [f for m, f in pairs if not (isinstance(m, Splitting) and m.flight.equal_moments)]
+    if not same:
         return None
     words, best = [], True
-    for scene, error in (("asymmetric top", "accuracy"), ("P1", "accuracy_p1")):
+    for scene, error, rivals in (("asymmetric top", "accuracy", same), ("P1", "accuracy_p1", every)):
         rival = min(rivals, key=lambda f: getattr(f, error) if getattr(f, error) > 0 else np.inf)
         ratio = getattr(one, error) / getattr(rival, error)
         best = best and bool(ratio <= 1)
