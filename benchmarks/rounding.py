@@ -9,10 +9,10 @@ any number of steps, rounding errors grow as a random walk.
 """
 
 import argparse
-from pathlib import Path
 
 import jax
 import numpy as np
+from pages import put
 
 import midlie_jax as ml
 from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
@@ -22,7 +22,7 @@ from midlie_jax.methods.flights import FLIGHTS
 jax.config.update("jax_enable_x64", True)
 pin()
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "rounding.md"
+BEGIN, END = "<!-- rounding -->", "<!-- /rounding -->"
 BODIES = 16
 QUANTITIES = ("R Pi", "length of Pi", "energy")
 
@@ -57,8 +57,7 @@ def worst(change):
     return np.sqrt(np.mean(change.reshape(len(TURNS), BODIES) ** 2, axis=1)).max()
 
 
-ABOUT = """# Rounding
-
+ABOUT = """
 Written by `python benchmarks/rounding.py --write`. Free bodies, {steps:.0e} steps of 1e-5 to 1 radian: the relative
 change of the conserved quantities, root mean square over 16 bodies, for the worst of six angles per step, in units of
 eps times the square root of the number of steps (eps is 2.2e-16 in float64 and 1.2e-7 in float32). A figure of 0.5 is
@@ -89,4 +88,4 @@ if __name__ == "__main__":
     chosen = parser.parse_args()
     text = page(chosen.steps)
     if chosen.write:
-        PAGE.write_text(text)
+        put("rounding.md", BEGIN, END, [text])

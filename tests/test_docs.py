@@ -49,6 +49,8 @@ TABLES = (
     ("gradients", "gradients"),
     ("published_fits", "fitting"),
     ("diffrax_pipeline", "diffrax"),
+    ("rounding", "rounding"),
+    ("rounding_growth", "rounding"),
 )
 
 

@@ -12,6 +12,7 @@ from cases import DTYPES, at, epsilon, quick, whole
 
 import midlie_jax as ml
 from midlie_jax._kernel import components as cp
+from midlie_jax.bench.claims.structure import canonical
 from midlie_jax.bench.oracles import free_body
 from midlie_jax.methods import flights
 from midlie_jax.model import so3
@@ -24,17 +25,6 @@ def fly(moments, h, momentum, flight=FLIGHT):
     inertia = flights.Inertia.of(ml.RigidBody(moments, physical=False))
     increment, change, ok = flight(inertia, h, cp.vector(momentum))
     return cp.pack(increment), momentum + cp.pack(change), ok
-
-
-def canonical(momentum):
-    """The canonical form of T*SO(3) in body components, on pairs (turn, change of Pi) at Pi.
-
-    Minus the differential of Pi . turn: w((a, x), (b, y)) = a . y - b . x + Pi . (a x b).
-    """
-    zero, one = np.zeros((3, 3)), np.eye(3)
-    x, y, z = momentum
-    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.block([[-hat, one], [-one, zero]])
 
 
 def defects(flight, times=(0.4, 0.2, 0.1)):

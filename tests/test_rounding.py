@@ -12,7 +12,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, METHODS, MOMENTUM_FLIGHTS, RIGID_FLIGHTS, WAYS, by_turns, epsilon, equal_moments, quick, real
+from cases import (
+    DTYPES,
+    METHODS,
+    MOMENTUM_FLIGHTS,
+    RIGID_FLIGHTS,
+    WAYS,
+    benchmark,
+    by_turns,
+    epsilon,
+    equal_moments,
+    quick,
+    real,
+)
 
 import midlie_jax as ml
 from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
@@ -189,3 +201,24 @@ def test_units_change_no_bit_of_the_momentum_alone(flight, dtype):
         scaled, fine = made(moments * mass, momentum * mass * rate, dt / rate)
         assert fine.all()
         np.testing.assert_array_equal(scaled / mass / rate, end)
+
+
+def test_an_exponent_is_fitted_before_the_error_is_lost():
+    """Over three decades of steps; what is lost, or exact, is left out."""
+    growth = benchmark("rounding_growth")
+    counts = np.unique(np.round(np.geomspace(10, 1e7, 25)).astype(int))
+    bias = 1e-9 * counts + 1e-7 * counts**0.5
+    assert abs(growth.exponent(counts, 1e-8 * counts**0.5) - 0.5) < 1e-9
+    assert abs(growth.exponent(counts, np.minimum(1e-6 * counts**1.5, 2.0)) - 1.5) < 1e-3
+    assert 0.8 < growth.exponent(counts, bias) < 1
+    assert np.isnan(growth.exponent(counts, 0.0 * counts))
+
+
+def test_the_growth_of_rounding_is_compared_with_rounding_to_the_nearest():
+    growth = benchmark("rounding_growth")
+    library = growth.components._accumulate
+    with growth.rounding(growth.MODES[2]):
+        one = growth.components._accumulate(jnp.float32(1), jnp.float32(1e-9), jnp.float32(0))
+        assert growth.components._accumulate is not library
+        assert one == 1
+    assert growth.components._accumulate is library

@@ -20,6 +20,9 @@ import pytest
 
 import midlie_jax as ml
 from midlie_jax.bench import oracles, scenes
+from midlie_jax.bench.claims.drift import Drift
+from midlie_jax.bench.claims.drift import drift as drift_test
+from midlie_jax.bench.claims.verdicts import PUBLISHED_DRIFTS, is_published_drift
 
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12)
 
@@ -366,18 +369,6 @@ def test_nutation_and_precession_of_the_fast_top():
     np.testing.assert_allclose([nutation, precession], [10, 0.4], rtol=0.1)
 
 
-def pair_potential(t, state):
-    """Bou-Rabee, Ortolan and Saccon's: a ring about one attitude and a well at another."""
-    Q = ml.so3.to_matrix(state.attitude)
-    well = ml.so3.to_matrix(ml.so3.exp(jnp.array([2.5, 0.0, 2.5], Q.dtype) / np.sqrt(2.0)))
-    d = jnp.sqrt(2 * (3 - jnp.trace(Q)))
-    return (d - 1) ** 2 - 0.3 / jnp.sqrt(2 * (3 - jnp.sum(well * Q)))
-
-
-DRIFT_BODY = ml.RigidBody(jnp.array([2.0, 2.0, 4.0]))
-DRIFT_TORQUE = ml.torques.FromPotential(pair_potential)
-DRIFT_STEPS = 40000  # of .25
-COPIES = 8
 # Mean energy error over the first and the last eighth of T = 1e4.
 DRIFTS = {
     "LIEMID[EA]": ("-6.0e-4", "4.4e-3"),
@@ -388,27 +379,24 @@ DRIFTS = {
 
 
 @cache
-def drift(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Mean energy errors by eighths (copy, 8), and ok (copy,), of starts that differ by rounding; one is the start."""
-    momenta = 1e-14 * np.random.default_rng(0).standard_normal((COPIES, 3)) + np.array([0.0, 0.0, 4 * 0.625])
-    momenta[0] = 0.0, 0.0, 4 * 0.625
-    attitude = ml.so3.exp(jnp.array([0.0, 0.7227, 0.0]))
-
-    def run(momentum):
-        path = ml.integrate(
-            name, DRIFT_BODY, DRIFT_TORQUE, ml.RigidState(momentum, attitude), dt=0.25, steps=DRIFT_STEPS
-        )
-        energies = jax.vmap(lambda state: ml.energy(DRIFT_BODY, DRIFT_TORQUE, state))(path.states)
-        return energies[1:] - energies[0], path.ok
-
-    gains, ok = jax.jit(jax.vmap(run))(jnp.asarray(momenta))
-    return np.asarray(gains).reshape(COPIES, 8, -1).mean(-1), np.asarray(ok)
+def drift(name: str) -> Drift:
+    return drift_test(ml.method(name))
 
 
 @pytest.mark.parametrize("name", DRIFTS)
 def test_the_drift_runs_are_ok(name):
-    _, ok = drift(name)
-    assert ok.all()
+    assert drift(name).ok
+
+
+def test_the_potential_of_the_drift_test_is_the_published_one():
+    """Written with rotation matrices, as it was published."""
+    attitude = jnp.array([0.6, -0.3, 0.5, 0.55])
+    attitude = attitude / jnp.linalg.norm(attitude)
+    found = scenes.scene("drift-test").torque.potential(0.0, ml.RigidState(jnp.zeros(3), attitude))
+    rotation = np.asarray(ml.so3.to_matrix(attitude))
+    well = np.asarray(ml.so3.to_matrix(ml.so3.exp(2.5 * jnp.array([1.0, 0.0, 1.0]) / np.sqrt(2.0))))
+    ring, distance = np.linalg.norm(rotation - np.eye(3)), np.linalg.norm(rotation - well)
+    assert abs(found - ((ring - 1) ** 2 - 0.3 / distance)) < 1e-14
 
 
 # Three states of such runs, close to the identity. There 3 - tr Q cancels, and the torque, and with it what is left
@@ -429,38 +417,56 @@ CLOSE = [
 ]
 
 
+def cancelling_potential(t, state):
+    """The potential of the drift test, with the traces of which all but a few digits cancel."""
+    Q = ml.so3.to_matrix(state.attitude)
+    well = ml.so3.to_matrix(ml.so3.exp(jnp.array([2.5, 0.0, 2.5], Q.dtype) / np.sqrt(2.0)))
+    d = jnp.sqrt(2 * (3 - jnp.trace(Q)))
+    return (d - 1) ** 2 - 0.3 / jnp.sqrt(2 * (3 - jnp.sum(well * Q)))
+
+
 @pytest.mark.parametrize(("momentum", "attitude"), CLOSE)
 def test_a_solve_down_to_the_rounding_of_its_torque_is_ok(momentum, attitude):
     start = ml.RigidState(jnp.array(momentum), jnp.array(attitude))
-    assert ml.integrate("AKW", DRIFT_BODY, DRIFT_TORQUE, start, dt=0.25, steps=1).ok
+    scene, torque = scenes.scene("drift-test"), ml.torques.FromPotential(cancelling_potential)
+    assert ml.integrate("AKW", scene.body, torque, start, dt=0.25, steps=1).ok
 
 
 @pytest.mark.parametrize("name", DRIFTS)
 def test_published_drift_of_the_energy(name):
-    eighths, _ = drift(name)
+    eighths = drift(name).eighths
     first, last = DRIFTS[name]
     assert worst(eighths[:, 0], float(first)) < half_last_digit(first)
     if name != "AKW":
         assert worst(eighths[:, -1], float(last)) < half_last_digit(last)
+    assert is_published_drift(drift(name), float(first), float(last))
+    assert not is_published_drift(drift(name), float(first), -float(last))
+
+
+def test_the_exact_flight_has_no_drift():
+    found = drift("JACOBI[EA]")
+    np.testing.assert_allclose(found.eighths, -1.05e-3, atol=0.01e-3)
+    assert is_published_drift(found, *PUBLISHED_DRIFTS["JACOBI[EA]"])
 
 
 def test_the_drift_of_the_midpoint_method_is_linear():
-    gains = np.diff(drift("LIEMID[EA]")[0][0])
+    gains = np.diff(drift("LIEMID[EA]").eighths[0])
     assert np.ptp(gains) < 0.03 * gains.mean()
 
 
 def test_the_late_drift_of_akw_is_chaotic():
     """Its published figure for the last eighth is one draw: copies that differ by 1e-14 part ways half way through."""
-    eighths, _ = drift("AKW")
+    found = drift("AKW")
     # The first half, by an independent program (NumPy, Newton to 1e-14) too.
-    assert worst(eighths[:, :4], [-6.719e-3, -1.247e-2, -1.967e-2, -3.094e-2]) < 5e-6
-    late = eighths[:, -1]
+    assert worst(found.eighths[:, :4], [-6.719e-3, -1.247e-2, -1.967e-2, -3.094e-2]) < 5e-6
+    assert found.together in (3, 4)
+    late = found.eighths[:, -1]
     assert np.std(late) > 0.01
     assert abs(late.mean() - float(DRIFTS["AKW"][1])) < 2 * np.std(late)
 
 
 NAMES = ["P1", "P1-tilted", "P2", "slow-top", "compass", "tumbling-brick", "dzhanibekov", "free-asymmetric"]
-NAMES += ["asymmetric-top", "bruls-cardona", "gravity-gradient", "gravity-gradient-10", "pulsed-body"]
+NAMES += ["asymmetric-top", "bruls-cardona", "gravity-gradient", "gravity-gradient-10", "pulsed-body", "drift-test"]
 
 
 def test_all_scenes_are_listed():
@@ -468,7 +474,7 @@ def test_all_scenes_are_listed():
 
 
 def test_an_unknown_scene_names_all():
-    with pytest.raises(ValueError, match=r"unknown scene 'P3'; choose from P1, .*pulsed-body\.") as error:
+    with pytest.raises(ValueError, match=r"unknown scene 'P3'; choose from P1, .*drift-test\.") as error:
         scenes.scene("P3")
     assert all(name in str(error.value) for name in scenes.scenes())
 

@@ -20,6 +20,7 @@ from ..model.bodies import RigidBody
 from ..model.orbits import KeplerOrbit
 from ..model.states import RigidState
 from ..model.torques import DipoleInField, GravityGradient, HeavyTop, Prescribed, TorqueLike
+from .pair_potential import PairPotential
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,4 +388,19 @@ def _pulsed_body(dtype: Any) -> Scene:
         source="NASA JEOD, verification case RUN_9B",
         units="kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
         axes=axes,
+    )
+
+
+@_named("drift-test")
+def _drift_test(dtype: Any) -> Scene:
+    return Scene(
+        name="",
+        title="drift test: between a ring and a well, where methods that are not symplectic drift",
+        body=_body([2.0, 2.0, 4.0], dtype),
+        torque=PairPotential(),
+        start=_start([0.0, 0.0, 4 * 0.625], _rotation((0.0, 0.7227, 0.0)), dtype),
+        dt=0.25,
+        duration=1e4,
+        source="Bou-Rabee, Ortolan & Saccon, arXiv 1005.3078",
+        units="any consistent units",
     )

@@ -55,6 +55,11 @@ class Method(eqx.Module):
     evaluations: eqx.AbstractVar[int]
 
     @property
+    def solves(self) -> int:
+        """Equations that a step solves by iteration."""
+        return 0
+
+    @property
     def unroll(self) -> int:
         """Steps per iteration of the loop over steps.
 

@@ -50,6 +50,10 @@ class Splitting(Method):
         self.evaluations = scheme.evaluations
 
     @property
+    def solves(self) -> int:
+        return self.scheme.flights * self.flight.solves
+
+    @property
     def unroll(self) -> int:
         if on_cpu():
             return 2 if 2 * self.scheme.flights <= self.flight.per_loop else 1

@@ -19,11 +19,18 @@ def _stability(options: argparse.Namespace) -> None:
     stability(options)
 
 
+def _claims(options: argparse.Namespace) -> None:
+    from .claims import claims
+
+    claims(options)
+
+
 _ACTIONS = {
     "chart": chart.chart,
     "run": run.run,
     "fit": _fit,
     "stability": _stability,
+    "claims": _claims,
     "methods": lists.methods,
     "scenes": lists.scenes,
 }

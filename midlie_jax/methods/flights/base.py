@@ -22,6 +22,7 @@ class Flight(eqx.Module):
         symmetric: whether a flight of time -h undoes a flight of time h.
         body: the class of body that the flight moves.
         equal_moments: whether the flight moves only bodies with two equal moments.
+        solves: how many equations a flight solves by iteration.
         per_loop: how many flights fit in one compiled loop; in a step with more flights, each flight ends a loop. XLA's
             CPU emitter splits a larger loop into functions that call each other, and so repeats the work many times.
         per_kernel: how many flights, each with a kick, XLA's GPU compiler keeps in one kernel
@@ -39,6 +40,7 @@ class Flight(eqx.Module):
     symmetric: ClassVar[bool] = True
     body: ClassVar[type[RigidBody] | type[Particles]]
     equal_moments: ClassVar[bool] = False
+    solves: ClassVar[int] = 0
     per_loop: ClassVar[int]
     per_kernel: ClassVar[int] = 1
     long_derivative: ClassVar[bool] = True

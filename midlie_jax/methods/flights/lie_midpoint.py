@@ -43,6 +43,7 @@ class LieMidpoint(Flight):
     use: ClassVar[str] = "the paper's flight, for comparison with the paper; not symplectic"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = False
+    solves: ClassVar[int] = 1
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
     long_derivative: ClassVar[bool] = False

@@ -39,6 +39,7 @@ _LARGEST_CORRECTION = 0.3
 class _Preprocessed(Flight):
     """The common part of the flights below, which differ only in the order of the series of s and d."""
 
+    solves: ClassVar[int] = 1
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
     one_loop: ClassVar[bool] = False

@@ -33,6 +33,7 @@ class _Generated(Flight):
     """The common part of the flights below, which differ in the terms of S and therefore in the order."""
 
     symplectic: ClassVar[bool] = True
+    solves: ClassVar[int] = 1
     body: ClassVar[type] = RigidBody
     reach: ClassVar[float] = LARGEST_TURN
 

@@ -33,6 +33,10 @@ class Implicit(Method):
         del direction
         return 2.0
 
+    @property
+    def solves(self) -> int:
+        return 1
+
     def keeps_force(self, system: System) -> bool:
         return False
 

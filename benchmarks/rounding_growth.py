@@ -1,0 +1,295 @@
+"""How rounding errors grow with the number of steps, up to 1e8: free bodies and the fast top P1, for docs/rounding.md.
+
+    python benchmarks/rounding_growth.py [--steps 100000000] [--parts FOLDER] [--write]
+
+Each run is an ensemble of 16 bodies. A free body is moved by the exact flight JACOBI, at .2 and at 2e-5 radians a step.
+P1 is moved by SYMMETRIC[CHIN4A] with steps of .005 (.25 radians), whose own error of the energy, 6e-15, is below
+rounding. Every run starts from numbers that float32 represents, so that the exact motion is the same in all precisions.
+Exact sums of rounding errors that fall either way grow as the square root of the number of steps (Brouwer's law); then
+the attitude, which sums the errors of the energy, grows with the power 3/2. The whole takes 20 minutes on one core;
+with `--parts` the command keeps each run in a folder and continues where it was stopped.
+"""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pages import DOCS, put
+
+import midlie_jax as ml
+from midlie_jax._kernel import components
+from midlie_jax.bench import scenes
+from midlie_jax.bench.free_bodies import free_bodies, spatial_momentum
+from midlie_jax.bench.oracles import free_body
+from midlie_jax.bench.runner import Rows, Runner
+from midlie_jax.drivers.timing import pin
+
+jax.config.update("jax_enable_x64", True)
+
+BODIES, PER_DECADE = 16, 4
+LARGEST = 0.1  # an error beyond which an attitude is lost, and no longer grows as a power
+DECADES = 3.0  # of steps before the last over which an exponent is fitted
+BEGIN, END = "<!-- growth -->", "<!-- /growth -->"
+
+
+class Mode(NamedTuple):
+    """A way of rounding: dtype, and whether sums are rounded to the nearest where the library rounds at random."""
+
+    name: str
+    dtype: str
+    nearest: bool
+
+
+MODES = (
+    Mode("float64", "float64", False),
+    Mode("float32", "float32", False),
+    Mode("float32, to nearest", "float32", True),
+)
+
+
+class Case(NamedTuple):
+    """An ensemble: the method, the rows in float64, all of them numbers of float32, and its share of the steps."""
+
+    name: str
+    method: str
+    rows: Rows
+    share: float = 1.0
+
+
+def exact_rows(body: Any, torque: Any, momentum: Any, attitude: Any, dt: Any) -> Rows:
+    def single(x: Any) -> Any:
+        return jnp.asarray(np.asarray(x, np.float32), jnp.float64)
+
+    start = ml.RigidState(single(momentum), single(attitude))
+    return Rows(ml.RigidBody(single(body)), jax.tree.map(single, torque), start, single(dt))
+
+
+def cases() -> list[Case]:
+    moments, momentum, attitude, _ = (x[:BODIES] for x in free_bodies(False, "float32", count=BODIES, seed=2))
+    top, one = scenes.scene("P1"), np.ones(BODIES)
+    tops = scenes.perturbed(top, BODIES, 1e-3)
+    weights = ml.torques.HeavyTop(20 * one)
+    turning = {turn: exact_rows(moments, None, momentum, attitude, turn / 0.67 * one) for turn in (0.2, 2e-5)}
+    p1 = exact_rows(np.tile(top.body.moments, (BODIES, 1)), weights, tops.momentum, tops.attitude, 0.005 * one)
+    free = [Case(f"free body, {turn:g} rad a step", "JACOBI[EA]", rows) for turn, rows in turning.items()]
+    return [free[0], free[1]._replace(share=0.1), Case("P1, .25 rad a step", "SYMMETRIC[CHIN4A]", p1)]
+
+
+@contextmanager
+def rounding(mode: Mode) -> Iterator[None]:
+    """While it is open, what is compiled rounds sums as the mode says, not at random as the library does in float32."""
+    library = components._accumulate
+    jax.clear_caches()
+    if mode.nearest:
+        components._accumulate = lambda x, change, t: x + change
+    try:
+        yield
+    finally:
+        components._accumulate = library
+        jax.clear_caches()
+
+
+def run(case: Case, mode: Mode, counts: list[int]) -> ml.RigidState:
+    """The states at the start and after these counts of steps, (1 + counts, bodies, ...), in float64."""
+    rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
+    # A quaternion in float32 has unit length to the rounding of float32 only.
+    size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
+    start = ml.RigidState(rows.start.momentum, rows.start.attitude / size)
+    with rounding(mode):
+        runner, found, before = Runner(ml.method(case.method), rows.body), [start], 0
+        for count in counts:
+            end, ok = runner.run(rows._replace(start=found[-1]), count - before, before)
+            if not ok.all():
+                raise RuntimeError(f"{case.name}: a step failed before step {count}.")
+            found.append(end)
+            before = count
+    return jax.tree.map(lambda *x: np.stack([np.asarray(part, float) for part in x]), *found)
+
+
+def kept(case: Case, mode: Mode, counts: list[int], folder: Path | None) -> ml.RigidState:
+    """The states of `run`, from the folder if an earlier run left them there."""
+    name = "".join(c if c.isalnum() else "-" for c in f"{case.name} {mode.name} {counts[-1]}")
+    file = None if folder is None else folder / f"{name}.npz"
+    if file is not None and file.exists():
+        with np.load(file) as parts:
+            return ml.RigidState(parts["momentum"], parts["attitude"])
+    states = run(case, mode, counts)
+    if file is not None:
+        np.savez(file, momentum=states.momentum, attitude=states.attitude)
+    return states
+
+
+def angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The angle of the rotation from one attitude to the other, in radians."""
+    w, u = one[..., :1], one[..., 1:]
+    x, v = other[..., :1], other[..., 1:]
+    vector = np.linalg.norm(w * v - x * u - np.cross(u, v), axis=-1)
+    return 2 * np.arctan2(vector, np.abs(np.sum(one * other, axis=-1)))
+
+
+def errors(case: Case, states: ml.RigidState, truth: np.ndarray | None) -> dict[str, np.ndarray]:
+    """The errors at the counts of steps, (counts, bodies); those of constants are signed and relative."""
+    rows = case.rows
+    momentum = np.asarray(states.momentum, np.longdouble)
+    attitude = np.asarray(states.attitude, np.longdouble)
+    attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
+    energy = np.sum(momentum**2 / np.asarray(rows.body.moments), axis=-1) / 2
+    space = spatial_momentum(attitude, momentum)
+    if rows.torque is not None:
+        up = 1 - 2 * (attitude[..., 1] ** 2 + attitude[..., 2] ** 2)
+        energy += np.asarray(rows.torque.weight) * up
+        space = space[..., 2:]
+    size = np.linalg.norm(momentum[0], axis=-1)
+    change = space - space[0]
+    found = {
+        "momentum": change[..., 0] / size if change.shape[-1] == 1 else np.linalg.norm(change, axis=-1) / size,
+        "energy": energy / energy[0] - 1,
+    }
+    if truth is not None:
+        found["attitude"] = angle(truth, np.asarray(attitude, float))
+    return {name: np.asarray(error[1:], float) for name, error in found.items()}
+
+
+def exact_attitudes(case: Case, counts: list[int]) -> np.ndarray:
+    """The attitudes of free bodies in closed form, (1 + counts, bodies, 4)."""
+    rows = jax.tree.map(np.asarray, case.rows)
+    bodies = zip(rows.body.moments, rows.start.momentum, rows.start.attitude, rows.dt, strict=True)
+    return np.stack([free_body(i, p, q, dt * np.array([0, *counts]))[1] for i, p, q, dt in bodies], axis=1)
+
+
+def rms(error: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(error**2, axis=1))
+
+
+def exponent(counts: np.ndarray, error: np.ndarray) -> float:
+    """The slope of log error over log steps, over the last `DECADES` before the error is lost; NaN without errors."""
+    good = (error > 0) & (error < LARGEST)
+    if not good.any():
+        return np.nan
+    good &= counts >= counts[good].max() / 10**DECADES
+    return float(np.polyfit(np.log(counts[good]), np.log(error[good]), 1)[0]) if good.sum() > 2 else np.nan
+
+
+class Growth(NamedTuple):
+    """The growth of one error: rms over the bodies at each count, its exponent, and its mean in standard errors."""
+
+    case: str
+    mode: Mode
+    quantity: str
+    counts: np.ndarray
+    error: np.ndarray
+    exponent: float
+    lean: float
+
+
+def measured(steps: int, folder: Path | None) -> Iterator[Growth]:
+    for case in cases():
+        most = round(case.share * steps)
+        samples = round(PER_DECADE * np.log10(most / 10))
+        counts = np.unique(np.round(np.geomspace(10, most, samples + 1)).astype(int))
+        truth = exact_attitudes(case, list(counts)) if case.rows.torque is None else None
+        for mode in MODES:
+            states = kept(case, mode, list(counts), folder)
+            found = errors(case, states, truth)
+            if case.rows.torque is not None and mode.dtype == "float64":
+                truth = states.attitude  # of the same method: in float64 its own error hides that of rounding
+            for quantity, error in found.items():
+                last = error[-1]
+                signed = np.any(error < 0)
+                lean = last.mean() / (last.std(ddof=1) / BODIES**0.5) if signed and last.std() > 0 else np.nan
+                yield Growth(case.name, mode, quantity, counts, rms(error), exponent(counts, rms(error)), float(lean))
+
+
+UNITS = {
+    "momentum": "Error of the spatial momentum  [of |Pi|]",
+    "energy": "Error of the energy  [of E]",
+    "attitude": "Error of the attitude  [rad]",
+}
+COLOURS = {"float64": "#0072B2", "float32": "#009E73", "float32, to nearest": "#D55E00"}
+
+
+def draw(results: list[Growth], path: Path) -> None:
+    from midlie_jax.bench.figures import heading, new_figure, panel, write
+    from midlie_jax.bench.line_labels import End, label_ends
+
+    names = list(dict.fromkeys(growth.case for growth in results))
+    figure = new_figure(16.0, 12.5)
+    heading(
+        figure,
+        "How rounding grows with the number of steps",
+        "Root mean square over 16 bodies; in brackets the exponent fitted over the last three decades of steps. "
+        "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2.",
+    )
+    figure.subplots_adjust(bottom=0.06, wspace=0.24, hspace=0.36)
+    for row, quantity in zip(figure.subplots(3, len(names)), UNITS, strict=True):
+        for axes, name in zip(row, names, strict=True):
+            axes.set(xscale="log", yscale="log")
+            panel(axes, name, "Steps", UNITS[quantity] if name == names[0] else "")
+            ends = []
+            for growth in results:
+                if (growth.case, growth.quantity) != (name, quantity) or not np.any(growth.error > 0):
+                    continue
+                counts, seen = growth.counts, growth.error > 0
+                colour = COLOURS[growth.mode.name]
+                axes.plot(counts[seen], growth.error[seen], color=colour, linewidth=2)
+                label = f"{growth.mode.name} ({growth.exponent:.2f})"
+                ends.append(End(label, colour, counts[seen][-1], growth.error[seen][-1], True))
+            low, high = axes.get_ylim()
+            counts = next(growth.counts for growth in results if growth.case == name)
+            axes.set_xlim(counts[0], counts[-1])
+            for power in (0.5, 1.0) if quantity != "attitude" else (1.5,):
+                for first in (1e-16, 6e-8):
+                    axes.plot(counts, first * (counts / 10) ** power, ":", color="#8a8a8a", linewidth=1, zorder=1)
+            axes.set_ylim(low, min(high, 10))
+            label_ends(axes, ends)
+            axes.set_xticks(10.0 ** np.arange(2, np.log10(counts[-1]) + 0.5, 2))
+    write(figure, str(path))
+
+
+def lines(results: list[Growth]) -> list[str]:
+    table = ["| run | quantity | " + " | ".join(mode.name for mode in MODES) + " |", "|---" * (2 + len(MODES)) + "|"]
+    for case, quantity in dict.fromkeys((growth.case, growth.quantity) for growth in results):
+        cells = []
+        for mode in MODES:
+            found = [g for g in results if (g.case, g.quantity, g.mode) == (case, quantity, mode)]
+            if not found or not np.any(found[0].error > 0):
+                cells.append("exact" if found else "")
+                continue
+            lean = "" if np.isnan(found[0].lean) else f", mean {found[0].lean:+.1f}"
+            cells.append(f"{found[0].exponent:.2f}: {found[0].error[-1]:.1e}{lean}")
+        table.append(f"| {case} | {quantity} | " + " | ".join(cells) + " |")
+    return table
+
+
+def main() -> None:
+    pin()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=lambda text: int(float(text)), default=100_000_000)
+    parser.add_argument("--parts", type=Path)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    results = []
+    for growth in measured(options.steps, options.parts):
+        results.append(growth)
+        print(
+            growth.case,
+            growth.mode.name,
+            growth.quantity,
+            f"{growth.error[-1]:.2e}",
+            f"{growth.exponent:.2f}",
+            f"{growth.lean:+.1f}",
+            flush=True,
+        )
+    print("\n".join(lines(results)))
+    if options.write:
+        put("rounding.md", BEGIN, END, lines(results))
+        draw(results, DOCS / "rounding-growth.png")
+
+
+if __name__ == "__main__":
+    main()
