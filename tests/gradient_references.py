@@ -19,14 +19,25 @@ from cases import METHODS, setup, suited
 from fifty_digits import exact, in_fifty_digits
 
 import midlie_jax as ml
+from midlie_jax.methods import schemes
+from midlie_jax.methods.splitting import Splitting
 
 FILE = Path(__file__).with_suffix(".json")
-STEPS, SAVE_EVERY = 10_000, 2500
+STEPS = 10_000  # of methods with one or two flights a step; of others so many flights
 NAMES = [method.name for method in METHODS if method.symmetric]
 GROUPS = ("moments", "weight", "momentum", "attitude", "dt")
 CASE = setup(moments=[2.0, 2.2, 2.5], weight=0.3)
 WEIGHTS = np.array([0.3, -1.1, 0.7, 0.9, -0.4, 0.6, 1.3])
 DIFFERENCE = gmpy2.mpfr("1e-25")
+
+
+def run_of(name):
+    """The steps of the run, and how often it is saved."""
+    method = ml.method(name)
+    flights = sum(kind == schemes.FLIGHT for kind, _ in method.scheme.stages) if isinstance(method, Splitting) else 1
+    # Divisible by the hundred steps between the states that an adjoint keeps.
+    save_every = STEPS // 4 // (1 if flights <= 2 else flights) // 100 * 100
+    return {"steps": 4 * save_every, "save_every": save_every}
 
 
 def parameters(name):
@@ -40,12 +51,12 @@ def directions():
     return [random.uniform(0.5, 1.5, np.shape(getattr(CASE, group))) for group in GROUPS]
 
 
-def values(name, moments, weight, momentum, attitude, dt, *, steps=STEPS, save_every=SAVE_EVERY, adjoint=None):
+def values(name, moments, weight, momentum, attitude, dt, *, adjoint=None, **run):
     """Momentum and attitude of every saved state, (rows, 7)."""
     torque = ml.torques.HeavyTop(weight, (0.0, 0.0, 1.0))
     start = ml.RigidState(momentum, attitude)
-    run = {"dt": dt, "steps": steps, "save_every": save_every, "adjoint": adjoint}
-    states = ml.integrate(name, ml.RigidBody(moments), torque, start, **run).states
+    run = run or run_of(name)
+    states = ml.integrate(name, ml.RigidBody(moments), torque, start, dt=dt, adjoint=adjoint, **run).states
     return jnp.concatenate([states.momentum, states.attitude], axis=-1)
 
 
@@ -66,6 +77,7 @@ def reference(name, **run):
     """
     # SYMMETRIC moves bodies with two equal moments alone; its derivatives are those of the exact flight of any body.
     moves_any_body = name.replace("SYMMETRIC", "JACOBI")
+    run = run or run_of(name)
     run_exactly = in_fifty_digits(partial(values, moves_any_body, **run), *parameters(name))
 
     def exact_loss(*given):
