@@ -84,7 +84,7 @@ def _save_every(steps: int, bodies: int, most: int) -> int:
 
 def _integrated(
     method: Method, scene: Scene, start: Any, dt: float, steps: int, every: int
-) -> tuple[tuple[Any, Any, Any], float, Timing]:
+) -> tuple[Path, float, Timing]:
     """The path of all bodies, the seconds of compiling, and the timing of the runs."""
     rest = steps % every
 
@@ -117,7 +117,7 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _since(path: Any) -> str:
+def _since(path: Path) -> str:
     """When the first body failed, for the report; "" if none did."""
     if bool(np.all(path.ok)):
         return ""
