@@ -162,9 +162,9 @@ print(f"relative change of R Pi in a million steps: {change:.1e}")
 
 # %%
 FLIGHTS = {
-    "LIEMID": ("LIEMID[EA]", ORANGE),
-    "midpoint, symplectic (SLIEMID)": ("SLIEMID[EA]", GREEN),
-    "exact (JACOBI)": ("JACOBI[EA]", BLUE),
+    "LIEMID": ("LIEMID[EA]", ORANGE, 7),  # method, colour, and where its label goes, in points from the curve
+    "midpoint, symplectic (SLIEMID)": ("SLIEMID[EA]", GREEN, -15),
+    "exact (JACOBI)": ("JACOBI[EA]", BLUE, 9),
 }
 
 
@@ -184,10 +184,10 @@ def area_defect(method, h):
 turns = np.geomspace(0.02, 1.0, 12)
 speed = float(jnp.linalg.norm(START.momentum / TOP.moments))
 figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
-for label, (method, colour) in FLIGHTS.items():
+for label, (method, colour, up) in FLIGHTS.items():
     defects = jax.jit(jax.vmap(lambda h, method=method: area_defect(method, h)))(turns / speed)
     axes.loglog(turns, np.maximum(defects, 1e-17), color=colour, marker="o", markersize=4)
-    axes.annotate(label, (turns[0], max(float(defects[0]), 1e-17)), (0, 7), textcoords="offset points", color=colour)
+    axes.annotate(label, (turns[0], max(float(defects[0]), 1e-17)), (0, up), textcoords="offset points", color=colour)
 axes.loglog(turns, 2e-2 * turns**3, color="#bbbbbb", linestyle="--")
 axes.annotate("slope 3", (turns[6], 2e-2 * turns[6] ** 3), (6, -12), textcoords="offset points", color="#888888")
 panel(axes, "How much one flight changes an area on the sphere of momenta", "turn a step (rad)", "relative defect")
@@ -204,13 +204,13 @@ plt.show()
 # %%
 test = scenes.scene("drift-test")
 figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
-for label, (method, colour) in FLIGHTS.items():
+for label, (method, colour, up) in FLIGHTS.items():
     states = ml.integrate(method, test.body, test.torque, test.start, dt=test.dt, steps=test.steps).states
     energies = np.asarray(jax.vmap(lambda state: ml.energy(test.body, test.torque, state))(states))
     means = (energies[1:] - energies[0]).reshape(40, -1).mean(axis=1)
     times = (np.arange(40) + 0.5) * test.duration / 40
     axes.plot(times, means, color=colour)
-    axes.annotate(label, (times[-1], means[-1]), (6, 0), textcoords="offset points", color=colour, va="center")
+    axes.annotate(label, (times[-1], means[-1]), (6, up / 2), textcoords="offset points", color=colour, va="center")
 axes.margins(x=0.02)
 axes.set_xlim(0, 1.45 * test.duration)
 panel(axes, "Drift test, h = 0.25: error of the energy, mean over 1000 steps", "time", "energy error")

@@ -5,6 +5,8 @@ every method has this oracle without a second implementation. Scalars become num
 Rules of differentiation take no part: the functions that have them are evaluated as they are.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# gmpy2 says nothing of its names to a type checker.
 import struct
 from collections.abc import Callable
 from functools import partial
@@ -154,7 +156,8 @@ class _Code:
         results = self.write(jaxpr, bound + arguments)
         text = "\n    ".join([f"def run({', '.join(arguments)}):", *self.lines, f"return [{', '.join(results)}]"])
         self.lines = outer
-        exec(compile(text, "<trace>", "exec"), self.globals, local := {})
+        local: dict[str, Any] = {}
+        exec(compile(text, "<trace>", "exec"), self.globals, local)
         return local["run"]
 
     def write(self, jaxpr: Any, given: list[str]) -> list[str]:

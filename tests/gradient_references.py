@@ -6,6 +6,8 @@ computes those of all symmetric methods, or of these, anew, in about two minutes
 chaotic one derivatives grow exponentially, and rounding with them.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# gmpy2 says nothing of its names to a type checker.
 import json
 import sys
 from functools import partial

@@ -77,7 +77,7 @@ def stability_figure(
     from matplotlib.colors import LogNorm
 
     columns, rows = len(maps), len(sweeps)
-    width = max(_WIDTH * columns + _MARGINS[0], 9.0)
+    width = max(_WIDTH * columns + _MARGINS[0], 12.2)  # inches, for the legend beside the scale of colours
     height = _HEIGHT * rows + _MARGINS[1]
     figure = new_figure(width, height)
     heading(figure, title, note)
