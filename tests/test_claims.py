@@ -12,7 +12,7 @@ import pytest
 from test_cli import midlie
 
 import midlie_jax as ml
-from midlie_jax.bench.claims import page, structure, verdicts
+from midlie_jax.bench.claims import measure, page, structure, verdicts
 from midlie_jax.bench.claims.counting import work
 from midlie_jax.bench.claims.measure import Bench
 from midlie_jax.bench.commands import claims
@@ -142,6 +142,7 @@ def test_verdicts_are_computed_from_the_figures():
 @pytest.fixture
 def no_measuring(monkeypatch):
     """The command with what the tests have measured already."""
+    monkeypatch.setattr(measure, "_PARTING", (1,))
     monkeypatch.setattr(claims, "Bench", lambda *steps: bench())
     monkeypatch.setattr(claims, "_measured", lambda bench, methods: [measured(m.name) for m in methods])
 
