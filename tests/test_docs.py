@@ -47,6 +47,7 @@ TABLES = (
     ("gpu", "gpu"),
     ("kernels", "gpu"),
     ("gradients", "gradients"),
+    ("reach", "stability"),
     ("published_fits", "fitting"),
     ("diffrax_pipeline", "diffrax"),
     ("rounding", "rounding"),
