@@ -12,7 +12,7 @@ from cases import quick, real, suited, turn, whole
 import midlie_jax as ml
 
 GROUPS = references.GROUPS
-ADJOINTS = {"Checkpointed": ml.Checkpointed(every=8), "Reversible": ml.Reversible(), "Forward": ml.Forward()}
+ADJOINTS = {"Checkpointed": ml.Checkpointed(every=4), "Reversible": ml.Reversible(), "Forward": ml.Forward()}
 TAKEN = [("SYMMETRIC[EA]", adjoint) for adjoint in ADJOINTS] + [("JACOBI[EA]", "Reversible"), ("SW", "Checkpointed")]
 LEFT = [(name, adjoint) for name in references.NAMES for adjoint in ADJOINTS if (name, adjoint) not in TAKEN]
 

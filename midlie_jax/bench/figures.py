@@ -13,6 +13,7 @@ _LEFT, _RIGHT = 0.06, 0.985  # edges of panels and heading, as fractions of the 
 _EDGE = 12.0  # points between the heading and the top of the figure
 _TITLE, _NOTE = 15.0, 10.0  # font sizes, points
 PANEL_TITLE = 11.5
+_COLOURS = 256
 _CLEAR = 36.0  # points from the heading to the panels: a panel's title and a gap on either side of it
 
 
@@ -57,13 +58,21 @@ def panel(axes: Any, title: str, x_label: str, y_label: str) -> None:
     axes.set_axisbelow(True)
 
 
-def write(figure: Any, path: str | BytesIO) -> None:
-    """Writes a PNG to a file, or to a buffer.
+def write(figure: Any, path: str) -> None:
+    """Writes a PNG; an existing file is replaced.
 
     Raises:
         OSError: the file cannot be written.
     """
-    figure.savefig(path, format="png", metadata={"Software": "midlie_jax"})
+    from PIL import Image, PngImagePlugin  # matplotlib needs it, too
+
+    whole = BytesIO()
+    figure.savefig(whole, format="png")
+    # Few colours make the file half as large.
+    few = Image.open(whole).convert("RGB").quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    maker = PngImagePlugin.PngInfo()
+    maker.add_text("Software", "midlie_jax")
+    few.save(path, format="PNG", optimize=True, pnginfo=maker)
 
 
 def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:

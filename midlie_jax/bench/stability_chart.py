@@ -1,7 +1,6 @@
 """The picture of stability maps: a column for each method, a row for each sweep, with the limits of theory on top."""
 
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from .stability import BLOWN_UP, Line, Map, Sweep
 _WIDTH, _HEIGHT = 2.0, 2.25  # of a panel with its share of the margins, inches
 _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inches
 _LEAST_ERROR = 1e-14
-_COLOURS = 256
 _FAILED = "#d9d9d9"
 # Of Okabe and Ito, those that are seen on all colours of the map.
 _LINES: dict[str, dict[str, Any]] = {
@@ -54,13 +52,7 @@ def stability_chart(
         ImportError: matplotlib is missing.
         OSError: the file cannot be written.
     """
-    from PIL import Image  # matplotlib needs it, too
-
-    whole = BytesIO()
-    write(stability_figure(maps, lines, steps, sweeps, title=title, note=note, time_unit=time_unit), whole)
-    # Few colours make the file half as large.
-    few = Image.open(whole).convert("RGB").quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    few.save(path, format="PNG", optimize=True)
+    write(stability_figure(maps, lines, steps, sweeps, title=title, note=note, time_unit=time_unit), path)
 
 
 def stability_figure(

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
 from .formula import Pause, Rates
 from .system import AnyMotion
@@ -44,7 +43,7 @@ class Tableau(NamedTuple):
 def _total(weights: dict[int, float], changes: list[AnyMotion]) -> AnyMotion:
     """The sum of the changes with these weights."""
 
-    def entry(*entries: Array) -> Any:
+    def entry(*entries: Any) -> Any:
         first, *rest = (c * change for c, change in zip(weights.values(), entries, strict=True))
         return sum(rest, start=first)
 
