@@ -20,7 +20,7 @@ import optimistix
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put  # noqa: E402
+from pages import put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
@@ -176,17 +176,17 @@ def first_and_later(function, parameters, calls=9):
     return f"{seconds[0]:.0f} s", f"{1e3 * np.median(seconds[1:]):.1f} ms"
 
 
-def adjoints(write=False):
-    """Prints the table of docs/diffrax.md."""
+HEADS = "solver", "steps", "`value_and_grad`: first call", "later calls", "`jacfwd`: first call", "later calls"
+
+
+def derivatives():
+    """The rows of the table of docs/diffrax.md."""
     fixed = diffrax.StepTo(ts=LENGTH / STEPS * jnp.arange(STEPS + 1.0))
     adaptive = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=50.0))
     ours = [ml.LieSolver(name) for name in ("LIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]")]
     cases = [(solver, "200 equal steps", fixed) for solver in (*ours, diffrax.Tsit5())]
     cases.append((ours[0], "adaptive", adaptive))
     reverse, forward = diffrax.RecursiveCheckpointAdjoint(), diffrax.ForwardMode()
-    heads = "solver", "steps", "`value_and_grad`: first call", "later calls", "`jacfwd`: first call", "later calls"
-    lines = [f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads))]
-    print("\n".join(lines), flush=True)
     for solver, steps, controller in cases:
         name = solver.method.name if isinstance(solver, ml.LieSolver) else f"diffrax {type(solver).__name__}"
         moments = jnp.array([5.0, 5.0, 1.0] if name.startswith("SYMMETRIC") else [5.0, 4.0, 1.0])
@@ -200,8 +200,11 @@ def adjoints(write=False):
         parameters = moments, jnp.array(20.0)
         gradient = first_and_later(jax.value_and_grad(loss), parameters)
         jacobian = first_and_later(jax.jacfwd(lambda p, run=run: run(forward, p)), parameters)
-        lines.append(f"| {' | '.join((f'`{name}`', steps, *gradient, *jacobian))} |")
-        print(lines[-1], flush=True)
+        yield f"`{name}`", steps, *gradient, *jacobian
+
+
+def adjoints(write=False):
+    lines = shown(HEADS, derivatives())
     if write:
         put("diffrax.md", BEGIN, END, lines)
 

@@ -8,7 +8,6 @@ calls include tracing and compiling. The memory is what the compiled gradient ne
 one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint.
 """
 
-import argparse
 import time
 
 from midlie_jax.drivers.timing import pin
@@ -21,7 +20,7 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put  # noqa: E402
+from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
@@ -88,11 +87,11 @@ def row(label, adjoint, end, value_of=None):
     return [label, adjoint, f"{both.seconds / one.seconds:.1f}", f"{nanoseconds:.0f}", f"{seconds:.0f} s"]
 
 
-def table():
-    heads = ("", "adjoint", "value and gradient over value", "ns a step and body", "first call")
-    longs = [f"memory, {steps} steps" for steps in LONG]
-    yield [*heads, *longs]
-    yield ["---"] * (len(heads) + len(longs))
+HEADS = ("", "adjoint", "value and gradient over value", "ns a step and body", "first call")
+HEADS += tuple(f"memory, {steps} steps" for steps in LONG)
+
+
+def rows():
     for name in METHODS:
         for label, adjoint in ADJOINTS.items():
             sizes = [f"{memory(name, adjoint, steps) / 1e3:.0f} kB" for steps in LONG]
@@ -100,17 +99,5 @@ def table():
     yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5), *("" for _ in LONG)]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/gradients.md")
-    options = parser.parse_args()
-    lines = []
-    for cells in table():
-        lines.append(f"| {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
-    if options.write:
-        put("gradients.md", BEGIN, END, lines)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, "gradients.md", BEGIN, END, HEADS, rows())

@@ -1,6 +1,8 @@
-"""Puts what a benchmark measured into a page of the documentation, between two comments that mark its place."""
+"""The tables of benchmarks: shown as measured, and put into a page between the comments that mark the place."""
 
-from collections.abc import Iterable
+import argparse
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -11,3 +13,24 @@ def put(name: str, begin: str, end: str, lines: Iterable[str]) -> None:
     page = DOCS / name
     head, rest = page.read_text().split(begin)
     page.write_text("\n".join([head + begin, *lines, end]) + rest.split(end)[1])
+
+
+def shown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table in Markdown; each is printed as soon as its row is measured."""
+    lines: list[str] = []
+    for cells in chain((heads, ["---"] * len(heads)), rows):
+        lines.append(f"| {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+    return lines
+
+
+def command(
+    description: str | None, name: str, begin: str, end: str, heads: Sequence[str], rows: Iterable[Sequence[str]]
+) -> None:
+    """A benchmark on the command line: shows its table, and with --write puts it into docs/`name`."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help=f"put the table into docs/{name}")
+    write = parser.parse_args().write
+    lines = shown(heads, rows)
+    if write:
+        put(name, begin, end, lines)

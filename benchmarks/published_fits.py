@@ -8,7 +8,6 @@ orbit, from a known attitude: only its rates at the start and after 28,800 s are
 frame.
 """
 
-import argparse
 import math
 
 import jax
@@ -17,7 +16,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put  # noqa: E402
+from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import fitting  # noqa: E402
@@ -115,42 +114,33 @@ def ratios(values):
     return values["moments"][:2] / values["moments"][2]
 
 
-def rows(label, result, published, unit):
-    """Ratios of the moments and the rates at the start: published, fitted, half the 95 % interval, unit."""
+def quantities(label, result, published, unit):
+    """Ratios of the moments and the rates at the start: published, fitted, half the 95 % interval."""
     moments, rate = published
     values, intervals = result.derived(ratios)
     for i, name in enumerate(("I1/I3", "I2/I3")):
-        yield label, name, moments[i] / moments[2], values[i], np.ptp(intervals[i]) / 2, ""
+        yield label, name, moments[i] / moments[2], values[i], np.ptp(intervals[i]) / 2
     values, intervals = result.derived(lambda v: v["rate"])
     for i in range(3):
-        yield label, f"Ω{i + 1} at the start,", rate[i], values[i], np.ptp(intervals[i]) / 2, unit
+        yield label, f"Ω{i + 1} at the start, {unit}", rate[i], values[i], np.ptp(intervals[i]) / 2
 
 
-def table():
-    yield "| body | quantity | published | fitted | half of the 95 % interval |"
-    yield "|---|---|---|---|---|"
+HEADS = ("body", "quantity", "published", "fitted", "half of the 95 % interval")
+
+
+def rows():
     brick, other = fitted_brick(), fitted_satellite()
     assert brick.ok
     assert other.ok
-    for label, name, published, found, half, unit in [
-        *rows("brick", brick, (BRICK, np.deg2rad([10.0, 20.0, 30.0])), "rad/s"),
-        *rows("satellite", other, (SATELLITE, SATELLITE_RATES[0]), "rad/s"),
+    for label, name, published, found, half in [
+        *quantities("brick", brick, (BRICK, np.deg2rad([10.0, 20.0, 30.0])), "rad/s"),
+        *quantities("satellite", other, (SATELLITE, SATELLITE_RATES[0]), "rad/s"),
     ]:
         digits = 1 - math.floor(math.log10(half))
         shown = f"{round(float(found), digits) + 0.0:.{digits}f}"  # no zero with a sign
-        yield f"| {label} | {name} {unit} | {published:.12g} | {shown} | {half:.1e} |".replace("  |", " |")
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/fitting.md")
-    options = parser.parse_args()
-    lines = list(table())
-    print("\n".join(lines))
-    print(satellite_without_scale())
-    if options.write:
-        put("fitting.md", BEGIN, END, lines)
+        yield label, name, f"{published:.12g}", shown, f"{half:.1e}"
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, "fitting.md", BEGIN, END, HEADS, rows())
+    print(satellite_without_scale())

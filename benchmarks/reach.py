@@ -6,7 +6,6 @@ JACOBI turns a body by at most 1.2 radians a step. Two exact flights of h/2 are 
 itself and reach 2.4 radians. 1000 heavy tops take 128 steps in float64 on one core, with programs that take turns.
 """
 
-import argparse
 from typing import ClassVar
 
 from midlie_jax.drivers.timing import pin
@@ -18,7 +17,7 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put  # noqa: E402
+from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._kernel import components as cp  # noqa: E402
@@ -69,9 +68,7 @@ def program(flight, torque):
     return jax.jit(jax.vmap(end)).lower(STARTS).compile()
 
 
-def table():
-    yield ["torque", *FLIGHTS]
-    yield ["---"] * (1 + len(FLIGHTS))
+def rows():
     for label, torque in TORQUES.items():
         programs = [program(flight, torque) for flight in FLIGHTS.values()]
         runs = [lambda p=p: jax.block_until_ready(p(STARTS)) for p in programs]
@@ -79,17 +76,5 @@ def table():
         yield [label, *(f"{1e9 * s / BODIES / STEPS:.0f} ns ({s / seconds[0]:.2f})" for s in seconds)]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/stability.md")
-    options = parser.parse_args()
-    lines = []
-    for cells in table():
-        lines.append(f"| {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
-    if options.write:
-        put("stability.md", BEGIN, END, lines)
-
-
 if __name__ == "__main__":
-    main()
+    command(__doc__, "stability.md", BEGIN, END, ["torque", *FLIGHTS], rows())

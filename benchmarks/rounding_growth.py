@@ -138,11 +138,9 @@ def errors(case: Case, states: ml.RigidState, truth: np.ndarray | None) -> dict[
     momentum = np.asarray(states.momentum, np.longdouble)
     attitude = np.asarray(states.attitude, np.longdouble)
     attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
-    energy = np.sum(momentum**2 / np.asarray(rows.body.moments), axis=-1) / 2
+    energy = rows.energy(momentum, attitude)
     space = spatial_momentum(attitude, momentum)
     if rows.torque is not None:
-        up = 1 - 2 * (attitude[..., 1] ** 2 + attitude[..., 2] ** 2)
-        energy += np.asarray(rows.torque.weight) * up
         space = space[..., 2:]
     size = np.linalg.norm(momentum[0], axis=-1)
     change = space - space[0]

@@ -206,7 +206,7 @@ test = scenes.scene("drift-test")
 figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
 for label, (method, colour, up) in FLIGHTS.items():
     states = ml.integrate(method, test.body, test.torque, test.start, dt=test.dt, steps=test.steps).states
-    energies = np.asarray(jax.vmap(lambda state: ml.energy(test.body, test.torque, state))(states))
+    energies = np.asarray(ml.energy(test.body, test.torque, states))
     means = (energies[1:] - energies[0]).reshape(40, -1).mean(axis=1)
     times = (np.arange(40) + 0.5) * test.duration / 40
     axes.plot(times, means, color=colour)

@@ -303,3 +303,14 @@ def true_motion(s: Setup, times: np.ndarray, axis=AXIS) -> tuple[np.ndarray, np.
 
 def epsilon(dtype: str) -> float:
     return float(np.finfo(dtype).eps)
+
+
+def worst(found, expected) -> float:
+    """The largest difference."""
+    return float(np.max(np.abs(np.asarray(found) - np.asarray(expected))))
+
+
+def half_last_digit(text: str) -> float:
+    """Half a unit of the last digit of a published number such as 4.4e-3."""
+    mantissa, exponent = text.split("e")
+    return 0.5 * 10.0 ** (int(exponent) - len(mantissa.partition(".")[2]))

@@ -210,6 +210,6 @@ class _Code:
         elif kind in _OF_ARRAYS:
             operation = partial(_OF_ARRAYS[kind], **parameters)
         else:
-            raise NotImplementedError(f"{kind} in fifty digits")
+            raise NotImplementedError(f"the oracle has no rule for JAX's operation {kind!r}; add it to `_OF_ARRAYS`")
         self.lines.append(f"{result} = {self.kept(operation)}({', '.join(given)})")
         return [result]

@@ -53,9 +53,9 @@ def directions():
     return [random.uniform(0.5, 1.5, np.shape(getattr(CASE, group))) for group in GROUPS]
 
 
-def values(name, moments, weight, momentum, attitude, dt, *, adjoint=None, **run):
+def values(name, moments, weight, momentum, attitude, dt, *, axis=(0.0, 0.0, 1.0), adjoint=None, **run):
     """Momentum and attitude of every saved state, (rows, 7)."""
-    torque = ml.torques.HeavyTop(weight, (0.0, 0.0, 1.0))
+    torque = ml.torques.HeavyTop(weight, axis)
     start = ml.RigidState(momentum, attitude)
     run = run or run_of(name)
     states = ml.integrate(name, ml.RigidBody(moments), torque, start, dt=dt, adjoint=adjoint, **run).states

@@ -3,6 +3,7 @@
 import re
 from functools import partial
 
+import gradient_references as references
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +21,6 @@ ADJOINTS = {
     "backwards": ml.Reversible(),
     "backwards from every 8th step": ml.Reversible(every=8),
 }
-WEIGHTS = jnp.array([0.3, -1.1, 0.7, 0.9, -0.4, 0.6, 1.3])
 
 
 def parameters(name, dtype="float64"):
@@ -28,19 +28,9 @@ def parameters(name, dtype="float64"):
     return tuple(jnp.asarray(value, dtype) for value in values)
 
 
-def path(name, adjoint, parameters, steps=48, save_every=16, axis=(0.48, 0.6, 0.64)):
-    moments, weight, momentum, attitude, dt = parameters
-    torque = ml.torques.HeavyTop(weight, axis)
-    start = ml.RigidState(momentum, attitude)
-    run = {"dt": dt, "steps": steps, "save_every": save_every, "adjoint": adjoint}
-    return ml.integrate(name, ml.RigidBody(moments), torque, start, **run)
-
-
-def loss(name, adjoint, parameters, **run):
-    """One number that depends on every entry of every saved state."""
-    states = path(name, adjoint, parameters, **run).states
-    values = jnp.concatenate([states.momentum, states.attitude], axis=-1)
-    return jnp.sum((values + values**2) @ WEIGHTS.astype(values.dtype))
+def loss(name, adjoint, parameters, steps=48, save_every=16, axis=(0.48, 0.6, 0.64)):
+    run = {"steps": steps, "save_every": save_every}
+    return references.loss(name, *parameters, adjoint=adjoint, axis=axis, **run)
 
 
 def gap(found, expected):
@@ -113,7 +103,7 @@ def test_arrays_that_a_torque_closes_over_have_derivatives():
         run = {"dt": 1 / 64, "steps": 32, "save_every": 32, "adjoint": adjoint}
         return (
             ml.integrate("SYMMETRIC[EA]", ml.RigidBody([2.0, 2.0, 2.5]), torque, start, **run).states.momentum[-1]
-            @ WEIGHTS[:3]
+            @ references.WEIGHTS[:3]
         )
 
     slopes = [jax.grad(end)(jnp.asarray(1.5), adjoint) for adjoint in (ml.Checkpointed(), ml.Reversible())]

@@ -9,6 +9,7 @@ into arrays again (`pack`).
 array.
 """
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -193,6 +194,12 @@ def _accumulate(x: Array, change: Array, t: Array) -> Array:
     offset = jnp.where(change == 0, jnp.zeros_like(offset), offset)
     power_of_two = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT_BITS, x.dtype)
     return x + (change + offset * power_of_two)
+
+
+def all_finite(tree: Any, axes: int = 0) -> Array:
+    """Whether all numbers of a pytree are finite; of arrays with that many leading axes, for each place along these."""
+    leaves = (jnp.isfinite(jax.lax.stop_gradient(leaf)) for leaf in jax.tree.leaves(tree))
+    return reduce(jnp.logical_and, (jnp.all(leaf, axis=tuple(range(axes, leaf.ndim))) for leaf in leaves))
 
 
 def largest(a: Vector) -> Array:

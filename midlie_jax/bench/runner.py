@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
+from .._kernel import components as cp
 from .._kernel.width import vector_width_options
 from ..drivers.clock import ends_of_step, time_of
 from ..methods.base import Method, Progress
@@ -34,6 +36,13 @@ class Rows(NamedTuple):
     torque: Any
     start: RigidState
     dt: Array
+
+    def energy(self, momentum: np.ndarray, attitude: np.ndarray) -> np.ndarray:
+        """The energies (..., n) of states of these heavy tops or free bodies, in the precision of the states."""
+        found = np.sum(momentum**2 / np.asarray(self.body.moments), axis=-1) / 2
+        if self.torque is None:
+            return found
+        return found + np.asarray(self.torque.weight) * (1 - 2 * np.sum(attitude[..., 1:3] ** 2, axis=-1))
 
 
 class Runner:
@@ -82,5 +91,4 @@ def _path(method: Method, most: int, row: Rows, first: Array, every: Array, coun
 
     saved = jax.tree.map(lambda x: jnp.zeros((most, *x.shape), x.dtype), row.start)
     progress, saved = jax.lax.fori_loop(0, count, save, (Progress(motion, force, jnp.array(True)), saved))
-    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(progress.motion)]
-    return saved, progress.ok & jnp.all(jnp.stack(finite))
+    return saved, progress.ok & cp.all_finite(progress.motion)

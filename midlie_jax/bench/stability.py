@@ -166,8 +166,6 @@ def measure(method: Method, scene: Scene, steps: np.ndarray, varied: Sequence[Sw
     Raises:
         ValueError: the method does not move rigid bodies, or not those of the scene.
     """
-    if method.bodies is not RigidBody:
-        raise ValueError(f"method {method.name!r} does not move a rigid body; choose from `midlie methods`.")
     rows = [
         np.concatenate([np.repeat(getattr(s, name), len(steps), axis=0) for s in varied])
         for name in ("moments", "momenta", "factors")

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .figures import INK, heading, new_figure, write
+from .figures import INK, heading, new_figure
 from .stability import BLOWN_UP, Line, Map, Sweep
 
 _WIDTH, _HEIGHT = 2.0, 2.25  # of a panel with its share of the margins, inches
@@ -25,36 +25,6 @@ _MEANINGS = {
 }
 
 
-def stability_chart(
-    maps: Sequence[Sequence[Map]],
-    lines: Mapping[tuple[str, str], Sequence[Line]],
-    steps: np.ndarray,
-    sweeps: Sequence[Sweep],
-    path: str,
-    *,
-    title: str,
-    note: str,
-    time_unit: str,
-) -> None:
-    """Draws the maps and writes a PNG.
-
-    Args:
-        maps: for each method a map of each sweep.
-        lines: the limits of theory by (method, sweep).
-        steps: (n,).
-        sweeps: from `stability.sweeps`.
-        path: file to write; an existing file is replaced.
-        title: the scene.
-        note: how the maps were made.
-        time_unit: of the steps.
-
-    Raises:
-        ImportError: matplotlib is missing.
-        OSError: the file cannot be written.
-    """
-    write(stability_figure(maps, lines, steps, sweeps, title=title, note=note, time_unit=time_unit), path)
-
-
 def stability_figure(
     maps: Sequence[Sequence[Map]],
     lines: Mapping[tuple[str, str], Sequence[Line]],
@@ -65,7 +35,20 @@ def stability_figure(
     note: str,
     time_unit: str,
 ) -> Any:
-    """The picture as a matplotlib figure. Arguments as for the chart."""
+    """The picture, a matplotlib figure.
+
+    Args:
+        maps: for each method a map of each sweep.
+        lines: the limits of theory by (method, sweep).
+        steps: (n,).
+        sweeps: from `stability.sweeps`.
+        title: the scene.
+        note: how the maps were made.
+        time_unit: of the steps.
+
+    Raises:
+        ImportError: matplotlib is missing.
+    """
     from matplotlib.colors import LogNorm
 
     columns, rows = len(maps), len(sweeps)

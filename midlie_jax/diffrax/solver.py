@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .._kernel import components as cp
 from .._kernel.checks import described
 from .._kernel.fusion import fuse, split
 from ..drivers.arguments import as_method
@@ -92,15 +93,14 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         """The memory before the first step: the torque at t0, and no history."""
         del t1
         system, clock = self._system(terms, t0, y0, args)
-        return _new_memory(system, clock(t0), system.motion(y0), self._begins_with_force(system))
+        return _new_memory(system, clock(t0), system.motion(y0), _begins_with_force(self.method, system))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Memory, made_jump: Any
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
         system, clock = self._system(terms, t0, y0, args)
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
-        kind = _Kind(self.method, self.method.keeps_force(system), self._begins_with_force(system))
-        y1, error, dense, memory, ok = _step(kind, system, start_time, end_time, h, y0, solver_state, made_jump)
+        y1, error, dense, memory, ok = _step(self.method, system, start_time, end_time, h, y0, solver_state, made_jump)
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
@@ -108,14 +108,6 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         """The derivative of the state's arrays, as a state of the same class."""
         self._system(terms, t0, y0, args)
         return terms.vf(t0, y0, args).ambient
-
-    def _begins_with_force(self, system: System) -> bool:
-        """Whether a step first needs the torque at its start, which the step before has stored."""
-        if self.method.keeps_force(system):
-            return True
-        if not isinstance(self.method, Splitting) or system.torque is None or system.reads_momentum:
-            return False
-        return self.method.scheme.stages[0][0] == KICK
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array]]:
         """The system, and the clock: the function from diffrax's time, which always increases, to the term's time."""
@@ -129,23 +121,25 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return System.of(term.body, torque, y, clock(t)), clock
 
 
-class _Kind(NamedTuple):
-    """How a method comes by the torque at the start of a step.
-
-    Attributes:
-        method: the method.
-        keeps_force: whether its step returns the torque at the end.
-        begins_with_force: whether its step first needs the torque at the start.
-    """
-
-    method: Method
-    keeps_force: bool
-    begins_with_force: bool
+def _begins_with_force(method: Method, system: System) -> bool:
+    """Whether a step first needs the torque at its start, which the step before has stored."""
+    if method.keeps_force(system):
+        return True
+    if not isinstance(method, Splitting) or system.torque is None or system.reads_momentum:
+        return False
+    return method.scheme.stages[0][0] == KICK
 
 
 @eqx.filter_jit
 def _step(
-    kind: _Kind, system: System, start_time: Array, end_time: Array, h: Array, y0: Any, memory: Memory, made_jump: Any
+    method: Method,
+    system: System,
+    start_time: Array,
+    end_time: Array,
+    h: Array,
+    y0: Any,
+    memory: Memory,
+    made_jump: Any,
 ) -> Any:
     """The step of `LieSolver.step` on times of the term's clock.
 
@@ -156,7 +150,7 @@ def _step(
         The state at the end, its error, the data of the dense output, the memory, and whether the step succeeded.
     """
     motion = system.motion(y0)
-    method, keeps_force, begins_with_force = kind
+    keeps_force, begins_with_force = method.keeps_force(system), _begins_with_force(method, system)
     if made_jump is not False:
         fresh = partial(_new_memory, system, start_time, motion, begins_with_force)
         memory = jax.lax.cond(made_jump, fresh, lambda kept=memory: kept)
@@ -176,8 +170,7 @@ def _step(
     for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
         dense[f"velocity{i}"] = system.kind.pack(system.vector_in_user_axes(system.velocity(momentum)))
         dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
-    for leaf in jax.tree.leaves(y1):
-        ok = ok & jnp.all(jnp.isfinite(leaf))
+    ok = ok & cp.all_finite(y1)
     stop = jax.lax.stop_gradient
     step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(memory.history)
     target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)

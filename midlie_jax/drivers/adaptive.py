@@ -218,8 +218,7 @@ def _run(
     (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // save_every)
     first = (start, t0, begin[1].rho)
     states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, saved)
-    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((progress.motion, clock.rho))]
-    ok = progress.ok & jnp.all(jnp.stack(finite))
+    ok = progress.ok & cp.all_finite((progress.motion, clock.rho))
     return AdaptivePath(times, states, densities, clock.taken, ok if t1 is None else ok & (clock.t == t1))
 
 

@@ -220,7 +220,7 @@ def _facts(method: Method, mapped: Any, shared: Any, t0: Array, dt: Array) -> tu
 
         def succeeds(h: Array) -> Array:
             after, _, ok = method.step(system, t0, t0 + h, h, motion, force)
-            return ok & jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(after)]))
+            return ok & cp.all_finite(after)
 
         solved = jax.vmap(succeeds)(dt * 0.5 ** jnp.arange(_HALVINGS, dtype=dt.dtype))
         return Facts.of(method, body, torque, state, t0), solved

@@ -1,7 +1,7 @@
 """`integrate`: the driver with a constant step, a `lax.scan` over steps that saves the state at regular intervals."""
 
 from collections.abc import Callable
-from functools import partial, reduce
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from .._kernel import components as cp
 from .._kernel.checks import as_count
 from .._kernel.mesh import all_promoted, axes_of_run, promoted
 from .._kernel.width import wide_jit
@@ -153,10 +154,8 @@ def path_of_body(
     progress, (states, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
     first_bad = _first_bad(start, states, solved)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
-    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(progress.motion)]
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
-    ok = progress.ok & jnp.all(jnp.stack(finite))
-    return Path(times, states, ok, first_bad)
+    return Path(times, states, progress.ok & cp.all_finite(progress.motion), first_bad)
 
 
 _run = wide_jit(path_of_body)
@@ -169,14 +168,8 @@ def _first_bad(start: AnyState, states: AnyState, solved: Array) -> Array:
     states that can be trusted come first, and their number is the index of the next one. It is found after the loop
     over steps, which need not know of it.
     """
-    trusted = solved & _finite(states, 1)
-    return jnp.where(_finite(start, 0), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)
-
-
-def _finite(state: AnyState, axes: int) -> Array:
-    """Whether all numbers of a state are finite, of a state with leading axes for each of them."""
-    leaves = (jnp.isfinite(jax.lax.stop_gradient(leaf)) for leaf in jax.tree.leaves(state))
-    return reduce(jnp.logical_and, (jnp.all(leaf, axis=tuple(range(axes, leaf.ndim))) for leaf in leaves))
+    trusted = solved & cp.all_finite(states, axes=1)
+    return jnp.where(cp.all_finite(start), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)
 
 
 def _with_force(

@@ -60,7 +60,7 @@ def drift(method: Method) -> Drift:
     def run(momentum: Any) -> Any:
         start = RigidState(momentum, test.start.attitude)
         path = integrate(fitted, test.body, test.torque, start, dt=test.dt, steps=test.steps)
-        energies = jax.vmap(lambda state: energy(test.body, test.torque, state))(path.states)
+        energies = energy(test.body, test.torque, path.states)
         errors = (energies[1:] - energies[0]).reshape(EIGHTHS, -1)
         return errors.mean(-1), jnp.abs(errors).max(-1), path.ok
 

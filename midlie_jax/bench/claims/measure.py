@@ -192,9 +192,7 @@ class Bench:
         ok.append(bool(jnp.all(fine)))
         whole = jax.tree.map(lambda *x: np.concatenate(x, axis=1).swapaxes(0, 1), *found)
         momentum, attitude = whole.momentum, whole.attitude
-        energy = np.sum(momentum**2 / np.asarray(rows.body.moments), axis=-1) / 2
-        energy += np.asarray(rows.torque.weight) * (1 - 2 * np.sum(attitude[..., 1:3] ** 2, axis=-1))
-        tops, free = energy[:, :TOPS], spatial_momentum(attitude[:, TOPS:], momentum[:, TOPS:])
+        tops, free = rows.energy(momentum, attitude)[:, :TOPS], spatial_momentum(attitude[:, TOPS:], momentum[:, TOPS:])
         change = np.linalg.norm(free - free[0], axis=-1) / np.linalg.norm(free[0], axis=-1)
         return (tops[1:] - tops[0]) / np.abs(tops[0]), float(change.max())
 

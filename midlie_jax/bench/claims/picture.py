@@ -7,7 +7,9 @@ import numpy as np
 
 from ..figures import heading, new_figure, panel, write
 from ..line_labels import End, label_ends
+from .drift import EIGHTHS
 from .measure import Measured
+from .verdicts import shifts
 
 _COLOURS = (
     "#D55E00",
@@ -42,22 +44,17 @@ def draw(all_found: Sequence[Measured], path: str) -> None:
     )
     figure.subplots_adjust(bottom=0.11, wspace=0.2)
     left, right = figure.subplots(1, 2)
-    eighths = np.arange(8)
+    eighths = np.arange(EIGHTHS)
     panel(left, "Drift test, h = .25", "Time t  [1000 units of time]", "Mean energy error  [energy]")
-    time = 10 / 8 * (eighths + 0.5)
+    time = 10 / EIGHTHS * (eighths + 0.5)
     _lines(left, shown, time, [found.drift.eighths[0] for found in shown])
     panel(
         right, "Chaotic heavy tops, h = .05", "Time t  [1000 units of time]", "Shift of the mean energy error  [of E]"
     )
     right.set_yscale("log")
-    time = 0.05 * all_found[0].steps / 1000 / 8 * (eighths + 0.5)
-    _lines(right, shown, time[1:], [_shifts(found)[1:] for found in shown])
+    time = 0.05 * all_found[0].steps / 1000 / EIGHTHS * (eighths + 0.5)
+    _lines(right, shown, time[1:], [shifts(found)[1:] for found in shown])
     write(figure, path)
-
-
-def _shifts(found: Measured) -> np.ndarray:
-    means = np.stack([part.mean(axis=0) for part in np.array_split(found.energy, 8)])
-    return np.sqrt(np.mean((means - means[0]) ** 2, axis=1))
 
 
 def _lines(axes: Any, shown: Sequence[Measured], time: np.ndarray, values: Sequence[np.ndarray]) -> None:

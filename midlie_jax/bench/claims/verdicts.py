@@ -14,7 +14,7 @@ import numpy as np
 from ...methods.base import Method
 from ...methods.registry import ENTRIES
 from ...methods.splitting import Splitting
-from .drift import Drift
+from .drift import EIGHTHS, Drift
 from .measure import Measured
 
 PAPER, REGISTRY, PUBLISHED = "paper", "registry", "published"
@@ -83,12 +83,17 @@ def comes_back(found: Measured) -> bool:
     return found.reversal <= _RETURN * _FLIGHTS_BACK * max(1.0, found.flights / 2) * _EPSILON
 
 
+def shifts(found: Measured) -> np.ndarray:
+    """How far the mean energy error of the tops moves from the first eighth of the long run to each, (8,): relative,
+    root mean square over the tops."""
+    means = np.stack([part.mean(axis=0) for part in np.array_split(found.energy, EIGHTHS)])
+    return np.sqrt(np.mean((means - means[0]) ** 2, axis=1))
+
+
 def trend(found: Measured) -> tuple[float, float]:
-    """How far the mean energy error of the tops moves from the first eighth of the long run to the last, root mean
-    square over the tops, and the root mean square of the energy error in the first eighth; both relative."""
-    eighths = np.array_split(found.energy, 8)
-    shift = eighths[-1].mean(axis=0) - eighths[0].mean(axis=0)
-    return float(np.sqrt(np.mean(shift**2))), float(np.sqrt(np.mean(eighths[0] ** 2)))
+    """The last of `shifts`, and the root mean square of the energy error in the first eighth, relative."""
+    first = np.array_split(found.energy, EIGHTHS)[0]
+    return float(shifts(found)[-1]), float(np.sqrt(np.mean(first**2)))
 
 
 def has_no_trend(found: Measured) -> bool:
@@ -158,10 +163,6 @@ def ranked(
 
 def registry_verdicts(method: Method, found: Measured) -> list[Verdict]:
     """What the registry declares of a method, and what follows for the energy."""
-    shift, oscillation = trend(found)
-    drifts = found.drift.eighths[0]
-    trend_words = f"mean moves by {shift:.1e}, oscillation {oscillation:.1e}"
-    drift_words = f"{drifts[0]:.1e} -> {drifts[-1]:.1e}"
     gradients = isinstance(method, Splitting) and any(method.scheme.gradients)
     claims = [
         (DECLARED[0], f"order {method.order}", f"{found.order:.2f}", has_order(found, method.order), True),
@@ -169,8 +170,8 @@ def registry_verdicts(method: Method, found: Measured) -> list[Verdict]:
         (DECLARED[2], "symplectic", _defects(found.symplectic), is_symplectic(found), method.symplectic),
         (DECLARED[3], "area", _defects(found.area), keeps_area(found), method.symplectic),
         (DECLARED[4], "symmetric", f"{found.reversal:.1e}", comes_back(found), method.symmetric),
-        (DECLARED[5], "no trend on the top", trend_words, has_no_trend(found), method.symplectic),
-        (DECLARED[6], "no drift", drift_words, has_no_drift(found), method.symplectic),
+        (DECLARED[5], "no trend on the top", _trend_words(found), has_no_trend(found), method.symplectic),
+        (DECLARED[6], "no drift", _drift_words(found), has_no_drift(found), method.symplectic),
         (
             DECLARED[7],
             f"{method.evaluations} torque evaluations",
@@ -190,8 +191,6 @@ def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> 
     for method, found in zip(methods, all_found, strict=True):
         if not is_alternating(method):
             continue
-        shift, oscillation = trend(found)
-        drifts = found.drift.eighths[0]
         explicit = f"{found.work.evaluations} evaluation a step, outside of the {found.solves} solves"
         claims = [
             ("explicit in the forcing", explicit, found.work.explicit),
@@ -201,12 +200,12 @@ def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> 
             ("preserves area on the momentum sphere", f"defect {_defects(found.area)}", keeps_area(found)),
             (
                 "as of a symplectic method, no trend of the energy: top",
-                f"mean moves by {shift:.1e}, oscillation {oscillation:.1e}",
+                _trend_words(found),
                 has_no_trend(found),
             ),
             (
                 "as of a symplectic method, no trend of the energy: drift test",
-                f"{drifts[0]:.1e} -> {drifts[-1]:.1e}",
+                _drift_words(found),
                 has_no_drift(found),
             ),
         ]
@@ -234,6 +233,16 @@ def published_verdicts(all_found: Sequence[Measured]) -> list[Verdict]:
             claim, holds = f"drift {first:.2e} -> {last:.2e}", is_published_drift(drift, first, last)
             verdicts.append(Verdict(found.method, claim, PUBLISHED, words, holds))
     return verdicts
+
+
+def _trend_words(found: Measured) -> str:
+    shift, oscillation = trend(found)
+    return f"mean moves by {shift:.1e}, oscillation {oscillation:.1e}"
+
+
+def _drift_words(found: Measured) -> str:
+    drifts = found.drift.eighths[0]
+    return f"{drifts[0]:.1e} -> {drifts[-1]:.1e}"
 
 
 def _defects(defects: Sequence[float]) -> str:

@@ -5,11 +5,9 @@ import math
 import os
 
 from ...drivers.timing import Load, cost_clock, one_core, spread_in_words
-from ...methods.registry import method as find_method
 from ...methods.registry import paper_methods
-from ...model.bodies import RigidBody
 from .. import charts, convergence, scenes
-from .output import require, show_table
+from .output import progress_bar, require, rigid_methods, show_table
 
 _HEADS = (
     *("method", "step", "error Pi", "slope", "error R", "slope", "torque ev."),
@@ -28,10 +26,8 @@ def chart(options: argparse.Namespace) -> None:
 
 def _without_rivals(options: argparse.Namespace) -> None:
     require("matplotlib", "tqdm", "mpmath")
-    from tqdm import tqdm
-
     scene = scenes.scene(options.scene)
-    methods = _checked(options.methods) or [method.name for method in paper_methods()]
+    methods = [method.name for method in rigid_methods(options.methods or ()) or paper_methods()]
     rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)
     path = options.out or _in_current_folder(f"chart-{scene.name}.png")
     load, clock = Load(), cost_clock()
@@ -40,9 +36,7 @@ def _without_rivals(options: argparse.Namespace) -> None:
     described = f"{reference.source}, relative uncertainty {reference.uncertainty:.0e}"
     batch = f"per body in a batch of {convergence.COPIES}"
     print(f"{title}\nErrors at the end against the {described}.\n", flush=True)
-    with tqdm(
-        total=len(methods) * len(rungs), unit="run", mininterval=0.5, dynamic_ncols=True, leave=False, disable=None
-    ) as bar:
+    with progress_bar(len(methods) * len(rungs), "run") as bar:
         bar.set_description(methods[0])
 
         def show_progress(row: convergence.Row) -> None:
@@ -87,7 +81,9 @@ def _with_rivals(options: argparse.Namespace) -> None:
         )
     scene = scenes.scene(options.scene)
     path = options.out or _in_current_folder(f"chart-{scene.name}-rivals.png")
-    comparison = work_precision.compared(scene.name, _checked(options.methods))
+    comparison = work_precision.compared(
+        scene.name, [method.name for method in rigid_methods(options.methods or ())] or None
+    )
     print()
     show_table(list(frontier.HEADS), [frontier.cells(row) for row in comparison.ratios])
     print(f"\n{work_precision.timing_note(comparison)}")
@@ -98,14 +94,6 @@ def _with_rivals(options: argparse.Namespace) -> None:
         clock=cost_clock().name,
     )
     print(f"\nwrote {path}")
-
-
-def _checked(names: list[str] | None) -> list[str] | None:
-    """The names without repetitions, or None; a ValueError if a method does not move rigid bodies."""
-    for name in names or []:
-        if find_method(name).bodies is not RigidBody:
-            raise ValueError(f"method {name!r} does not move a rigid body; choose from `midlie methods`.")
-    return list(dict.fromkeys(names)) if names else None
 
 
 def _in_current_folder(name: str) -> str:

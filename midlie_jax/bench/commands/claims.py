@@ -18,7 +18,7 @@ from ...model.bodies import RigidBody
 from ..claims import page, picture
 from ..claims.measure import ROWS, TOPS, Bench, Measured
 from ..claims.verdicts import PUBLISHED_DRIFTS, Verdict, is_alternating, paper_verdicts, published_verdicts
-from .output import require, show_table
+from .output import progress_bar, require, rigid_methods, show_table
 
 _PARTS = 4  # parts of `Bench.measure` that are reported
 _DRAWN = (*PUBLISHED_DRIFTS, "LIEMID[I]", "SLIEMID[EA]", RK4.name)
@@ -72,11 +72,7 @@ def _cells(verdict: Verdict) -> list[str]:
 def _methods(options: argparse.Namespace) -> list[Method]:
     """The methods to measure: those named, or all, or the default ones."""
     if options.methods:
-        named = [find_method(name) for name in dict.fromkeys(options.methods)]
-        for method in named:
-            if method.bodies is not RigidBody:
-                raise ValueError(f"method {method.name!r} does not move a rigid body; choose from `midlie methods`.")
-        return named
+        return rigid_methods(options.methods)
     rigid = {name: entry for name, entry in ENTRIES.items() if entry.method.bodies is RigidBody}
     if options.all:
         pairs = [find_method(f, s) for f in FLIGHTS.values() if f.body is RigidBody for s in SCHEMES.values()]
@@ -98,14 +94,7 @@ def _methods(options: argparse.Namespace) -> list[Method]:
 
 def _measured(bench: Bench, methods: list[Method]) -> list[Measured]:
     """What was measured of each method, in their order; two methods at a time if there are two cores."""
-    from tqdm import tqdm
-
-    with (
-        tqdm(
-            total=_PARTS * len(methods), unit="part", mininterval=0.5, dynamic_ncols=True, leave=False, disable=None
-        ) as bar,
-        ThreadPoolExecutor(min(2, cores())) as pool,
-    ):
+    with progress_bar(_PARTS * len(methods), "part") as bar, ThreadPoolExecutor(min(2, cores())) as pool:
         # The alternating method first: what all methods share is computed with it, before others start.
         first = next((i for i, method in enumerate(methods) if is_alternating(method)), 0)
 

@@ -1,6 +1,12 @@
-"""What the commands share: tables on the terminal, and an early error about missing packages."""
+"""What the commands share: the methods that were named, a progress bar, tables, and an early error about packages."""
 
+from collections.abc import Sequence
 from importlib.util import find_spec
+from typing import Any
+
+from ...methods.base import Method
+from ...methods.registry import method as find_method
+from ...model.bodies import RigidBody
 
 
 def require(*packages: str) -> None:
@@ -12,6 +18,26 @@ def require(*packages: str) -> None:
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
         raise ImportError(f"this command needs {' and '.join(missing)}: pip install 'midlie_jax[cli]'.")
+
+
+def rigid_methods(names: Sequence[str]) -> list[Method]:
+    """The methods of these names, each once.
+
+    Raises:
+        ValueError: a name is unknown, or its method does not move rigid bodies.
+    """
+    methods = [find_method(name) for name in dict.fromkeys(names)]
+    for method in methods:
+        if method.bodies is not RigidBody:
+            raise ValueError(f"method {method.name!r} does not move a rigid body; choose from `midlie methods`.")
+    return methods
+
+
+def progress_bar(total: int, unit: str) -> Any:
+    """A bar for so many units of work, which leaves no line behind; nothing is shown if there is no terminal."""
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit=unit, mininterval=0.5, dynamic_ncols=True, leave=False, disable=None)
 
 
 def show_table(heads: list[str], rows: list[list[str]]) -> None:

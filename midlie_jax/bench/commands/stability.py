@@ -5,18 +5,18 @@ import time
 
 import numpy as np
 
-from ...methods.registry import method as find_method
 from .. import scenes
+from ..figures import write
 from ..stability import METHODS, Map, lines, measure, sweeps
-from ..stability_chart import stability_chart
-from .output import require, show_table
+from ..stability_chart import stability_figure
+from .output import require, rigid_methods, show_table
 
 
 def stability(options: argparse.Namespace) -> None:
     """Measures the maps, prints how much of each fails, and draws them."""
     require("matplotlib")
     scene = scenes.scene(options.scene)
-    methods = [find_method(name) for name in dict.fromkeys(options.methods or METHODS)]
+    methods = rigid_methods(options.methods or METHODS)
     steps, varied = sweeps(scene, options.grid)
     for method in methods:  # a method that cannot move the body is found before the first is measured
         method.fitted(scene.body)
@@ -39,12 +39,11 @@ def stability(options: argparse.Namespace) -> None:
     heads = ["method", "sweep", "blows up [%]", "fails [%]", "median error elsewhere", "time [s]"]
     show_table(heads, rows)
     limits = {(method.name, sweep.name): lines(method, scene, sweep) for method in methods for sweep in varied}
-    stability_chart(
+    figure = stability_figure(
         maps,
         limits,
         steps,
         varied,
-        path,
         title=f"{scene.name}: {scene.title}",
         note=(
             f"Each point of a map is one run of {options.steps} steps from the start of the scene with its spin, shape "
@@ -52,6 +51,7 @@ def stability(options: argparse.Namespace) -> None:
         ),
         time_unit=scene.time_unit,
     )
+    write(figure, path)
     print(f"\nwrote {path}")
 
 
