@@ -10,6 +10,7 @@ from .diffrax import LieInterpolation as LieInterpolation
 from .diffrax import LieSolver as LieSolver
 from .diffrax import RigidBodyTerm as RigidBodyTerm
 from .diffrax import RotationNorm as RotationNorm
+from .drivers import observe as observe
 from .drivers.adaptive import AdaptivePath as AdaptivePath
 from .drivers.adaptive import integrate_adaptive as integrate_adaptive
 from .drivers.adjoints import Checkpointed as Checkpointed

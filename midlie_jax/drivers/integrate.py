@@ -21,6 +21,7 @@ from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
+from .observe import Observe, observe_state
 from .shared_inputs import Rows, SharedInputs
 
 
@@ -96,7 +97,7 @@ def integrate(
     return _run(method, as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every)
 
 
-def path_of_body(
+def run_of_body(
     method: Method,
     adjoint: Adjoint,
     body: Any,
@@ -109,13 +110,15 @@ def path_of_body(
     save_every: int,
     shared: SharedInputs | None = None,
     rows: tuple[Rows, Rows] | None = None,
-) -> Path:
-    """`integrate` without the checks.
+    observe: Observe | None = None,
+) -> tuple[Path, AnyState]:
+    """`integrate` without the checks: the path, and the state at its end, with which the run can be continued.
 
     Args:
         method, adjoint, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
         shared: the step with prepared inputs, or None for the step of the method.
         rows: the prepared inputs of the steps of zero length before the run, and of the steps of the run.
+        observe: what the path holds in place of the states.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -146,29 +149,39 @@ def path_of_body(
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         inputs = Steps(partial(advance, dt), take_back, (indices, rows), save_every, method.unroll)
         progress = adjoint.run(inputs, progress)
-        return progress, (system.state(progress.motion), progress.ok)
+        state = system.state(progress.motion)
+        if observe is None:
+            return progress, (state, progress.ok)
+        seen = observe_state(observe, time_of(*uniform, n + save_every), state, body, torque)
+        return progress, (seen, progress.ok & cp.all_finite(state))
 
     intervals = steps // save_every
     interval_starts = first + save_every * jnp.arange(intervals, dtype=jnp.int32)
     rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
-    progress, (states, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
-    first_bad = _first_bad(start, states, solved)
-    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, states)
+    progress, (seen, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
+    # After the loop over steps, which need not know of it.
+    trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
+    before = observe_state(observe, time_of(*uniform, first), start, body, torque)
+    seen = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), before, seen)
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
-    return Path(times, states, progress.ok & cp.all_finite(progress.motion), first_bad)
+    ok = progress.ok & cp.all_finite(progress.motion)
+    return Path(times, seen, ok, _first_bad(start, trusted)), system.state(progress.motion)
+
+
+def path_of_body(*arguments: Any) -> Path:
+    """The path alone of `run_of_body`."""
+    return run_of_body(*arguments)[0]
 
 
 _run = wide_jit(path_of_body)
 
 
-def _first_bad(start: AnyState, states: AnyState, solved: Array) -> Array:
-    """`Path.first_bad`, from the start, the states after it, and whether all solves up to each of these succeeded.
+def _first_bad(start: AnyState, trusted: Array) -> Array:
+    """`Path.first_bad`, from the start, and whether each state after it can be trusted, as far as these were checked.
 
     What fails stays failed: the flag is never raised again, and what is not finite does not become finite. So the
-    states that can be trusted come first, and their number is the index of the next one. It is found after the loop
-    over steps, which need not know of it.
+    states that can be trusted come first, and their number is the index of the next one.
     """
-    trusted = solved & cp.all_finite(states, axes=1)
     return jnp.where(cp.all_finite(start), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)
 
 

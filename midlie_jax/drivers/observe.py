@@ -1,0 +1,227 @@
+"""What an ensemble saves in place of its states: `observe=` of `ensemble` and `simulate`.
+
+An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
+the device: any function of (t, state), one of the classes of this module, or a dict of these. A *statistic* (`Mean`,
+`Histogram`) goes one step further and combines the values of all bodies that can be trusted at that time.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float, Int
+
+from .._kernel.checks import as_floats, described, require_finite
+from ..model import observables, so3
+from ..model.bodies import Body
+from ..model.state import AnyState
+from ..model.states import attitude_of
+from ..model.torques import TorqueLike, on_body
+
+
+class Observable(eqx.Module):
+    """A quantity of one body at one time."""
+
+    @abstractmethod
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+        """Its value, an array or a pytree of arrays, for the state at the time t of one body under the torque."""
+
+
+class Function(Observable):
+    """A function of the time and the state of one body, `function(t, state)`; returns an array or a pytree of them."""
+
+    function: Callable[[Any, Any], Any]
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+        return self.function(t, state)
+
+
+class Together(Observable):
+    """Several observables by name."""
+
+    parts: dict[str, Observable]
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+        return {name: part.of(t, state, body, torque) for name, part in self.parts.items()}
+
+
+class Energy(Observable):
+    """The energy (), kinetic plus potential. A ValueError for a torque without a potential."""
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        return observables.energy(body, torque, state, t)
+
+
+class Axis(Observable):
+    """The direction in space of an axis that is fixed in the body, a unit vector (3,); by default the third axis."""
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        attitude = attitude_of(state)
+        axis = jnp.asarray(self.axis, attitude.dtype)
+        return so3.rotate(attitude, axis / jnp.linalg.norm(axis))
+
+
+class SpatialMomentum(Observable):
+    """The angular momentum in the space frame, (3,)."""
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        return observables.spatial_momentum(state)
+
+
+class AngularVelocity(Observable):
+    """The angular velocity in the body frame, (3,), radians per unit of time."""
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        return observables.angular_velocity(body, state)  # pyright: ignore[reportArgumentType]
+
+
+class Statistic(eqx.Module):
+    """A quantity of all bodies at one time: parts are computed from groups of bodies and then merged.
+
+    Attributes:
+        observable: whose values are combined.
+    """
+
+    observable: Observable
+
+    def __init__(self, observable: Any):
+        self.observable = as_observable("observable", observable)
+
+    @abstractmethod
+    def part(self, values: Any, good: Array) -> Any:
+        """The part of a group of bodies, from its values (bodies, ...); bodies that are not `good` do not count."""
+
+    @abstractmethod
+    def merged(self, parts: Any) -> Any:
+        """The part of the union of groups, from parts with a leading axis of groups."""
+
+
+class Moments(NamedTuple):
+    """Mean and covariance of a quantity with m components over the bodies at one time.
+
+    Attributes:
+        number: (), how many bodies were counted.
+        mean: (m,); NaN where no body was counted.
+        scatter: (m, m), the sum of (x - mean) (x - mean)^T over the bodies; `covariance` divides it.
+    """
+
+    number: Int[Array, "*batch"]
+    mean: Float[Array, "*batch m"]
+    scatter: Float[Array, "*batch m m"]
+
+    @property
+    def covariance(self) -> Float[Array, "*batch m m"]:
+        """The unbiased estimate of the covariance; NaN for fewer than two bodies."""
+        below = jnp.where(self.number > 1, self.number - 1, jnp.nan).astype(self.scatter.dtype)
+        return self.scatter / below[..., None, None]
+
+
+class Mean(Statistic):
+    """Mean and covariance of an observable over the bodies: `Moments` for each array that the observable returns.
+
+    An array is taken as a vector of all its numbers. Parts are merged by the formulas of Chan, Golub and LeVeque
+    (1983), which do not lose digits where the mean is much larger than the deviations.
+    """
+
+    def part(self, values: Any, good: Array) -> Any:
+        number = jnp.sum(good, dtype=jnp.int32)
+
+        def of_array(x: Array) -> Moments:
+            x = jnp.where(good[:, None], x.reshape(len(good), -1), 0)
+            mean = jnp.sum(x, axis=0) / number.astype(x.dtype)
+            away = jnp.where(good[:, None], x - mean, 0)
+            return Moments(number, mean, jnp.sum(away[:, :, None] * away[:, None, :], axis=0))
+
+        return jax.tree.map(of_array, values)
+
+    def merged(self, parts: Any) -> Any:
+        def of_moments(part: Moments) -> Moments:
+            number = jnp.sum(part.number, axis=0)
+            weight = part.number[:, None].astype(part.mean.dtype)
+            means = jnp.where(weight > 0, part.mean, 0)  # the mean of an empty group is NaN
+            mean = jnp.sum(weight * means, axis=0) / number.astype(means.dtype)
+            away = jnp.where(weight > 0, means - mean, 0)
+            between = jnp.sum(weight[:, :, None] * away[:, :, None] * away[:, None, :], axis=0)
+            return Moments(number, mean, jnp.sum(part.scatter, axis=0) + between)
+
+        return jax.tree.map(of_moments, parts, is_leaf=lambda x: isinstance(x, Moments))
+
+
+class Histogram(Statistic):
+    """How many bodies have a value in each bin: an integer array (bins,) for each number that the observable returns.
+
+    A bin contains its lower edge, the last bin its upper edge too, as in `numpy.histogram`. Values outside all bins are
+    not counted.
+
+    Attributes:
+        edges: (bins + 1,), increasing.
+    """
+
+    edges: Array
+
+    def __init__(self, observable: Any, edges: Any):
+        super().__init__(observable)
+        self.edges = as_floats("edges", edges)
+        require_finite("edges", self.edges)
+        if self.edges.ndim != 1 or len(self.edges) < 2 or not bool(jnp.all(jnp.diff(self.edges) > 0)):
+            raise ValueError(f"edges must be at least two increasing numbers, got {described(edges)}.")
+
+    def part(self, values: Any, good: Array) -> Any:
+        bins = len(self.edges) - 1
+
+        def of_numbers(x: Array) -> Array:
+            edges = self.edges.astype(x.dtype)
+            place = jnp.searchsorted(edges, x, side="right") - 1
+            place = jnp.where(x == edges[-1], bins - 1, place)
+            inside = good & (place >= 0) & (place < bins)
+            return jnp.sum(inside[:, None] & (place[:, None] == jnp.arange(bins)), axis=0, dtype=jnp.int32)
+
+        def of_array(x: Array) -> Array:
+            columns = x.reshape(len(good), -1)
+            counts = jax.vmap(of_numbers, in_axes=1)(columns)
+            return counts.reshape(*x.shape[1:], bins)
+
+        return jax.tree.map(of_array, values)
+
+    def merged(self, parts: Any) -> Any:
+        return jax.tree.map(lambda part: jnp.sum(part, axis=0), parts)
+
+
+Observe = Observable | Statistic
+
+
+def as_observable(name: str, value: Any) -> Observable:
+    """The observable; a function of (t, state) becomes one, and so does a dict of observables and functions."""
+    if isinstance(value, Observable):
+        return value
+    if isinstance(value, dict) and value and all(isinstance(key, str) for key in value):
+        return Together({key: as_observable(f"{name}[{key!r}]", part) for key, part in value.items()})
+    if callable(value) and not isinstance(value, (type, Statistic)):
+        return Function(value)
+    raise ValueError(
+        f"{name} must be a function of (t, state), an observable such as midlie_jax.observe.Energy(), or a dict of "
+        f"these by name, got {described(value)}."
+    )
+
+
+def as_observe(value: Any) -> Observe | None:
+    """The checked argument `observe` of a driver."""
+    return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
+
+
+def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+    """What is saved of one body at one time; the state itself where nothing is observed."""
+    if observe is None:
+        return state
+    observable = observe.observable if isinstance(observe, Statistic) else observe
+    acting = on_body(torque, body)
+    value = jax.tree.map(jnp.asarray, observable.of(t, state, body, acting))
+    if not jax.tree.leaves(value):
+        raise ValueError("observe must return an array or a pytree of arrays, but returned none.")
+    return value
