@@ -14,7 +14,7 @@ from cases import CLASSES, by_turns, cast, epsilon, integrate, quick, rows, setu
 
 import midlie_jax as ml
 from midlie_jax._kernel.platform import on_cpu
-from midlie_jax.drivers.ensemble import chunk_size
+from midlie_jax.drivers.chunks import chunk_size
 
 PLATFORMS = ["cpu", "cuda", "rocm", "tpu"]
 MANY_OPERANDS = r"stablehlo\.reduce\(%\S+ init: %\S+\), \("

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.ensemble import chunk_size
+from ..drivers.chunks import chunk_size
 from ..drivers.program import Program
 from ..methods.base import Method
 from ..model.states import RigidState

@@ -1,0 +1,198 @@
+"""Runs many bodies in chunks that fit the cache, spread over the devices of a mesh: the program below `ensemble`.
+
+`jax.vmap` of `integrate` is the same computation. But there each step passes over the whole batch, and a batch larger
+than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores. On an
+accelerator there is one chunk, because a launch for each step and chunk would take longer than the memory does.
+
+With a mesh the chunks are spread over its devices. No device needs anything from another one while it takes its steps.
+"""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.sharding import Mesh, PartitionSpec
+
+from .._kernel.platform import on_cpu
+from .._kernel.width import wide_jit
+from ..methods.base import Method
+from ..methods.system import System
+from ..model.state import AnyState
+from . import shared_inputs
+from .adjoints import Adjoint, Reversible
+from .integrate import Path, run_of_body
+from .observe import Observe, Statistic
+from .timing import cores
+
+_CHUNK = 256  # bodies moved at once on one core
+_LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
+
+
+@wide_jit
+def run_ensemble(
+    method: Method,
+    adjoint: Adjoint,
+    mapped: Any,
+    shared: Any,
+    first: Array,
+    steps: int,
+    save_every: int | None,
+    chunk: int,
+    observe: Observe | None = None,
+    mesh: Mesh | None = None,
+    real: Array | None = None,
+) -> tuple[Path, AnyState]:
+    """`ensemble` without the checks: the path of all bodies, and their states at its end.
+
+    Of a statistic the path holds the parts of all chunks, with a leading axis of chunks, which are not yet merged.
+
+    Args:
+        method, adjoint, first, steps, save_every, chunk, observe, mesh: as for `ensemble`; `method` fitted.
+        mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
+        shared: the same, with None for each leaf that has the axis.
+        real: (), how many rows are bodies, by default all; a statistic does not count those after them.
+    """
+    *_, dt, t0 = mapped
+    own_times = dt is not None or t0 is not None
+    # A step that is taken backwards needs other inputs than a step forwards.
+    reversible = isinstance(adjoint, Reversible)
+    inputs, rows = (None, None) if reversible else _inputs_of_all(method, mapped, shared, first, steps)
+    count = mapped[2].momentum.shape[0]
+    real = jnp.asarray(count) if real is None else real
+
+    def run_of_one(mapped: Any, shared: Any, first: Array, rows: Any) -> tuple[Path, AnyState]:
+        body, torque, start, dt, t0 = eqx.combine(mapped, shared)
+        every = save_every or steps
+        path, end = run_of_body(
+            method, adjoint, body, torque, start, dt, t0, first, steps, every, inputs, rows, observe
+        )
+        if save_every is not None:
+            return path, end
+        last = jax.tree.map(lambda x: x[-1], path.states)
+        return Path(path.times[-1], last, path.ok, path.ok.astype(jnp.int32)), end
+
+    out_axes: Any = (Path(0 if own_times else None, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
+    run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None), out_axes=out_axes)
+
+    def run_of_chunk(indices: Array, mapped: Any, real: Array, *common: Any) -> tuple[Path, AnyState]:
+        path, end = run_of_bodies(mapped, *common)
+        if isinstance(observe, Statistic):
+            path = path._replace(states=_parts(observe, path, indices < real))
+        return path, end
+
+    def run_of_chunks(indices: Array, mapped: Any, *common: Any) -> tuple[Path, AnyState]:
+        """Of `indices` (chunks, bodies) and rows of bodies; what belongs to a body has one leading axis again."""
+        if len(indices) == 1:
+            path, end = run_of_chunk(indices[0], mapped, *common)
+            whole = jax.tree.map(lambda x: x[None], path.states) if isinstance(observe, Statistic) else path.states
+            return path._replace(states=whole), end
+
+        def join(parts: Any) -> Any:
+            return jax.tree.map(lambda x: x.reshape(indices.size, *x.shape[2:]), parts)
+
+        rows = jax.tree.map(lambda x: x.reshape(*indices.shape, *x.shape[1:]), mapped)
+        path, end = jax.lax.map(lambda chunk: run_of_chunk(*chunk, *common), (indices, rows))
+        times = join(path.times) if own_times else path.times[0]
+        seen = path.states if isinstance(observe, Statistic) else join(path.states)
+        return Path(times, seen, join(path.ok), join(path.first_bad)), join(end)
+
+    # The last chunks are filled with copies of the last body, so that one compiled program serves all chunks.
+    indices = jnp.asarray(_indices(count, chunk, 1 if mesh is None else mesh.size))
+    if indices.size > count:
+        mapped = jax.tree.map(lambda x: x[jnp.minimum(indices.ravel(), count - 1)], mapped)
+    arrays, others = eqx.partition(shared, eqx.is_array)
+
+    def run(indices: Array, mapped: Any, arrays: Any, real: Array, first: Array, rows: Any) -> tuple[Path, AnyState]:
+        return run_of_chunks(indices, mapped, real, eqx.combine(arrays, others), first, rows)
+
+    if mesh is not None:
+        run = _on_mesh(run, mesh, own_times)
+    path, end = run(indices, mapped, arrays, real, first, rows)
+    if indices.size == count:
+        return path, end
+    cut = partial(jax.tree.map, lambda x: x[:count])
+    times = cut(path.times) if own_times else path.times
+    seen = path.states if isinstance(observe, Statistic) else cut(path.states)
+    return Path(times, seen, cut(path.ok), cut(path.first_bad)), cut(end)
+
+
+def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
+    """`run` on chunks that are spread over a mesh, each device with its own."""
+    each, all_ = PartitionSpec(mesh.axis_names), PartitionSpec()
+    out: Any = (Path(each if own_times else all_, each, each, each), each)  # pyright: ignore[reportArgumentType]
+    mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
+    # What varies from device to device is known here. JAX need not check it, and the step that was traced to prepare
+    # the shared inputs, before the bodies were spread, could not pass that check.
+    specs = (each, each, *[all_] * 4)
+    return jax.shard_map(run, mesh=mesh, in_specs=specs, out_specs=out, check_vma=False)
+
+
+def _parts(observe: Statistic, path: Path, real: Array) -> Any:
+    """The parts (k, ...) of a statistic at the saved times, from the observed values (bodies, k, ...) of a chunk.
+
+    Args:
+        real: (bodies,), False for copies that only fill the chunk.
+    """
+    values = jax.tree.map(lambda x: x if path.times.ndim else x[:, None], path.states)
+    saved = jax.tree.leaves(values)[0].shape[1]
+    good = real[:, None] & (jnp.arange(saved) < path.first_bad[:, None])
+    parts = jax.vmap(observe.part, in_axes=1)(values, good)
+    return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
+
+
+def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps: int) -> tuple[Any, Any]:
+    """The inputs that all bodies share, and their rows for the steps before the run and in it; or None and None."""
+    body, torque, start, dt, t0 = arguments = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
+    structure = jax.tree.structure(arguments)
+    own = structure.unflatten([part is not None for part in structure.flatten_up_to(mapped)])
+    inputs = shared_inputs.find(method, arguments, own)
+    if inputs is None:
+        return None, None
+    system, first = System.of(body, torque, start, t0), first.astype(jnp.int32)
+
+    row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row))
+    if size * steps > _LARGEST_TABLE:
+        return None, None
+    # The first row is that of the steps of length zero before the run; the last block is filled up.
+    padded = -(-(steps + 1) // shared_inputs.BLOCK) * shared_inputs.BLOCK
+    indices = first - 1 + jnp.arange(padded, dtype=jnp.int32)
+    lengths = jnp.where(jnp.arange(padded) == 0, 0 * dt, dt)
+    table = inputs.table(system, t0, dt, lengths, indices)
+    return inputs, (
+        jax.tree.map(lambda x: x[jnp.array([0, 0])], table),
+        jax.tree.map(lambda x: x[1 : steps + 1], table),
+    )
+
+
+def chunk_size(count: int) -> int:
+    """How many of `count` bodies are moved at once by default: all on an accelerator, which wants long loops.
+
+    On a CPU a step reads and writes the state of each body once; it keeps what is between in registers. On one core the
+    state of the chunk should therefore fit the first-level cache, and be large enough to hide the cost of starting a
+    loop. XLA spreads a loop over several cores only if it is long.
+    """
+    if not on_cpu():
+        return count
+    return _CHUNK if cores() == 1 else 32 * _CHUNK
+
+
+def _indices(count: int, chunk: int, devices: int) -> np.ndarray:
+    """The bodies of all chunks, (chunks, bodies), as many chunks for each device; from `count` on they are copies.
+
+    Without a mesh there is the least number of chunks, or up to a quarter more if all are then full, because that saves
+    a copy. On several devices all chunks have the size `chunk` if there is work for all devices, so that the compiled
+    program of a chunk, and its bits, do not depend on the number of devices.
+    """
+    if devices == 1:
+        least = -(-count // chunk)
+        chunks = next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)
+        size = -(-count // chunks)
+    else:
+        size = min(chunk, -(-count // devices))
+        chunks = devices * -(-count // (devices * size))
+    return np.arange(chunks * size).reshape(chunks, size)
