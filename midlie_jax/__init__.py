@@ -44,6 +44,8 @@ from .model.states import DirectionState as DirectionState
 from .model.states import MomentumState as MomentumState
 from .model.states import ParticleState as ParticleState
 from .model.states import RigidState as RigidState
+from .simulation.simulate import simulate as simulate
+from .simulation.summary import Simulation as Simulation
 
 
 def __getattr__(name: str) -> Any:

@@ -13,7 +13,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.sharding import Mesh, PartitionSpec
 
@@ -44,7 +43,7 @@ def run_ensemble(
     chunk: int,
     observe: Observe | None = None,
     mesh: Mesh | None = None,
-    real: Array | None = None,
+    counted: Array | None = None,
 ) -> tuple[Path, AnyState]:
     """`ensemble` without the checks: the path of all bodies, and their states at its end.
 
@@ -54,7 +53,7 @@ def run_ensemble(
         method, adjoint, first, steps, save_every, chunk, observe, mesh: as for `ensemble`; `method` fitted.
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
         shared: the same, with None for each leaf that has the axis.
-        real: (), how many rows are bodies, by default all; a statistic does not count those after them.
+        counted: (n,), whether a statistic may count a body; by default it counts all that can be trusted.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
@@ -62,7 +61,7 @@ def run_ensemble(
     reversible = isinstance(adjoint, Reversible)
     inputs, rows = (None, None) if reversible else _inputs_of_all(method, mapped, shared, first, steps)
     count = mapped[2].momentum.shape[0]
-    real = jnp.asarray(count) if real is None else real
+    may_count = jnp.ones(count, bool) if counted is None else counted
 
     def run_of_one(mapped: Any, shared: Any, first: Array, rows: Any) -> tuple[Path, AnyState]:
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
@@ -78,41 +77,43 @@ def run_ensemble(
     out_axes: Any = (Path(0 if own_times else None, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
     run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None), out_axes=out_axes)
 
-    def run_of_chunk(indices: Array, mapped: Any, real: Array, *common: Any) -> tuple[Path, AnyState]:
+    def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> tuple[Path, AnyState]:
         path, end = run_of_bodies(mapped, *common)
         if isinstance(observe, Statistic):
-            path = path._replace(states=_parts(observe, path, indices < real))
+            path = path._replace(states=_parts(observe, path, counted))
         return path, end
 
-    def run_of_chunks(indices: Array, mapped: Any, *common: Any) -> tuple[Path, AnyState]:
-        """Of `indices` (chunks, bodies) and rows of bodies; what belongs to a body has one leading axis again."""
-        if len(indices) == 1:
-            path, end = run_of_chunk(indices[0], mapped, *common)
+    def run_of_chunks(counted: Array, mapped: Any, *common: Any) -> tuple[Path, AnyState]:
+        """Of `counted` (chunks, bodies) and rows of bodies; what belongs to a body has one leading axis again."""
+        if len(counted) == 1:
+            path, end = run_of_chunk(counted[0], mapped, *common)
             whole = jax.tree.map(lambda x: x[None], path.states) if isinstance(observe, Statistic) else path.states
             return path._replace(states=whole), end
 
         def join(parts: Any) -> Any:
-            return jax.tree.map(lambda x: x.reshape(indices.size, *x.shape[2:]), parts)
+            return jax.tree.map(lambda x: x.reshape(counted.size, *x.shape[2:]), parts)
 
-        rows = jax.tree.map(lambda x: x.reshape(*indices.shape, *x.shape[1:]), mapped)
-        path, end = jax.lax.map(lambda chunk: run_of_chunk(*chunk, *common), (indices, rows))
+        rows = jax.tree.map(lambda x: x.reshape(*counted.shape, *x.shape[1:]), mapped)
+        path, end = jax.lax.map(lambda chunk: run_of_chunk(*chunk, *common), (counted, rows))
         times = join(path.times) if own_times else path.times[0]
         seen = path.states if isinstance(observe, Statistic) else join(path.states)
         return Path(times, seen, join(path.ok), join(path.first_bad)), join(end)
 
     # The last chunks are filled with copies of the last body, so that one compiled program serves all chunks.
-    indices = jnp.asarray(_indices(count, chunk, 1 if mesh is None else mesh.size))
-    if indices.size > count:
-        mapped = jax.tree.map(lambda x: x[jnp.minimum(indices.ravel(), count - 1)], mapped)
+    chunks, size = _cut(count, chunk, 1 if mesh is None else mesh.size)
+    if chunks * size > count:
+        rows_of_all = jnp.minimum(jnp.arange(chunks * size), count - 1)
+        mapped = jax.tree.map(lambda x: x[rows_of_all], mapped)
+        may_count = may_count[rows_of_all] & (jnp.arange(chunks * size) < count)
     arrays, others = eqx.partition(shared, eqx.is_array)
 
-    def run(indices: Array, mapped: Any, arrays: Any, real: Array, first: Array, rows: Any) -> tuple[Path, AnyState]:
-        return run_of_chunks(indices, mapped, real, eqx.combine(arrays, others), first, rows)
+    def run(counted: Array, mapped: Any, arrays: Any, first: Array, rows: Any) -> tuple[Path, AnyState]:
+        return run_of_chunks(counted, mapped, eqx.combine(arrays, others), first, rows)
 
     if mesh is not None:
         run = _on_mesh(run, mesh, own_times)
-    path, end = run(indices, mapped, arrays, real, first, rows)
-    if indices.size == count:
+    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, rows)
+    if chunks * size == count:
         return path, end
     cut = partial(jax.tree.map, lambda x: x[:count])
     times = cut(path.times) if own_times else path.times
@@ -127,19 +128,18 @@ def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
     mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
     # What varies from device to device is known here. JAX need not check it, and the step that was traced to prepare
     # the shared inputs, before the bodies were spread, could not pass that check.
-    specs = (each, each, *[all_] * 4)
-    return jax.shard_map(run, mesh=mesh, in_specs=specs, out_specs=out, check_vma=False)
+    return jax.shard_map(run, mesh=mesh, in_specs=(each, each, all_, all_, all_), out_specs=out, check_vma=False)
 
 
-def _parts(observe: Statistic, path: Path, real: Array) -> Any:
+def _parts(observe: Statistic, path: Path, counted: Array) -> Any:
     """The parts (k, ...) of a statistic at the saved times, from the observed values (bodies, k, ...) of a chunk.
 
     Args:
-        real: (bodies,), False for copies that only fill the chunk.
+        counted: (bodies,), whether a body may be counted.
     """
     values = jax.tree.map(lambda x: x if path.times.ndim else x[:, None], path.states)
     saved = jax.tree.leaves(values)[0].shape[1]
-    good = real[:, None] & (jnp.arange(saved) < path.first_bad[:, None])
+    good = counted[:, None] & (jnp.arange(saved) < path.first_bad[:, None])
     parts = jax.vmap(observe.part, in_axes=1)(values, good)
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
@@ -181,18 +181,16 @@ def chunk_size(count: int) -> int:
     return _CHUNK if cores() == 1 else 32 * _CHUNK
 
 
-def _indices(count: int, chunk: int, devices: int) -> np.ndarray:
-    """The bodies of all chunks, (chunks, bodies), as many chunks for each device; from `count` on they are copies.
+def _cut(count: int, chunk: int, devices: int) -> tuple[int, int]:
+    """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
-    Without a mesh there is the least number of chunks, or up to a quarter more if all are then full, because that saves
+    On one device there is the least number of chunks, or up to a quarter more if all are then full, because that saves
     a copy. On several devices all chunks have the size `chunk` if there is work for all devices, so that the compiled
     program of a chunk, and its bits, do not depend on the number of devices.
     """
     if devices == 1:
         least = -(-count // chunk)
         chunks = next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)
-        size = -(-count // chunks)
-    else:
-        size = min(chunk, -(-count // devices))
-        chunks = devices * -(-count // (devices * size))
-    return np.arange(chunks * size).reshape(chunks, size)
+        return chunks, -(-count // chunks)
+    size = min(chunk, -(-count // devices))
+    return devices * -(-count // (devices * size)), size

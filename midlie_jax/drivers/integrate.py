@@ -144,7 +144,7 @@ def run_of_body(
     if method.keeps_force(system):
         progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
 
-    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[AnyState, Array]]:
+    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
         n, rows = interval
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         inputs = Steps(partial(advance, dt), take_back, (indices, rows), save_every, method.unroll)

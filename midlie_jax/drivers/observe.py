@@ -99,7 +99,15 @@ class Statistic(eqx.Module):
 
     @abstractmethod
     def merged(self, parts: Any) -> Any:
-        """The part of the union of groups, from parts with a leading axis of groups."""
+        """The part of the union of groups, from parts with a leading axis of groups; other axes may stand after it."""
+
+    def finished(self, merged: Any) -> Any:
+        """What a file holds of the merged parts, a pytree of arrays."""
+        return merged
+
+    def attributes(self) -> dict[str, Any]:
+        """What a file says of the statistic, beside its numbers."""
+        return {}
 
 
 class Moments(NamedTuple):
@@ -142,15 +150,29 @@ class Mean(Statistic):
 
     def merged(self, parts: Any) -> Any:
         def of_moments(part: Moments) -> Moments:
-            number = jnp.sum(part.number, axis=0)
-            weight = part.number[:, None].astype(part.mean.dtype)
+            number = jnp.sum(part.number, axis=0, dtype=jnp.int32)
+            weight = part.number[..., None].astype(part.mean.dtype)
             means = jnp.where(weight > 0, part.mean, 0)  # the mean of an empty group is NaN
-            mean = jnp.sum(weight * means, axis=0) / number.astype(means.dtype)
+            mean = jnp.sum(weight * means, axis=0) / number[..., None].astype(means.dtype)
             away = jnp.where(weight > 0, means - mean, 0)
-            between = jnp.sum(weight[:, :, None] * away[:, :, None] * away[:, None, :], axis=0)
+            between = jnp.sum(weight[..., None] * away[..., :, None] * away[..., None, :], axis=0)
             return Moments(number, mean, jnp.sum(part.scatter, axis=0) + between)
 
-        return jax.tree.map(of_moments, parts, is_leaf=lambda x: isinstance(x, Moments))
+        return _on_moments(of_moments, parts)
+
+    def finished(self, merged: Any) -> Any:
+        """Number, mean and covariance; of a single number mean and variance have no axes of their own."""
+
+        def of_moments(m: Moments) -> dict[str, Array]:
+            single = m.mean.shape[-1] == 1
+            mean, covariance = (m.mean[..., 0], m.covariance[..., 0, 0]) if single else (m.mean, m.covariance)
+            return {"number": m.number, "mean": mean, "variance" if single else "covariance": covariance}
+
+        return _on_moments(of_moments, merged)
+
+
+def _on_moments(function: Callable[[Moments], Any], tree: Any) -> Any:
+    return jax.tree.map(function, tree, is_leaf=lambda x: isinstance(x, Moments))
 
 
 class Histogram(Statistic):
@@ -190,7 +212,10 @@ class Histogram(Statistic):
         return jax.tree.map(of_array, values)
 
     def merged(self, parts: Any) -> Any:
-        return jax.tree.map(lambda part: jnp.sum(part, axis=0), parts)
+        return jax.tree.map(lambda part: jnp.sum(part, axis=0, dtype=part.dtype), parts)
+
+    def attributes(self) -> dict[str, Any]:
+        return {"bin_edges": self.edges.tolist()}
 
 
 Observe = Observable | Statistic

@@ -1,0 +1,71 @@
+"""What a file says about its run, beside the variables of the motion: times, parameters, method, versions."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..drivers.clock import time_of
+from ..drivers.ensemble import Batch
+from .names import named
+from .plan import Plan
+from .variables import Variable
+from .versions import versions
+
+_MOST_IN_ATTRIBUTES = 16  # numbers of a parameter that is written as an attribute
+Whole = dict[str, tuple[Variable, np.ndarray]]
+
+
+def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
+    """The attributes of the root: a description, and the parameters that are the same for all bodies."""
+    _, torque, start, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    parameters = {
+        name: values.tolist()
+        for name, values in _parameters(batch.shared).items()
+        if values.size <= _MOST_IN_ATTRIBUTES
+    }
+    return {
+        "title": f"{plan.bodies} bodies moved by {batch.method.name}",
+        "method": batch.method.name,
+        "order": batch.method.order,
+        "torque": "none" if torque is None else getattr(torque, "__name__", type(torque).__name__),
+        "state": type(start).__name__,
+        "dtype": str(start.momentum.dtype),
+        **({"dt": float(dt)} if not dt.ndim else {}),
+        **({"t0": float(t0)} if not t0.ndim else {}),
+        "steps": (plan.saves - 1) * plan.save_every,
+        "save_every": plan.save_every,
+        "parameters": parameters,
+        "source": "midlie_jax",
+        "versions": versions(),
+    }
+
+
+def whole_variables(batch: Batch, plan: Plan) -> Whole:
+    """The variables that are known before the run: the times, and parameters with many numbers."""
+    *_, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    indices = plan.save_every * jnp.arange(plan.saves, dtype=jnp.int32)
+    times = np.asarray(jax.jit(time_of)(t0[..., None], dt[..., None], indices))
+    about = {"long_name": "time", "units": "time"}
+    if times.ndim == 1:
+        found: Whole = {"time": (Variable(("time",), times.shape, times.dtype, about), times)}
+    else:
+        found = {"times": (Variable(("body", "time"), times.shape, times.dtype, about), times)}
+    own, shared = _parameters((*batch.mapped[:2], None, *batch.mapped[3:])), _parameters(batch.shared)
+    shared = {name: values for name, values in shared.items() if values.size > _MOST_IN_ATTRIBUTES}
+    for first, parameters in ((("body",), own), ((), shared)):
+        for name, values in parameters.items():
+            name = f"parameter_{name.replace('.', '_')}"
+            dims = (*first, *(f"{name}_{i + 1}" for i in range(values.ndim - len(first))))
+            long_name = f"{name.removeprefix('parameter_')}, in the units of the run"
+            found[name] = (Variable(dims, values.shape, values.dtype, {"long_name": long_name}), values)
+    return found
+
+
+def _parameters(arguments: Any) -> dict[str, np.ndarray]:
+    """The arrays of body, torque, dt and t0 by name."""
+    body, torque, _, dt, t0 = arguments
+    arrays = eqx.filter({"body": body, "torque": torque, "dt": dt, "t0": t0}, eqx.is_array)
+    return {name: np.asarray(values) for name, values in named(arrays, ".").items()}

@@ -1,0 +1,51 @@
+"""A small run in memory, written to one .npz file at its end; it cannot be resumed."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .plan import Part, Plan
+from .sink import Arrays, Sink
+from .variables import Variable
+
+
+class Memory(Sink):
+    """Keeps the parts of a run.
+
+    Attributes:
+        plan: the cut of the run.
+    """
+
+    def __init__(self, plan: Plan, seen: dict[str, Variable]):
+        self.plan = plan
+        self._arrays = {name: np.empty(variable.shape, variable.dtype) for name, variable in seen.items()}
+        self._of_groups = {name for name, variable in seen.items() if variable.dims[0] == "group"}
+        self._first_bad = np.full(plan.bodies, plan.saves, np.int32)
+
+    def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
+        bodies, saves = self.plan.bodies_of(part.group), self.plan.saves_of(part.segment)
+        for name, values in seen.items():
+            rows = slice(part.group, part.group + 1) if name in self._of_groups else bodies
+            self._arrays[name][rows, saves] = values
+        self._first_bad[bodies] = first_bad
+
+    def first_bad(self) -> np.ndarray:
+        return self._first_bad
+
+    def read(self, name: str) -> np.ndarray:
+        return self._arrays[name]
+
+    def save(self, path: Path, whole: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
+        """Writes the file; at no time is there a file that is not whole."""
+        unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
+        arrays = {name: values for name, values in self._arrays.items() if name not in self._of_groups}
+        described = {name: np.asarray(value) for name, value in attributes.items() if not isinstance(value, dict)}
+        contents: dict[str, Any] = {**described, **arrays, **whole, "first_bad": self._first_bad}
+        try:
+            with open(unfinished, "wb") as file:  # given a name, NumPy may append ".npz" to it
+                np.savez(file, **contents)
+            os.replace(unfinished, path)
+        finally:
+            unfinished.unlink(missing_ok=True)

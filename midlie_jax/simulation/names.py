@@ -1,0 +1,13 @@
+"""Names for the arrays of a pytree, by their place in it."""
+
+from typing import Any
+
+import jax
+
+ALONE = "observed"  # the name of an array that is a tree of its own
+
+
+def named(tree: Any, separator: str = "_") -> dict[str, Any]:
+    """The leaves of a tree by the names of the places where they stand: {"momentum": ..., "attitude": ...}."""
+    places = jax.tree_util.tree_leaves_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator=separator) or ALONE: leaf for path, leaf in places}

@@ -1,0 +1,85 @@
+"""How a run is cut into parts: groups of bodies, and segments of time.
+
+A part is what is computed at once, written at once and committed at once. The cut depends on the run alone, not on the
+devices or processes that compute it, so that all of them compute the same bits.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+_BYTES = 2**25  # of one part in the file, about
+_BODY_STEPS = 10**9  # of one part, at most, unless a single interval between saved states is longer
+GROUP = 2**16  # bodies of one group, by default
+
+
+class Part(NamedTuple):
+    """One group of bodies in one segment of time."""
+
+    segment: int
+    group: int
+
+    def __str__(self) -> str:
+        return f"segment {self.segment}, group {self.group}"
+
+
+class Plan(NamedTuple):
+    """The cut of a run.
+
+    Attributes:
+        bodies: all bodies.
+        saves: saved states of each body, the start included.
+        save_every: steps between two saved states.
+        group: bodies of a group; the last group may be smaller.
+        segment: saved states of a segment, at least 2; the last segment may be smaller.
+        chunk: bodies that are moved at once on one device.
+    """
+
+    bodies: int
+    saves: int
+    save_every: int
+    group: int
+    segment: int
+    chunk: int
+
+    @property
+    def groups(self) -> int:
+        return -(-self.bodies // self.group)
+
+    @property
+    def segments(self) -> int:
+        return -(-self.saves // self.segment)
+
+    def parts(self, groups: range) -> Iterator[Part]:
+        """The parts of these groups in the order in which they are computed: all bodies reach a time together."""
+        return (Part(segment, group) for segment in range(self.segments) for group in groups)
+
+    def bodies_of(self, group: int) -> slice:
+        return slice(group * self.group, min((group + 1) * self.group, self.bodies))
+
+    def saves_of(self, segment: int) -> slice:
+        return slice(segment * self.segment, min((segment + 1) * self.segment, self.saves))
+
+    def first_step(self, segment: int) -> int:
+        """The index of the first step of a segment: its steps lead to the first of its saved states."""
+        return max(0, segment * self.segment - 1) * self.save_every
+
+    def steps(self, segment: int) -> int:
+        """The number of steps of a segment; the start, the first saved state of segment 0, needs none."""
+        saved = self.saves_of(segment)
+        return (saved.stop - saved.start - (segment == 0)) * self.save_every
+
+    def groups_of(self, process: int, processes: int) -> range:
+        """The groups that a process computes: neighbours, and as many for each process as possible."""
+        return range(process * self.groups // processes, (process + 1) * self.groups // processes)
+
+
+def segment_of(group: int, save_every: int, bytes_a_save: float) -> int:
+    """How many saved states a segment has by default.
+
+    Args:
+        group, save_every: as in `Plan`.
+        bytes_a_save: what one saved state of one body takes in the file.
+    """
+    by_bytes = _BYTES / max(group * bytes_a_save, 1)
+    by_work = _BODY_STEPS / (group * save_every)
+    return max(2, int(min(by_bytes, by_work)))

@@ -1,0 +1,39 @@
+"""The progress bar of a run."""
+
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any
+
+import jax
+
+from .plan import Part, Plan
+
+
+@contextmanager
+def reported(
+    progress: bool | Callable[[int], Any], plan: Plan, total: int, done: int
+) -> Generator[Callable[[Part], Any]]:
+    """A function that is to be called after each part; the first process shows a bar if the output is a terminal.
+
+    Args:
+        progress: see `simulate`.
+        total, done: body-steps of this process in all, and those that need not be computed.
+    """
+    if callable(progress):
+        yield lambda part: progress(work(plan, [part]))
+        return
+    if not progress or jax.process_index() or find_spec("tqdm") is None:
+        yield lambda part: None
+        return
+    from tqdm import tqdm
+
+    shown: dict[str, Any] = {"unit": "body-steps", "unit_scale": True, "leave": False, "disable": None}
+    with tqdm(total=total, initial=done, dynamic_ncols=True, **shown) as bar:
+        yield lambda part: bar.update(work(plan, [part]))
+
+
+def work(plan: Plan, parts: Iterable[Part]) -> int:
+    """The body-steps of parts."""
+    sizes = ((plan.bodies_of(part.group), plan.steps(part.segment)) for part in parts)
+    return sum((bodies.stop - bodies.start) * steps for bodies, steps in sizes)

@@ -1,0 +1,199 @@
+"""`simulate`: the driver for long runs of many bodies, which computes a run in parts and writes each to a file."""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+from jax.sharding import Mesh
+
+from .._kernel.checks import as_count, described
+from ..drivers.arguments import as_first_step, check_saving
+from ..drivers.chunks import chunk_size
+from ..drivers.ensemble import as_batch, check_spread
+from ..drivers.observe import Statistic, as_observe
+from ..methods.base import Method
+from ..model.bodies import Body
+from ..model.state import AnyState
+from ..model.torques import TorqueLike
+from . import processes
+from .describe import attributes_of, whole_variables
+from .identity import differences, identity
+from .memory import Memory
+from .parts import Computation, compute_and_write
+from .plan import GROUP, Plan, segment_of
+from .progress import reported, work
+from .resume import repair_whole, resumed
+from .store import Store, create
+from .summary import Simulation, merged_statistic
+from .variables import seen_leaves, seen_variables, state_variables
+
+Repaired = tuple[str, ...]
+
+
+def simulate(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: AnyState,
+    *,
+    out: str | Path,
+    dt: float | Array,
+    steps: int,
+    save_every: int,
+    t0: float | Array = 0.0,
+    torque_axes: Any = None,
+    observe: Any = None,
+    resume: bool = False,
+    mesh: Mesh | None = None,
+    group: int | None = None,
+    segment: int | None = None,
+    chunk: int | None = None,
+    progress: bool | Callable[[int], Any] = True,
+) -> Simulation:
+    """Integrates n bodies as `ensemble` does, in parts that fit memory, and writes the path to a file as it goes.
+
+    A run that is stopped at any moment, by ctrl-C, a full disk or a lost machine, can be resumed, and ends with the
+    same bits as a run that was never stopped. A body that fails leaves the others untouched.
+
+    With `jax.distributed` every process calls `simulate` with the same arguments. Each computes and writes a share of
+    the groups, on its own devices; `out` must be a folder that all of them see.
+
+    Args:
+        method, body, torque, start, dt, steps, t0, torque_axes, observe: as for `ensemble`; `start` has a leading axis
+            (n,).
+        out: a folder whose name ends in .zarr, for a Zarr store (needs the extra `io`); or a file whose name ends in
+            .npz, for a small run that is kept in memory, written at its end, and cannot be resumed.
+        save_every: save a state, or what is observed, every `save_every` steps, and at the start.
+        resume: go on with the run in `out`, if there is one. What is damaged there is found, named in the result, and
+            computed again.
+        mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
+            each takes those of its own devices that are in the mesh. The numbers do not depend on it.
+        group: bodies that are computed at once and written to one chunk of the file; by default up to 65536.
+        segment: saved states of a body that are computed at once and written to one chunk, at least 2; by default as
+            many as fill 32 MB, or need 1e9 body-steps.
+        chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
+        progress: whether to show a bar, if the output is a terminal and tqdm is installed; or a function that is called
+            with the number of body-steps of each part that has been written.
+
+    Returns:
+        A summary with the failures of single bodies: print it, or open the file by its `open()`.
+
+    Raises:
+        ValueError: as for `ensemble`; `out` exists and `resume` is False; the run in `out` is another one, and the
+            message says what has changed; another process writes to `out`.
+        ImportError: the extra `io` is not installed.
+        OSError: a part cannot be written. What was written before is kept, and the run can be resumed.
+    """
+    began = time.perf_counter()
+    steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
+    check_saving(steps, save_every)
+    as_first_step(0, steps)
+    sizes = {"group": group, "segment": segment, "chunk": chunk}
+    sizes = {name: as_count(name, size) for name, size in sizes.items() if size is not None}
+    if sizes.get("segment", 2) < 2:
+        raise ValueError("segment must be at least 2 saved states, got 1.")
+    path = _checked_path(out, resume)
+    batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
+    check_spread(batch, observe, mesh)
+    seen = seen_leaves(batch, observe)
+    existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
+    if existing is not None:  # its cut is kept, unless another one is asked for, which is refused below
+        before = existing.plan
+        sizes = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **sizes}
+    plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **sizes)
+    computation = Computation(batch, observe, plan, None if mesh is None else mesh.local_mesh)
+    if path.suffix == ".npz":
+        first_bad, computed, repaired = _in_memory(computation, path, seen, progress)
+    else:
+        first_bad, computed, repaired = _in_store(computation, path, existing, seen, progress)
+    seconds = time.perf_counter() - began
+    return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, seconds, repaired)
+
+
+def _checked_path(out: Any, resume: bool) -> Path:
+    if not isinstance(out, str | Path) or Path(out).suffix not in (".zarr", ".npz"):
+        raise ValueError(f"out must be a path that ends in .zarr or .npz, got {described(out)}.")
+    path = Path(out)
+    if path.suffix == ".npz" and (resume or jax.process_count() > 1):
+        raise ValueError(
+            f"{path} cannot be resumed, nor shared by several processes; choose a name that ends in .zarr."
+        )
+    if path.suffix == ".zarr" and find_spec("zarr") is None:
+        raise ImportError("a .zarr store needs Zarr: pip install 'midlie_jax[io]', or give a name that ends in .npz.")
+    if path.exists() and not resume:
+        raise ValueError(f"{path} exists; pass resume=True to go on with its run, or choose another name.")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path} is in a folder that does not exist; create the folder first.")
+    return path
+
+
+def _plan(
+    bodies: int,
+    saves: int,
+    save_every: int,
+    seen: Any,
+    of_groups: bool,
+    group: int = GROUP,
+    segment: int | None = None,
+    chunk: int | None = None,
+) -> Plan:
+    group = min(bodies, group)
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(seen))
+    segment = segment or segment_of(group, save_every, size / group if of_groups else size)
+    return Plan(bodies, saves, save_every, group, min(saves, segment), chunk or min(group, chunk_size(group)))
+
+
+def _in_memory(computation: Computation, path: Path, seen: Any, progress: Any) -> tuple[np.ndarray, int, Repaired]:
+    """Computes all parts and writes the file; returns `first_bad`, the body-steps computed, and what was repaired."""
+    batch, observe, plan, _ = computation
+    sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
+    total = work(plan, parts)
+    with reported(progress, plan, total, 0) as written:
+        compute_and_write(computation, parts, {g: computation.begin(g) for g in range(plan.groups)}, sink, written)
+    whole = whole_variables(batch, plan)
+    if isinstance(observe, Statistic):
+        whole |= merged_statistic(observe, seen, sink)
+    sink.save(path, {name: values for name, (_, values) in whole.items()}, attributes_of(batch, plan))
+    return sink.first_bad(), total, ()
+
+
+def _in_store(
+    computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any
+) -> tuple[np.ndarray, int, Repaired]:
+    """The same for a store, of which this process computes its share of the parts that are missing."""
+    batch, observe, plan, _ = computation
+    now, first = identity(batch, observe, plan), jax.process_index() == 0
+
+    def opened() -> Store:
+        if existing is not None:
+            changed = differences(existing.identity, now)
+            if changed:
+                raise ValueError(
+                    f"{path} holds another run: {'; '.join(changed)}. Choose another name, or repeat the call that "
+                    "began that run."
+                )
+        elif first:
+            variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
+            create(path, plan, now, variables, state_variables(batch), whole, attributes_of(batch, plan))
+        return Store(path) if first else None  # pyright: ignore[reportReturnType]
+
+    store = processes.all_succeed(opened) or Store(path)
+    groups = plan.groups_of(jax.process_index(), jax.process_count())
+    with ExitStack() as locks:
+        processes.all_succeed(lambda: locks.enter_context(store.locked()) if first else None)
+        found = resumed(computation, store, groups)
+        repaired = (*found.repaired, *(repair_whole(computation, store) if first else ()))
+        todo = [part for part in plan.parts(groups) if part.segment >= found.segments[part.group]]
+        total, missing = work(plan, plan.parts(groups)), work(plan, todo)
+        with reported(progress, plan, total, total - missing) as written:
+            processes.all_succeed(lambda: compute_and_write(computation, todo, found.groups, store, written))
+        if isinstance(observe, Statistic) and first:
+            store.add(merged_statistic(observe, seen, store))
+        processes.wait(str(path))
+        return store.first_bad(), missing, repaired

@@ -1,0 +1,279 @@
+"""A run in a Zarr store that xarray opens, and the checks by which a run is resumed from it.
+
+The root holds what a reader wants: the variables of the run, `time`, `first_bad`, and attributes that describe the run.
+The group `parts` holds what a statistic has of each group of bodies, before these are merged at the end of the run.
+
+The group `checkpoint` holds what a resumed run needs: the state of each body at the end of the last two segments (in
+one slot for even and one for odd segments), and for each part a commit: the checksums of all that the part wrote. The
+commit is the last that a part writes, in one atomic operation. What a process wrote before it was killed, but did not
+commit, is written again by the resumed run.
+"""
+
+import fcntl
+import os
+import shutil
+import warnings
+import zlib
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .plan import Part, Plan
+from .sink import Arrays, Sink
+from .variables import BODY, COORDINATES, GROUP, Variable
+
+ATTRIBUTE = "midlie_jax"
+PARTS = "parts"  # the group with what a statistic has of each group of bodies
+_FIRST_BAD = "first_bad"
+
+
+class Store(Sink):
+    """A run in a Zarr store.
+
+    Attributes:
+        path: the folder.
+        plan: the cut of the run.
+        identity: see `identity.py`.
+    """
+
+    def __init__(self, path: Path):
+        """Opens a store.
+
+        Raises:
+            ValueError: the folder is not the store of a run, or its description is damaged.
+        """
+        import zarr
+
+        self.path = path
+        try:
+            self._root: Any = zarr.open_group(path, mode="r+", use_consolidated=False)
+            described_run: Any = self._root.attrs[ATTRIBUTE]
+            self.plan, self.identity = Plan(**described_run["plan"]), dict(described_run["identity"])
+            places = dict(described_run["variables"])
+            self._seen: list[str] = sorted(places)  # in the order of the checksums; attributes keep none
+            self._arrays = {name: self._root[places[name]] for name in self._seen}
+            self._checkpoint: Any = self._root["checkpoint"]
+            self._states: list[str] = sorted(described_run["state"])
+            self._commits: Any = self._checkpoint["commit"]
+        except Exception as error:  # whatever a reader of damaged files raises
+            raise ValueError(
+                f"{path} is not the store of a run, or its description is damaged ({type(error).__name__}: {error}); "
+                "delete the folder or choose another one."
+            ) from error
+
+    @contextmanager
+    def locked(self) -> Generator[None]:
+        """Keeps other processes from writing to the store, until this one ends or leaves the context.
+
+        Raises:
+            ValueError: another process holds the lock.
+        """
+        folder = os.open(self.path, os.O_RDONLY)
+        try:
+            try:
+                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ValueError(
+                    f"another run is writing to {self.path}; wait for its end or choose another folder."
+                ) from None
+            yield
+        finally:
+            os.close(folder)  # which releases the lock
+
+    def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
+        """Writes a part, and commits it."""
+        for name, values in seen.items():
+            self._arrays[name][self._place(name, part)] = values
+        bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
+        for name, values in {**state, _FIRST_BAD: first_bad}.items():
+            self._checkpoint[name][slot, bodies] = values
+        self._root[_FIRST_BAD][bodies] = first_bad
+        written = *(seen[name] for name in self._seen), *(state[name] for name in self._states), first_bad
+        sums = [checksum(values) for values in written]
+        self._commits[part.segment, part.group] = _sealed(sums)
+
+    def state(self, part: Part) -> tuple[Arrays, np.ndarray]:
+        """The states at the end of a committed part, and `first_bad` of its bodies."""
+        bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
+        state = {name: self._checkpoint[name][slot, bodies] for name in self._states}
+        return state, self._checkpoint[_FIRST_BAD][slot, bodies]
+
+    def committed(self, group: int) -> int:
+        """How many segments of a group are committed without a gap, from the first."""
+        return next((s for s in range(self.plan.segments) if not self._sums(Part(s, group))), self.plan.segments)
+
+    def damage(self, group: int) -> list[str]:
+        """Names what cannot be read of the committed segments of a group, or is not what was written."""
+        count = self.committed(group)
+        later = [s for s in range(count, self.plan.segments) if self._sums(Part(s, group))]
+        found = [f"the commit of {Part(count, group)}"] if later else []
+        for segment in range(count):
+            part = Part(segment, group)
+            for name, expected in zip(self._seen, self._sums(part), strict=False):
+                if _read(lambda name=name, part=part: self._arrays[name][self._place(name, part)]) != expected:
+                    found.append(f"{name} of {part}")
+        return found
+
+    def whole_state(self, part: Part) -> bool:
+        """Whether the states at the end of a committed part are what was written."""
+        bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
+        expected = self._sums(part)[len(self._seen) :]
+        names = (*self._states, _FIRST_BAD)
+        return expected == [_read(lambda name=name: self._checkpoint[name][slot, bodies]) for name in names]
+
+    def forget(self, group: int, segments: int) -> None:
+        """Takes back the commits of a group after its first `segments` segments."""
+        self._commits[segments:, group] = 0
+
+    def first_bad(self) -> np.ndarray:
+        return self._root[_FIRST_BAD][:]
+
+    def write_first_bad(self, group: int, first_bad: np.ndarray) -> None:
+        """Writes what a killed process may have left half written, or ahead of its last commit."""
+        self._root[_FIRST_BAD][self.plan.bodies_of(group)] = first_bad
+
+    def holds(self, name: str, values: np.ndarray) -> bool:
+        """Whether a variable of the root can be read and has these values."""
+        return name in self._root and _read(lambda: self._root[name][...]) == checksum(values)
+
+    def read(self, name: str) -> np.ndarray:
+        return self._arrays[name][:]
+
+    def add(self, variables: dict[str, tuple[Variable, np.ndarray]]) -> None:
+        """Adds whole variables to the root, or overwrites them."""
+        for name, (variable, values) in variables.items():
+            if name not in self._root:
+                _create(self._root, name, variable, variable.shape)
+            self._root[name][...] = values
+        if variables:
+            _consolidate(self.path)
+
+    def _place(self, name: str, part: Part) -> tuple[slice, slice]:
+        saves = self.plan.saves_of(part.segment)
+        if self._arrays[name].metadata.dimension_names[0] == GROUP:
+            return slice(part.group, part.group + 1), saves
+        return self.plan.bodies_of(part.group), saves
+
+    def _sums(self, part: Part) -> list[int]:
+        """The checksums of a committed part; an empty list if the part is not committed."""
+        try:
+            sums = [int(x) for x in self._commits[part.segment, part.group]]
+        except Exception:  # a damaged commit is none
+            return []
+        return sums[:-1] if sums == _sealed(sums[:-1]) else []
+
+
+def create(
+    path: Path,
+    plan: Plan,
+    identity: dict[str, str],
+    seen: dict[str, Variable],
+    state: dict[str, Variable],
+    whole: dict[str, tuple[Variable, np.ndarray]],
+    attributes: dict[str, Any],
+) -> None:
+    """Creates a store without parts; at no time is there a store that is not whole.
+
+    Args:
+        path: of the folder, which must not exist.
+        plan, identity: see `Store`.
+        seen: the variables that the parts write.
+        state: the arrays of the states of all bodies.
+        whole: variables that are known beforehand, such as the time.
+        attributes: of the root.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    import zarr
+
+    description = {
+        "plan": plan._asdict(),
+        "identity": identity,
+        "variables": {name: f"{PARTS}/{name}" if v.dims[0] == GROUP else name for name, v in seen.items()},
+        "state": list(state),
+    }
+    unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
+    try:
+        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes={**attributes, ATTRIBUTE: description})
+        for name, variable in seen.items():
+            of_groups = variable.dims[0] == GROUP
+            place = root.require_group(PARTS) if of_groups else root
+            _create(place, name, variable, (1 if of_groups else plan.group, plan.segment, *variable.shape[2:]))
+        first_bad = Variable((BODY,), (plan.bodies,), np.dtype(np.int32), _first_bad_attributes(plan))
+        _create(root, _FIRST_BAD, first_bad, (plan.group,), missing=plan.saves)
+        for name, (variable, values) in whole.items():
+            _create(root, name, variable, variable.shape)[...] = values
+        used = {dim for variable in seen.values() for dim in variable.dims}
+        for dim in used & COORDINATES.keys():
+            names = np.array(COORDINATES[dim], dtype=object)
+            root.create_array(dim, shape=names.shape, dtype="str", dimension_names=(dim,))[:] = names
+        checkpoint = root.create_group("checkpoint")
+        for name, variable in {**state, _FIRST_BAD: first_bad}.items():
+            slots = variable._replace(dims=("slot", *variable.dims), shape=(2, *variable.shape))
+            _create(checkpoint, name, slots, (1, plan.group, *variable.shape[1:]))
+        sums = len(seen) + len(state) + 2
+        commit = Variable(("segment", GROUP, "checksum"), (plan.segments, plan.groups, sums), np.dtype(np.uint32), {})
+        _create(checkpoint, "commit", commit, (1, 1, sums))
+        _consolidate(unfinished)
+        if path.exists():
+            raise ValueError(f"another run has just created {path}; choose another name.")
+        os.rename(unfinished, path)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def checksum(values: np.ndarray) -> int:
+    return zlib.crc32(np.ascontiguousarray(values).tobytes())
+
+
+def _first_bad_attributes(plan: Plan) -> dict[str, str]:
+    return {
+        "long_name": "index in time of the first saved state that cannot be trusted",
+        "description": f"{plan.saves} for a body whose states can all be trusted, as far as they are computed",
+    }
+
+
+def _sealed(sums: list[int]) -> list[int]:
+    """Checksums followed by their own, which is not zero; so neither zeros nor a torn record are a commit."""
+    return [*sums, zlib.crc32(np.array(sums, np.uint32).tobytes()) or 1]
+
+
+def _read(read: Any) -> int | None:
+    """The checksum of what is read; None if it cannot be read."""
+    try:
+        return checksum(read())
+    except Exception:  # whatever a reader of damaged files raises
+        return None
+
+
+def _create(group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0) -> Any:
+    """An array without compression, because the digits of numbers of a motion are as good as random.
+
+    Where nothing is written yet, its integers are `missing`, and its floating-point numbers NaN.
+    """
+    from zarr.codecs import Crc32cCodec
+
+    return group.create_array(
+        name,
+        shape=variable.shape,
+        dtype=variable.dtype,
+        chunks=tuple(max(1, size) for size in chunks),
+        fill_value=np.nan if np.issubdtype(variable.dtype, np.floating) else missing,
+        compressors=[Crc32cCodec()],  # a reader who knows nothing of commits finds a changed byte, too
+        dimension_names=variable.dims,
+        attributes=variable.attributes,
+        config={"write_empty_chunks": True},
+    )
+
+
+def _consolidate(path: Path) -> None:
+    """Lets xarray open the store without listing its folders."""
+    import zarr
+
+    with warnings.catch_warnings():  # that version 3 of the format does not specify this yet; other readers ignore it
+        warnings.simplefilter("ignore", UserWarning)
+        zarr.consolidate_metadata(str(path))

@@ -1,0 +1,90 @@
+"""`Simulation`, what `simulate` returns; and the statistics of all groups, merged."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..drivers.observe import Statistic
+from .describe import Whole
+from .names import named
+from .sink import Sink
+from .variables import TIME, Variable, own_dims
+
+_SHOWN = 5  # failed bodies that are listed
+
+
+class Simulation(NamedTuple):
+    """What `simulate` did.
+
+    Attributes:
+        out: the folder or file.
+        bodies, steps: the size of the whole run.
+        saves: the number of saved states of each body, the start included.
+        first_bad: (n,), for each body the index of its first saved state that cannot be trusted; `saves` if there is
+            none. The first bad step lies between the state before it and this one.
+        computed: how many body-steps this call computed; less than bodies times steps if it resumed a run, or if
+            several processes share it.
+        seconds: how long this call took, compiling included.
+        repaired: what was damaged in the file, and has been computed again.
+    """
+
+    out: Path
+    bodies: int
+    steps: int
+    saves: int
+    first_bad: np.ndarray
+    computed: int
+    seconds: float
+    repaired: tuple[str, ...]
+
+    @property
+    def ok(self) -> np.ndarray:
+        """(n,), whether all states of a body can be trusted."""
+        return self.first_bad == self.saves
+
+    def open(self) -> Any:
+        """The run as an `xarray.Dataset`, which reads from the file what is asked for; of a .npz file, its arrays."""
+        if self.out.suffix == ".npz":
+            return np.load(self.out)
+        import xarray
+
+        return xarray.open_zarr(self.out)
+
+    def __str__(self) -> str:
+        rate = f", {self.computed / self.seconds:.3g} body-steps/s" if self.computed else ""
+        lines = [
+            f"{self.out}: {self.bodies} bodies, {self.steps} steps, {self.saves} saved states of each",
+            f"computed now: {self.computed} body-steps in {self.seconds:.3g} s{rate}",
+            failures(self.first_bad, self.saves),
+            *(f"damaged, and computed again: {name}" for name in self.repaired),
+        ]
+        return "\n".join(lines)
+
+
+def failures(first_bad: np.ndarray, saves: int) -> str:
+    """In words, how many bodies failed, and which."""
+    failed = np.flatnonzero(first_bad < saves)
+    if not failed.size:
+        return "all bodies ok"
+    listed = ", ".join(f"body {body} from saved state {first_bad[body]}" for body in failed[:_SHOWN])
+    more = f" and {failed.size - _SHOWN} more" if failed.size > _SHOWN else ""
+    return f"{failed.size} of {first_bad.size} bodies FAILED: {listed}{more}"
+
+
+def merged_statistic(observe: Statistic, seen: Any, sink: Sink) -> Whole:
+    """The variables (time, ...) of a statistic over all bodies, merged from the parts of the groups in a file.
+
+    Args:
+        seen: the pytree of a part.
+    """
+    arrays = [jnp.asarray(sink.read(name)) for name in named(seen)]
+    finished = observe.finished(observe.merged(jax.tree.unflatten(jax.tree.structure(seen), arrays)))
+    found: Whole = {}
+    for name, leaf in named(finished).items():
+        values = np.asarray(leaf)
+        about = {"long_name": f"{name} over all bodies that can be trusted", **observe.attributes()}
+        found[name] = (Variable((TIME, *own_dims(name, values.shape[1:])), values.shape, values.dtype, about), values)
+    return found

@@ -1,0 +1,57 @@
+"""The run of `test_simulate.py`; as a program, that run in a process of its own: to be killed, or one of several.
+
+    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P]
+
+It prints a line for each part that it has written.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--devices", type=int, default=1)
+    parser.add_argument("--process", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--port", type=int)
+    options = parser.parse_args()
+    os.environ["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={options.devices}"  # and no others
+
+import conftest  # noqa: F401  (float64)
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+
+BODIES, STEPS, EVERY = 50, 240, 10  # 25 saved states
+# Groups of 16, 16, 16 and 2 bodies; segments of 8, 8, 8 and 1 saved states.
+CUT = {"group": 16, "segment": 8, "chunk": 4}
+RNG = np.random.default_rng(11)
+WEIGHTS = RNG.uniform(1, 2, BODIES)
+MOMENTS = np.tile([2.0, 2.0, 1.0], (BODIES, 1)) * RNG.uniform(0.9, 1.1, (BODIES, 1))
+MOMENTA = RNG.normal(size=(BODIES, 3))
+ATTITUDES = RNG.normal(size=(BODIES, 4))
+ATTITUDES /= np.linalg.norm(ATTITUDES, axis=1, keepdims=True)
+
+
+def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, **options):
+    """The run, or one in which something is different."""
+    body, start = ml.RigidBody(jnp.asarray(MOMENTS)), ml.RigidState(jnp.asarray(momenta), jnp.asarray(ATTITUDES))
+    torque = ml.torques.HeavyTop(jnp.asarray(WEIGHTS)) if torque is None else torque
+    given = {"dt": 0.05, "steps": STEPS, "save_every": EVERY, "progress": False, **CUT, **options}
+    return ml.simulate(method, body, torque, start, out=out, **given)
+
+
+def main():
+    if options.processes > 1:
+        jax.distributed.initialize(f"localhost:{options.port}", options.processes, options.process)
+    mesh = jax.make_mesh((len(jax.devices()),), ("bodies",)) if len(jax.devices()) > 1 else None
+    simulated(options.out, resume=True, mesh=mesh, progress=lambda work: print(work, flush=True))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,330 @@
+"""Long runs in parts: the same bits however a run is cut short, spread or damaged; and errors that say what to do."""
+
+import contextlib
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import zarr
+from cases import whole
+from simulated import BODIES, EVERY, MOMENTA, MOMENTS, STEPS, simulated
+
+import midlie_jax as ml
+from midlie_jax.simulation.store import Store
+
+xarray = pytest.importorskip("xarray")
+NAMES = ("momentum", "attitude", "first_bad", "time")
+SAVES = 1 + STEPS // EVERY
+
+
+def contents(path):
+    root = zarr.open_group(path, mode="r")
+    return {name: root[name][:] for name in NAMES}
+
+
+def assert_same(path, expected):
+    for name, values in contents(path).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """The contents of a run that was never stopped."""
+    path = tmp_path_factory.mktemp("reference") / "run.zarr"
+    simulated(path)
+    return contents(path)
+
+
+def test_a_simulation_is_the_ensemble(tmp_path, reference):
+    """Its path, bit for bit; xarray opens it, with names, units and frames."""
+    result = simulated(tmp_path / "run.zarr")
+    assert (result.bodies, result.saves, result.computed) == (BODIES, SAVES, BODIES * STEPS)
+    assert result.ok.all()
+    assert "all bodies ok" in str(result)
+    assert_same(result.out, reference)
+    run = xarray.open_zarr(result.out)
+    assert run.momentum.dims == ("body", "time", "axis")
+    assert (run.momentum.units, run.momentum.frame) == ("mass length2 time-1", "body")
+    assert list(run.quaternion.values) == ["w", "x", "y", "z"]
+    assert (run.method, run.dt, run.steps) == ("SYMMETRIC[EA]", 0.05, STEPS)
+    assert run.attrs["versions"]["jax"] == jax.__version__
+    np.testing.assert_array_equal(run.parameter_body_moments, MOMENTS)
+    body = ml.RigidBody(jnp.asarray(MOMENTS))
+    torque = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_weight.values))
+    start = ml.RigidState(run.momentum.values[:, 0], run.attitude.values[:, 0])
+    path = ml.ensemble("SYMMETRIC[EA]", body, torque, start, dt=0.05, steps=STEPS, save_every=EVERY, chunk=4)
+    np.testing.assert_array_equal(path.states.momentum, run.momentum)
+    np.testing.assert_array_equal(path.states.attitude, run.attitude)
+    np.testing.assert_allclose(path.times, run.time, rtol=1e-15)
+
+
+def test_a_small_run_fits_one_file(tmp_path, reference):
+    result = simulated(tmp_path / "run.npz")
+    with result.open() as file:
+        for name in NAMES:
+            np.testing.assert_array_equal(file[name], reference[name])
+        assert (str(file["method"]), int(file["steps"])) == ("SYMMETRIC[EA]", STEPS)
+
+
+class CrashError(Exception):
+    """As if the process ended here."""
+
+
+def crash_at(monkeypatch, instant, error):
+    """Raises in place of the write to the store with this number; returns the count of writes."""
+    count, write = [0], zarr.Array.__setitem__
+
+    def counted(array, place, values):
+        count[0] += 1
+        if count[0] == instant:
+            raise error
+        return write(array, place, values)
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", counted)
+    return count
+
+
+CREATED = 5  # writes that create the store: the time, two parameters, the names of components
+WRITES = 16 * 7  # in the 16 parts: two variables, two states, first_bad twice, and the commit
+
+
+@pytest.mark.parametrize("nth", range(5))
+def test_a_run_stopped_at_any_write_ends_with_the_same_bits(tmp_path, monkeypatch, reference, nth):
+    """Also if the resumed run is stopped again."""
+    path, instants = tmp_path / "run.zarr", random.Random(nth)
+    for instant in (CREATED + instants.randrange(1, WRITES + 1), instants.randrange(1, 20)):
+        with monkeypatch.context() as patch, contextlib.suppress(CrashError):
+            crash_at(patch, instant, CrashError())
+            simulated(path, resume=True)
+            assert instant < 20  # the second time there may not be so much left to write
+    result = simulated(path, resume=True)
+    assert result.repaired == ()
+    assert_same(path, reference)
+    assert simulated(path, resume=True).computed == 0
+
+
+def test_a_full_disk_is_an_error_that_loses_nothing(tmp_path, monkeypatch, reference):
+    path = tmp_path / "run.zarr"
+    with monkeypatch.context() as patch:
+        crash_at(patch, 60, OSError(28, "No space left on device"))
+        with pytest.raises(OSError, match="No space left"):
+            simulated(path)
+    result = simulated(path, resume=True)
+    assert 0 < result.computed < BODIES * STEPS
+    assert_same(path, reference)
+
+
+def flip(file):
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+
+
+DAMAGE = {
+    "a flipped byte": flip,
+    "a truncated chunk": lambda file: file.write_bytes(file.read_bytes()[:-100]),
+    "a missing chunk": Path.unlink,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("momentum/c/1/2/0", "momentum of segment 2, group 1"),
+        ("attitude/c/3/0/0", "attitude of segment 0, group 3"),
+        ("checkpoint/momentum/c/1/2/0", "the states after segment 3, group 2"),
+        ("checkpoint/commit/c/1/0/0", "the commit of segment 1, group 0"),
+        ("time/c/0", "time"),
+    ],
+)
+def test_damage_is_found_named_and_repaired(tmp_path, reference, damage, file, name):
+    path = tmp_path / "run.zarr"
+    simulated(path)
+    assert (path / file).stat().st_size > 4
+    if damage == "a truncated chunk" and (path / file).stat().st_size <= 100:
+        (path / file).write_bytes((path / file).read_bytes()[:-3])
+    else:
+        DAMAGE[damage](path / file)
+    result = simulated(path, resume=True)
+    assert name in result.repaired
+    assert len(result.repaired) == 1
+    assert_same(path, reference)
+    assert simulated(path, resume=True).repaired == ()
+
+
+def test_a_reader_finds_a_flipped_byte_too(tmp_path):
+    simulated(tmp_path / "run.zarr")
+    flip(tmp_path / "run.zarr/momentum/c/0/0/0")
+    with pytest.raises(ValueError, match="checksum"):
+        xarray.open_zarr(tmp_path / "run.zarr").momentum.load()
+
+
+def pulled(t, state):
+    """A torque that stops being a number for a body that comes near one direction."""
+    up = ml.so3.to_matrix(state.attitude)[2]
+    return jnp.sqrt(up[2] + 0.9) * jnp.cross(up, jnp.array([0.0, 0.0, 1.0]))
+
+
+def test_a_body_that_fails_leaves_the_others_untouched(tmp_path):
+    """NaN from a torque, a momentum that overflows, and a solve that ends without a solution."""
+    momenta = MOMENTA.copy()
+    momenta[7], momenta[33] = [1e200, 1e200, 1e200], [400.0, 90.0, 300.0]
+    options = {"method": "LIEMID[EA]", "torque": pulled, "steps": 60}
+    bad = simulated(tmp_path / "bad.zarr", momenta=momenta, **options)
+    good = simulated(tmp_path / "good.zarr", **options)
+    failed = set(np.flatnonzero(~bad.ok))
+    assert {7, 33} < failed
+    assert failed - {7, 33} == set(np.flatnonzero(~good.ok)) - {7, 33} != set()
+    others = [body for body in range(BODIES) if body not in (7, 33)]
+    one, other = contents(bad.out), contents(good.out)
+    for name in ("momentum", "attitude", "first_bad"):
+        np.testing.assert_array_equal(one[name][others], other[name][others])
+    assert "bodies FAILED" in str(bad)
+    for body in failed:
+        before = one["momentum"][body, : bad.first_bad[body]]
+        assert np.all(np.isfinite(before))
+    assert f"body {min(failed)} from saved state {bad.first_bad[min(failed)]}" in str(bad)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"method": "SYMMETRIC[E2]"}, r"method was SYMMETRIC\[EA\] and is now SYMMETRIC\[E2\]"),
+        ({"dt": 0.04}, "dt was 0.05 and is now 0.04"),
+        ({"steps": 2 * STEPS}, f"steps was {STEPS} and is now {2 * STEPS}"),
+        ({"t0": 1.0}, "t0 was 0.0 and is now 1.0"),
+        ({"momenta": MOMENTA + 1}, "start.momentum was"),
+        ({"torque": ml.torques.HeavyTop(1.5)}, "torque.weight was"),
+        ({"torque": lambda t, state: 0 * state.momentum}, "torque.weight was .* and is now absent"),
+        ({"observe": ml.observe.Energy()}, "observe was the states and is now Energy"),
+        ({"group": 25}, "bodies of a group was 16 and is now 25"),
+    ],
+)
+def test_another_run_is_refused(tmp_path, reference, changes, message):
+    simulated(tmp_path / "run.zarr")
+    with pytest.raises(ValueError, match=message):
+        simulated(tmp_path / "run.zarr", resume=True, **changes)
+    assert_same(tmp_path / "run.zarr", reference)
+
+
+def test_another_version_is_refused(tmp_path):
+    path = tmp_path / "run.zarr"
+    simulated(path)
+    for file in (path / "zarr.json",):
+        text = json.loads(file.read_text())
+        text["attributes"]["midlie_jax"]["identity"]["jax"] = "0.0.1"
+        file.write_text(json.dumps(text))
+    with pytest.raises(ValueError, match=f"jax was 0.0.1 and is now {jax.__version__}"):
+        simulated(path, resume=True)
+
+
+def test_the_cut_of_a_resumed_run_is_kept(tmp_path):
+    simulated(tmp_path / "run.zarr")
+    assert simulated(tmp_path / "run.zarr", resume=True, group=None, segment=None, chunk=None).computed == 0
+
+
+def test_one_run_at_a_time(tmp_path):
+    simulated(tmp_path / "run.zarr")
+    with Store(tmp_path / "run.zarr").locked(), pytest.raises(ValueError, match="another run is writing"):
+        simulated(tmp_path / "run.zarr", resume=True)
+
+
+@pytest.mark.parametrize(
+    ("out", "options", "message"),
+    [
+        ("run.zarr", {"resume": False}, "exists; pass resume=True"),
+        ("run.hdf5", {}, "ends in .zarr or .npz"),
+        ("no/run.zarr", {}, "create the folder first"),
+        ("run.npz", {"resume": True}, "cannot be resumed"),
+        ("other.zarr", {"segment": 1}, "segment must be at least 2"),
+        ("other.zarr", {"group": 0}, "group must be a positive"),
+        ("other.zarr", {"observe": 3}, "observe must be a function"),
+        ("other.zarr", {"momenta": np.where(np.arange(BODIES)[:, None] == 3, np.nan, MOMENTA)}, "must be finite"),
+        ("broken.zarr", {"resume": True}, "broken.zarr is not the store of a run"),
+    ],
+)
+def test_bad_arguments_are_named(tmp_path, out, options, message):
+    (tmp_path / "run.zarr").mkdir()
+    (tmp_path / "broken.zarr").mkdir()
+    with pytest.raises(ValueError, match=message):
+        simulated(tmp_path / out, **options)
+    assert sorted(os.listdir(tmp_path)) == ["broken.zarr", "run.zarr"]
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_run():
+    with pytest.raises(OSError, match="run"):
+        simulated("/proc/run.zarr")
+
+
+def start_process(out, cache, *options):
+    environment = {
+        **os.environ,
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    }
+    script = Path(__file__).parent / "simulated.py"
+    command = [sys.executable, str(script), str(out), *map(str, options)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def finished(process):
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+    return output
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def optimised(tmp_path_factory, cache):
+    """The contents of a run on one device, compiled as users get it and not in the hurry of this process."""
+    path = tmp_path_factory.mktemp("optimised") / "run.zarr"
+    finished(start_process(path, cache))
+    return contents(path)
+
+
+@pytest.mark.parametrize("seed", [0, 1, *whole(*range(2, 20))])
+def test_a_killed_run_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
+    """Killed by SIGKILL at a random instant, and resumed by another process."""
+    chance = random.Random(seed)
+    process = start_process(tmp_path / "run.zarr", cache)
+    for _ in range(chance.randrange(16)):
+        process.stdout.readline()
+    time.sleep(chance.uniform(0, 0.05))
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    finished(start_process(tmp_path / "run.zarr", cache))
+    assert_same(tmp_path / "run.zarr", optimised)
+
+
+@pytest.mark.parametrize("devices", [2, 4])
+def test_devices_compute_the_same_bits(tmp_path, cache, optimised, devices):
+    finished(start_process(tmp_path / "run.zarr", cache, "--devices", devices))
+    assert_same(tmp_path / "run.zarr", optimised)
+
+
+def test_processes_compute_the_same_bits(tmp_path, cache, optimised):
+    """Two processes with two devices each write one store."""
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        port = free.getsockname()[1]
+    options = "--devices", 2, "--processes", 2, "--port", port
+    both = [start_process(tmp_path / "run.zarr", cache, *options, "--process", i) for i in range(2)]
+    outputs = [finished(process) for process in both]
+    assert all(outputs)
+    assert_same(tmp_path / "run.zarr", optimised)
