@@ -15,7 +15,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
-COMMANDS = ("chart", "run", "fit", "stability", "claims", "methods", "scenes")
+COMMANDS = ("chart", "run", "inspect", "fit", "stability", "claims", "methods", "scenes")
 _MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
@@ -26,16 +26,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: as on the command line, without the program's name; by default those of the process.
 
     Returns:
-        The exit code: 0, or 2 after a mistake of the user, which is printed on stderr.
+        The exit code: 0; 2 after a mistake of the user, which is printed on stderr; 130 after ctrl-C.
     """
     try:
         options = _read(sys.argv[1:] if arguments is None else arguments)
     except ValueError as error:
         return _failed(str(error))
+    if getattr(options, "devices", None):  # JAX reads this when it starts; it concerns the CPU alone
+        flags = os.environ.get("XLA_FLAGS", "")
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={options.devices}".strip()
     try:
         from midlie_jax.bench.commands import act
 
         act(options)
+    except KeyboardInterrupt:
+        print("midlie: stopped", file=sys.stderr)
+        return 130
     except ValueError as error:
         return _failed(f"{error} (see midlie {options.command} --help)")
     except (ImportError, OSError) as error:
@@ -66,7 +72,19 @@ def _read(arguments: Sequence[str]) -> argparse.Namespace:
         known = [option for action in command._actions for option in action.option_strings]
         hint = f"; {_choice(rest[0].split('=')[0], known)}" if rest[0].startswith("-") else ""
         command.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
+    if options.command == "run":
+        store = bool(options.out) and Path(options.out).suffix.lower() == ".zarr"
+        _only_with_store(commands["run"], options, store)
     return options
+
+
+def _only_with_store(run: argparse.ArgumentParser, options: argparse.Namespace, store: bool) -> None:
+    given = {"--resume": options.resume, "--save-every": options.save_every, "--devices": options.devices}
+    wrong = [name for name, value in given.items() if value and not store]
+    if wrong:
+        run.error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
+    if store and options.plot:
+        run.error("--plot draws no .zarr; draw it afterwards with midlie inspect --plot")
 
 
 def _choice(name: str, known: Sequence[str]) -> str:
@@ -81,6 +99,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
     _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
+    _add_inspect(commands.add_parser("inspect", help="check a run that was saved as .zarr, and draw it"))
     _add_fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
     _add_stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
     _add_claims(commands.add_parser("claims", help="measure what is claimed of the methods, and say what holds"))
@@ -128,14 +147,31 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--seed", type=_whole(0), default=0, help="seed of the perturbations (default: 0)")
     run.add_argument("--float32", action="store_true", help="integrate in single precision")
     run.add_argument(
-        "--out", type=_file(".npz", ".csv"), metavar="FILE", help="save times, momenta and attitudes: .npz or .csv"
+        "--out",
+        type=_file_or_store,
+        metavar="FILE",
+        help="save times, momenta and attitudes: .npz or .csv; or .zarr, a store that is written as the run goes and "
+        "from which it resumes (needs the extra io)",
     )
+    run.add_argument("--resume", action="store_true", help="go on with the run in the .zarr of --out, if there is one")
+    run.add_argument("--save-every", type=_whole(1), metavar="N", help="steps between two states saved in a .zarr")
+    run.add_argument("--devices", type=_whole(1), metavar="K", help="spread the bodies of a .zarr over K devices")
     run.add_argument(
         "--plot",
         type=_file(".png"),
         metavar="FILE",
         help="draw energy, momentum, angular velocity and the path of an axis, as a PNG (needs the extra cli)",
     )
+
+
+def _add_inspect(inspect: argparse.ArgumentParser) -> None:
+    inspect.description = (
+        "Reads a run that `midlie run --out run.zarr` or midlie_jax.simulate has written, compares all of it with the "
+        "checksums written with it, and prints how far it came, which bodies failed, and its errors of energy and "
+        "momentum."
+    )
+    inspect.add_argument("store", metavar="RUN.zarr", help="the folder")
+    inspect.add_argument("--plot", type=_file(".png"), metavar="FILE", help="draw the run of a scene, as a PNG")
 
 
 def _add_fit(fit: argparse.ArgumentParser) -> None:
@@ -244,6 +280,13 @@ def _positive(text: str) -> float:
     if not (math.isfinite(number) and number > 0):
         raise argparse.ArgumentTypeError(f"must be positive, got {text!r}")
     return number
+
+
+def _file_or_store(text: str) -> str:
+    """The name of a file, checked at once; or of a store, which may exist already."""
+    if Path(text).suffix.lower() == ".zarr":
+        return text
+    return _file(".npz", ".csv", ".zarr")(text)
 
 
 def _file(*endings: str) -> Callable[[str], str]:

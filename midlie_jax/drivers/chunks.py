@@ -139,7 +139,7 @@ def _parts(observe: Statistic, path: Path, counted: Array) -> Any:
     """
     values = jax.tree.map(lambda x: x if path.times.ndim else x[:, None], path.states)
     saved = jax.tree.leaves(values)[0].shape[1]
-    good = counted[:, None] & (jnp.arange(saved) < path.first_bad[:, None])
+    good = counted[:, None] & (jnp.arange(saved, dtype=jnp.int32)[None] < path.first_bad[:, None])
     parts = jax.vmap(observe.part, in_axes=1)(values, good)
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 

@@ -143,7 +143,7 @@ class Mean(Statistic):
         def of_array(x: Array) -> Moments:
             x = jnp.where(good[:, None], x.reshape(len(good), -1), 0)
             mean = jnp.sum(x, axis=0) / number.astype(x.dtype)
-            away = jnp.where(good[:, None], x - mean, 0)
+            away = jnp.where(good[:, None], x - mean[None], 0)
             return Moments(number, mean, jnp.sum(away[:, :, None] * away[:, None, :], axis=0))
 
         return jax.tree.map(of_array, values)
@@ -154,7 +154,7 @@ class Mean(Statistic):
             weight = part.number[..., None].astype(part.mean.dtype)
             means = jnp.where(weight > 0, part.mean, 0)  # the mean of an empty group is NaN
             mean = jnp.sum(weight * means, axis=0) / number[..., None].astype(means.dtype)
-            away = jnp.where(weight > 0, means - mean, 0)
+            away = jnp.where(weight > 0, means - mean[None], 0)
             between = jnp.sum(weight[..., None] * away[..., :, None] * away[..., None, :], axis=0)
             return Moments(number, mean, jnp.sum(part.scatter, axis=0) + between)
 
@@ -199,10 +199,12 @@ class Histogram(Statistic):
 
         def of_numbers(x: Array) -> Array:
             edges = self.edges.astype(x.dtype)
-            place = jnp.searchsorted(edges, x, side="right") - 1
+            place = jnp.searchsorted(edges, x, side="right").astype(jnp.int32) - 1
             place = jnp.where(x == edges[-1], bins - 1, place)
             inside = good & (place >= 0) & (place < bins)
-            return jnp.sum(inside[:, None] & (place[:, None] == jnp.arange(bins)), axis=0, dtype=jnp.int32)
+            return jnp.sum(
+                inside[:, None] & (place[:, None] == jnp.arange(bins, dtype=jnp.int32)[None]), axis=0, dtype=jnp.int32
+            )
 
         def of_array(x: Array) -> Array:
             columns = x.reshape(len(good), -1)

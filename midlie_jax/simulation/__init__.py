@@ -1,4 +1,4 @@
-"""Long runs of many bodies: `simulate` computes a run in parts, writes each part to a file, and resumes after a stop."""
+"""Long runs of many bodies: `simulate` computes a run in parts, writes each of them, and resumes after a stop."""
 
 from .simulate import simulate as simulate
 from .summary import Simulation as Simulation

@@ -55,6 +55,7 @@ def simulate(
     segment: int | None = None,
     chunk: int | None = None,
     progress: bool | Callable[[int], Any] = True,
+    attributes: dict[str, Any] | None = None,
 ) -> Simulation:
     """Integrates n bodies as `ensemble` does, in parts that fit memory, and writes the path to a file as it goes.
 
@@ -80,6 +81,8 @@ def simulate(
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
         progress: whether to show a bar, if the output is a terminal and tqdm is installed; or a function that is called
             with the number of body-steps of each part that has been written.
+        attributes: what the file is to say about the run besides what `simulate` knows: names with texts, numbers, or
+            lists of these. In a run that is resumed they are those of its beginning.
 
     Returns:
         A summary with the failures of single bodies: print it, or open the file by its `open()`.
@@ -108,10 +111,11 @@ def simulate(
         sizes = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **sizes}
     plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **sizes)
     computation = Computation(batch, observe, plan, None if mesh is None else mesh.local_mesh)
+    described_by = {**attributes_of(batch, plan), **(attributes or {})}
     if path.suffix == ".npz":
-        first_bad, computed, repaired = _in_memory(computation, path, seen, progress)
+        first_bad, computed, repaired = _in_memory(computation, path, seen, progress, described_by)
     else:
-        first_bad, computed, repaired = _in_store(computation, path, existing, seen, progress)
+        first_bad, computed, repaired = _in_store(computation, path, existing, seen, progress, described_by)
     seconds = time.perf_counter() - began
     return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, seconds, repaired)
 
@@ -149,7 +153,9 @@ def _plan(
     return Plan(bodies, saves, save_every, group, min(saves, segment), chunk or min(group, chunk_size(group)))
 
 
-def _in_memory(computation: Computation, path: Path, seen: Any, progress: Any) -> tuple[np.ndarray, int, Repaired]:
+def _in_memory(
+    computation: Computation, path: Path, seen: Any, progress: Any, attributes: dict[str, Any]
+) -> tuple[np.ndarray, int, Repaired]:
     """Computes all parts and writes the file; returns `first_bad`, the body-steps computed, and what was repaired."""
     batch, observe, plan, _ = computation
     sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
@@ -159,12 +165,12 @@ def _in_memory(computation: Computation, path: Path, seen: Any, progress: Any) -
     whole = whole_variables(batch, plan)
     if isinstance(observe, Statistic):
         whole |= merged_statistic(observe, seen, sink)
-    sink.save(path, {name: values for name, (_, values) in whole.items()}, attributes_of(batch, plan))
+    sink.save(path, {name: values for name, (_, values) in whole.items()}, attributes)
     return sink.first_bad(), total, ()
 
 
 def _in_store(
-    computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any
+    computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any, attributes: dict[str, Any]
 ) -> tuple[np.ndarray, int, Repaired]:
     """The same for a store, of which this process computes its share of the parts that are missing."""
     batch, observe, plan, _ = computation
@@ -180,7 +186,7 @@ def _in_store(
                 )
         elif first:
             variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
-            create(path, plan, now, variables, state_variables(batch), whole, attributes_of(batch, plan))
+            create(path, plan, now, variables, state_variables(batch), whole, attributes)
         return Store(path) if first else None  # pyright: ignore[reportReturnType]
 
     store = processes.all_succeed(opened) or Store(path)

@@ -37,9 +37,10 @@ class Store(Sink):
         path: the folder.
         plan: the cut of the run.
         identity: see `identity.py`.
+        attributes: what the root says about the run, see `describe.py`.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, read_only: bool = False):
         """Opens a store.
 
         Raises:
@@ -49,8 +50,9 @@ class Store(Sink):
 
         self.path = path
         try:
-            self._root: Any = zarr.open_group(path, mode="r+", use_consolidated=False)
-            described_run: Any = self._root.attrs[ATTRIBUTE]
+            self._root: Any = zarr.open_group(path, mode="r" if read_only else "r+", use_consolidated=False)
+            self.attributes: dict[str, Any] = dict(self._root.attrs)
+            described_run: Any = self.attributes[ATTRIBUTE]
             self.plan, self.identity = Plan(**described_run["plan"]), dict(described_run["identity"])
             places = dict(described_run["variables"])
             self._seen: list[str] = sorted(places)  # in the order of the checksums; attributes keep none

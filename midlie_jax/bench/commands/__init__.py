@@ -25,9 +25,16 @@ def _claims(options: argparse.Namespace) -> None:
     claims(options)
 
 
+def _inspect(options: argparse.Namespace) -> None:
+    from .long_run import inspect_run
+
+    inspect_run(options)
+
+
 _ACTIONS = {
     "chart": chart.chart,
     "run": run.run,
+    "inspect": _inspect,
     "fit": _fit,
     "stability": _stability,
     "claims": _claims,

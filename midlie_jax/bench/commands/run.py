@@ -17,6 +17,7 @@ from ...methods.registry import method as find_method
 from .. import scenes
 from ..scenes import Scene
 from .conservation import energy_change, momentum_change
+from .long_run import long_run
 from .output import require
 from .record import Record, save
 
@@ -36,9 +37,13 @@ def run(options: argparse.Namespace) -> None:
     method = find_method(options.method)
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
-    every = _save_every(steps, options.bodies, _MANY if options.out or options.plot else _FEW)
     few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
     checked = check(method, scene.body, scene.torque, few, dt)
+    if options.out and options.out.lower().endswith(".zarr"):
+        print(*(f"{name}: {value}" for name, value in checked.parts), sep="\n")
+        long_run(options, method, scene, dt, steps, start)
+        return
+    every = _save_every(steps, options.bodies, _MANY if options.out or options.plot else _FEW)
     load = Load()
     path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
     record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)

@@ -1,0 +1,90 @@
+"""`midlie run SCENE --out run.zarr`, a run of a scene that can be resumed; and `midlie inspect`, which checks it."""
+
+import argparse
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...methods.base import Method
+from ...simulation.inspect import Inspection, inspect
+from ...simulation.simulate import simulate
+from .. import scenes
+from ..scenes import Scene
+from .conservation import energy_change, momentum_change
+from .output import require
+from .record import Record
+
+_SHOWN = 1000  # bodies of a store whose errors are computed, and that are drawn: evenly spaced ones
+_SCENE = ("scene", "perturbation_size", "perturbation_seed")  # attributes of a store that `midlie run` wrote
+
+
+def long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: float, steps: int, start: Any) -> None:
+    """Runs the scene into a store, or goes on with the run there, and prints the summary."""
+    devices = jax.devices()[: options.devices] if options.devices else []
+    if options.devices and len(devices) < options.devices:
+        raise ValueError(f"there are {len(devices)} devices, but --devices asks for {options.devices}.")
+    values = (scene.name, options.size, options.seed)
+    result = simulate(
+        method,
+        scene.body,
+        scene.torque,
+        start,
+        out=options.out,
+        dt=dt,
+        steps=steps,
+        save_every=options.save_every or _save_every(steps),
+        resume=options.resume,
+        mesh=jax.make_mesh((len(devices),), ("bodies",), devices=devices) if devices else None,
+        attributes={"title": f"{scene.name}: {scene.title}", **dict(zip(_SCENE, values, strict=True))},
+    )
+    print(result)
+    print(f"look at it with: midlie inspect {options.out}")
+
+
+def _save_every(steps: int) -> int:
+    """The least divisor of the number of steps that saves at most 100 states."""
+    return next(n for n in range(max(1, -(-steps // 100)), steps + 1) if steps % n == 0)
+
+
+def inspect_run(options: argparse.Namespace) -> None:
+    """Prints what a store holds, checks it, and draws it if requested."""
+    require("zarr")
+    if options.plot:
+        require("matplotlib")
+    found = inspect(options.store)
+    print(found)
+    record = _record(found)
+    if record is not None:
+        shown = "all bodies" if found.bodies <= _SHOWN else f"{len(record.ok)} of {found.bodies} bodies"
+        print(f"energy error, largest relative, of {shown}: {energy_change(record).in_words}")
+        print(f"momentum error, largest relative, of {shown}: {momentum_change(record).in_words}")
+    if options.plot:
+        if record is None:
+            raise ValueError(f"{options.store} does not hold the states of a scene, of which --plot draws a picture.")
+        from .run_chart import run_chart
+
+        run_chart(record, options.plot)
+        print(f"wrote {options.plot}")
+
+
+def _record(found: Inspection) -> Record | None:
+    """The run as far as it is computed, of evenly spaced bodies; None unless the store holds the states of a scene."""
+    said = found.attributes
+    if said.get("scene") not in scenes.scenes() or said.get("state") != "RigidState" or found.done == 0:
+        return None
+    import zarr
+
+    root: Any = zarr.open_group(str(found.path), mode="r")
+    if "momentum" not in root:
+        return None
+    bodies = slice(None, None, -(-found.bodies // _SHOWN))
+    momenta = root["momentum"][bodies]
+    computed = int(np.sum(~np.all(np.isnan(momenta), axis=(0, 2))))
+    times, attitudes = root["time"][:computed], root["attitude"][bodies][:, :computed]
+    scene = scenes.scene(said["scene"], jnp.dtype(said["dtype"]))
+    _, size, seed = (said[name] for name in _SCENE)
+    ok = found.first_bad[bodies] == found.saves
+    run = said["method"], said["dt"], said["steps"], size, seed
+    return Record(scene, *run, times, momenta[:, :computed], attitudes, ok)

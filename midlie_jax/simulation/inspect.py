@@ -1,0 +1,66 @@
+"""What a store holds: how far its run came, whether all of it is as it was written, and which bodies failed."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .plan import Part
+from .progress import work
+from .store import Store
+from .summary import failures
+
+
+class Inspection(NamedTuple):
+    """The state of a run in a store.
+
+    Attributes:
+        path: the folder.
+        attributes: what the store says about the run.
+        bodies, saves: the size of the run.
+        done: body-steps that are computed and written.
+        total: body-steps of the whole run.
+        damaged: names of what cannot be read, or is not what was written; empty if all is well.
+        first_bad: see `Simulation`; as far as the run came.
+    """
+
+    path: Path
+    attributes: dict[str, Any]
+    bodies: int
+    saves: int
+    done: int
+    total: int
+    damaged: tuple[str, ...]
+    first_bad: np.ndarray
+
+    def __str__(self) -> str:
+        said = self.attributes
+        size = f"{self.bodies} bodies, {said['steps']} steps, {self.saves} saved states of each"
+        state = "complete" if self.done == self.total else f"{self.done / self.total:.1%} done; it can be resumed"
+        lines = [
+            f"{self.path}: {said['title']}",
+            f"{size}; {said['method']}, {said['dtype']}",
+            state,
+            failures(self.first_bad, self.saves),
+            *(f"DAMAGED: {name}; resume the run to compute it again" for name in self.damaged),
+        ]
+        return "\n".join(lines)
+
+
+def inspect(path: str | Path) -> Inspection:
+    """Reads all of a store and compares it with the checksums that were written with it.
+
+    Raises:
+        ValueError: the folder is not the store of a run, or its description is damaged.
+    """
+    store = Store(Path(path), read_only=True)
+    plan, damaged, done = store.plan, [], 0
+    for group in range(plan.groups):
+        segments = store.committed(group)
+        done += work(plan, [Part(segment, group) for segment in range(segments)])
+        damaged += store.damage(group)
+        if segments and not store.whole_state(Part(segments - 1, group)):
+            damaged.append(f"the states after {Part(segments - 1, group)}")
+    total = work(plan, plan.parts(range(plan.groups)))
+    first_bad = store.first_bad()
+    return Inspection(store.path, store.attributes, plan.bodies, plan.saves, done, total, tuple(damaged), first_bad)

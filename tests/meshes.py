@@ -1,0 +1,81 @@
+"""Ensembles on meshes of up to four CPU devices, in a process of its own; `test_spread.py` judges what it prints.
+
+Each is compared with the same ensemble on one device, and searched for communication between devices in its loops.
+"""
+
+import json
+import os
+import re
+
+os.environ["XLA_FLAGS"] = "--xla_force_host_platform_device_count=4"
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import AxisType, Mesh, NamedSharding
+from jax.sharding import PartitionSpec as P
+
+jax.config.update("jax_enable_x64", True)
+
+from on_devices import COMMUNICATION, in_loops  # noqa: E402
+from simulated import ATTITUDES, MOMENTA, MOMENTS, WEIGHTS  # noqa: E402
+
+import midlie_jax as ml  # noqa: E402
+
+START = ml.RigidState(jnp.asarray(MOMENTA), jnp.asarray(ATTITUDES))
+BODY, TOP = ml.RigidBody(jnp.asarray(MOMENTS)), ml.torques.HeavyTop(jnp.asarray(WEIGHTS))
+
+
+def mesh(size, kind=AxisType.Auto):
+    return Mesh(np.array(jax.devices()[:size]), ("bodies",), axis_types=(kind,))
+
+
+def compared(function):
+    """Whether `function(mesh)` is the same on all meshes and without one, and how often loops on four devices send."""
+    alone = jax.tree.leaves(function(None))
+    same = all(
+        np.array_equal(np.asarray(x), np.asarray(y))
+        for size in (1, 2, 4)
+        for x, y in zip(jax.tree.leaves(function(mesh(size))), alone, strict=True)
+    )
+    text = jax.jit(lambda: function(mesh(4))).lower().compile().as_text()
+    return {"same": same, "messages in loops": len(re.findall(COMMUNICATION, in_loops(text)))}
+
+
+def tops(where):
+    return ml.ensemble("SYMMETRIC[EA]", BODY, TOP, START, dt=0.05, steps=20, save_every=10, chunk=6, mesh=where)
+
+
+def orbit(where):
+    """With inputs that all bodies share."""
+    ellipse = ml.orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 1.1, 0.0], 1.0)
+    torque = ml.torques.GravityGradient(jnp.array([1.0, 1.5, 2.0]), ellipse, 1.0)
+    body = ml.RigidBody(jnp.array([1.0, 1.5, 2.0]))
+    return ml.ensemble("JACOBI[EA]", body, torque, START, dt=0.05, steps=20, chunk=6, mesh=where)
+
+
+def energy(t, state):
+    return jnp.sum(state.momentum**2)
+
+
+def mean(where):
+    observe = ml.observe.Mean(energy)
+    run = {"dt": 0.05, "steps": 20, "save_every": 10, "chunk": 6}
+    return ml.ensemble("SYMMETRIC[EA]", BODY, TOP, START, **run, mesh=where, observe=observe)
+
+
+def explicit():
+    """Arrays that are spread beforehand, and a mesh whose axes are part of every array's type."""
+    spread = NamedSharding(mesh(4), P("bodies"))
+    start = jax.tree.map(lambda x: jax.device_put(x[:48], spread), START)
+    body, torque = ml.RigidBody(BODY.moments[:48]), ml.torques.HeavyTop(TOP.weight[:48])
+    run = {"dt": 0.05, "steps": 20, "chunk": 6}
+    found = ml.ensemble("SYMMETRIC[EA]", body, torque, start, **run, mesh=mesh(4, AxisType.Explicit))
+    alone = ml.ensemble("SYMMETRIC[EA]", BODY, TOP, START, **run)
+    same = np.array_equal(np.asarray(found.states.momentum), np.asarray(alone.states.momentum)[:48])
+    return {"same": same, "messages in loops": 0}
+
+
+if __name__ == "__main__":
+    checks = {"tops": tops, "orbit": orbit, "mean": mean}
+    print(json.dumps({**{name: compared(check) for name, check in checks.items()}, "explicit": explicit()}))

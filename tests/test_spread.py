@@ -1,0 +1,136 @@
+"""Ensembles over a mesh of devices, and what they observe in place of states."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from simulated import ATTITUDES, BODIES, MOMENTA, MOMENTS, WEIGHTS, simulated
+
+import midlie_jax as ml
+
+BODY, TORQUE = ml.RigidBody(jnp.asarray(MOMENTS)), ml.torques.HeavyTop(jnp.asarray(WEIGHTS))
+START = ml.RigidState(jnp.asarray(MOMENTA), jnp.asarray(ATTITUDES))
+RUN = {"dt": 0.05, "steps": 20, "save_every": 10}
+
+
+def ensemble(**options):
+    return ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, START, **{**RUN, **options})
+
+
+def test_a_mesh_changes_no_bit_and_its_loops_send_nothing():
+    """In a process with four devices, compiled as users get it; see `meshes.py`."""
+    script = Path(__file__).parent / "meshes.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=600, check=True)
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert set(found) == {"tops", "orbit", "mean", "explicit"}
+    for name, result in found.items():
+        assert (name, result["same"], result["messages in loops"]) == (name, True, 0)
+
+
+@pytest.mark.parametrize("chunk", [7, 100])
+@pytest.mark.parametrize("save_every", [10, None])
+def test_observables_are_those_of_the_states(chunk, save_every):
+    observe = {
+        "energy": ml.observe.Energy(),
+        "axis": ml.observe.Axis((0.0, 0.0, 2.0)),
+        "momentum": ml.observe.SpatialMomentum(),
+        "rate": ml.observe.AngularVelocity(),
+        "function": lambda t, state: t * state.momentum[0],
+    }
+    states = ensemble(chunk=chunk, save_every=save_every)
+    seen = ensemble(chunk=chunk, save_every=save_every, observe=observe)
+    state, times = states.states, np.asarray(states.times)
+
+    def energy(body, torque, state):
+        return ml.energy(body, torque, state)
+
+    over_times = energy if save_every is None else jax.vmap(energy, (None, None, 0))
+    expected = {
+        "energy": jax.vmap(over_times)(BODY, TORQUE, state),
+        "axis": ml.so3.to_matrix(state.attitude)[..., 2],
+        "momentum": ml.spatial_momentum(state),
+        "rate": np.asarray(state.momentum) / (MOMENTS if save_every is None else MOMENTS[:, None]),
+        "function": times * np.asarray(state.momentum)[..., 0],
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(seen.states[name], values, rtol=1e-13, atol=1e-14, err_msg=name)
+    np.testing.assert_array_equal(seen.first_bad, states.first_bad)
+    np.testing.assert_array_equal(seen.ok, states.ok)
+
+
+LARGE = START.momentum.at[4].set(1e200)  # a body that overflows
+
+
+@pytest.mark.parametrize("chunk", [7, 100])
+def test_statistics_are_those_of_the_bodies_that_can_be_trusted(chunk):
+    start = ml.RigidState(LARGE, START.attitude)
+    options = {**RUN, "chunk": chunk}
+    states = ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, **options)
+    assert np.flatnonzero(~states.ok).tolist() == [4]
+    good = np.arange(BODIES) != 4
+    momenta = np.asarray(states.states.momentum)[good]
+    mean = ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, observe=ml.observe.Mean(momentum), **options).states
+    edges = np.linspace(-1, 1, 9)
+    histogram = ml.observe.Histogram(momentum, edges)
+    counts = ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, observe=histogram, **options).states
+    for k in range(1, 3):  # at the start, which overflows in nothing, the body still counts
+        assert mean.number[k] == BODIES - 1
+        np.testing.assert_allclose(mean.mean[k], momenta[:, k].mean(axis=0), rtol=1e-13)
+        np.testing.assert_allclose(mean.covariance[k], np.cov(momenta[:, k].T), rtol=1e-12)
+        for component in range(3):
+            expected, _ = np.histogram(momenta[:, k, component], edges)
+            np.testing.assert_array_equal(counts[k, component], expected)
+    assert mean.number[0] == BODIES
+
+
+def momentum(t, state):
+    return state.momentum
+
+
+def test_statistics_in_a_file_are_merged_over_groups(tmp_path):
+    """Also of bodies that failed in an earlier segment."""
+    momenta = MOMENTA.copy()
+    momenta[4] = 1e200
+    options = {"momenta": momenta, "steps": 100}
+    states = simulated(tmp_path / "states.zarr", **options).open()
+    mean = simulated(tmp_path / "mean.zarr", observe=ml.observe.Mean({"p": momentum}), **options).open()
+    edges = np.linspace(-2, 2, 21)
+    observe = ml.observe.Histogram(lambda t, state: state.momentum[0], edges)
+    counts = simulated(tmp_path / "counts.npz", observe=observe, **options).open()["observed"]
+    good = np.delete(states.momentum.values, 4, axis=0)
+    assert mean.p_number[1:].values.tolist() == [BODIES - 1] * 10
+    np.testing.assert_allclose(mean.p_mean[1:], good[:, 1:].mean(axis=0), rtol=1e-12)
+    covariance = [np.cov(good[:, k].T) for k in range(1, 11)]
+    np.testing.assert_allclose(mean.p_covariance[1:], covariance, rtol=1e-11)
+    expected = [np.histogram(good[:, k, 0], edges)[0] for k in range(1, 11)]
+    np.testing.assert_array_equal(counts[1:], expected)
+
+
+@pytest.mark.parametrize(
+    ("observe", "message"),
+    [
+        (3, "observe must be a function of .t, state."),
+        ({}, "observe must be a function"),
+        ({"energy": 3}, r"observe\['energy'\] must be"),
+        (lambda t, state: None, "observe must return an array"),
+    ],
+)
+def test_what_cannot_be_observed_is_named(observe, message):
+    with pytest.raises(ValueError, match=message):
+        ensemble(observe=observe)
+
+
+@pytest.mark.parametrize("edges", [[1.0], [0.0, 0.0], [1.0, 0.0], [[0.0, 1.0]]])
+def test_edges_must_increase(edges):
+    with pytest.raises(ValueError, match="edges must be at least two increasing numbers"):
+        ml.observe.Histogram(momentum, edges)
+
+
+def test_a_statistic_needs_common_times():
+    with pytest.raises(ValueError, match="give one dt and one t0 for all"):
+        ensemble(observe=ml.observe.Mean(momentum), t0=jnp.zeros(BODIES))
