@@ -31,11 +31,11 @@ def mesh(size, kind=AxisType.Auto):
 
 
 def compared(function):
-    """Whether `function(mesh)` is the same on all meshes and without one, and how often loops on four devices send."""
-    alone = jax.tree.leaves(function(None))
+    """Whether `function(mesh)` is the same on meshes of 1, 2 and 4 devices, and how often loops on four send anything."""
+    alone = jax.tree.leaves(function(mesh(1)))
     same = all(
         np.array_equal(np.asarray(x), np.asarray(y))
-        for size in (1, 2, 4)
+        for size in (2, 4)
         for x, y in zip(jax.tree.leaves(function(mesh(size))), alone, strict=True)
     )
     text = jax.jit(lambda: function(mesh(4))).lower().compile().as_text()

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .._kernel.platform import on_cpu
 from .._kernel.width import wide_jit
@@ -25,6 +25,7 @@ from . import shared_inputs
 from .adjoints import Adjoint, Reversible
 from .integrate import Path, run_of_body
 from .observe import Observe, Statistic
+from .shared_inputs import Rows, SharedInputs
 from .timing import cores
 
 _CHUNK = 256  # bodies moved at once on one core
@@ -44,6 +45,7 @@ def run_ensemble(
     observe: Observe | None = None,
     mesh: Mesh | None = None,
     counted: Array | None = None,
+    tables: tuple[Rows, Rows] | None = None,
 ) -> tuple[Path, AnyState]:
     """`ensemble` without the checks: the path of all bodies, and their states at its end.
 
@@ -54,12 +56,11 @@ def run_ensemble(
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
         shared: the same, with None for each leaf that has the axis.
         counted: (n,), whether a statistic may count a body; by default it counts all that can be trusted.
+        tables: from `shared_tables`.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
-    # A step that is taken backwards needs other inputs than a step forwards.
-    reversible = isinstance(adjoint, Reversible)
-    inputs, rows = (None, None) if reversible else _inputs_of_all(method, mapped, shared, first, steps)
+    inputs = None if tables is None else _inputs_of_all(method, mapped, shared)
     count = mapped[2].momentum.shape[0]
     may_count = jnp.ones(count, bool) if counted is None else counted
 
@@ -100,7 +101,7 @@ def run_ensemble(
         return Path(times, seen, join(path.ok), join(path.first_bad)), join(end)
 
     # The last chunks are filled with copies of the last body, so that one compiled program serves all chunks.
-    chunks, size = _cut(count, chunk, 1 if mesh is None else mesh.size)
+    chunks, size = _cut(count, chunk, None if mesh is None else mesh.size)
     if chunks * size > count:
         rows_of_all = jnp.minimum(jnp.arange(chunks * size), count - 1)
         mapped = jax.tree.map(lambda x: x[rows_of_all], mapped)
@@ -112,7 +113,10 @@ def run_ensemble(
 
     if mesh is not None:
         run = _on_mesh(run, mesh, own_times)
-    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, rows)
+    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, tables)
+    if mesh is not None and isinstance(observe, Statistic):  # every device merges all parts, in the same order
+        everywhere = NamedSharding(Mesh(mesh.devices, mesh.axis_names), PartitionSpec())
+        path = path._replace(states=jax.lax.with_sharding_constraint(path.states, everywhere))
     if chunks * size == count:
         return path, end
     cut = partial(jax.tree.map, lambda x: x[:count])
@@ -144,29 +148,43 @@ def _parts(observe: Statistic, path: Path, counted: Array) -> Any:
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
 
-def _inputs_of_all(method: Method, mapped: Any, shared: Any, first: Array, steps: int) -> tuple[Any, Any]:
-    """The inputs that all bodies share, and their rows for the steps before the run and in it; or None and None."""
-    body, torque, start, dt, t0 = arguments = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
-    structure = jax.tree.structure(arguments)
-    own = structure.unflatten([part is not None for part in structure.flatten_up_to(mapped)])
-    inputs = shared_inputs.find(method, arguments, own)
-    if inputs is None:
-        return None, None
-    system, first = System.of(body, torque, start, t0), first.astype(jnp.int32)
+@wide_jit
+def shared_tables(
+    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int
+) -> tuple[Rows, Rows] | None:
+    """The prepared inputs of the steps before a run, and of those in it; None if nothing is worth preparing.
 
+    A program of its own, because XLA rounds some of it differently in a program for several devices.
+
+    Args:
+        method, adjoint, mapped, shared, first, steps: as for `run_ensemble`.
+    """
+    # A step that is taken backwards needs other inputs than a step forwards.
+    inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
+    if inputs is None:
+        return None
+    body, torque, start, dt, t0 = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
+    system, first = System.of(body, torque, start, t0), first.astype(jnp.int32)
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
-    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row))
-    if size * steps > _LARGEST_TABLE:
-        return None, None
+    if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
+        return None
     # The first row is that of the steps of length zero before the run; the last block is filled up.
     padded = -(-(steps + 1) // shared_inputs.BLOCK) * shared_inputs.BLOCK
     indices = first - 1 + jnp.arange(padded, dtype=jnp.int32)
     lengths = jnp.where(jnp.arange(padded) == 0, 0 * dt, dt)
     table = inputs.table(system, t0, dt, lengths, indices)
-    return inputs, (
+    return (
         jax.tree.map(lambda x: x[jnp.array([0, 0])], table),
         jax.tree.map(lambda x: x[1 : steps + 1], table),
     )
+
+
+def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | None:
+    """The step of a run, split into what bodies share and what they do not; None if they share nothing."""
+    arguments = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
+    structure = jax.tree.structure(arguments)
+    own = structure.unflatten([part is not None for part in structure.flatten_up_to(mapped)])
+    return shared_inputs.find(method, arguments, own)
 
 
 def chunk_size(count: int) -> int:
@@ -181,14 +199,14 @@ def chunk_size(count: int) -> int:
     return _CHUNK if cores() == 1 else 32 * _CHUNK
 
 
-def _cut(count: int, chunk: int, devices: int) -> tuple[int, int]:
+def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
-    On one device there is the least number of chunks, or up to a quarter more if all are then full, because that saves
-    a copy. On several devices all chunks have the size `chunk` if there is work for all devices, so that the compiled
-    program of a chunk, and its bits, do not depend on the number of devices.
+    Without a mesh there is the least number of chunks, or up to a quarter more if all are then full, because that saves
+    a copy. On a mesh all chunks have the size `chunk` if there is work for all devices, so that the compiled program of
+    a chunk, and its bits, do not depend on the number of devices.
     """
-    if devices == 1:
+    if devices is None:
         least = -(-count // chunk)
         chunks = next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)
         return chunks, -(-count // chunks)

@@ -15,7 +15,7 @@ from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_first_step, as_method, check_saving, check_step, check_system
-from .chunks import chunk_size, run_ensemble
+from .chunks import chunk_size, run_ensemble, shared_tables
 from .integrate import Path
 from .observe import Observe, Statistic, as_observe
 from .rows import count_rows, torque_rows
@@ -83,8 +83,8 @@ def ensemble(
     observe = as_observe(observe)
     check_spread(batch, observe, mesh)
     size = chunk or chunk_size(batch.bodies if mesh is None else -(-batch.bodies // mesh.size))
-    run = batch.method, as_adjoint(adjoint), batch.mapped, batch.shared, first, steps, save_every, size, observe, mesh
-    path, _ = run_ensemble(*run)
+    run = batch.method, as_adjoint(adjoint), batch.mapped, batch.shared, first, steps
+    path, _ = run_ensemble(*run, save_every, size, observe, mesh, tables=shared_tables(*run))
     if isinstance(observe, Statistic):
         path = path._replace(states=observe.merged(path.states))
     return path

@@ -126,8 +126,8 @@ class Moments(NamedTuple):
     @property
     def covariance(self) -> Float[Array, "*batch m m"]:
         """The unbiased estimate of the covariance; NaN for fewer than two bodies."""
-        below = jnp.where(self.number > 1, self.number - 1, jnp.nan).astype(self.scatter.dtype)
-        return self.scatter / below[..., None, None]
+        degrees = self.number.astype(self.scatter.dtype) - 1
+        return self.scatter / jnp.where(degrees > 0, degrees, jnp.nan)[..., None, None]
 
 
 class Mean(Statistic):

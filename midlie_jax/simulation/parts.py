@@ -13,7 +13,7 @@ from jax.sharding import Mesh
 
 from .._kernel.width import wide_jit
 from ..drivers.adjoints import as_adjoint
-from ..drivers.chunks import run_ensemble
+from ..drivers.chunks import run_ensemble, shared_tables
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic
 from ..methods.base import Method
@@ -43,7 +43,7 @@ class Computation(NamedTuple):
     batch: Batch
     observe: Observe | None
     plan: Plan
-    mesh: Mesh | None
+    mesh: Mesh
 
     def begin(self, group: int) -> Progress:
         """A group at the start of the run."""
@@ -58,7 +58,13 @@ class Computation(NamedTuple):
         arrays = [jnp.asarray(state[name][rows]) for name in named(self.batch.mapped[2])]
         return Progress(jax.tree.unflatten(structure, arrays), jnp.asarray(first_bad[rows]))
 
-    def compute(self, part: Part, progress: Progress) -> tuple[dict[str, Array], Progress]:
+    def tables(self, segment: int) -> Any:
+        """What all bodies share in a segment, computed once for all its groups."""
+        mapped = jax.tree.map(lambda x: x[:1], self.batch.mapped)
+        first, steps = jnp.int32(self.plan.first_step(segment)), self.plan.steps(segment)
+        return shared_tables(self.batch.method, as_adjoint(None), mapped, self.batch.shared, first, steps)
+
+    def compute(self, part: Part, progress: Progress, tables: Any) -> tuple[dict[str, Array], Progress]:
         """What a part writes, and the group at its end; does not wait for them."""
         plan, rows = self.plan, self.rows(part.group)
         body, torque, _, dt, t0 = self.batch.mapped
@@ -75,6 +81,7 @@ class Computation(NamedTuple):
             plan,
             self.mesh,
             part.segment == 0,
+            tables,
         )
 
     def rows(self, group: int) -> np.ndarray:
@@ -94,14 +101,14 @@ def _compute(
     first: Array,
     steps: int,
     plan: Plan,
-    mesh: Mesh | None,
+    mesh: Mesh,
     from_start: bool,
+    tables: Any,
 ) -> tuple[dict[str, Array], Progress]:
     every = plan.save_every
     counted = real & (first_bad == plan.saves)
-    path, end = run_ensemble(
-        method, as_adjoint(None), mapped, shared, first, steps, every, plan.chunk, observe, mesh, counted
-    )
+    run = method, as_adjoint(None), mapped, shared, first, steps, every, plan.chunk
+    path, end = run_ensemble(*run, observe, mesh, counted, tables)
     last = steps // every
     local = jnp.where(path.ok, path.first_bad, jnp.minimum(path.first_bad, last))
     found = jnp.where(local <= last, first // every + local, plan.saves)
@@ -143,8 +150,11 @@ def compute_and_write(
 
     waiting: deque[Future[Part]] = deque()
     with ThreadPoolExecutor(1, "writer") as writer:
+        segment, tables = None, None
         for part in parts:
-            seen, groups[part.group] = computation.compute(part, groups[part.group])
+            if part.segment != segment:
+                segment, tables = part.segment, computation.tables(part.segment)
+            seen, groups[part.group] = computation.compute(part, groups[part.group], tables)
             waiting.append(writer.submit(write, part, seen, groups[part.group]))
             while len(waiting) >= _AHEAD:
                 written(waiting.popleft().result())

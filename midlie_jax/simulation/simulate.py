@@ -110,7 +110,7 @@ def simulate(
         before = existing.plan
         sizes = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **sizes}
     plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **sizes)
-    computation = Computation(batch, observe, plan, None if mesh is None else mesh.local_mesh)
+    computation = Computation(batch, observe, plan, _local(mesh))
     described_by = {**attributes_of(batch, plan), **(attributes or {})}
     if path.suffix == ".npz":
         first_bad, computed, repaired = _in_memory(computation, path, seen, progress, described_by)
@@ -118,6 +118,11 @@ def simulate(
         first_bad, computed, repaired = _in_store(computation, path, existing, seen, progress, described_by)
     seconds = time.perf_counter() - began
     return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, seconds, repaired)
+
+
+def _local(mesh: Mesh | None) -> Mesh:
+    """The devices of this process in the mesh; one device is a mesh, too, so that the same program runs on any number."""
+    return Mesh(np.array(jax.local_devices()[:1]), ("bodies",)) if mesh is None else mesh.local_mesh
 
 
 def _checked_path(out: Any, resume: bool) -> Path:
