@@ -1,0 +1,89 @@
+"""Distributions on the sphere and on the rotations SO(3). Attitudes are unit quaternions (w, x, y, z), body to space."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._kernel import components as cp
+from .._kernel.checks import is_unit, require
+from ..model import so3
+from .base import Distribution, as_numbers, as_positive
+from .numbers import Normal
+
+
+def _direction(key: Array, size: int, dtype: Any) -> Array:
+    """A uniform point of the unit sphere in `size` dimensions: a vector of normal numbers has no preferred direction."""
+    parts = [x[0] for x in jnp.split(jax.random.normal(key, (size,), dtype), size)]
+    return cp.pack(cp.scale(1 / jnp.sqrt(sum((x * x for x in parts[1:]), parts[0] * parts[0])), parts))
+
+
+class Sphere(Distribution):
+    """A vector (3,) of one length whose direction is uniform on the sphere S^2.
+
+    Args:
+        radius: the length, a positive number.
+
+    Raises:
+        ValueError: the radius is not a single positive number.
+    """
+
+    radius: np.ndarray
+
+    def __init__(self, radius: Any = 1.0):
+        self.radius = as_positive("radius", radius)
+        if self.radius.ndim:
+            raise ValueError(f"radius must be a single number, got shape {self.radius.shape}; scale the drawn vectors.")
+
+    def draw(self, key: Array, body: Array, dtype: Any) -> Array:
+        del body
+        return self.radius.reshape(1) * _direction(key, 3, dtype)
+
+
+class Rotation(Distribution):
+    """An attitude, uniform on SO(3): a uniform point of the sphere of unit quaternions (4,), of either sign.
+
+    K. Shoemake, Uniform random rotations, Graphics Gems III (1992) 124; G. Marsaglia, Ann. Math. Stat. 43 (1972) 645.
+    """
+
+    def draw(self, key: Array, body: Array, dtype: Any) -> Array:
+        del body
+        return _direction(key, 4, dtype)
+
+
+class RotationNear(Distribution):
+    """An attitude (4,) near a mean one: mean * exp(error), where the error is a normal rotation vector in the body frame.
+
+    This is the model of errors of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond pi
+    wrap around, so it is meant for deviations well below one radian.
+
+    Attributes:
+        attitude: the mean, a unit quaternion (4,).
+        error: the distribution of the rotation vector.
+
+    Args:
+        attitude: unit quaternion (w, x, y, z).
+        deviation: standard deviation of the rotation vector in radians, one number or (3,) for the axes of the body.
+        covariance: (3, 3) of the rotation vector, in place of the deviation.
+
+    Raises:
+        ValueError: the attitude is no unit quaternion (4,), or as for `Normal`.
+    """
+
+    attitude: np.ndarray
+    error: Normal
+
+    def __init__(self, attitude: Any, deviation: Any = None, *, covariance: Any = None):
+        given = as_numbers("attitude", attitude)
+        if given.shape != (4,):
+            raise ValueError(f"attitude must be one quaternion (4,), got shape {given.shape}; scatter one mean at a time.")
+        require("attitude", given, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its length.")
+        self.attitude = given / np.linalg.norm(given)
+        self.error = Normal(np.zeros(3), deviation, covariance=covariance)
+        if self.error.mean.shape != (3,):
+            raise ValueError(f"deviation must be one number or (3,), got shape {self.error.mean.shape}.")
+
+    def draw(self, key: Array, body: Array, dtype: Any) -> Array:
+        return so3.multiply(jnp.asarray(self.attitude), so3.exp(self.error.draw(key, body, dtype)))
