@@ -77,14 +77,16 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
         return tuple(np.array(x) for x in np.broadcast_arrays(*arrays.values()))
     except ValueError as error:
         shapes = " and ".join(f"{name} {x.shape}" for name, x in arrays.items())
-        raise ValueError(f"{shapes} do not fit together; give both one shape, or one of them a single number.") from error
+        raise ValueError(
+            f"{shapes} do not fit together; give both one shape, or one of them a single number."
+        ) from error
 
 
 def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
     """The symmetric positive semi-definite matrix S with S S = covariance, which must be (size, size).
 
-    This root is a continuous function of the covariance. That of Cholesky does not exist for a semi-definite matrix, and
-    eigenvectors have signs that depend on the program that finds them.
+    This root is a continuous function of the covariance. That of Cholesky does not exist for a semi-definite matrix,
+    and eigenvectors have signs that depend on the program that finds them.
 
     Raises:
         ValueError: the covariance has another shape, is not symmetric, or has a negative eigenvalue.
@@ -96,11 +98,13 @@ def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
         )
     largest = np.abs(matrix).max()
     if np.abs(matrix - matrix.T).max() > _SYMMETRY * largest:
-        raise ValueError(f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2 if C differs by rounding.")
+        raise ValueError(
+            f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2 if C differs by rounding."
+        )
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     if values[0] < -_DEFINITENESS * largest:
         raise ValueError(
-            f"covariance must be positive semi-definite, but has the eigenvalue {values[0]:.3g}; check the signs of the "
-            "correlations, and that none exceeds the product of its two deviations."
+            f"covariance must be positive semi-definite, but has the eigenvalue {values[0]:.3g}; check the signs of "
+            "the correlations, and that none exceeds the product of its two deviations."
         )
     return (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T

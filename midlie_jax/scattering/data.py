@@ -58,8 +58,8 @@ class Each(Distribution):
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
         if indices.size and indices.max() >= len(self.values):
             raise ValueError(
-                f"{name} has {len(self.values)} rows, but there is a body {indices.max()} (bodies count from 0); give Each "
-                "one row for every body, or take Rows to draw rows at random."
+                f"{name} has {len(self.values)} rows, but there is a body {indices.max()} (bodies count from 0); give "
+                "Each one row for every body, or take Rows to draw rows at random."
             )
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:

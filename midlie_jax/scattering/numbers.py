@@ -84,12 +84,12 @@ class LogNormal(Distribution):
     log_deviation: np.ndarray
 
     def __init__(self, median: Any, deviation: Any):
-        spread = np.sqrt(np.log1p(as_spread("deviation", deviation) ** 2))
+        spread = np.asarray(np.sqrt(np.log1p(as_spread("deviation", deviation) ** 2)))
         self.median, self.log_deviation = broadcast(median=as_positive("median", median), deviation=spread)
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         del body
-        return self.median * jnp.exp(self.log_deviation * jax.random.normal(key, self.median.shape, dtype))
+        return jnp.asarray(self.median) * jnp.exp(self.log_deviation * jax.random.normal(key, self.median.shape, dtype))
 
 
 class Uniform(Distribution):
@@ -112,7 +112,7 @@ class Uniform(Distribution):
         self.low, top = broadcast(low=as_numbers("low", low), high=as_numbers("high", high))
         if np.any(self.low > top):
             raise ValueError(f"low must not exceed high, got low {low} and high {high}; exchange them.")
-        self.width = top - self.low
+        self.width = np.asarray(top - self.low)
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         del body
@@ -140,9 +140,11 @@ class Joint(Distribution):
     names: tuple[str, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
-    def __init__(self, mean: Mapping[str, Any], covariance: Any):
+    def __init__(self, mean: Any, covariance: Any):
         if not isinstance(mean, Mapping) or not mean:
-            raise ValueError("mean must be a dictionary of names and means, such as {'mass': 2.0, 'offset': [0.0, 0.1]}.")
+            raise ValueError(
+                "mean must be a dictionary of names and means, such as {'mass': 2.0, 'offset': [0.0, 0.1]}."
+            )
         means = {name: as_numbers(f"mean[{name!r}]", value) for name, value in mean.items()}
         self.names, self.shapes = tuple(means), tuple(value.shape for value in means.values())
         self.normal = Normal(np.concatenate([value.reshape(-1) for value in means.values()]), covariance=covariance)

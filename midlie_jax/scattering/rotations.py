@@ -1,4 +1,4 @@
-"""Distributions on the sphere and on the rotations SO(3). Attitudes are unit quaternions (w, x, y, z), body to space."""
+"""Distributions on the sphere and on SO(3). An attitude is a unit quaternion (w, x, y, z), body to space."""
 
 from typing import Any
 
@@ -9,15 +9,19 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import is_unit, require
+from .._kernel.fusion import split
 from ..model import so3
 from .base import Distribution, as_numbers, as_positive
 from .numbers import Normal
 
 
 def _direction(key: Array, size: int, dtype: Any) -> Array:
-    """A uniform point of the unit sphere in `size` dimensions: a vector of normal numbers has no preferred direction."""
-    parts = [x[0] for x in jnp.split(jax.random.normal(key, (size,), dtype), size)]
-    return cp.pack(cp.scale(1 / jnp.sqrt(sum((x * x for x in parts[1:]), parts[0] * parts[0])), parts))
+    """A uniform point of the unit sphere in `size` dimensions: normal numbers have no preferred direction."""
+    normal = jax.random.normal(key, (size,), dtype)
+    square = normal[0] * normal[0]
+    for n in range(1, size):  # one after the other: the order of a sum over an axis is up to the compiler
+        square = square + normal[n] * normal[n]
+    return normal / jnp.sqrt(square).reshape(1)
 
 
 class Sphere(Distribution):
@@ -39,7 +43,7 @@ class Sphere(Distribution):
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         del body
-        return self.radius.reshape(1) * _direction(key, 3, dtype)
+        return jnp.asarray(self.radius).reshape(1) * _direction(key, 3, dtype)
 
 
 class Rotation(Distribution):
@@ -54,10 +58,11 @@ class Rotation(Distribution):
 
 
 class RotationNear(Distribution):
-    """An attitude (4,) near a mean one: mean * exp(error), where the error is a normal rotation vector in the body frame.
+    """An attitude (4,) near a mean one: mean * exp(error), where the error is a normal rotation vector in the body
+    frame.
 
-    This is the model of errors of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond pi
-    wrap around, so it is meant for deviations well below one radian.
+    This is the model of errors of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond
+    pi wrap around, so it is meant for deviations well below one radian.
 
     Attributes:
         attitude: the mean, a unit quaternion (4,).
@@ -78,7 +83,7 @@ class RotationNear(Distribution):
     def __init__(self, attitude: Any, deviation: Any = None, *, covariance: Any = None):
         given = as_numbers("attitude", attitude)
         if given.shape != (4,):
-            raise ValueError(f"attitude must be one quaternion (4,), got shape {given.shape}; scatter one mean at a time.")
+            raise ValueError(f"attitude must be one quaternion (4,), got shape {given.shape}; scatter one mean only.")
         require("attitude", given, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its length.")
         self.attitude = given / np.linalg.norm(given)
         self.error = Normal(np.zeros(3), deviation, covariance=covariance)
@@ -86,4 +91,7 @@ class RotationNear(Distribution):
             raise ValueError(f"deviation must be one number or (3,), got shape {self.error.mean.shape}.")
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
-        return so3.multiply(jnp.asarray(self.attitude), so3.exp(self.error.draw(key, body, dtype)))
+        # In one loop XLA would draw the vector anew for each component of the quaternion.
+        error = split(cp.vector(self.error.draw(key, body, dtype)))
+        turn = split(cp.quaternion(so3.exp(cp.pack(error))))
+        return cp.pack(cp.multiply(cp.quaternion(jnp.asarray(self.attitude)), turn))

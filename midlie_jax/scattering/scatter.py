@@ -1,9 +1,9 @@
 """`scatter`: the random inputs of an ensemble, the same for each body wherever and with whatever others it is drawn.
 
 The key of a draw is made of the user's key, a hash of the quantity's name and the index of the body, so that no draw
-depends on the order in which numbers are asked for. Its bits are integers, which every program computes alike. What makes
-normal numbers of them is rounded, and XLA rounds differently in programs for other numbers of rows. So all bodies go
-through one compiled program, in blocks of one size; a block that is not full is padded.
+depends on the order in which numbers are asked for. Its bits are integers, which every program computes alike. What
+makes normal numbers of them is rounded, and XLA rounds differently in programs for other numbers of rows. So all bodies
+go through one compiled program, in blocks of one size; a block that is not full is padded.
 """
 
 from collections.abc import Iterator
@@ -25,14 +25,15 @@ _BLOCK = 1024  # bodies a call of the compiled program; a power of two, so that 
 _MOST = 2**32  # bodies: their indices are words of 32 bits
 
 
-def scatter(key: Array, bodies: Any, *, dtype: Any = None, **quantities: Distribution) -> dict[str, Any]:
+def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> dict[str, Any]:
     """Draws random inputs for the bodies of an ensemble.
 
-    The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype. So body k is
-    the same whatever other bodies and quantities are drawn, and a process or group that holds bodies i to j draws just
-    these: `scatter(key, range(i, j), ...)` are the rows i to j of `scatter(key, n, ...)`, bit for bit. This holds for one
-    kind of processor and one version of JAX; another may round some draws differently. For Monte Carlo runs that do not
-    share draws, give each run its own key (`jax.random.split`).
+    The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype. So body k
+    is the same whatever other bodies and quantities are drawn, and a process or group that holds bodies i to j draws
+    just
+    these: `scatter(key, range(i, j), ...)` are the rows i to j of `scatter(key, n, ...)`, bit for bit. This holds for
+    one kind of processor and one version of JAX; another may round some draws differently. For Monte Carlo runs that do
+    not share draws, give each run its own key (`jax.random.split`).
 
     Args:
         key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
@@ -44,7 +45,8 @@ def scatter(key: Array, bodies: Any, *, dtype: Any = None, **quantities: Distrib
         For each name an array with a leading axis of bodies, or for `Joint` a dictionary of such arrays.
 
     Raises:
-        ValueError: the key, the bodies, the dtype or a quantity is none; a body has no row in an `Each`; or the function
+        ValueError: the key, the bodies, the dtype or a quantity is none; a body has no row in an `Each`; or the
+        function
             is called inside jit, vmap or grad, where the blocks would be compiled into another program.
     """
     _check_key(key)
@@ -56,8 +58,8 @@ def scatter(key: Array, bodies: Any, *, dtype: Any = None, **quantities: Distrib
     for name, distribution in quantities.items():
         if not isinstance(distribution, Distribution):
             raise ValueError(
-                f"{name} must be a distribution of midlie_jax.distributions, got {described(distribution)}; take Each for "
-                "one given value a body, and leave out what all bodies share."
+                f"{name} must be a distribution of midlie_jax.distributions, got {described(distribution)}; take Each "
+                "for one given value a body, and leave out what all bodies share."
             )
         distribution.check_bodies(name, indices)
         drawn[name] = _drawn(name, distribution, key, indices, name_of_dtype)
@@ -109,8 +111,8 @@ def _check_key(key: Any) -> None:
         raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
     if "threefry" not in str(jax.random.key_impl(key)):
         raise ValueError(
-            f"key must be of the generator threefry2x32, got {jax.random.key_impl(key)}: other generators give a batch of "
-            "bodies other numbers than each body by itself; make it with jax.random.key(0, impl='threefry2x32')."
+            f"key must be of the generator threefry2x32, got {jax.random.key_impl(key)}: other generators give a batch "
+            "of bodies other numbers than each body by itself; make it with jax.random.key(0, impl='threefry2x32')."
         )
 
 
@@ -131,7 +133,9 @@ def _indices(bodies: Any) -> np.ndarray:
     if isinstance(bodies, bool) or indices.ndim != 1 or (indices.size and indices.dtype.kind not in "iu"):
         raise ValueError(f"{wanted}, got {described(bodies)}.")
     if indices.size and not 0 <= indices.min() <= indices.max() < _MOST:
-        raise ValueError(f"{wanted}, got indices from {indices.min()} to {indices.max()}; they count from 0 to 2^32 - 1.")
+        raise ValueError(
+            f"{wanted}, got indices from {indices.min()} to {indices.max()}; they count from 0 to 2^32 - 1."
+        )
     return indices.astype(np.int64)
 
 
