@@ -81,15 +81,15 @@ import test_scatter as t
 names = sys.argv[2:] or t.EVERY
 print(jax.device_count(), t.fingerprint(t.ml.scatter(t.KEY, 2500, dtype=sys.argv[1], **{n: t.EVERY[n] for n in names})))
 """
-# Those with sines, exponentials and sums, which programs for other numbers of threads may round differently.
-ROUNDED = ("pointed", "moments", "vector")
+# Drawn in one loop, without the `split` in its `draw`, this rounded differently in programs for three threads.
+ROUNDED = "pointed"
 
 
 def fingerprint(drawn):
     return hashlib.sha256(b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(drawn))).hexdigest()
 
 
-@pytest.mark.parametrize("arguments", [("float64", *ROUNDED), *whole((("float64",),), (("float32",),))], ids=" ".join)
+@pytest.mark.parametrize("arguments", [("float64", ROUNDED), *whole((("float64",),), (("float32",),))], ids=" ".join)
 def test_processes_with_other_devices_draw_the_same(arguments):
     """With the compiler as users have it. Python's hash of a name is another in each process, and must not matter."""
     running = [
