@@ -53,9 +53,8 @@ def bands(
     Args:
         axes: matplotlib's axes. A figure with layout="constrained" leaves room for long labels.
         times: (n,), ascending, with any unit.
-        values: (bodies, n). A body with a number that is not finite is left out altogether, and the number of such
-        bodies
-            is written below the label: they are failures of the run, not draws.
+        values: (bodies, n). A body with a number that is not finite is left out altogether, because its run failed. The
+            number of such bodies is written below the label.
         levels: fractions of the bodies, each above 0 and below 1.
         label: name of the ensemble, written beside the median; by default "median". A legend has it, too, with the
             numbers of bodies.

@@ -24,6 +24,9 @@ class Distribution(eqx.Module):
     def draw(self, key: Array, body: Array, dtype: Any) -> Any:
         """The value of one body: an array, or a tree of arrays, without the axis of bodies.
 
+        It is mapped over blocks of bodies and compiled. XLA can round a long computation in one loop differently where
+        it runs on another number of threads; `RotationNear` shows how to divide the loop.
+
         Args:
             key: the typed key of this quantity and body.
             body: index of the body, an integer ().
@@ -85,8 +88,8 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
 def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
     """The symmetric positive semi-definite matrix S with S S = covariance, which must be (size, size).
 
-    This root is a continuous function of the covariance. That of Cholesky does not exist for a semi-definite matrix,
-    and eigenvectors have signs that depend on the program that finds them.
+    This root is unique. Cholesky's method fails for a semi-definite matrix, and a root made of eigenvectors alone has
+    signs that depend on the program that finds them.
 
     Raises:
         ValueError: the covariance has another shape, is not symmetric, or has a negative eigenvalue.

@@ -58,8 +58,7 @@ class Rotation(Distribution):
 
 
 class RotationNear(Distribution):
-    """An attitude (4,) near a mean one: mean * exp(error), where the error is a normal rotation vector in the body
-    frame.
+    """An attitude (4,) near a mean one: mean * exp(error) with a normal rotation vector `error` in the body frame.
 
     This is the model of errors of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond
     pi wrap around, so it is meant for deviations well below one radian.

@@ -29,11 +29,10 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
     """Draws random inputs for the bodies of an ensemble.
 
     The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype. So body k
-    is the same whatever other bodies and quantities are drawn, and a process or group that holds bodies i to j draws
-    just
-    these: `scatter(key, range(i, j), ...)` are the rows i to j of `scatter(key, n, ...)`, bit for bit. This holds for
-    one kind of processor and one version of JAX; another may round some draws differently. For Monte Carlo runs that do
-    not share draws, give each run its own key (`jax.random.split`).
+    is the same whatever other bodies and quantities are drawn, and a process or group that holds the bodies from i to
+    j - 1 draws just these: `scatter(key, range(i, j), ...)` are those rows of `scatter(key, n, ...)`, bit for bit. This
+    holds for one kind of processor and one version of JAX; another may round some draws differently. For Monte Carlo
+    runs that do not share draws, give each run its own key (`jax.random.split`).
 
     Args:
         key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
@@ -45,9 +44,9 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
         For each name an array with a leading axis of bodies, or for `Joint` a dictionary of such arrays.
 
     Raises:
-        ValueError: the key, the bodies, the dtype or a quantity is none; a body has no row in an `Each`; or the
-        function
-            is called inside jit, vmap or grad, where the blocks would be compiled into another program.
+        ValueError: the key, the bodies, the dtype or a distribution is not of the kind above; a body has no row in an
+            `Each`; or the function is called inside jit, vmap or grad, where the draws would become part of another
+            program.
     """
     _check_key(key)
     indices = _indices(bodies)
