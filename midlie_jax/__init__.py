@@ -44,13 +44,17 @@ from .model.states import DirectionState as DirectionState
 from .model.states import MomentumState as MomentumState
 from .model.states import ParticleState as ParticleState
 from .model.states import RigidState as RigidState
+from .scattering import distributions as distributions
+from .scattering import scatter as scatter
 from .simulation.simulate import simulate as simulate
 from .simulation.summary import Simulation as Simulation
 
 
 def __getattr__(name: str) -> Any:
-    """`fit` and `fitting`, which need the extra `fit`, are imported when they are first asked for."""
+    """`fit` and `fitting`, which need the extra `fit`, and `plot` are imported when they are first asked for."""
     if name in ("fit", "fitting"):
         fitting = import_module(".fitting", __name__)
         return fitting.fit if name == "fit" else fitting
+    if name == "plot":
+        return import_module(".plot", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

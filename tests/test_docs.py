@@ -24,7 +24,7 @@ def blocks(page):
 
 def test_there_is_something_to_run():
     assert len(blocks(ROOT / "README.md")) >= 3
-    named = {"choosing-a-method", "conventions", "diffrax", "gradients", "fitting", "theory", "extending"}
+    named = {"choosing-a-method", "conventions", "diffrax", "gradients", "fitting", "scatter", "theory", "extending"}
     assert named <= {page.stem for page in PAGES if blocks(page)}
 
 
@@ -49,6 +49,7 @@ TABLES = (
     ("gradients", "gradients"),
     ("reach", "stability"),
     ("published_fits", "fitting"),
+    ("scattered_tops", "scatter"),
     ("diffrax_pipeline", "diffrax"),
     ("rounding", "rounding"),
     ("rounding_growth", "rounding"),

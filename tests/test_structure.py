@@ -17,7 +17,9 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
-FLOORS = ("_kernel", "model", "methods", "drivers", "diffrax", "fitting", "simulation", "", "bench")
+FLOORS = (
+    "_kernel", "model", "scattering", "methods", "drivers", "diffrax", "fitting", "plot", "simulation", "", "bench",
+)  # fmt: skip
 
 
 def modules() -> dict[str, Path]:

@@ -17,6 +17,7 @@ from jax import Array
 from .components import is_traced
 
 FLOATS = ("float32", "float64")
+_NAMED = 8  # rows that a message names
 
 
 def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -74,6 +75,27 @@ def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: 
     numbers = np.asarray(value)
     if not np.all(holds(numbers)):
         raise ValueError(f"{name} {problem}, got {shown(numbers)}; {cure}")
+
+
+def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
+    """`require` for vectors (..., n): of a batch the message tells how many rows are wrong, and which.
+
+    `holds(value)` has the shape of the value, or that of its leading axes.
+    """
+    if is_traced(value):
+        return
+    numbers = np.asarray(value)
+    held = np.asarray(holds(numbers))
+    wrong = ~(held.all(-1) if held.ndim == numbers.ndim else held)
+    if numbers.ndim < 2 or not wrong.any():
+        require(name, value, holds, problem, cure)
+        return
+    rows = np.argwhere(wrong)
+    named = ", ".join(str(tuple(row.tolist()) if len(row) > 1 else row.item()) for row in rows[:_NAMED])
+    raise ValueError(
+        f"{name} {problem}, in {len(rows)} of {wrong.size} rows: {named}{', ...' if len(rows) > _NAMED else ''}; the "
+        f"first of these is {shown(numbers[tuple(rows[0])])}; {cure}"
+    )
 
 
 def require_finite(name: str, value: Any) -> None:

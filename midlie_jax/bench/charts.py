@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from ..plot.apart import apart
 from .convergence import Row
 from .figures import FAINT, heading, new_figure, panel, spread_bars, write
-from .line_labels import End, apart, label_ends
+from .line_labels import End, label_ends
 from .line_styles import COOL, DASHED, RING, SOLID, WARM, Style, styles
 
 _GUIDE_SIZE = 8.5  # points

@@ -8,8 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..plot.apart import apart
 from .frontier import cost_at
-from .line_labels import apart
 from .line_styles import BANDS
 
 _SIZE = 12.0  # font size, points

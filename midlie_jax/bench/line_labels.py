@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..plot.apart import apart
+
 _SIZE = 8.5  # font size of the names, points
 _GAP = 1.3  # distance between the middles of two names, in units of the font size
 _LEADER = 26.0  # points from the last line end to the names
@@ -103,26 +105,3 @@ def _make_room(axes: Any, side: str, part: float, other: float) -> None:
     left, right = (part, other) if side == "left" else (other, part)
     unit = (high - low) / (1 - left - right)
     axes.set_xlim(*scale.inverted().transform(np.array([low - unit * left, high + unit * right])))
-
-
-def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """The nearest heights, by least squares, that are at least `gap` apart, in the same order, and within low to high.
-
-    With the gaps subtracted this is isotonic regression: neighbours out of order are pooled at their mean.
-    """
-    order = sorted(range(len(heights)), key=lambda i: heights[i])
-    pools: list[list[float]] = []  # [mean, number of members]
-    for rank, i in enumerate(order):
-        pools.append([heights[i] - rank * gap, 1])
-        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
-            mean, members = pools.pop()
-            pools[-1] = [
-                (pools[-1][0] * pools[-1][1] + mean * members) / (pools[-1][1] + members),
-                pools[-1][1] + members,
-            ]
-    room = max(low, high - (len(heights) - 1) * gap)
-    placed = [min(max(mean, low), room) for mean, members in pools for _ in range(int(members))]
-    result = [0.0] * len(heights)
-    for rank, i in enumerate(order):
-        result[i] = placed[rank] + rank * gap
-    return result

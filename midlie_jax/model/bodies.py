@@ -13,7 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from .._kernel import components as cp
-from .._kernel.checks import as_floats, require, require_finite
+from .._kernel.checks import as_floats, require, require_finite, require_rows
 from . import so3
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
@@ -57,7 +57,8 @@ class RigidBody(eqx.Module):
 
     Raises:
         ValueError: the moments are not of shape (..., 3), not positive, unphysical, or not between 1e-30 and 1e30
-            (float64: 1e-246 and 1e246); or a full tensor was passed, which `TensorBody` and `from_tensor` accept.
+            (float64: 1e-246 and 1e246), and of a batch the message names the rows; or a full tensor was passed, which
+            `TensorBody` and `from_tensor` accept.
     """
 
     moments: Float[Array, "*batch 3"]
@@ -68,10 +69,12 @@ class RigidBody(eqx.Module):
         # the checks below, and the message then names the classes for tensors.
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
-        require("moments", self.moments, _positive, "must be positive and finite", cure or "check units and order.")
-        require("moments", self.moments, _within_range, "are out of range", "take other units of mass or length.")
+        require_rows(
+            "moments", self.moments, _positive, "must be positive and finite", cure or "check units and order."
+        )
+        require_rows("moments", self.moments, _within_range, "are out of range", "take other units of mass or length.")
         if physical:
-            require(
+            require_rows(
                 "moments",
                 self.moments,
                 _triangle,

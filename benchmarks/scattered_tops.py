@@ -1,0 +1,127 @@
+"""A thousand heavy tops with scattered moments, weight, spin and attitude: quantiles of the tilt against time.
+
+    python benchmarks/scattered_tops.py [--bodies 1000] [--write]
+
+A top that stands upright does not fall while the square of its momentum about its axis exceeds 4 I1 times the weight
+(weight times lever). The nominal tops have twice this limit, and 1.2 times. A deviation that is harmless in the first
+tips some of the second over. Both ensembles draw from one key, so body k has the same moments, weight and attitude in
+both. `--write` puts the table between the markers in docs/scatter.md and the picture into docs/scattered-tops.png.
+"""
+
+import argparse
+from typing import Any, NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from pages import DOCS, put, shown  # noqa: E402
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax.bench.figures import heading, new_figure, panel, write  # noqa: E402
+
+BEGIN, END = "<!-- tops -->", "<!-- /tops -->"
+DT, STEPS, EVERY = 0.02, 1000, 5  # seconds, steps
+I1, WEIGHT, TILT = 5.0, 20.0, 0.05  # kg m^2, N m, rad
+LIMIT = 4 * I1 * WEIGHT
+SAFETY = (2.0, 1.2)  # nominal squares of the momentum over the limit
+HEADS = (
+    "nominal momentum about the axis, kg m²/s",
+    "tops below the limit",
+    "tilt after 20 s: 5 %",
+    "median",
+    "95 %",
+    "largest tilt",
+    "largest relative energy error",
+)
+
+
+class Outcome(NamedTuple):
+    """Attributes:
+    times: (n,), seconds.
+    tilt: of the axis from upright, (bodies, n), degrees; NaN from where a top failed.
+    below: share of the drawn tops below the limit.
+    energy_error: the largest, relative to the energy at the start.
+    """
+
+    times: np.ndarray
+    tilt: np.ndarray
+    below: float
+    energy_error: float
+
+
+def momentum_of(safety: float) -> float:
+    return float(np.sqrt(safety * LIMIT))
+
+
+def drawn_tops(bodies: int, momentum: float) -> dict[str, Any]:
+    d = ml.distributions
+    return ml.scatter(
+        jax.random.key(2004),
+        bodies,
+        moments=d.LogNormal([I1, I1, 1.0], 0.03),
+        weight=d.Normal(WEIGHT, 1.0),
+        momentum=d.Normal([0.0, 0.0, momentum], [0.0, 0.0, 1.0]),
+        attitude=d.RotationNear(ml.so3.exp(jnp.array([TILT, 0.0, 0.0])), 0.02),
+    )
+
+
+def outcome(bodies: int, momentum: float) -> Outcome:
+    drawn = drawn_tops(bodies, momentum)
+    body, torque = ml.RigidBody(drawn["moments"]), ml.torques.HeavyTop(drawn["weight"])
+    start = ml.RigidState(drawn["momentum"], drawn["attitude"])
+    path = ml.ensemble("JACOBI[CHIN4A]", body, torque, start, dt=DT, steps=STEPS, save_every=EVERY)
+    energy = np.asarray(jax.vmap(ml.energy)(body, torque, path.states))
+    height = np.asarray(ml.so3.to_matrix(path.states.attitude))[..., 2, 2]
+    # The limit is that of a top with two equal moments; the larger of the two decides.
+    below = drawn["momentum"][:, 2] ** 2 < 4 * drawn["moments"][:, :2].max(axis=1) * drawn["weight"]
+    tilt = np.degrees(np.arccos(np.clip(height, -1, 1)))
+    tilt[~np.asarray(path.ok)] = np.nan
+    error = np.nanmax(np.abs(energy / energy[:, :1] - 1))
+    return Outcome(np.asarray(path.times), tilt, float(jnp.mean(below)), float(error))
+
+
+def row(safety: float, found: Outcome) -> list[str]:
+    end = found.tilt[:, -1]
+    tilts = [*np.nanquantile(end, [0.05, 0.5, 0.95]), np.nanmax(found.tilt)]
+    share = f"{100 * found.below:.1f} %"
+    return [f"{momentum_of(safety):.1f}", share, *(f"{x:.1f}°" for x in tilts), f"{found.energy_error:.0e}"]
+
+
+def draw(results: dict[float, Outcome], bodies: int, path: str) -> None:
+    figure = new_figure(12.0, 5.4)
+    note = (
+        "Moments 3 %, weight 5 %, momentum 1 kg m²/s and attitude 0.02 rad about the nominal top, which is tilted by "
+        f"{np.degrees(TILT):.1f}°. Each band holds the given share of the {bodies:,} tops at each time."
+    )
+    heading(figure, "Tilt of scattered heavy tops", note)
+    figure.subplots_adjust(bottom=0.11, wspace=0.22, right=0.945)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, safety in zip(panels, results, strict=True):
+        title = f"Momentum {momentum_of(safety):.1f} kg m²/s: square {safety:g} times the limit"
+        panel(axes, title, "Time t  [s]", "Tilt of the axis from upright  [degrees]" if axes is panels[0] else "")
+        axes.tick_params(labelleft=True)
+        axes.set_xticks(np.linspace(0, DT * STEPS, 5))
+    top = max(np.nanquantile(found.tilt, 0.95, axis=0).max() for found in results.values())
+    panels[0].set(ylim=(0, 1.06 * top), yticks=np.arange(0, 1.06 * top, 3))
+    for axes, found in zip(panels, results.values(), strict=True):
+        ml.plot.bands(axes, found.times, found.tilt)
+    write(figure, path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bodies", type=int, default=1000)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    results = {safety: outcome(options.bodies, momentum_of(safety)) for safety in SAFETY}
+    lines = shown(HEADS, (row(safety, found) for safety, found in results.items()))
+    if options.write:
+        put("scatter.md", BEGIN, END, lines)
+        draw(results, options.bodies, str(DOCS / "scattered-tops.png"))
+
+
+if __name__ == "__main__":
+    main()

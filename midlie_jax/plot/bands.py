@@ -1,0 +1,153 @@
+"""`bands`: the quantiles of an ensemble against time, with their names at the right edge of the panel.
+
+It draws on the user's axes by their methods alone, so it needs no import of matplotlib. Text has the colour of the
+axis labels, and the bands are the colour of the line made transparent, so both fit a light and a dark background.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._kernel.checks import described
+from .apart import apart
+
+_MARK = "midlie_jax.plot.bands"  # the group of our texts on a panel
+_SIZE, _LINE = 8.5, 1.3  # font size of the names in points, and the distance of two names in font sizes
+_LEADER, _FREE = 14.0, 2.0  # points from the edge of the panel to the names, and between leader and name
+_BLUE = "#0072B2"  # of Okabe and Ito: its contrast is above 4 on white and on black
+_OPACITY = 0.3  # of the widest band; the narrower ones lie upon it
+
+
+class Bands(NamedTuple):
+    """What `bands` has drawn.
+
+    Attributes:
+        median: (n,).
+        edges: for each level the lower and the upper quantile, each (n,).
+        bodies: how many bodies the quantiles are of.
+        failed: how many were left out because a number of theirs is not finite.
+    """
+
+    median: np.ndarray
+    edges: dict[float, tuple[np.ndarray, np.ndarray]]
+    bodies: int
+    failed: int
+
+
+def bands(
+    axes: Any,
+    times: Any,
+    values: Any,
+    *,
+    levels: Sequence[float] = (0.5, 0.9),
+    label: str | None = None,
+    colour: str | None = None,
+) -> Bands:
+    """Draws the median of an ensemble against time, and bands that hold given fractions of the bodies.
+
+    The band of level p lies between the quantiles (1 - p)/2 and (1 + p)/2 at each time. The names stand outside the
+    right edge of the panel, each beside the end of its line. Set the limits of the axes first; a second call on the
+    same axes moves the names of the first out of the way.
+
+    Args:
+        axes: matplotlib's axes. A figure with layout="constrained" leaves room for long labels.
+        times: (n,), ascending, with any unit.
+        values: (bodies, n). A body with a number that is not finite is left out altogether, because its run failed. The
+            number of such bodies is written below the label.
+        levels: fractions of the bodies, each above 0 and below 1.
+        label: name of the ensemble, written beside the median; by default "median". A legend has it, too, with the
+            numbers of bodies.
+        colour: of the line and the bands, any colour of matplotlib.
+
+    Returns:
+        The quantiles and the numbers of bodies.
+
+    Raises:
+        ValueError: the shapes do not fit, the times do not ascend, a level is not between 0 and 1, or no body is left.
+    """
+    t, all_values = _checked(times, values, levels)
+    good = all_values[np.isfinite(all_values).all(axis=1)]
+    failed = len(all_values) - len(good)
+    if not len(good):
+        raise ValueError(
+            f"values has a number that is not finite in each of its {len(all_values)} rows; see first_bad of the path "
+            "for when the bodies failed, and draw the times before."
+        )
+    chosen, name = colour or _BLUE, label or "median"
+    named: list[tuple[str, float]] = []
+    edges: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+    # The widest first, so that the narrower ones lie upon it.
+    for level in sorted(map(float, levels), reverse=True):
+        low, high = np.quantile(good, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        axes.fill_between(t, low, high, color=chosen, alpha=_OPACITY, linewidth=0)
+        edges[level] = (low, high)
+        named.append((f"{100 * level:.4g} %", float(high[-1])))
+    median = np.median(good, axis=0)
+    count = f"{len(good):,} bodies" + (f", {failed:,} failed and left out" if failed else "")
+    axes.plot(t, median, color=chosen, linewidth=2.0, label=f"{name}, {count}")
+    # Names at one height keep their order from below.
+    if failed:
+        named.append((f"{failed:,} failed", float(median[-1])))
+    named.append((name, float(median[-1])))
+    axes.margins(x=0)  # the lines end at the edge, where their names are
+    _write(axes, named, chosen)
+    return Bands(median, edges, len(good), failed)
+
+
+def _checked(times: Any, values: Any, levels: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        t, numbers = np.asarray(times, float), np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"times and values must be arrays of numbers, got {described(times)} and {described(values)}."
+        ) from error
+    if t.ndim != 1 or numbers.ndim != 2 or numbers.shape[1:] != t.shape or not numbers.size:
+        raise ValueError(
+            f"times must be (n,) and values (bodies, n), got {t.shape} and {numbers.shape}; for a vector pass one "
+            "component, such as path.states.momentum[:, :, 2]."
+        )
+    if not np.all(np.diff(t) > 0):
+        raise ValueError("times must ascend and be finite; sort them, and the columns of values with them.")
+    if not levels or not all(0 < level < 1 for level in levels):
+        raise ValueError(f"levels must be fractions above 0 and below 1, got {levels}; 90 % is 0.9.")
+    return t, numbers
+
+
+def _write(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> None:
+    """Writes each name outside the right edge, beside its height in the units of the data, with a leader to it."""
+    for name, height in named:
+        axes.annotate(
+            name,
+            (1.0, height),
+            xycoords=axes.get_yaxis_transform(),
+            xytext=(_LEADER, 0.0),
+            textcoords="offset points",
+            fontsize=_SIZE,
+            color=axes.xaxis.label.get_color(),
+            va="center_baseline",
+            ha="left",
+            annotation_clip=False,
+            gid=_MARK,
+            # From the edge of the name to the end of its line.
+            arrowprops={
+                "arrowstyle": "-",
+                "color": colour,
+                "linewidth": 1.0,
+                "shrinkA": _FREE,
+                "shrinkB": 0.0,
+                "relpos": (0.0, 0.5),
+            },
+        )
+    _spread(axes)
+
+
+def _spread(axes: Any) -> None:
+    """Moves our names on a panel up and down, as little as possible, so that none covers another."""
+    texts = [text for text in axes.texts if text.get_gid() == _MARK]
+    axes.autoscale_view()
+    points, to_pixels = 72 / axes.figure.dpi, axes.get_yaxis_transform()
+    wanted = [to_pixels.transform(text.xy)[1] * points for text in texts]
+    bottom, top = axes.bbox.y0 * points, axes.bbox.y1 * points
+    for text, before, after in zip(texts, wanted, apart(wanted, _LINE * _SIZE, bottom, top), strict=True):
+        text.set_position((_LEADER, after - before))

@@ -1,0 +1,113 @@
+"""What every distribution is, and the checks of the arguments of distributions."""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jax import Array
+
+from .._kernel.checks import described, require, require_finite, shown
+from .._kernel.components import is_traced
+
+_SYMMETRY = 1e-6  # of a covariance, relative to its largest entry: that of numbers rounded to float32
+_DEFINITENESS = 1e-6  # the least eigenvalue may be this negative, relative to the largest
+
+
+class Distribution(eqx.Module):
+    """How one quantity is scattered over the bodies.
+
+    The arrays in it are its parameters. `midlie_jax.scatter` casts them to the dtype of the result before it draws.
+    """
+
+    @abstractmethod
+    def draw(self, key: Array, body: Array, dtype: Any) -> Any:
+        """The value of one body: an array, or a tree of arrays, without the axis of bodies.
+
+        It is mapped over blocks of bodies and compiled. XLA can round a long computation in one loop differently where
+        it runs on another number of threads; `RotationNear` shows how to divide the loop.
+
+        Args:
+            key: the typed key of this quantity and body.
+            body: index of the body, an integer ().
+            dtype: of the result and of the parameters.
+        """
+
+    def check_bodies(self, name: str, indices: np.ndarray) -> None:
+        """Raises a ValueError if one of these bodies has no value; `name` is that of the quantity."""
+        del name, indices
+
+
+def as_numbers(name: str, value: Any) -> np.ndarray:
+    """`value` as a finite array of float64 in the memory of the host, so that no digit depends on the x64 switch.
+
+    Raises:
+        ValueError: it is no array of finite numbers, or it is traced.
+    """
+    if is_traced(value):
+        raise ValueError(f"{name} is traced; make distributions outside jit, vmap and grad.")
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiu":
+            raise TypeError
+        numbers = given.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of real numbers, got {described(value)}.") from error
+    require_finite(name, numbers)
+    return numbers
+
+
+def as_spread(name: str, value: Any) -> np.ndarray:
+    """A deviation: finite numbers of at least 0."""
+    numbers = as_numbers(name, value)
+    require(name, numbers, lambda x: x >= 0, "must not be negative", "pass the standard deviation, not its negative.")
+    return numbers
+
+
+def as_positive(name: str, value: Any) -> np.ndarray:
+    numbers = as_numbers(name, value)
+    require(name, numbers, lambda x: x > 0, "must be positive", "take Normal for numbers of either sign.")
+    return numbers
+
+
+def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The arrays, each repeated to their common shape.
+
+    Raises:
+        ValueError: there is none.
+    """
+    try:
+        return tuple(np.array(x) for x in np.broadcast_arrays(*arrays.values()))
+    except ValueError as error:
+        shapes = " and ".join(f"{name} {x.shape}" for name, x in arrays.items())
+        raise ValueError(
+            f"{shapes} do not fit together; give both one shape, or one of them a single number."
+        ) from error
+
+
+def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
+    """The symmetric positive semi-definite matrix S with S S = covariance, which must be (size, size).
+
+    This root is unique. Cholesky's method fails for a semi-definite matrix, and a root made of eigenvectors alone has
+    signs that depend on the program that finds them.
+
+    Raises:
+        ValueError: the covariance has another shape, is not symmetric, or has a negative eigenvalue.
+    """
+    matrix = as_numbers("covariance", covariance)
+    if matrix.shape != (size, size):
+        raise ValueError(
+            f"covariance must have shape ({size}, {size}), one row for each number of {of}, got {matrix.shape}."
+        )
+    largest = np.abs(matrix).max()
+    if np.abs(matrix - matrix.T).max() > _SYMMETRY * largest:
+        raise ValueError(
+            f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2 if C differs by rounding."
+        )
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    if values[0] < -_DEFINITENESS * largest:
+        raise ValueError(
+            f"covariance must be positive semi-definite, but has the eigenvalue {values[0]:.3g}; check the signs of "
+            "the correlations, and that none exceeds the product of its two deviations."
+        )
+    return (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T

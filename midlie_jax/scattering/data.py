@@ -1,0 +1,67 @@
+"""Distributions made of data: a row of an array at random, or the row that belongs to the body."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .base import Distribution, as_numbers
+
+
+def _as_table(values: Any) -> np.ndarray:
+    table = as_numbers("values", values)
+    if not table.ndim or not len(table):
+        raise ValueError(f"values must have at least one row along its first axis, got shape {table.shape}.")
+    return table
+
+
+class Rows(Distribution):
+    """A row of measured data, each with the same probability and as often as it comes: the bootstrap.
+
+    Quantities that belong together must be columns of one array, else each takes a row of its own.
+
+    Args:
+        values: (m, ...), m rows of any shape.
+
+    Raises:
+        ValueError: the values have no rows, or are not finite numbers.
+    """
+
+    values: np.ndarray
+
+    def __init__(self, values: Any):
+        self.values = _as_table(values)
+
+    def draw(self, key: Array, body: Array, dtype: Any) -> Array:
+        del body, dtype
+        return jnp.asarray(self.values)[jax.random.randint(key, (), 0, len(self.values))]
+
+
+class Each(Distribution):
+    """Row k for body k: nothing is drawn. For values that are known, or that another program has drawn.
+
+    Args:
+        values: (m, ...), one row for each body.
+
+    Raises:
+        ValueError: the values have no rows, or are not finite numbers. `midlie_jax.scatter` raises it for a body beyond
+            the last row.
+    """
+
+    values: np.ndarray
+
+    def __init__(self, values: Any):
+        self.values = _as_table(values)
+
+    def check_bodies(self, name: str, indices: np.ndarray) -> None:
+        if indices.size and indices.max() >= len(self.values):
+            raise ValueError(
+                f"{name} has {len(self.values)} rows, but there is a body {indices.max()} (bodies count from 0); give "
+                "Each one row for every body, or take Rows to draw rows at random."
+            )
+
+    def draw(self, key: Array, body: Array, dtype: Any) -> Array:
+        del key, dtype
+        return jnp.asarray(self.values)[body]

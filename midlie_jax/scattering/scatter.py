@@ -1,0 +1,148 @@
+"""`scatter`: the random inputs of an ensemble, the same for each body wherever and with whatever others it is drawn.
+
+The key of a draw is made of the user's key, a hash of the quantity's name and the index of the body, so that no draw
+depends on the order in which numbers are asked for. Its bits are integers, which every program computes alike. What
+makes normal numbers of them is rounded, and XLA rounds differently in programs for other numbers of rows. So all bodies
+go through one compiled program, in blocks of one size; a block that is not full is padded.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from hashlib import blake2b
+from operator import index
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._kernel.checks import FLOATS, described, require_finite
+from .._kernel.components import is_traced
+from .base import Distribution
+
+_BLOCK = 1024  # bodies a call of the compiled program; a power of two, so that vector instructions leave no remainder
+_MOST = 2**32  # bodies: their indices are words of 32 bits
+
+
+def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> dict[str, Any]:
+    """Draws random inputs for the bodies of an ensemble.
+
+    The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype. So body k
+    is the same whatever other bodies and quantities are drawn, and a process or group that holds the bodies from i to
+    j - 1 draws just these: `scatter(key, range(i, j), ...)` are those rows of `scatter(key, n, ...)`, bit for bit. This
+    holds for one kind of processor and one version of JAX; another may round some draws differently. For Monte Carlo
+    runs that do not share draws, give each run its own key (`jax.random.split`).
+
+    Args:
+        key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
+        bodies: number of bodies, for the bodies 0 to n - 1; or the indices of the bodies, a range or integers (n,).
+        dtype: float32 or float64, of all arrays; by default float64 if JAX's x64 is on, else float32.
+        **quantities: a distribution of `midlie_jax.distributions` for each name.
+
+    Returns:
+        For each name an array with a leading axis of bodies, or for `Joint` a dictionary of such arrays.
+
+    Raises:
+        ValueError: the key, the bodies, the dtype or a distribution is not of the kind above; a body has no row in an
+            `Each`; or the function is called inside jit, vmap or grad, where the draws would become part of another
+            program.
+    """
+    _check_key(key)
+    indices = _indices(bodies)
+    name_of_dtype = _dtype_name(dtype)
+    if not quantities:
+        raise ValueError("scatter needs a quantity; pass one by name, such as weight=Normal(20.0, 0.5).")
+    drawn: dict[str, Any] = {}
+    for name, distribution in quantities.items():
+        if not isinstance(distribution, Distribution):
+            raise ValueError(
+                f"{name} must be a distribution of midlie_jax.distributions, got {described(distribution)}; take Each "
+                "for one given value a body, and leave out what all bodies share."
+            )
+        distribution.check_bodies(name, indices)
+        drawn[name] = _drawn(name, distribution, key, indices, name_of_dtype)
+    return drawn
+
+
+def _drawn(name: str, distribution: Distribution, key: Array, indices: np.ndarray, dtype: str) -> Any:
+    with np.errstate(over="ignore"):  # reported below
+        cast = jax.tree.map(lambda x: np.asarray(x, dtype), distribution)
+    for leaf in jax.tree.leaves(cast):
+        require_finite(f"a parameter of {name} in {dtype}", leaf)
+    cast = jax.tree.map(jnp.asarray, cast)  # once for all blocks
+    own = _key_of(key, name)
+    blocks = [_block(cast, own, block, dtype) for block in _blocks(indices)]
+    return jax.tree.map(lambda *parts: jnp.asarray(_joined(parts)[: indices.size]), *blocks)
+
+
+@partial(jax.jit, static_argnames="dtype")
+def _block(distribution: Distribution, key: Array, indices: Array, dtype: str) -> Any:
+    """The draws of one block of bodies."""
+    return jax.vmap(lambda body: distribution.draw(jax.random.fold_in(key, body), body, dtype))(indices)
+
+
+def _blocks(indices: np.ndarray) -> Iterator[np.ndarray]:
+    """The indices in pieces of one size, at least one; the last is filled up with index 0."""
+    count = max(-(-indices.size // _BLOCK), 1)
+    padded = np.zeros(count * _BLOCK, np.uint32)
+    padded[: indices.size] = indices
+    yield from padded.reshape(count, _BLOCK)
+
+
+def _joined(parts: tuple[Array, ...]) -> np.ndarray:
+    """On the host, because XLA would compile a program for each number of parts."""
+    return np.concatenate([np.asarray(part) for part in parts])
+
+
+def _key_of(key: Array, name: str) -> Array:
+    """The key of a quantity: two words of a hash of its name, the same in every process, folded into the key."""
+    for word in np.frombuffer(blake2b(name.encode(), digest_size=8).digest(), "<u4"):
+        key = jax.random.fold_in(key, int(word))
+    return key
+
+
+def _check_key(key: Any) -> None:
+    if is_traced(key):
+        raise ValueError("key is traced; call scatter outside jit, vmap and grad, and pass what it returns.")
+    typed = isinstance(key, Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    if not typed or key.shape != ():
+        raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
+    if "threefry" not in str(jax.random.key_impl(key)):
+        raise ValueError(
+            f"key must be of the generator threefry2x32, got {jax.random.key_impl(key)}: other generators give a batch "
+            "of bodies other numbers than each body by itself; make it with jax.random.key(0, impl='threefry2x32')."
+        )
+
+
+def _indices(bodies: Any) -> np.ndarray:
+    """The indices of the bodies as int64."""
+    if is_traced(bodies):
+        raise ValueError("bodies is traced; call scatter outside jit, vmap and grad, and pass what it returns.")
+    wanted = "bodies must be a positive number of bodies, or their indices as a range or integers (n,)"
+    try:
+        count = None if isinstance(bodies, (bool, np.bool_, Array)) else index(bodies)
+    except TypeError:
+        count = None
+    if count is not None:
+        if not 1 <= count <= _MOST:
+            raise ValueError(f"{wanted}, got {count}; at least 1 and at most 2^32 bodies are possible.")
+        return np.arange(count)
+    indices = np.asarray(bodies)
+    if isinstance(bodies, bool) or indices.ndim != 1 or (indices.size and indices.dtype.kind not in "iu"):
+        raise ValueError(f"{wanted}, got {described(bodies)}.")
+    if indices.size and not 0 <= indices.min() <= indices.max() < _MOST:
+        raise ValueError(
+            f"{wanted}, got indices from {indices.min()} to {indices.max()}; they count from 0 to 2^32 - 1."
+        )
+    return indices.astype(np.int64)
+
+
+def _dtype_name(dtype: Any) -> str:
+    default = jnp.result_type(float).name
+    name = default if dtype is None else np.dtype(dtype).name
+    if name not in FLOATS:
+        raise ValueError(f"dtype must be float32 or float64, got {dtype}; leave it out for {default}.")
+    if name == "float64" and default == "float32":
+        raise ValueError('dtype float64 needs jax.config.update("jax_enable_x64", True) first; or leave it out.')
+    return name

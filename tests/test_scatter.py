@@ -1,0 +1,319 @@
+"""Scattered inputs: a body's draw is its own to the bit, draws follow their laws, and bad input is named."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, epsilon, whole
+from scipy import stats
+
+import midlie_jax as ml
+
+d = ml.distributions
+KEY = jax.random.key(17)
+RNG = np.random.default_rng(5)
+ROOT = RNG.normal(size=(4, 3))
+SEMIDEFINITE = ROOT @ ROOT.T  # of rank 3
+TABLE = RNG.normal(size=(7, 2))
+MEAN_ATTITUDE = np.array([0.5, -0.5, 0.5, 0.5])
+EVERY = {
+    "number": d.Normal(1.0, 0.3),
+    "matrix": d.Normal(np.arange(6.0).reshape(2, 3), 0.1),
+    "vector": d.Normal([1.0, 2.0, 3.0, 4.0], covariance=SEMIDEFINITE),
+    "moments": d.LogNormal([5.0, 5.0, 2.0], [0.1, 0.2, 0.0]),
+    "box": d.Uniform(-1.0, [1.0, 2.0]),
+    "axis": d.Sphere(2.0),
+    "anyhow": d.Rotation(),
+    "pointed": d.RotationNear(MEAN_ATTITUDE, [0.1, 0.2, 0.3]),
+    "lost": d.RotationNear(MEAN_ATTITUDE, 2.0),
+    "row": d.Rows(TABLE),
+    "own": d.Each(RNG.normal(size=(2500, 2))),
+    "both": d.Joint({"z": 1.0, "a": [[0.0, 1.0, 2.0]]}, SEMIDEFINITE),
+}
+MANY = 20_000
+SIGMAS = 5.0  # of a mean of MANY draws; more are seen once in two million
+SMIRNOV = 1.95 / np.sqrt(MANY)  # the distance of Kolmogorov and Smirnov that one sample in a thousand exceeds
+
+
+def draws(distribution, dtype="float64", name="x", count=MANY):
+    return np.asarray(ml.scatter(KEY, count, dtype=dtype, **{name: distribution})[name])
+
+
+def assert_same_bits(found, expected):
+    assert jax.tree.structure(found) == jax.tree.structure(expected)
+    for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        assert x.dtype == y.dtype
+        np.testing.assert_array_equal(x, y, strict=True)
+
+
+# ---- whose draw it is ----
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_body_is_the_same_in_any_company(dtype):
+    """Alone, in groups of sizes around those of the blocks, in any order, and at every place of a block."""
+    whole = jax.tree.map(np.asarray, ml.scatter(KEY, 2500, dtype=dtype, **EVERY))
+    assert all(leaf.dtype == dtype and len(leaf) == 2500 for leaf in jax.tree.leaves(whole))
+    groups = [range(n) for n in (1, 2, 3, 17, 1023, 1024, 1025, 2049)]
+    groups += [[0], [1023], [1024], [2499], range(1000, 1100), RNG.permutation(2500), np.full(1024, 777), range(0)]
+    for group in groups:
+        rows = np.asarray(group, int)
+        some = ml.scatter(KEY, group, dtype=dtype, **EVERY)
+        assert_same_bits(jax.tree.map(np.asarray, some), jax.tree.map(lambda x, rows=rows: x[rows], whole))
+
+
+def test_a_quantity_is_the_same_whatever_others_there_are():
+    whole = ml.scatter(KEY, 300, **EVERY)
+    assert list(whole) == list(EVERY)
+    for name in ("pointed", "number"):
+        assert_same_bits(ml.scatter(KEY, 300, **{name: EVERY[name]})[name], whole[name])
+
+
+PROGRAM = """
+import sys; sys.path.insert(0, "tests")
+import jax; jax.config.update("jax_enable_x64", True)
+import test_scatter as t
+names = sys.argv[2:] or t.EVERY
+print(jax.device_count(), t.fingerprint(t.ml.scatter(t.KEY, 2500, dtype=sys.argv[1], **{n: t.EVERY[n] for n in names})))
+"""
+# Drawn in one loop, without the `split` in its `draw`, this rounded differently in programs for three threads.
+ROUNDED = "pointed"
+
+
+def fingerprint(drawn):
+    return hashlib.sha256(b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(drawn))).hexdigest()
+
+
+@pytest.mark.parametrize("arguments", [("float64", ROUNDED), *whole((("float64",),), (("float32",),))], ids=" ".join)
+def test_processes_with_other_devices_draw_the_same(arguments):
+    """With the compiler as users have it. Python's hash of a name is another in each process, and must not matter."""
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, *arguments],
+            env=os.environ | {"XLA_FLAGS": f"--xla_force_host_platform_device_count={n}", "PYTHONHASHSEED": str(n)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for n in (1, 3)
+    ]
+    said = [process.communicate()[0].split() for process in running]
+    assert [words[0] for words in said] == ["1", "3"]
+    assert said[0][1] == said[1][1]
+
+
+def test_names_and_keys_give_independent_draws():
+    normal = d.Normal(0.0, 1.0)
+    one, other = draws(normal), draws(normal, name="y")
+    third = np.asarray(ml.scatter(jax.random.key(18), MANY, x=normal)["x"])
+    neighbours = one[1:], one[:-1]
+    for x, y in ((one, other), (one, third), neighbours):
+        assert abs(np.mean(x * y)) < SIGMAS / np.sqrt(MANY)
+        assert not np.any(x == y)
+
+
+def test_dtype_follows_x64():
+    assert ml.scatter(KEY, 3, x=d.Uniform(0.0, 1.0))["x"].dtype == jnp.float64
+    with jax.enable_x64(False):
+        assert ml.scatter(KEY, 3, x=d.Uniform(0.0, 1.0))["x"].dtype == jnp.float32
+        with pytest.raises(ValueError, match=r"dtype float64 needs .*jax_enable_x64"):
+            ml.scatter(KEY, 3, dtype="float64", x=d.Uniform(0.0, 1.0))
+
+
+# ---- the laws of the distributions ----
+
+
+def assert_moments(found, mean, covariance):
+    """Mean and covariance of normal draws, within `SIGMAS` standard errors of each entry."""
+    spread = np.diag(covariance)
+    rounding = 1e-5 * spread.max()  # of float32, where nothing is scattered
+    assert np.all(np.abs(found.mean(0) - mean) <= SIGMAS * np.sqrt(spread / MANY) + rounding)
+    error = np.sqrt((np.outer(spread, spread) + covariance**2) / MANY)
+    assert np.all(np.abs(np.cov(found.T) - covariance) <= SIGMAS * error + rounding)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_normal_has_its_mean_and_covariance(dtype):
+    assert_moments(draws(EVERY["vector"], dtype), [1.0, 2.0, 3.0, 4.0], SEMIDEFINITE)
+    plane = np.linalg.svd(ROOT.T)[2][3]  # the direction in which nothing is scattered
+    flat = (draws(EVERY["vector"], dtype) - [1.0, 2.0, 3.0, 4.0]) @ plane
+    assert np.max(np.abs(flat)) < 1e-7 * (1 if dtype == "float64" else 500)
+    found = draws(d.Normal([0.0, 3.0], [2.0, 0.0]), dtype)
+    assert np.all(found[:, 1] == 3.0)
+    assert stats.kstest(found[:, 0] / 2, "norm").statistic < SMIRNOV
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_numbers_follow_their_laws(dtype):
+    moments = draws(EVERY["moments"], dtype)
+    assert np.all(moments[:, 2] == 2.0)
+    for column, deviation in ((0, 0.1), (1, 0.2)):
+        sigma = np.sqrt(np.log1p(deviation**2))
+        assert stats.kstest(moments[:, column], "lognorm", (sigma, 0, 5.0)).statistic < SMIRNOV
+        mean = 5.0 * np.sqrt(1 + deviation**2)
+        assert abs(moments[:, column].mean() - mean) < SIGMAS * deviation * mean / np.sqrt(MANY)
+        # Of draws near normal the relative error of the deviation is about 1 / sqrt(2 n).
+        assert moments[:, column].std() / mean == pytest.approx(deviation, rel=1.5 * SIGMAS / np.sqrt(2 * MANY))
+    box = draws(EVERY["box"], dtype)
+    for column, width in ((0, 2.0), (1, 3.0)):
+        assert stats.kstest(box[:, column], "uniform", (-1.0, width)).statistic < SMIRNOV
+    both = ml.scatter(KEY, MANY, dtype=dtype, both=EVERY["both"])["both"]
+    assert {name: x.shape for name, x in both.items()} == {"z": (MANY,), "a": (MANY, 1, 3)}
+    together = np.column_stack([both["z"], np.asarray(both["a"]).reshape(MANY, 3)])
+    assert_moments(together, [1.0, 0.0, 1.0, 2.0], SEMIDEFINITE)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_directions_and_rotations_are_uniform(dtype):
+    """Each component of a point of S^2 is uniform; the square of one of S^3 has the law Beta(1/2, 3/2)."""
+    axis = draws(EVERY["axis"], dtype)
+    np.testing.assert_allclose(np.linalg.norm(axis, axis=1), 2.0, rtol=4 * epsilon(dtype))
+    oblique = axis @ np.array([0.48, 0.6, 0.64])
+    for component in (*axis.T, oblique):
+        assert stats.kstest(component, "uniform", (-2.0, 4.0)).statistic < SMIRNOV
+    anyhow = draws(EVERY["anyhow"], dtype)
+    np.testing.assert_allclose(np.linalg.norm(anyhow, axis=1), 1.0, rtol=4 * epsilon(dtype))
+    for component in anyhow.T:
+        assert stats.kstest(component**2, "beta", (0.5, 1.5)).statistic < SMIRNOV
+        assert abs(np.mean(component)) < SIGMAS * 0.5 / np.sqrt(MANY)
+    # A vector of the body then points anywhere, and the angle of the rotation has the law (a - sin a) / pi.
+    turned = np.asarray(ml.so3.rotate(jnp.asarray(anyhow), jnp.tile(jnp.asarray([0.6, 0.0, 0.8], dtype), (MANY, 1))))
+    for component in turned.T:
+        assert stats.kstest(component, "uniform", (-1.0, 2.0)).statistic < SMIRNOV
+    angle = 2 * np.arccos(np.minimum(np.abs(anyhow[:, 0]), 1))
+    assert stats.kstest(angle, lambda a: (a - np.sin(a)) / np.pi).statistic < SMIRNOV
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_rotations_near_a_mean_have_its_errors(dtype):
+    for deviation, covariance in (([0.1, 0.2, 0.3], None), (None, 0.01 * SEMIDEFINITE[:3, :3])):
+        found = draws(d.RotationNear(MEAN_ATTITUDE, deviation, covariance=covariance), dtype)
+        np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, rtol=8 * epsilon(dtype))
+        mean = jnp.tile(jnp.asarray(MEAN_ATTITUDE, dtype), (MANY, 1))
+        error = ml.so3.log(ml.so3.multiply(ml.so3.conjugate(mean), jnp.asarray(found)))
+        assert_moments(
+            np.asarray(error), np.zeros(3), np.diag([0.01, 0.04, 0.09]) if covariance is None else covariance
+        )
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_data_come_as_they_are(dtype):
+    rows = draws(EVERY["row"], dtype)
+    matches = np.all(rows[:, None] == TABLE.astype(dtype), axis=2)
+    assert np.all(matches.sum(axis=1) == 1)
+    shares = matches.mean(axis=0)
+    assert np.all(np.abs(shares - 1 / 7) < SIGMAS * np.sqrt(6 / 49 / MANY))
+    values = np.asarray(jax.tree.leaves(EVERY["own"])[0]).astype(dtype)
+    np.testing.assert_array_equal(
+        ml.scatter(KEY, [5, 2, 2499], dtype=dtype, own=EVERY["own"])["own"], values[[5, 2, 2499]]
+    )
+
+
+def test_a_distribution_of_ones_own():
+    class Sign(d.Distribution):
+        def draw(self, key, body, dtype):
+            return jnp.where(jax.random.bernoulli(key), jnp.ones((), dtype), -jnp.ones((), dtype))
+
+    found = draws(Sign())
+    assert set(found) == {-1.0, 1.0}
+    assert abs(found.mean()) < SIGMAS / np.sqrt(MANY)
+
+
+def test_scattered_tops_run():
+    drawn = ml.scatter(
+        KEY, 5, weight=d.Normal(20.0, 0.5), moments=d.LogNormal([5.0, 5.0, 2.0], 0.01), start=d.Rotation()
+    )
+    states = ml.RigidState(jnp.tile(jnp.array([0.0, 0.0, 50.0]), (5, 1)), drawn["start"])
+    body, torque = ml.RigidBody(drawn["moments"]), ml.torques.HeavyTop(drawn["weight"])
+    many = ml.ensemble("JACOBI[EA]", body, torque, states, dt=0.01, steps=2)
+    assert bool(many.ok.all())
+
+
+# ---- what is said of bad input ----
+
+NORMAL = d.Normal(0.0, 1.0)
+WRONG = {
+    "neither": (lambda: d.Normal(0.0), "deviation or covariance must be given, got neither; pass one"),
+    "both": (lambda: d.Normal([0.0], 1.0, covariance=[[1.0]]), "deviation or covariance .* got both"),
+    "negative": (lambda: d.Normal(0.0, -1.0), "deviation must not be negative, got .*-1"),
+    "not finite": (lambda: d.Normal(np.nan, 1.0), "mean must be finite"),
+    "no number": (lambda: d.Normal("a", 1.0), "mean must be an array of real numbers, got str"),
+    "complex": (lambda: d.Normal(1j, 1.0), "mean must be an array of real numbers"),
+    "shapes": (lambda: d.Normal([0.0, 0.0], [1.0] * 3), r"mean \(2,\) and deviation \(3,\) do not fit"),
+    "mean no vector": (lambda: d.Normal([[0.0]], covariance=[[1.0]]), r"mean must be a vector \(d,\).*Joint"),
+    "covariance shape": (lambda: d.Normal([0.0, 0.0], covariance=[1.0, 2.0]), r"covariance must have shape \(2, 2\)"),
+    "asymmetric": (lambda: d.Normal([0.0, 0.0], covariance=[[1.0, 0.5], [0.0, 1.0]]), r"pass \(C \+ C.T\) / 2"),
+    "indefinite": (lambda: d.Normal([0.0, 0.0], covariance=[[1.0, 2.0], [2.0, 1.0]]), "semi-definite.*eigenvalue -1;"),
+    "median": (lambda: d.LogNormal([1.0, 0.0], 0.1), "median must be positive.*take Normal"),
+    "log deviation": (lambda: d.LogNormal(1.0, -0.1), "deviation must not be negative"),
+    "low": (lambda: d.Uniform(1.0, 0.0), "low must not exceed high, got low 1.0 and high 0.0; exchange"),
+    "radius": (lambda: d.Sphere(0.0), "radius must be positive"),
+    "radii": (lambda: d.Sphere([1.0, 2.0]), "radius must be a single number"),
+    "attitude": (lambda: d.RotationNear([1.0, 1.0, 0.0, 0.0], 0.1), "attitude must be a unit quaternion.*divide"),
+    "attitudes": (lambda: d.RotationNear(np.eye(4), 0.1), r"attitude must be one quaternion \(4,\)"),
+    "four deviations": (
+        lambda: d.RotationNear([1.0, 0, 0, 0], np.ones((2, 3))),
+        r"deviation must be one number or \(3,\)",
+    ),
+    "no rows": (lambda: d.Rows(1.0), "values must have at least one row"),
+    "empty": (lambda: d.Each(np.zeros((0, 3))), "values must have at least one row"),
+    "no dictionary": (lambda: d.Joint([0.0], [[1.0]]), "mean must be a dictionary"),
+    "joint mean": (lambda: d.Joint({"a": np.inf}, [[1.0]]), r"mean\['a'\] must be finite"),
+    "traced": (lambda: jax.jit(lambda x: d.Normal(x, 1.0))(0.0), "mean is traced; make distributions outside jit"),
+    "raw key": (
+        lambda: ml.scatter(jax.random.PRNGKey(0), 3, x=NORMAL),
+        r"key must be one typed key.*jax.random.key\(0\)",
+    ),
+    "keys": (lambda: ml.scatter(jax.random.split(KEY), 3, x=NORMAL), "key must be one typed key"),
+    "seed": (lambda: ml.scatter(0, 3, x=NORMAL), "key must be one typed key, got int"),
+    "other generator": (
+        lambda: ml.scatter(jax.random.key(0, impl="rbg"), 3, x=NORMAL),
+        "must be of the generator threefry",
+    ),
+    "traced key": (
+        lambda: jax.jit(lambda k: ml.scatter(k, 3, x=NORMAL))(KEY),
+        "key is traced; call scatter outside jit",
+    ),
+    "traced bodies": (lambda: jax.jit(lambda n: ml.scatter(KEY, n, x=NORMAL))(3), "bodies is traced"),
+    "no bodies": (lambda: ml.scatter(KEY, 0, x=NORMAL), "bodies must be a positive number of bodies.*got 0"),
+    "True": (lambda: ml.scatter(KEY, True, x=NORMAL), "bodies must be"),
+    "half a body": (lambda: ml.scatter(KEY, 2.5, x=NORMAL), "bodies must be .* got float"),
+    "real indices": (lambda: ml.scatter(KEY, [0.5], x=NORMAL), "bodies must be"),
+    "mask": (lambda: ml.scatter(KEY, np.array([True, False]), x=NORMAL), "bodies must be"),
+    "negative index": (lambda: ml.scatter(KEY, [-1, 2], x=NORMAL), "got indices from -1 to 2; they count from 0"),
+    "matrix of indices": (lambda: ml.scatter(KEY, np.zeros((2, 2), int), x=NORMAL), r"an array of shape \(2, 2\)"),
+    "nothing": (lambda: ml.scatter(KEY, 3), "scatter needs a quantity"),
+    "a number": (lambda: ml.scatter(KEY, 3, x=2.0), "x must be a distribution .* got float; take Each"),
+    "dtype": (lambda: ml.scatter(KEY, 3, dtype="int32", x=NORMAL), "dtype must be float32 or float64"),
+    "beyond float32": (
+        lambda: ml.scatter(KEY, 3, dtype="float32", x=d.Normal(1e300, 1.0)),
+        "parameter of x in float32 must",
+    ),
+    "too few rows": (lambda: ml.scatter(KEY, 8, x=d.Each(TABLE)), r"x has 7 rows, but there is a body 7"),
+}
+
+
+@pytest.mark.parametrize(("call", "message"), WRONG.values(), ids=WRONG.keys())
+def test_bad_input_is_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_a_body_that_cannot_exist_is_named():
+    """Moments that are scattered each by itself can break the triangle inequality; the message tells where."""
+    moments = np.tile([5.0, 5.0, 2.0], (1000, 1))
+    moments[[17, 400, 999]] = [1.0, 2.0, 4.0]
+    message = r"moments are unphysical: .* in 3 of 1000 rows: 17, 400, 999; the first of these is \[1. 2. 4.\]; check"
+    with pytest.raises(ValueError, match=message):
+        ml.RigidBody(moments)
+    with pytest.raises(ValueError, match=r"in 1 of 6 rows: \(1, 2\); the first of these is \[1. 2. 4.\]"):
+        ml.RigidBody(np.array([[[5.0, 5.0, 2.0]] * 3, [[5.0, 5.0, 2.0]] * 2 + [[1.0, 2.0, 4.0]]]))
+    moments[:] = [1.0, -2.0, 4.0]
+    with pytest.raises(
+        ValueError, match=r"positive and finite, in 1000 of 1000 rows: 0, 1, 2, 3, 4, 5, 6, 7, \.\.\.; the"
+    ):
+        ml.RigidBody(moments)
