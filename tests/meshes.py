@@ -31,7 +31,7 @@ def mesh(size, kind=AxisType.Auto):
 
 
 def compared(function):
-    """Whether `function(mesh)` is the same on meshes of 1, 2 and 4 devices, and how often loops on four send anything."""
+    """Whether `function(mesh)` is the same on 1, 2 and 4 devices, and how often the loops on four send anything."""
     alone = jax.tree.leaves(function(mesh(1)))
     same = all(
         np.array_equal(np.asarray(x), np.asarray(y))

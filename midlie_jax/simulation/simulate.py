@@ -121,7 +121,7 @@ def simulate(
 
 
 def _local(mesh: Mesh | None) -> Mesh:
-    """The devices of this process in the mesh; one device is a mesh, too, so that the same program runs on any number."""
+    """The devices of this process in the mesh; by default one, which is a mesh too: one program for any number."""
     return Mesh(np.array(jax.local_devices()[:1]), ("bodies",)) if mesh is None else mesh.local_mesh
 
 
