@@ -73,6 +73,24 @@ class Plan(NamedTuple):
         return range(process * self.groups // processes, (process + 1) * self.groups // processes)
 
 
+def sizes(bodies: int, group: int | None, chunk: int | None, longest: int) -> tuple[int, int]:
+    """The bodies of a group and of a chunk: what is asked for, else as even a cut as possible, to compute few copies.
+
+    Args:
+        longest: the most bodies of a chunk that are not asked for.
+    """
+    if group is None:
+        group = _evenly(bodies, GROUP)
+        chunk = chunk or _evenly(group, longest)
+        return min(-(-group // chunk) * chunk, bodies), chunk
+    return min(group, bodies), chunk or _evenly(min(group, bodies), longest)
+
+
+def _evenly(count: int, most: int) -> int:
+    """The size of parts, all the same but for the last, if there are as few as possible of at most `most`."""
+    return -(-count // -(-count // most))
+
+
 def segment_of(group: int, save_every: int, bytes_a_save: float) -> int:
     """How many saved states a segment has by default.
 

@@ -26,7 +26,7 @@ from .describe import attributes_of, whole_variables
 from .identity import differences, identity
 from .memory import Memory
 from .parts import Computation, compute_and_write
-from .plan import GROUP, Plan, segment_of
+from .plan import GROUP, Plan, segment_of, sizes
 from .progress import reported, work
 from .resume import repair_whole, resumed
 from .store import Store, create
@@ -97,9 +97,9 @@ def simulate(
     steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
     check_saving(steps, save_every)
     as_first_step(0, steps)
-    sizes = {"group": group, "segment": segment, "chunk": chunk}
-    sizes = {name: as_count(name, size) for name, size in sizes.items() if size is not None}
-    if sizes.get("segment", 2) < 2:
+    cut = {"group": group, "segment": segment, "chunk": chunk}
+    cut = {name: as_count(name, size) for name, size in cut.items() if size is not None}
+    if cut.get("segment", 2) < 2:
         raise ValueError("segment must be at least 2 saved states, got 1.")
     path = _checked_path(out, resume)
     batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
@@ -108,8 +108,8 @@ def simulate(
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
     if existing is not None:  # its cut is kept, unless another one is asked for, which is refused below
         before = existing.plan
-        sizes = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **sizes}
-    plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **sizes)
+        cut = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **cut}
+    plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **cut)
     computation = Computation(batch, observe, plan, _local(mesh))
     described_by = {**attributes_of(batch, plan), **(attributes or {})}
     if path.suffix == ".npz":
@@ -148,14 +148,14 @@ def _plan(
     save_every: int,
     seen: Any,
     of_groups: bool,
-    group: int = GROUP,
+    group: int | None = None,
     segment: int | None = None,
     chunk: int | None = None,
 ) -> Plan:
-    group = min(bodies, group)
+    group, chunk = sizes(bodies, group, chunk, chunk_size(min(bodies, group or GROUP)))
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(seen))
     segment = segment or segment_of(group, save_every, size / group if of_groups else size)
-    return Plan(bodies, saves, save_every, group, min(saves, segment), chunk or min(group, chunk_size(group)))
+    return Plan(bodies, saves, save_every, group, min(saves, segment), chunk)
 
 
 def _in_memory(

@@ -1,0 +1,155 @@
+"""A million tumbling bodies: what it takes to write a run to a file, to spread it over devices, and to hold it in memory.
+
+    python benchmarks/ensembles.py [--bodies 1000000] [--steps 1000] [--write]
+
+Each row of the table is measured in a process of its own, which runs everything twice and reports the second time, when
+all is compiled. `--write` puts the tables into docs/ensembles.md.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pages import put, shown
+
+EVERY = 100
+STATE = 7 * 8  # bytes of one state in float64
+PART = 11 * STATE * 2**16  # bytes of one part: eleven saved states of 65536 bodies
+BASE = 400e6  # bytes of Python, JAX, Zarr and compiled programs
+ROUNDS = 3
+DISK = 2e9  # bytes per second that all processes of a cluster write together, of the estimate
+PROCESSES = (1, 4, 16, 64)
+
+
+class Cost(NamedTuple):
+    """Of one run, all compiled: wall time and processor time in seconds, and the largest memory in bytes."""
+
+    wall: float
+    processor: float
+    memory: float
+
+
+def memory_bound(bodies: int) -> float:
+    """What a run may take: the batch, its copy spread over groups, two states of each body on the way; five parts."""
+    return BASE + 5 * bodies * STATE + 5 * PART
+
+
+def run_once(kind: str, bodies: int, steps: int, devices: int) -> None:
+    """Prints the cost of the second of two runs of this process as JSON."""
+    import resource
+
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
+
+    jax.config.update("jax_enable_x64", True)
+    import midlie_jax as ml
+
+    random = np.random.default_rng(0)
+    attitudes = random.normal(size=(bodies, 4))
+    attitudes /= np.linalg.norm(attitudes, axis=1, keepdims=True)
+    start = ml.RigidState(jnp.asarray(random.normal(size=(bodies, 3))), jnp.asarray(attitudes))
+    body = ml.RigidBody(jnp.array([2.0, 3.0, 4.0]))
+    mesh = jax.make_mesh((devices,), ("bodies",)) if devices > 1 else None
+    folder = Path(tempfile.mkdtemp())
+
+    def run(k: int) -> Any:
+        given: dict[str, Any] = {"dt": 0.05, "steps": steps, "mesh": mesh}
+        if kind == "ensemble":
+            return jax.block_until_ready(ml.ensemble("JACOBI[EA]", body, None, start, **given))
+        out = folder / f"{k}.zarr"
+        ml.simulate("JACOBI[EA]", body, None, start, out=out, save_every=EVERY, progress=False, **given)
+        shutil.rmtree(out)
+        return None
+
+    try:
+        run(0)
+        wall, processor = time.perf_counter(), time.process_time()
+        run(1)
+        cost = time.perf_counter() - wall, time.process_time() - processor
+    finally:
+        shutil.rmtree(folder)
+    print(json.dumps([*cost, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss]))
+
+
+def measured(kind: str, bodies: int, steps: int, devices: int) -> Cost:
+    flags = f"--xla_force_host_platform_device_count={devices}"
+    command = [sys.executable, __file__, "--run", kind, "--bodies", str(bodies), "--steps", str(steps)]
+    done = subprocess.run(
+        [*command, "--devices", str(devices)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "XLA_FLAGS": flags},
+    )
+    return Cost(*json.loads(done.stdout.splitlines()[-1]))
+
+
+def median(costs: list[Cost]) -> Cost:
+    return Cost(*(sorted(column)[len(column) // 2] for column in zip(*costs, strict=True)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--bodies", type=int, default=1_000_000)
+    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--run", choices=("ensemble", "simulate"))
+    parser.add_argument("--devices", type=int, default=1)
+    options = parser.parse_args()
+    bodies, steps = options.bodies, options.steps
+    if options.run:
+        run_once(options.run, bodies, steps, options.devices)
+        return
+    kinds = [("ensemble", 1), ("simulate", 1), ("simulate", 2), ("simulate", 4)]
+    costs: dict[tuple[str, int], list[Cost]] = {kind: [] for kind in kinds}
+    for _ in range(ROUNDS):
+        for kind in kinds:
+            costs[kind].append(measured(kind[0], bodies, steps, kind[1]))
+            print(*kind, costs[kind][-1], flush=True)
+    found = {kind: median(costs[kind]) for kind in kinds}
+    bare = found["ensemble", 1]
+    rows = [
+        [
+            f"`{kind}`" + (f", {devices} devices" if devices > 1 else ""),
+            "the end, in memory" if kind == "ensemble" else f"every {EVERY} steps, .zarr",
+            f"{bodies * steps / cost.wall / 1e6:.1f}",
+            f"{bare.wall / cost.wall:.2f}",
+            f"{cost.processor / (bodies * steps) * 1e9:.1f}",
+            f"{cost.memory / 1e6:.0f}" + ("" if kind == "ensemble" else f" of {memory_bound(bodies) / 1e6:.0f}"),
+        ]
+        for (kind, devices), cost in found.items()
+    ]
+    heads = [
+        *("run", "states saved", "million body-steps a second", "over `ensemble`"),
+        *("processor time a body-step, ns", "largest memory, MB"),
+    ]
+    one = found["simulate", 1]
+    size = (steps // EVERY + 1) * bodies * STATE
+    scaling = [
+        [
+            f"{processes}",
+            f"{processes * bodies:.0e}".replace("+0", ""),
+            f"{one.wall:.0f}",
+            f"{processes * size / DISK:.1f}",
+            f"{one.wall / max(one.wall, processes * size / DISK):.2f}",
+        ]
+        for processes in PROCESSES
+    ]
+    scaling_heads = ["processes", "bodies", "computing, s", "writing, s", "efficiency"]
+    for heads_of, table in ((heads, rows), (scaling_heads, scaling)):
+        print("\n".join(shown(heads_of, table)))
+    if options.write:
+        put("ensembles.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
+        put("ensembles.md", "<!-- scaling -->", "<!-- /scaling -->", shown(scaling_heads, scaling))
+
+
+if __name__ == "__main__":
+    main()
