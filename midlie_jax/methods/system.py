@@ -38,7 +38,8 @@ class System(NamedTuple):
     for a `TensorBody`.
 
     Attributes:
-        inertia: `Inertia` for a rigid body, the `Particles` for particles; both have `velocity(momentum)`.
+        inertia: `Inertia` for a rigid body, the `Particles` for particles; both have
+            `velocity(momentum)` and `commutator(force)`.
         torque: a function of (t, state), or None.
         kind: the class of the state.
         reads_momentum: whether the torque depends on the momentum, as damping and control do.
@@ -162,7 +163,7 @@ class System(NamedTuple):
         force = at(motion.pose)
         velocity = self.velocity(force)
         _, change = jax.jvp(at, (motion.pose,), (self.kind.rate(motion.pose, velocity),))
-        change = jax.tree.map(jnp.add, change, self.kind.commutator(velocity, force))
+        change = jax.tree.map(jnp.add, change, self.inertia.commutator(force))
         return self._torque_boundary(added(force, 2 * weight, change))
 
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:

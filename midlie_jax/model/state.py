@@ -99,11 +99,6 @@ class State(eqx.Module, Generic[P, Q]):
         It is jointly linear in velocity and force.
         """
 
-    @staticmethod
-    @abstractmethod
-    def commutator(velocity: P, force: P) -> P:
-        """The part of the rate of change of a force that comes from the rotation of the body axes, Omega x T."""
-
     @classmethod
     @abstractmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: P, pose: Q) -> Value:
@@ -141,10 +136,6 @@ class BodyState(State[cp.Vector, Q]):
     @staticmethod
     def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
         return cp.add(cp.cross(momentum, velocity), force)
-
-    @staticmethod
-    def commutator(velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
-        return cp.cross(velocity, force)
 
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: Q) -> Value:

@@ -258,11 +258,6 @@ class ParticleState(State[Array, Array]):
         del momentum, velocity
         return force
 
-    @staticmethod
-    def commutator(velocity: Array, force: Array) -> Array:
-        del velocity
-        return jnp.zeros_like(force)
-
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Array, pose: Array) -> Value:
         value = function(t, cls.join(momentum, pose))
