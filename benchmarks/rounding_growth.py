@@ -12,17 +12,17 @@ with `--parts` the command keeps each run in a folder and continues where it was
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from compensated import Compensated, no_lows, sums, to_nearest, whole
 from pages import DOCS, put
 
 import midlie_jax as ml
-from midlie_jax._kernel import components
 from midlie_jax.bench import scenes
 from midlie_jax.bench.free_bodies import free_bodies, spatial_momentum
 from midlie_jax.bench.oracles import free_body
@@ -38,17 +38,19 @@ BEGIN, END = "<!-- growth -->", "<!-- /growth -->"
 
 
 class Mode(NamedTuple):
-    """A way of rounding: dtype, and whether sums are rounded to the nearest where the library rounds at random."""
+    """A way of rounding: dtype, and how sums are rounded where it is not as the library rounds them."""
 
     name: str
     dtype: str
-    nearest: bool
+    nearest: bool = False
+    compensated: bool = False
 
 
 MODES = (
-    Mode("float64", "float64", False),
-    Mode("float32", "float32", False),
-    Mode("float32, to nearest", "float32", True),
+    Mode("float64", "float64"),
+    Mode("float32", "float32"),
+    Mode("float32, to nearest", "float32", nearest=True),
+    Mode("float32, compensated", "float32", compensated=True),
 )
 
 
@@ -80,35 +82,44 @@ def cases() -> list[Case]:
     return [free[0], free[1]._replace(share=0.1), Case("P1, .25 rad a step", "SYMMETRIC[CHIN4A]", p1)]
 
 
-@contextmanager
-def rounding(mode: Mode) -> Iterator[None]:
-    """While it is open, what is compiled rounds sums as the mode says, not at random as the library does in float32."""
-    library = components._accumulate
-    jax.clear_caches()
-    if mode.nearest:
-        components._accumulate = lambda x, change, t: x + change
-    try:
-        yield
-    finally:
-        components._accumulate = library
-        jax.clear_caches()
+class Run:
+    """A run of many bodies with sums that are rounded as the mode says, from its start onwards."""
+
+    def __init__(self, case: Case, mode: Mode, bodies: int = BODIES):
+        self.case, self.mode, self.count = case, mode, 0
+        copies = bodies // BODIES
+        rows = jax.tree.map(lambda x: jnp.tile(x.astype(mode.dtype), (copies,) + (1,) * (x.ndim - 1)), case.rows)
+        # A quaternion in float32 has unit length to the rounding of float32 only.
+        size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
+        self.rows = rows._replace(start=ml.RigidState(rows.start.momentum, rows.start.attitude / size))
+        self._lows = no_lows(self.rows.start)
+        self._runner = (Compensated if mode.compensated else Runner)(ml.method(case.method), rows.body)
+
+    def take(self, steps: int) -> None:
+        """Takes these steps; a RuntimeError where one fails."""
+        with sums(to_nearest) if self.mode.nearest else nullcontext():
+            if isinstance(self._runner, Compensated):
+                start, self._lows, ok = self._runner.run(self.rows, self._lows, steps, self.count)
+            else:
+                start, ok = self._runner.run(self.rows, steps, self.count)
+        self.rows, self.count = self.rows._replace(start=start), self.count + steps
+        if not ok.all():
+            raise RuntimeError(f"{self.case.name}: a step failed before step {self.count}.")
+
+    @property
+    def states(self) -> ml.RigidState:
+        """The states after the steps taken so far, with their low parts, in float64."""
+        return whole(self.rows.start, self._lows)
 
 
 def run(case: Case, mode: Mode, counts: list[int]) -> ml.RigidState:
     """The states at the start and after these counts of steps, (1 + counts, bodies, ...), in float64."""
-    rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
-    # A quaternion in float32 has unit length to the rounding of float32 only.
-    size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
-    start = ml.RigidState(rows.start.momentum, rows.start.attitude / size)
-    with rounding(mode):
-        runner, found, before = Runner(ml.method(case.method), rows.body), [start], 0
-        for count in counts:
-            end, ok = runner.run(rows._replace(start=found[-1]), count - before, before)
-            if not ok.all():
-                raise RuntimeError(f"{case.name}: a step failed before step {count}.")
-            found.append(end)
-            before = count
-    return jax.tree.map(lambda *x: np.stack([np.asarray(part, float) for part in x]), *found)
+    runs = Run(case, mode)
+    found = [runs.states]
+    for count in counts:
+        runs.take(count - runs.count)
+        found.append(runs.states)
+    return jax.tree.map(lambda *x: np.stack([np.asarray(part) for part in x]), *found)
 
 
 def kept(case: Case, mode: Mode, counts: list[int], folder: Path | None) -> ml.RigidState:
@@ -208,7 +219,12 @@ UNITS = {
     "energy": "Error of the energy  [of E]",
     "attitude": "Error of the attitude  [rad]",
 }
-COLOURS = {"float64": "#0072B2", "float32": "#009E73", "float32, to nearest": "#D55E00"}
+COLOURS = {
+    "float64": "#0072B2",
+    "float32": "#009E73",
+    "float32, to nearest": "#D55E00",
+    "float32, compensated": "#CC79A7",
+}
 
 
 def draw(results: list[Growth], path: Path) -> None:
