@@ -12,17 +12,17 @@ with `--parts` the command keeps each run in a folder and continues where it was
 
 import argparse
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from compensated import Compensated, no_lows, sums, to_nearest, whole
 from pages import DOCS, put
 
 import midlie_jax as ml
+from midlie_jax._kernel import components
 from midlie_jax.bench import scenes
 from midlie_jax.bench.free_bodies import free_bodies, spatial_momentum
 from midlie_jax.bench.oracles import free_body
@@ -38,19 +38,19 @@ BEGIN, END = "<!-- growth -->", "<!-- /growth -->"
 
 
 class Mode(NamedTuple):
-    """A way of rounding: dtype, and how sums are rounded where it is not as the library rounds them."""
+    """A way of rounding: dtype, state, and whether sums are rounded to nearest where the library rounds at random."""
 
     name: str
     dtype: str
+    state: type[ml.RigidState] = ml.RigidState
     nearest: bool = False
-    compensated: bool = False
 
 
 MODES = (
     Mode("float64", "float64"),
     Mode("float32", "float32"),
     Mode("float32, to nearest", "float32", nearest=True),
-    Mode("float32, compensated", "float32", compensated=True),
+    Mode("float32, compensated", "float32", ml.CompensatedState),
 )
 
 
@@ -82,44 +82,46 @@ def cases() -> list[Case]:
     return [free[0], free[1]._replace(share=0.1), Case("P1, .25 rad a step", "SYMMETRIC[CHIN4A]", p1)]
 
 
-class Run:
-    """A run of many bodies with sums that are rounded as the mode says, from its start onwards."""
+@contextmanager
+def rounding(mode: Mode) -> Iterator[None]:
+    """While it is open, a new `Runner` compiles sums that are rounded as the mode says, not as the library does."""
+    library = components._accumulate
+    if mode.nearest:
+        components._accumulate = lambda x, change, t: x + change
+    try:
+        yield
+    finally:
+        components._accumulate = library
 
-    def __init__(self, case: Case, mode: Mode, bodies: int = BODIES):
-        self.case, self.mode, self.count = case, mode, 0
-        copies = bodies // BODIES
-        rows = jax.tree.map(lambda x: jnp.tile(x.astype(mode.dtype), (copies,) + (1,) * (x.ndim - 1)), case.rows)
-        # A quaternion in float32 has unit length to the rounding of float32 only.
-        size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
-        self.rows = rows._replace(start=ml.RigidState(rows.start.momentum, rows.start.attitude / size))
-        self._lows = no_lows(self.rows.start)
-        self._runner = (Compensated if mode.compensated else Runner)(ml.method(case.method), rows.body)
 
-    def take(self, steps: int) -> None:
-        """Takes these steps; a RuntimeError where one fails."""
-        with sums(to_nearest) if self.mode.nearest else nullcontext():
-            if isinstance(self._runner, Compensated):
-                start, self._lows, ok = self._runner.run(self.rows, self._lows, steps, self.count)
-            else:
-                start, ok = self._runner.run(self.rows, steps, self.count)
-        self.rows, self.count = self.rows._replace(start=start), self.count + steps
-        if not ok.all():
-            raise RuntimeError(f"{self.case.name}: a step failed before step {self.count}.")
-
-    @property
-    def states(self) -> ml.RigidState:
-        """The states after the steps taken so far, with their low parts, in float64."""
-        return whole(self.rows.start, self._lows)
+def rows_of(case: Case, mode: Mode) -> Rows:
+    """The rows of a case in the dtype of the mode and with its class of state."""
+    rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
+    # A quaternion in float32 has unit length to the rounding of float32 only.
+    size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
+    return rows._replace(start=mode.state(rows.start.momentum, rows.start.attitude / size))
 
 
 def run(case: Case, mode: Mode, counts: list[int]) -> ml.RigidState:
     """The states at the start and after these counts of steps, (1 + counts, bodies, ...), in float64."""
-    runs = Run(case, mode)
-    found = [runs.states]
-    for count in counts:
-        runs.take(count - runs.count)
-        found.append(runs.states)
-    return jax.tree.map(lambda *x: np.stack([np.asarray(part) for part in x]), *found)
+    rows = rows_of(case, mode)
+    with rounding(mode):
+        runner, found, before = Runner(ml.method(case.method), rows.body), [rows.start], 0
+        for count in counts:
+            end, ok = runner.run(rows._replace(start=found[-1]), count - before, before)
+            if not ok.all():
+                raise RuntimeError(f"{case.name}: a step failed before step {count}.")
+            found.append(end)
+            before = count
+    return jax.tree.map(lambda *x: np.stack(x), *map(in_float64, found))
+
+
+def in_float64(state: ml.RigidState) -> ml.RigidState:
+    """The momenta and attitudes of states, with their low parts if there are any."""
+    momentum, attitude = np.asarray(state.momentum, float), np.asarray(state.attitude, float)
+    if isinstance(state, ml.CompensatedState):
+        momentum, attitude = momentum + np.asarray(state.low_momentum), attitude + np.asarray(state.low_attitude)
+    return ml.RigidState(momentum, attitude)
 
 
 def kept(case: Case, mode: Mode, counts: list[int], folder: Path | None) -> ml.RigidState:

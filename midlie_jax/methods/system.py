@@ -127,6 +127,10 @@ class System(NamedTuple):
         impulse = _zeros(motion.momentum) if force is None else jax.tree.map(lambda f: h * f, force)
         return Motion(self.kind.momentum_rate(motion.momentum, turn, impulse), self.kind.rate(motion.pose, turn))
 
+    def pushed(self, motion: Motion[P, Q], change: P, t: Array) -> Motion[P, Q]:
+        """The motion after the momentum changes by `change`, in a step that starts at time t."""
+        return Motion(*self.kind.push(motion.momentum, motion.pose, change, t))
+
     def turned(self, pose: Q, increment: Any, t: Array, h: Array) -> Q:
         """The pose after a flight with this increment, in a step of h that starts at time t."""
         return self.kind.turn(pose, increment, h == 0, t)

@@ -36,6 +36,7 @@ class State(eqx.Module, Generic[P, Q]):
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
     own_axes: ClassVar[int] = 1  # how many trailing axes of each array belong to one body; the others are a batch
+    long_sums: ClassVar[bool] = False  # whether its sums are so long that two flights do not fit one compiled loop
     has_pose: ClassVar[bool] = True  # without a pose, a flight need not compute how the body turns
 
     def check_batch(self) -> None:
@@ -71,6 +72,15 @@ class State(eqx.Module, Generic[P, Q]):
     @abstractmethod
     def rotate(pose: Q, increment: Any) -> Q:
         """The pose after the body turns by `increment`, a rotation in the body frame; for particles, a displacement."""
+
+    @staticmethod
+    def push(momentum: P, pose: Q, change: P, t: Array) -> tuple[P, Q]:
+        """Momentum and pose after the momentum changes by `change` in the step that starts at time t.
+
+        The change is added with the rounding of `accumulate`. A state that keeps what this rounding loses has it in the
+        pose; for all others the pose is unchanged.
+        """
+        return cp.accumulate(momentum, change, t), pose
 
     @staticmethod
     @abstractmethod
