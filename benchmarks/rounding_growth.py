@@ -239,7 +239,8 @@ def draw(results: list[Growth], path: Path) -> None:
         figure,
         "How rounding grows with the number of steps",
         "Root mean square over 16 bodies; in brackets the exponent fitted over the last three decades of steps. "
-        "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2.",
+        "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2. "
+        "Sums in float32 are rounded at random, to nearest, or compensated.",
     )
     figure.subplots_adjust(bottom=0.06, wspace=0.24, hspace=0.36)
     for row, quantity in zip(figure.subplots(3, len(names)), UNITS, strict=True):
@@ -253,7 +254,7 @@ def draw(results: list[Growth], path: Path) -> None:
                 counts, seen = growth.counts, growth.error > 0
                 colour = COLOURS[growth.mode.name]
                 axes.plot(counts[seen], growth.error[seen], color=colour, linewidth=2)
-                label = f"{growth.mode.name} ({growth.exponent:.2f})"
+                label = f"{growth.mode.name.removeprefix('float32, ')} ({growth.exponent:.2f})"
                 ends.append(End(label, colour, counts[seen][-1], growth.error[seen][-1], True))
             low, high = axes.get_ylim()
             counts = next(growth.counts for growth in results if growth.case == name)

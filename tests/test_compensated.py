@@ -34,7 +34,7 @@ def test_it_moves_like_a_rigid_state_and_a_split_run_equals_the_whole(name):
     for x, y in ((path.states.momentum, truth.states.momentum), (path.states.attitude, truth.states.attitude)):
         error = np.abs(np.asarray(x, float) - y) / np.linalg.norm(y, axis=-1, keepdims=True)
         assert error.max() <= 4 * epsilon("float32")
-    assert np.any(path.states.low_momentum[1:]) and np.any(path.states.low_attitude[1:])
+    assert np.all(np.any(path.states.low_momentum[1:], axis=1) | np.any(path.states.low_attitude[1:], axis=1))
     rest = run(jax.tree.map(lambda x: x[2], path.states), np.int32(16))
     for x, y in zip(jax.tree.leaves(rest.states), jax.tree.leaves(path.states), strict=True):
         np.testing.assert_array_equal(x[:3], y[2:])
