@@ -38,17 +38,19 @@ BEGIN, END = "<!-- growth -->", "<!-- /growth -->"
 
 
 class Mode(NamedTuple):
-    """A way of rounding: dtype, and whether sums are rounded to the nearest where the library rounds at random."""
+    """A way of rounding: dtype, state, and whether sums are rounded to nearest where the library rounds at random."""
 
     name: str
     dtype: str
-    nearest: bool
+    state: type[ml.RigidState] = ml.RigidState
+    nearest: bool = False
 
 
 MODES = (
-    Mode("float64", "float64", False),
-    Mode("float32", "float32", False),
-    Mode("float32, to nearest", "float32", True),
+    Mode("float64", "float64"),
+    Mode("float32", "float32"),
+    Mode("float32, to nearest", "float32", nearest=True),
+    Mode("float32, compensated", "float32", ml.CompensatedState),
 )
 
 
@@ -82,33 +84,44 @@ def cases() -> list[Case]:
 
 @contextmanager
 def rounding(mode: Mode) -> Iterator[None]:
-    """While it is open, what is compiled rounds sums as the mode says, not at random as the library does in float32."""
+    """While it is open, a new `Runner` compiles sums that are rounded as the mode says, not as the library does."""
     library = components._accumulate
-    jax.clear_caches()
     if mode.nearest:
         components._accumulate = lambda x, change, t: x + change
     try:
         yield
     finally:
         components._accumulate = library
-        jax.clear_caches()
+
+
+def rows_of(case: Case, mode: Mode) -> Rows:
+    """The rows of a case in the dtype of the mode and with its class of state."""
+    rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
+    # A quaternion in float32 has unit length to the rounding of float32 only.
+    size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
+    return rows._replace(start=mode.state(rows.start.momentum, rows.start.attitude / size))
 
 
 def run(case: Case, mode: Mode, counts: list[int]) -> ml.RigidState:
     """The states at the start and after these counts of steps, (1 + counts, bodies, ...), in float64."""
-    rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
-    # A quaternion in float32 has unit length to the rounding of float32 only.
-    size = jnp.sqrt(jnp.sum(rows.start.attitude**2, axis=1, keepdims=True))
-    start = ml.RigidState(rows.start.momentum, rows.start.attitude / size)
+    rows = rows_of(case, mode)
     with rounding(mode):
-        runner, found, before = Runner(ml.method(case.method), rows.body), [start], 0
+        runner, found, before = Runner(ml.method(case.method), rows.body), [rows.start], 0
         for count in counts:
             end, ok = runner.run(rows._replace(start=found[-1]), count - before, before)
             if not ok.all():
                 raise RuntimeError(f"{case.name}: a step failed before step {count}.")
             found.append(end)
             before = count
-    return jax.tree.map(lambda *x: np.stack([np.asarray(part, float) for part in x]), *found)
+    return jax.tree.map(lambda *x: np.stack(x), *map(in_float64, found))
+
+
+def in_float64(state: ml.RigidState) -> ml.RigidState:
+    """The momenta and attitudes of states, with their low parts if there are any."""
+    momentum, attitude = np.asarray(state.momentum, float), np.asarray(state.attitude, float)
+    if isinstance(state, ml.CompensatedState):
+        momentum, attitude = momentum + np.asarray(state.low_momentum), attitude + np.asarray(state.low_attitude)
+    return ml.RigidState(momentum, attitude)
 
 
 def kept(case: Case, mode: Mode, counts: list[int], folder: Path | None) -> ml.RigidState:
@@ -208,7 +221,12 @@ UNITS = {
     "energy": "Error of the energy  [of E]",
     "attitude": "Error of the attitude  [rad]",
 }
-COLOURS = {"float64": "#0072B2", "float32": "#009E73", "float32, to nearest": "#D55E00"}
+COLOURS = {
+    "float64": "#0072B2",
+    "float32": "#009E73",
+    "float32, to nearest": "#D55E00",
+    "float32, compensated": "#CC79A7",
+}
 
 
 def draw(results: list[Growth], path: Path) -> None:
@@ -221,7 +239,8 @@ def draw(results: list[Growth], path: Path) -> None:
         figure,
         "How rounding grows with the number of steps",
         "Root mean square over 16 bodies; in brackets the exponent fitted over the last three decades of steps. "
-        "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2.",
+        "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2. "
+        "Sums in float32 are rounded at random, to nearest, or compensated.",
     )
     figure.subplots_adjust(bottom=0.06, wspace=0.24, hspace=0.36)
     for row, quantity in zip(figure.subplots(3, len(names)), UNITS, strict=True):
@@ -235,7 +254,7 @@ def draw(results: list[Growth], path: Path) -> None:
                 counts, seen = growth.counts, growth.error > 0
                 colour = COLOURS[growth.mode.name]
                 axes.plot(counts[seen], growth.error[seen], color=colour, linewidth=2)
-                label = f"{growth.mode.name} ({growth.exponent:.2f})"
+                label = f"{growth.mode.name.removeprefix('float32, ')} ({growth.exponent:.2f})"
                 ends.append(End(label, colour, counts[seen][-1], growth.error[seen][-1], True))
             low, high = axes.get_ylim()
             counts = next(growth.counts for growth in results if growth.case == name)

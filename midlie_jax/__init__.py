@@ -35,6 +35,7 @@ from .model import torques as torques
 from .model.bodies import Particles as Particles
 from .model.bodies import RigidBody as RigidBody
 from .model.bodies import TensorBody as TensorBody
+from .model.compensated import CompensatedState as CompensatedState
 from .model.observables import angular_velocity as angular_velocity
 from .model.observables import energy as energy
 from .model.observables import kinetic_energy as kinetic_energy

@@ -53,6 +53,7 @@ TABLES = (
     ("diffrax_pipeline", "diffrax"),
     ("rounding", "rounding"),
     ("rounding_growth", "rounding"),
+    ("rounding_cost", "rounding"),
 )
 
 

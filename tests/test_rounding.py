@@ -103,6 +103,19 @@ def test_a_constant_force_below_the_last_place_is_not_lost():
     assert abs(error.mean()) <= 3 * error.std(ddof=1) / len(error) ** 0.5
 
 
+def test_a_force_gradient_changes_no_bit_of_the_momentum_about_an_axis_of_symmetry():
+    """Gravity has no torque about this axis, and the two moments that its gradient compares are equal."""
+    moments, momentum, attitude, _ = free_bodies(True, "float32", count=BODIES, seed=6)
+
+    def run(moments, momentum, attitude):
+        start, torque = ml.RigidState(momentum, attitude), ml.torques.HeavyTop(jnp.float32(0.7))
+        return ml.integrate("SYMMETRIC[CHIN4A]", ml.RigidBody(moments), torque, start, dt=0.1, steps=10_000)
+
+    path = quick(jax.vmap(run))(moments, momentum, attitude)
+    assert path.ok.all()
+    assert np.all(path.states.momentum[..., 2] == momentum[:, None, 2])
+
+
 # A heavy top whose motion is known, with a scheme whose own error is below rounding at the fewest steps.
 TOP, WEIGHT, TIME = np.array([1.0, 1.0, 0.625]), 2.5, 2.0
 EXACT = [f"{flight.name}[SRKN14a]" for flight in RIGID_FLIGHTS if flight.order is None]

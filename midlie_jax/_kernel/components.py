@@ -196,6 +196,22 @@ def _accumulate(x: Array, change: Array, t: Array) -> Array:
     return x + (change + offset * power_of_two)
 
 
+def compensated(x: Any, low: Any, change: Any) -> tuple[Any, Any]:
+    """x + low + change for tuples of numbers, rounded to nearest, and the rounding errors: the next low parts.
+
+    Where |low| is at most half a unit in the last place of x, a change of zero leaves both as they are. The error of a
+    sum is found by six sums (D. E. Knuth, The Art of Computer Programming 2, section 4.2.2).
+    """
+
+    def two_sum(x: Array, change: Array) -> tuple[Array, Array]:
+        total = x + change
+        added = total - x
+        return total, (x - (total - added)) + (change - added)
+
+    pairs = [two_sum(a, b + c) for a, b, c in zip(x, low, change, strict=True)]
+    return tuple(total for total, _ in pairs), tuple(error for _, error in pairs)
+
+
 def all_finite(tree: Any, axes: int = 0) -> Array:
     """Whether all numbers of a pytree are finite; of arrays with that many leading axes, for each place along these."""
     leaves = (jnp.isfinite(jax.lax.stop_gradient(leaf)) for leaf in jax.tree.leaves(tree))

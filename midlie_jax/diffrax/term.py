@@ -17,6 +17,7 @@ from ..methods.base import Method
 from ..methods.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
+from ..model.compensated import CompensatedState
 from ..model.state import State
 from ..model.torques import TorqueLike
 
@@ -113,6 +114,11 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
         raise ValueError(
             f"the state must be one such as midlie_jax.RigidState, got {described(y)}; the "
             "backward pass of BacksolveAdjoint needs a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
+        )
+    if isinstance(y, CompensatedState):
+        raise ValueError(
+            "diffrax adds the steps of a state itself and would lose the low parts of a CompensatedState: give diffrax "
+            "a RigidState, or use midlie_jax.integrate."
         )
     check_body(body, y)
     if method is not None:

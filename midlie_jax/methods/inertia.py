@@ -68,6 +68,15 @@ class Inertia(NamedTuple):
         """The angular velocity I^-1 Pi."""
         return cp.times(self.inverses, momentum)
 
+    def commutator(self, force: cp.Vector) -> cp.Vector:
+        """I^-1 T x T, the rate of change of the components of a torque T as the body turns with the velocity I^-1 T.
+
+        Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. From the difference of the inverse moments it is
+        exactly zero where I_j = I_k; as a difference of products it would be so only up to rounding.
+        """
+        scaled = cp.scale(-self.per_unit, self.gaps)
+        return cp.times(cp.times(scaled, (force[1], force[2], force[0])), (force[2], force[0], force[1]))
+
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
         """h times the momentum, in units of the largest moment: the turn of a ball with that moment."""
         return cp.scale(h, cp.scale(self.per_unit, momentum))

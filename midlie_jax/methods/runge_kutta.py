@@ -94,9 +94,9 @@ class RungeKutta(Method):
 
         turn = cp.scale(h, system.velocity(motion.momentum))
         change = self.formula.change(rates, pause, motion)
-        pose = system.kind.shift(motion.pose, change.pose, h == 0, t0)
+        end = system.pushed(motion, change.momentum, t0)
         ok = cp.dot(turn, turn) <= self.formula.reach**2
-        return Motion(cp.accumulate(motion.momentum, change.momentum, t0), pose), None, ok
+        return Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0)), None, ok
 
 
 RK4 = RungeKutta("RK4", tableau.RK4)

@@ -100,7 +100,11 @@ class Splitting(Method):
             nonlocal ok
             motion, flight_ok = stages.fly(a, motion)
             ok = ok & flight_ok
-            return cut(motion) if self.scheme.flights > self.flight.per_loop else stages.system.loop_boundary(motion)
+            if self.scheme.flights > self.flight.per_loop:
+                return cut(motion)
+            if self.scheme.flights > 1 and stages.system.kind.long_sums:
+                return split(motion)
+            return stages.system.loop_boundary(motion)
 
         motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)
         return motion, force, ok
@@ -157,8 +161,8 @@ class _Stages(NamedTuple):
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         has_pose = self.system.kind.has_pose
         increment, change, ok = _fly(self.flight, has_pose, self.system.inertia, a * self.h, motion.momentum)
-        momentum = cp.accumulate(motion.momentum, change, self.t0)
-        return Motion(momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
+        motion = self.system.pushed(motion, change, self.t0)
+        return Motion(motion.momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
 
     def evaluate(self, c: Any, g: float, motion: AnyMotion) -> Any:
         if self.system.torque is None:
@@ -174,7 +178,7 @@ class _Stages(NamedTuple):
             midpoint = Motion(added(motion.momentum, b * self.h / 2, force), motion.pose)
             force = self.system.force(self._time(c), midpoint)
         change = jax.tree.map(lambda f: b * self.h * f, force)
-        return Motion(cp.accumulate(motion.momentum, change, self.t0), motion.pose)
+        return self.system.pushed(motion, change, self.t0)
 
 
 @eqx.filter_jit

@@ -38,7 +38,8 @@ class System(NamedTuple):
     for a `TensorBody`.
 
     Attributes:
-        inertia: `Inertia` for a rigid body, the `Particles` for particles; both have `velocity(momentum)`.
+        inertia: `Inertia` for a rigid body, the `Particles` for particles; both have
+            `velocity(momentum)` and `commutator(force)`.
         torque: a function of (t, state), or None.
         kind: the class of the state.
         reads_momentum: whether the torque depends on the momentum, as damping and control do.
@@ -126,6 +127,10 @@ class System(NamedTuple):
         impulse = _zeros(motion.momentum) if force is None else jax.tree.map(lambda f: h * f, force)
         return Motion(self.kind.momentum_rate(motion.momentum, turn, impulse), self.kind.rate(motion.pose, turn))
 
+    def pushed(self, motion: Motion[P, Q], change: P, t: Array) -> Motion[P, Q]:
+        """The motion after the momentum changes by `change`, in a step that starts at time t."""
+        return Motion(*self.kind.push(motion.momentum, motion.pose, change, t))
+
     def turned(self, pose: Q, increment: Any, t: Array, h: Array) -> Q:
         """The pose after a flight with this increment, in a step of h that starts at time t."""
         return self.kind.turn(pose, increment, h == 0, t)
@@ -162,7 +167,7 @@ class System(NamedTuple):
         force = at(motion.pose)
         velocity = self.velocity(force)
         _, change = jax.jvp(at, (motion.pose,), (self.kind.rate(motion.pose, velocity),))
-        change = jax.tree.map(jnp.add, change, self.kind.commutator(velocity, force))
+        change = jax.tree.map(jnp.add, change, self.inertia.commutator(force))
         return self._torque_boundary(added(force, 2 * weight, change))
 
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:

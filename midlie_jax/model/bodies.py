@@ -219,6 +219,10 @@ class Particles(eqx.Module):
             return self.mass @ (self.mass.T @ velocity)
         return self.mass * velocity
 
+    def commutator(self, force: Array) -> Array:
+        """Zero: the axes along which a force has its components do not turn, as those of a rigid body do."""
+        return jnp.zeros_like(force)
+
 
 Body = RigidBody | TensorBody | Particles
 

@@ -36,6 +36,7 @@ class State(eqx.Module, Generic[P, Q]):
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]  # the kind of body that this state belongs to
     own_axes: ClassVar[int] = 1  # how many trailing axes of each array belong to one body; the others are a batch
+    long_sums: ClassVar[bool] = False  # whether its sums are so long that two flights do not fit one compiled loop
     has_pose: ClassVar[bool] = True  # without a pose, a flight need not compute how the body turns
 
     def check_batch(self) -> None:
@@ -73,6 +74,15 @@ class State(eqx.Module, Generic[P, Q]):
         """The pose after the body turns by `increment`, a rotation in the body frame; for particles, a displacement."""
 
     @staticmethod
+    def push(momentum: P, pose: Q, change: P, t: Array) -> tuple[P, Q]:
+        """Momentum and pose after the momentum changes by `change` in the step that starts at time t.
+
+        The change is added with the rounding of `accumulate`. A state that keeps what this rounding loses has it in the
+        pose; for all others the pose is unchanged.
+        """
+        return cp.accumulate(momentum, change, t), pose
+
+    @staticmethod
     @abstractmethod
     def turn(pose: Q, increment: Any, no_step: Array, t: Array) -> Q:
         """`rotate` for a pose that is turned at every step; t is the time of this step.
@@ -98,11 +108,6 @@ class State(eqx.Module, Generic[P, Q]):
 
         It is jointly linear in velocity and force.
         """
-
-    @staticmethod
-    @abstractmethod
-    def commutator(velocity: P, force: P) -> P:
-        """The part of the rate of change of a force that comes from the rotation of the body axes, Omega x T."""
 
     @classmethod
     @abstractmethod
@@ -141,10 +146,6 @@ class BodyState(State[cp.Vector, Q]):
     @staticmethod
     def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
         return cp.add(cp.cross(momentum, velocity), force)
-
-    @staticmethod
-    def commutator(velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
-        return cp.cross(velocity, force)
 
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: Q) -> Value:

@@ -166,21 +166,11 @@ class RigidState(BodyState[cp.Quaternion]):
 
     @staticmethod
     def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
-        # The product is computed as a change of the pose and rounded only once. Rounding the product and then its
-        # length would turn the attitude slightly, and in the same direction at every step. The correction accounts for
-        # the lengths of both factors.
-        correction = _length_correction(_square(pose), no_step) + 0.5 * cp.norm_defect(increment)
-        w, x, y, z = increment
-        factor = 1 + correction
-        change = cp.multiply(pose, ((w - 1) * factor + correction, factor * x, factor * y, factor * z))
-        return cp.accumulate(pose, change, t)
+        return cp.accumulate(pose, turn_change(pose, increment, no_step), t)
 
     @staticmethod
     def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
-        w, x, y, z = (p + c for p, c in zip(pose, change, strict=True))
-        k = _length_correction(_square((w, x, y, z)), no_step)
-        a, b, c, d = change
-        return cp.accumulate(pose, (a + k * w, b + k * x, c + k * y, d + k * z), t)
+        return cp.accumulate(pose, shift_change(pose, change, no_step), t)
 
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
@@ -258,11 +248,6 @@ class ParticleState(State[Array, Array]):
         del momentum, velocity
         return force
 
-    @staticmethod
-    def commutator(velocity: Array, force: Array) -> Array:
-        del velocity
-        return jnp.zeros_like(force)
-
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Array, pose: Array) -> Value:
         value = function(t, cls.join(momentum, pose))
@@ -290,6 +275,27 @@ def attitude_of(state: State[Any, Any]) -> Array:
     if not isinstance(state, RigidState):
         raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
     return state.attitude
+
+
+def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+    """What `RigidState.turn` adds to the attitude.
+
+    The product is computed as a change of the attitude and rounded only once. Rounding the product and then its length
+    would turn the attitude slightly, and in the same direction at every step. The correction accounts for the lengths
+    of both factors.
+    """
+    correction = _length_correction(_square(attitude), no_step) + 0.5 * cp.norm_defect(increment)
+    w, x, y, z = increment
+    factor = 1 + correction
+    return cp.multiply(attitude, ((w - 1) * factor + correction, factor * x, factor * y, factor * z))
+
+
+def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+    """What `RigidState.shift` adds to the attitude: the change, and a correction of the length."""
+    w, x, y, z = (p + c for p, c in zip(attitude, change, strict=True))
+    k = _length_correction(_square((w, x, y, z)), no_step)
+    a, b, c, d = change
+    return a + k * w, b + k * x, c + k * y, d + k * z
 
 
 def _square(q: cp.Quaternion) -> Array:

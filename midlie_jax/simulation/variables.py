@@ -9,6 +9,7 @@ import numpy as np
 
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
+from ..model.compensated import CompensatedState
 from ..model.states import DirectionState, MomentumState, ParticleState, RigidState
 from .names import named
 from .plan import Plan
@@ -42,6 +43,13 @@ _STATES: dict[type, dict[str, tuple[tuple[str, ...], dict[str, str]]]] = {
         "momentum": ((), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
         "position": ((), {"long_name": "position", "units": "length", "frame": "space"}),
     },
+}
+
+
+_LOST = "what rounding has lost of the {}, to be added to it"
+_STATES[CompensatedState] = _STATES[RigidState] | {
+    "low_momentum": (("axis",), _BODY_MOMENTUM | {"long_name": _LOST.format("momentum")}),
+    "low_attitude": (("quaternion",), {"long_name": _LOST.format("attitude"), "units": "1", "frame": "body to space"}),
 }
 
 

@@ -47,9 +47,9 @@ class AKW(Implicit):
         rate = cp.add(cp.cross(*mean_and_turn(cp.scale(0, motion.momentum))), cp.scale(h, force))
         half, remaining = newton(residual, cp.scale(0.5, rate), ITERATIONS)
         turn = mean_and_turn(half)[1]
-        momentum = cp.accumulate(motion.momentum, cp.scale(2, half), t0)
-        end = Motion(momentum, system.turned(motion.pose, _cayley(turn), t0, h))
-        ok = converged(remaining, momentum, motion.momentum) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
+        end = system.pushed(motion, cp.scale(2, half), t0)
+        end = Motion(end.momentum, system.turned(end.pose, _cayley(turn), t0, h))
+        ok = converged(remaining, end.momentum, motion.momentum) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
         return end, system.force(t1, end), ok
 
 

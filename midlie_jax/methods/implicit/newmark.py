@@ -43,22 +43,22 @@ class NewmarkBody(Implicit):
         ahead = cp.add(motion.momentum, cp.scale(0.5, impulse))
         w = cp.scale(h / 2, system.velocity(ahead))
         half = half_turn(w)
-        pose = system.turned(motion.pose, cp.square(half), t0, h)
+        turned = Motion(motion.momentum, system.turned(motion.pose, cp.square(half), t0, h))
 
-        def end_momentum(end_impulse: cp.Vector) -> cp.Vector:
-            return cp.accumulate(motion.momentum, cp.scale(0.5, cp.add(impulse, end_impulse)), t0)
+        def end(end_impulse: cp.Vector) -> Motion[cp.Vector, Any]:
+            return system.pushed(turned, cp.scale(0.5, cp.add(impulse, end_impulse)), t0)
 
         # The torque is evaluated once for all iterations, unless it reads the momentum, which is the unknown.
-        torque = None if system.reads_momentum else system.force(t1, Motion(motion.momentum, pose))
+        torque = None if system.reads_momentum else system.force(t1, turned)
 
-        def torque_at(momentum: cp.Vector) -> cp.Vector:
-            return system.force(t1, Motion(momentum, pose)) if torque is None else torque
+        def torque_at(motion: Motion[cp.Vector, Any]) -> cp.Vector:
+            return system.force(t1, motion) if torque is None else torque
 
         def residual(end_impulse: cp.Vector) -> cp.Vector:
-            momentum = end_momentum(end_impulse)
-            return cp.subtract(end_impulse, change(momentum, torque_at(momentum)))
+            motion = end(end_impulse)
+            return cp.subtract(end_impulse, change(motion.momentum, torque_at(motion)))
 
         end_impulse, remaining = newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
-        momentum = end_momentum(end_impulse)
-        ok = converged(remaining, end_impulse, momentum) & (cp.dot(w, w) <= LARGEST_SQUARE)
-        return Motion(momentum, pose), torque_at(momentum), ok
+        found = end(end_impulse)
+        ok = converged(remaining, end_impulse, found.momentum) & (cp.dot(w, w) <= LARGEST_SQUARE)
+        return found, torque_at(found), ok

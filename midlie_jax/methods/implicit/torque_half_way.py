@@ -54,10 +54,10 @@ class TorqueHalfWay(Implicit):
         w, remaining = newton(residual, free_start(double, y), ITERATIONS)
         half, torque_impulse = impulse(w)
         turned = cp.rotation_change(cp.conjugate(cp.square(half)), motion.momentum)
-        momentum = cp.accumulate(motion.momentum, cp.add(turned, cp.rotate_back(half, torque_impulse)), t0)
-        pose = system.turned(motion.pose, cp.square(half), t0, h)
-        ok = converged(remaining, cp.times(double, w), y) & _has_single_root(inertia, h, w, motion.momentum, momentum)
-        return Motion(momentum, pose), None, ok
+        end = system.pushed(motion, cp.add(turned, cp.rotate_back(half, torque_impulse)), t0)
+        single = _has_single_root(inertia, h, w, motion.momentum, end.momentum)
+        end = Motion(end.momentum, system.turned(end.pose, cp.square(half), t0, h))
+        return end, None, converged(remaining, cp.times(double, w), y) & single
 
 
 def _has_single_root(inertia: Inertia, h: Array, w: cp.Vector, start: cp.Vector, end: cp.Vector) -> Array:
