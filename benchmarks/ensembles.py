@@ -1,4 +1,4 @@
-"""A million tumbling bodies: what it takes to write a run to a file, to spread it over devices, and to hold it in memory.
+"""A million tumbling bodies: the cost of writing a run to a file, of spreading it over devices, and its memory.
 
     python benchmarks/ensembles.py [--bodies 1000000] [--steps 1000] [--write]
 

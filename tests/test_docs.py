@@ -50,6 +50,7 @@ TABLES = (
     ("reach", "stability"),
     ("published_fits", "fitting"),
     ("scattered_tops", "scatter"),
+    ("ensembles", "ensembles"),
     ("diffrax_pipeline", "diffrax"),
     ("rounding", "rounding"),
     ("rounding_growth", "rounding"),
@@ -61,11 +62,13 @@ def test_tables_of_benchmarks_have_their_markers():
     """Each benchmark that writes into a page names the page, and finds its markers there."""
     for script, page in TABLES:
         code = (ROOT / "benchmarks" / f"{script}.py").read_text()
-        (begin,), (end,) = (re.findall(f'"(<!-- {slash}[a-z ]+ -->)"', code) for slash in ("", "/"))
+        begins, ends = (re.findall(f'"(<!-- {slash}[a-z ]+ -->)"', code) for slash in ("", "/"))
         text = (ROOT / "docs" / f"{page}.md").read_text()
         assert f'"{page}.md"' in code
-        assert text.count(begin) == text.count(end) == 1
-        assert text.index(begin) < text.index(end)
+        assert begins
+        for begin, end in zip(begins, ends, strict=True):
+            assert text.count(begin) == text.count(end) == 1
+            assert text.index(begin) < text.index(end)
 
 
 def run_page(page):
@@ -80,10 +83,11 @@ def run_page(page):
 
 
 @pytest.fixture(scope="module")
-def failures():
+def failures(tmp_path_factory):
     """What went wrong on each page, run in a process of its own: with the settings of a reader, not of the tests."""
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    found = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
+    options = {"cwd": tmp_path_factory.mktemp("pages"), "capture_output": True, "text": True, "check": False}
+    found = subprocess.run([sys.executable, __file__], env=environment, **options)
     assert found.returncode == 0, found.stderr
     return json.loads(found.stdout.splitlines()[-1])
 

@@ -29,7 +29,7 @@ SAVES = 1 + STEPS // EVERY
 
 def contents(path):
     root = zarr.open_group(path, mode="r")
-    return {name: root[name][:] for name in NAMES}
+    return {name: np.asarray(root[name][:]) for name in NAMES}
 
 
 def assert_same(path, expected):
