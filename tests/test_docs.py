@@ -1,10 +1,12 @@
 """The Python of README and docs runs as it is written, block after block, and what they name is there."""
 
+import contextlib
 import json
 import os
 import re
 import subprocess
 import sys
+import tempfile
 import traceback
 from pathlib import Path
 
@@ -72,10 +74,11 @@ def test_tables_of_benchmarks_have_their_markers():
 
 
 def run_page(page):
-    """Runs the blocks of a page in one namespace, in order, as a reader would copy them."""
+    """Runs the blocks of a page in one namespace, in order, as a reader would copy them, in an empty folder."""
     names = {}
-    for block in blocks(page):
-        exec(compile(block, page, "exec"), names)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for block in blocks(page):
+            exec(compile(block, page, "exec"), names)
         for name, value in names.items():
             assert bool(jax.numpy.all(getattr(value, "ok", True))), f"{name}.ok is False"
     if "solution" in names:
@@ -83,11 +86,10 @@ def run_page(page):
 
 
 @pytest.fixture(scope="module")
-def failures(tmp_path_factory):
+def failures():
     """What went wrong on each page, run in a process of its own: with the settings of a reader, not of the tests."""
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    options = {"cwd": tmp_path_factory.mktemp("pages"), "capture_output": True, "text": True, "check": False}
-    found = subprocess.run([sys.executable, __file__], env=environment, **options)
+    found = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stderr
     return json.loads(found.stdout.splitlines()[-1])
 
