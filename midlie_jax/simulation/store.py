@@ -229,7 +229,7 @@ def create(
 
 
 def checksum(values: np.ndarray) -> int:
-    return zlib.crc32(np.ascontiguousarray(values).tobytes())
+    return zlib.crc32(np.ascontiguousarray(values).data)
 
 
 def _first_bad_attributes(plan: Plan) -> dict[str, str]:
