@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import random
+import re
 import signal
 import socket
 import subprocess
@@ -19,6 +20,7 @@ import zarr
 from cases import whole
 from simulated import BODIES, EVERY, MOMENTA, MOMENTS, STEPS, simulated
 
+import midlie_command
 import midlie_jax as ml
 from midlie_jax.simulation.store import Store
 
@@ -111,6 +113,38 @@ def test_a_run_stopped_at_any_write_ends_with_the_same_bits(tmp_path, monkeypatc
     assert result.repaired == ()
     assert_same(path, reference)
     assert simulated(path, resume=True).computed == 0
+
+
+def test_ctrl_c_leaves_a_store_that_resumes(tmp_path, reference):
+    """What was being computed when the signal came is still written."""
+    parts = []
+
+    def interrupt(work):
+        parts.append(work)
+        if len(parts) == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulated(tmp_path / "run.zarr", progress=interrupt)
+    done = ml.simulation.inspect(tmp_path / "run.zarr").done
+    assert sum(parts) <= done < BODIES * STEPS
+    result = simulated(tmp_path / "run.zarr", resume=True)
+    assert result.computed == BODIES * STEPS - done
+    assert_same(tmp_path / "run.zarr", reference)
+
+
+def test_inspect_says_how_far_a_run_came_and_what_is_damaged(tmp_path, reference):
+    path = tmp_path / "run.zarr"
+    simulated(path)
+    found = ml.simulation.inspect(path)
+    assert (found.done, found.total, found.damaged) == (BODIES * STEPS, BODIES * STEPS, ())
+    np.testing.assert_array_equal(found.first_bad, reference["first_bad"])
+    assert "complete" in str(found)
+    flip(path / "momentum/c/0/1/0")
+    found = ml.simulation.inspect(path)
+    assert found.damaged == ("momentum of segment 1, group 0",)
+    assert "DAMAGED: momentum of segment 1, group 0" in str(found)
+    assert found.attributes["method"] == "SYMMETRIC[EA]"
 
 
 def test_a_full_disk_is_an_error_that_loses_nothing(tmp_path, monkeypatch, reference):
@@ -328,3 +362,32 @@ def test_processes_compute_the_same_bits(tmp_path, cache, optimised):
     outputs = [finished(process) for process in both]
     assert all(outputs)
     assert_same(tmp_path / "run.zarr", optimised)
+
+
+def said(capsys, *arguments):
+    """What a command prints, and its exit code."""
+    code = midlie_command.main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out + captured.err
+
+
+def test_the_commands(tmp_path, capsys):
+    """A run of a scene into a store, its repetition, and a look at it; and what these refuse."""
+    path, picture = tmp_path / "run.zarr", tmp_path / "run.png"
+    run = "run", "P1", "--method", "SYMMETRIC[EA]", "--bodies", 3, "--steps", 40, "--out", path
+    code, text = said(capsys, *run, "--save-every", 10)
+    assert (code, "all bodies ok" in text) == (0, True)
+    code, text = said(capsys, *run, "--save-every", 10, "--resume")
+    assert (code, "computed now: 0 body-steps" in text) == (0, True)
+    code, text = said(capsys, "inspect", path, "--plot", picture)
+    assert (code, "complete" in text, picture.stat().st_size > 10_000) == (0, True, True)
+    assert re.search(r"energy error, largest relative, of all bodies: \d\.\d+e-\d+", text)
+    for arguments, message in (
+        (run, "exists; pass resume=True"),
+        ((*run, "--resume"), "save_every was 10 and is now 1"),
+        ((*run[:-2], "--resume"), "--resume must be given with --out"),
+        ((*run, "--plot", picture), "midlie inspect --plot"),
+        (("inspect", tmp_path), "is not the store of a run"),
+    ):
+        code, text = said(capsys, *arguments)
+        assert (code, message in text) == (2, True), text

@@ -1,4 +1,6 @@
 """Long runs of many bodies: `simulate` computes a run in parts, writes each of them, and resumes after a stop."""
 
+from .inspect import Inspection as Inspection
+from .inspect import inspect as inspect
 from .simulate import simulate as simulate
 from .summary import Simulation as Simulation

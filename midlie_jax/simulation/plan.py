@@ -91,7 +91,7 @@ def _evenly(count: int, most: int) -> int:
     return -(-count // -(-count // most))
 
 
-def segment_of(group: int, save_every: int, bytes_a_save: float) -> int:
+def segment_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
     """How many saved states a segment has by default.
 
     Args:
