@@ -1,11 +1,11 @@
 """The result of `midlie run` as NumPy arrays, for the report, the chart and the saved file."""
 
 import csv
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...simulation.versions import versions
 from ..scenes import Scene
 
 MOMENTUM = ("momentum_1", "momentum_2", "momentum_3")
@@ -97,8 +97,8 @@ def _save_npz(record: Record, path: str) -> None:
         "momentum_components": MOMENTUM,
         "attitude_frame": _ATTITUDE_FRAME,
         "attitude_components": ATTITUDE,
-        "version": _version("midlie_jax"),
-        "jax_version": _version("jax"),
+        "version": versions()["midlie_jax"],
+        "jax_version": versions()["jax"],
     }
     if scene.axes is not None:
         parts["axes"] = np.asarray(scene.axes)
@@ -114,10 +114,3 @@ def _save_csv(record: Record, path: str) -> None:
             for t, momentum, attitude in zip(record.times, momenta, attitudes, strict=True):
                 # A NumPy scalar prints with the fewest digits that give back the same number.
                 writer.writerow([body, t, *momentum, *attitude, int(ok)])
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "not installed"
