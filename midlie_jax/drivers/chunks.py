@@ -29,6 +29,7 @@ from .shared_inputs import Rows, SharedInputs
 from .timing import cores
 
 _CHUNK = 256  # bodies moved at once on one core
+_VECTOR = 8  # bodies: chunks of other than multiples of this were measured to take up to four times as long
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
 
@@ -199,6 +200,12 @@ def chunk_size(count: int) -> int:
     return _CHUNK if cores() == 1 else 32 * _CHUNK
 
 
+def even_size(count: int, parts: int, multiple: int) -> int:
+    """The size of equal parts that hold `count`, a multiple of `multiple` if there are several larger ones."""
+    size = -(-count // parts)
+    return size if parts == 1 or size <= multiple else -(-size // multiple) * multiple
+
+
 def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
@@ -208,7 +215,8 @@ def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """
     if devices is None:
         least = -(-count // chunk)
-        chunks = next((n for n in range(least, least + least // 4 + 1) if count % n == 0), least)
-        return chunks, -(-count // chunks)
+        full = (n for n in range(least, least + least // 4 + 1) if n == 1 or count % (n * _VECTOR) == 0)
+        chunks = next(full, least)
+        return chunks, even_size(count, chunks, _VECTOR)
     size = min(chunk, -(-count // devices))
     return devices * -(-count // (devices * size)), size

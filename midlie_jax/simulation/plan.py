@@ -7,6 +7,8 @@ devices or processes that compute it, so that all of them compute the same bits.
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from ..drivers.chunks import even_size
+
 _BYTES = 2**25  # of one part in the file, about
 _BODY_STEPS = 10**9  # of one part, at most, unless a single interval between saved states is longer
 GROUP = 2**16  # bodies of one group, by default
@@ -88,7 +90,7 @@ def sizes(bodies: int, group: int | None, chunk: int | None, longest: int) -> tu
 
 def _evenly(count: int, most: int) -> int:
     """The size of parts, all the same but for the last, if there are as few as possible of at most `most`."""
-    return -(-count // -(-count // most))
+    return even_size(count, -(-count // most), 64)
 
 
 def segment_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
