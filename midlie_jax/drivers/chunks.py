@@ -50,8 +50,6 @@ def run_ensemble(
 ) -> tuple[Path, AnyState]:
     """`ensemble` without the checks: the path of all bodies, and their states at its end.
 
-    Of a statistic the path holds the parts of all chunks, with a leading axis of chunks, which are not yet merged.
-
     Args:
         method, adjoint, first, steps, save_every, chunk, observe, mesh: as for `ensemble`; `method` fitted.
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
@@ -115,9 +113,12 @@ def run_ensemble(
     if mesh is not None:
         run = _on_mesh(run, mesh, own_times)
     path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, tables)
-    if mesh is not None and isinstance(observe, Statistic):  # every device merges all parts, in the same order
-        everywhere = NamedSharding(Mesh(mesh.devices, mesh.axis_names), PartitionSpec())
-        path = path._replace(states=jax.lax.with_sharding_constraint(path.states, everywhere))
+    if isinstance(observe, Statistic):
+        parts = path.states
+        if mesh is not None:  # every device merges the parts of all chunks, in the same order
+            everywhere = NamedSharding(Mesh(mesh.devices, mesh.axis_names), PartitionSpec())
+            parts = jax.lax.with_sharding_constraint(parts, everywhere)
+        path = path._replace(states=observe.merged(parts))
     if chunks * size == count:
         return path, end
     cut = partial(jax.tree.map, lambda x: x[:count])
@@ -200,10 +201,10 @@ def chunk_size(count: int) -> int:
     return _CHUNK if cores() == 1 else 32 * _CHUNK
 
 
-def even_size(count: int, parts: int, multiple: int) -> int:
-    """The size of equal parts that hold `count`, a multiple of `multiple` if there are several larger ones."""
+def even_size(count: int, parts: int) -> int:
+    """The size of equal parts that hold `count`; a multiple of `_VECTOR` if there are several larger ones."""
     size = -(-count // parts)
-    return size if parts == 1 or size <= multiple else -(-size // multiple) * multiple
+    return size if parts == 1 or size <= _VECTOR else -(-size // _VECTOR) * _VECTOR
 
 
 def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
@@ -214,9 +215,11 @@ def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     a chunk, and its bits, do not depend on the number of devices.
     """
     if devices is None:
-        least = -(-count // chunk)
-        full = (n for n in range(least, least + least // 4 + 1) if n == 1 or count % (n * _VECTOR) == 0)
-        chunks = next(full, least)
-        return chunks, even_size(count, chunks, _VECTOR)
+        if count <= chunk:
+            return 1, count
+        most = chunk if chunk <= _VECTOR else chunk - chunk % _VECTOR
+        least = -(-count // most)
+        chunks = next((n for n in range(least, least + least // 4 + 1) if count % (n * _VECTOR) == 0), least)
+        return chunks, even_size(count, chunks)
     size = min(chunk, -(-count // devices))
     return devices * -(-count // (devices * size)), size

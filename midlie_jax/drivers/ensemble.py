@@ -84,10 +84,7 @@ def ensemble(
     check_spread(batch, observe, mesh)
     size = chunk or chunk_size(batch.bodies if mesh is None else -(-batch.bodies // mesh.size))
     run = batch.method, as_adjoint(adjoint), batch.mapped, batch.shared, first, steps
-    path, _ = run_ensemble(*run, save_every, size, observe, mesh, tables=shared_tables(*run))
-    if isinstance(observe, Statistic):
-        path = path._replace(states=observe.merged(path.states))
-    return path
+    return run_ensemble(*run, save_every, size, observe, mesh, tables=shared_tables(*run))[0]
 
 
 class Batch(NamedTuple):

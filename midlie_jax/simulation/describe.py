@@ -11,7 +11,7 @@ from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
 from .names import named
 from .plan import Plan
-from .variables import Variable
+from .variables import BODY, TIME, Variable, own_dims
 from .versions import versions
 
 _MOST_IN_ATTRIBUTES = 16  # numbers of a parameter that is written as an attribute
@@ -50,15 +50,15 @@ def whole_variables(batch: Batch, plan: Plan) -> Whole:
     times = np.asarray(jax.jit(time_of)(t0[..., None], dt[..., None], indices))
     about = {"long_name": "time", "units": "time"}
     if times.ndim == 1:
-        found: Whole = {"time": (Variable(("time",), times.shape, times.dtype, about), times)}
+        found: Whole = {"time": (Variable((TIME,), times.shape, times.dtype, about), times)}
     else:
-        found = {"times": (Variable(("body", "time"), times.shape, times.dtype, about), times)}
+        found = {"times": (Variable((BODY, TIME), times.shape, times.dtype, about), times)}
     own, shared = _parameters((*batch.mapped[:2], None, *batch.mapped[3:])), _parameters(batch.shared)
     shared = {name: values for name, values in shared.items() if values.size > _MOST_IN_ATTRIBUTES}
-    for first, parameters in ((("body",), own), ((), shared)):
+    for first, parameters in (((BODY,), own), ((), shared)):
         for name, values in parameters.items():
             name = f"parameter_{name.replace('.', '_')}"
-            dims = (*first, *(f"{name}_{i + 1}" for i in range(values.ndim - len(first))))
+            dims = (*first, *own_dims(name, values.shape[len(first) :]))
             long_name = f"{name.removeprefix('parameter_')}, in the units of the run"
             found[name] = (Variable(dims, values.shape, values.dtype, {"long_name": long_name}), values)
     return found

@@ -38,7 +38,7 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str
         **_contents("body.", body),
         **_contents("torque.", torque),
         **_contents("start.", start),
-        "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash_of_arrays(observe)}",
+        "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash(*_arrays(observe))}",
         "program (the code of method, torque and observe)": _program(batch, observe),
         **versions(),
         "platform": "cpu" if on_cpu() else jax.default_backend(),
@@ -62,13 +62,13 @@ def _contents(prefix: str, tree: Any) -> dict[str, str]:
 def _shown(array: np.ndarray) -> str:
     if array.size <= _NUMBERS_SHOWN:
         return str(array.tolist())
-    return f"{array.dtype}{list(array.shape)} {hashlib.sha256(array.tobytes()).hexdigest()[:16]}"
+    return f"{array.dtype}{list(array.shape)} {_hash(array)}"
 
 
-def _hash_of_arrays(tree: Any) -> str:
-    hashed = hashlib.sha256()
-    for leaf in jax.tree.leaves(eqx.filter(tree, eqx.is_array)):
-        hashed.update(np.asarray(leaf).tobytes())
+def _hash(*arrays: Any, text: str = "") -> str:
+    hashed = hashlib.sha256(text.encode())
+    for array in arrays:
+        hashed.update(np.asarray(array).tobytes())
     return hashed.hexdigest()[:16]
 
 
@@ -85,7 +85,8 @@ def _program(batch: Batch, observe: Observe | None) -> str:
 
     traced = jax.make_jaxpr(run)(arrays)
     text = re.sub(r"0x[0-9a-f]+", "", str(traced))  # the addresses of functions differ from process to process
-    hashed = hashlib.sha256(text.encode())
-    for constant in traced.consts:
-        hashed.update(np.asarray(constant).tobytes())
-    return hashed.hexdigest()[:16]
+    return _hash(*traced.consts, text=text)
+
+
+def _arrays(tree: Any) -> list[Any]:
+    return jax.tree.leaves(eqx.filter(tree, eqx.is_array))

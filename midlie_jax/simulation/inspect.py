@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .plan import Part
-from .progress import work
+from .resume import whole_segments
 from .store import Store
 from .summary import failures
 
@@ -56,11 +56,8 @@ def inspect(path: str | Path) -> Inspection:
     store = Store(Path(path), read_only=True)
     plan, damaged, done = store.plan, [], 0
     for group in range(plan.groups):
-        segments = store.committed(group)
-        done += work(plan, [Part(segment, group) for segment in range(segments)])
-        damaged += store.damage(group)
-        if segments and not store.whole_state(Part(segments - 1, group)):
-            damaged.append(f"the states after {Part(segments - 1, group)}")
-    total = work(plan, plan.parts(range(plan.groups)))
+        done += plan.work(Part(segment, group) for segment in range(store.committed(group)))
+        damaged += whole_segments(store, group)[1]
+    total = plan.work(plan.parts(range(plan.groups)))
     first_bad = store.first_bad()
     return Inspection(store.path, store.attributes, plan.bodies, plan.saves, done, total, tuple(damaged), first_bad)

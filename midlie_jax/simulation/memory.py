@@ -8,7 +8,7 @@ import numpy as np
 
 from .plan import Part, Plan
 from .sink import Arrays, Sink
-from .variables import Variable
+from .variables import GROUP, Variable
 
 
 class Memory(Sink):
@@ -21,15 +21,13 @@ class Memory(Sink):
     def __init__(self, plan: Plan, seen: dict[str, Variable]):
         self.plan = plan
         self._arrays = {name: np.empty(variable.shape, variable.dtype) for name, variable in seen.items()}
-        self._of_groups = {name for name, variable in seen.items() if variable.dims[0] == "group"}
+        self._of_groups = {name for name, variable in seen.items() if variable.dims[0] == GROUP}
         self._first_bad = np.full(plan.bodies, plan.saves, np.int32)
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
-        bodies, saves = self.plan.bodies_of(part.group), self.plan.saves_of(part.segment)
         for name, values in seen.items():
-            rows = slice(part.group, part.group + 1) if name in self._of_groups else bodies
-            self._arrays[name][rows, saves] = values
-        self._first_bad[bodies] = first_bad
+            self._arrays[name][self.plan.place(part, name in self._of_groups)] = values
+        self._first_bad[self.plan.bodies_of(part.group)] = first_bad
 
     def first_bad(self) -> np.ndarray:
         return self._first_bad

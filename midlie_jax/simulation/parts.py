@@ -114,7 +114,7 @@ def _compute(
     found = jnp.where(local <= last, first // every + local, plan.saves)
     seen = path.states
     if isinstance(observe, Statistic):
-        seen = jax.tree.map(lambda x: x[None], observe.merged(seen))
+        seen = jax.tree.map(lambda x: x[None], seen)
     if not from_start:  # the segment before has saved the state with which this one begins
         seen = jax.tree.map(lambda x: x[:, 1:], seen)
     return named(seen), Progress(end, jnp.minimum(first_bad, found))
@@ -143,7 +143,7 @@ def compute_and_write(
             arrays = {name: np.asarray(x)[real] if of_bodies else np.asarray(x) for name, x in seen.items()}
             state = {name: np.asarray(x)[real] for name, x in named(progress.state).items()}
             sink.write(part, arrays, state, np.asarray(progress.first_bad)[real])
-        except Exception:
+        except Exception:  # which main thread will raise; parts that are being computed must not be written after it
             stopped = True
             raise
         return part

@@ -4,7 +4,7 @@ A part is what is computed at once, written at once and committed at once. The c
 devices or processes that compute it, so that all of them compute the same bits.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from ..drivers.chunks import even_size
@@ -70,6 +70,16 @@ class Plan(NamedTuple):
         saved = self.saves_of(segment)
         return (saved.stop - saved.start - (segment == 0)) * self.save_every
 
+    def place(self, part: Part, of_groups: bool) -> tuple[slice, slice]:
+        """Where a part stands in a variable (body, time, ...), or in one (group, time, ...) of a statistic."""
+        rows = slice(part.group, part.group + 1) if of_groups else self.bodies_of(part.group)
+        return rows, self.saves_of(part.segment)
+
+    def work(self, parts: Iterable[Part]) -> int:
+        """The body-steps of parts."""
+        sizes = ((self.bodies_of(part.group), self.steps(part.segment)) for part in parts)
+        return sum((bodies.stop - bodies.start) * steps for bodies, steps in sizes)
+
     def groups_of(self, process: int, processes: int) -> range:
         """The groups that a process computes: neighbours, and as many for each process as possible."""
         return range(process * self.groups // processes, (process + 1) * self.groups // processes)
@@ -90,7 +100,7 @@ def sizes(bodies: int, group: int | None, chunk: int | None, longest: int) -> tu
 
 def _evenly(count: int, most: int) -> int:
     """The size of parts, all the same but for the last, if there are as few as possible of at most `most`."""
-    return even_size(count, -(-count // most), 64)
+    return even_size(count, -(-count // most))
 
 
 def segment_of(group: int, save_every: int, bytes_a_save: int | float) -> int:

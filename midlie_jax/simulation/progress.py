@@ -1,6 +1,6 @@
 """The progress bar of a run."""
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
@@ -21,7 +21,7 @@ def reported(
         total, done: body-steps of this process in all, and those that need not be computed.
     """
     if callable(progress):
-        yield lambda part: progress(work(plan, [part]))
+        yield lambda part: progress(plan.work([part]))
         return
     if not progress or jax.process_index() or find_spec("tqdm") is None:
         yield lambda part: None
@@ -30,10 +30,4 @@ def reported(
 
     shown: dict[str, Any] = {"unit": "body-steps", "unit_scale": True, "leave": False, "disable": None}
     with tqdm(total=total, initial=done, dynamic_ncols=True, **shown) as bar:
-        yield lambda part: bar.update(work(plan, [part]))
-
-
-def work(plan: Plan, parts: Iterable[Part]) -> int:
-    """The body-steps of parts."""
-    sizes = ((plan.bodies_of(part.group), plan.steps(part.segment)) for part in parts)
-    return sum((bodies.stop - bodies.start) * steps for bodies, steps in sizes)
+        yield lambda part: bar.update(plan.work([part]))

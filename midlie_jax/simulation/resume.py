@@ -22,6 +22,11 @@ class Resumed(NamedTuple):
     repaired: tuple[str, ...]
 
 
+def begun(computation: Computation, groups: range) -> Resumed:
+    """These groups at the start of the run."""
+    return Resumed(dict.fromkeys(groups, 0), {group: computation.begin(group) for group in groups}, ())
+
+
 def resumed(computation: Computation, store: Store, groups: range) -> Resumed:
     """The state of these groups in a store, whose damaged parts it takes back.
 
@@ -30,7 +35,7 @@ def resumed(computation: Computation, store: Store, groups: range) -> Resumed:
     """
     found = Resumed({}, {}, ())
     for group in groups:
-        segments, damaged = _whole_segments(store, group)
+        segments, damaged = whole_segments(store, group)
         if damaged:
             store.forget(group, segments)
             found = found._replace(repaired=(*found.repaired, *damaged))
@@ -52,7 +57,7 @@ def repair_whole(computation: Computation, store: Store) -> tuple[str, ...]:
     return tuple(damaged)
 
 
-def _whole_segments(store: Store, group: int) -> tuple[int, list[str]]:
+def whole_segments(store: Store, group: int) -> tuple[int, list[str]]:
     """How many segments of a group are whole, with the states to go on from, and what else is damaged."""
     segments = store.committed(group)
     damaged = store.damage(group)

@@ -27,8 +27,8 @@ from .identity import differences, identity
 from .memory import Memory
 from .parts import Computation, compute_and_write
 from .plan import GROUP, Plan, segment_of, sizes
-from .progress import reported, work
-from .resume import repair_whole, resumed
+from .progress import reported
+from .resume import begun, repair_whole, resumed
 from .store import Store, create
 from .summary import Simulation, merged_statistic
 from .variables import seen_leaves, seen_variables, state_variables
@@ -164,9 +164,9 @@ def _in_memory(
     """Computes all parts and writes the file; returns `first_bad`, the body-steps computed, and what was repaired."""
     batch, observe, plan, _ = computation
     sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
-    total = work(plan, parts)
+    total = plan.work(parts)
     with reported(progress, plan, total, 0) as written:
-        compute_and_write(computation, parts, {g: computation.begin(g) for g in range(plan.groups)}, sink, written)
+        compute_and_write(computation, parts, begun(computation, range(plan.groups)).groups, sink, written)
     whole = whole_variables(batch, plan)
     if isinstance(observe, Statistic):
         whole |= merged_statistic(observe, seen, sink)
@@ -181,7 +181,7 @@ def _in_store(
     batch, observe, plan, _ = computation
     now, first = identity(batch, observe, plan), jax.process_index() == 0
 
-    def opened() -> Store:
+    def check_or_create() -> None:
         if existing is not None:
             changed = differences(existing.identity, now)
             if changed:
@@ -192,16 +192,16 @@ def _in_store(
         elif first:
             variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
             create(path, plan, now, variables, state_variables(batch), whole, attributes)
-        return Store(path) if first else None  # pyright: ignore[reportReturnType]
 
-    store = processes.all_succeed(opened) or Store(path)
+    processes.all_succeed(check_or_create)
+    store = processes.all_succeed(lambda: existing or Store(path))
     groups = plan.groups_of(jax.process_index(), jax.process_count())
     with ExitStack() as locks:
         processes.all_succeed(lambda: locks.enter_context(store.locked()) if first else None)
-        found = resumed(computation, store, groups)
-        repaired = (*found.repaired, *(repair_whole(computation, store) if first else ()))
+        found = begun(computation, groups) if existing is None else resumed(computation, store, groups)
+        repaired = found.repaired + (repair_whole(computation, store) if first and existing is not None else ())
         todo = [part for part in plan.parts(groups) if part.segment >= found.segments[part.group]]
-        total, missing = work(plan, plan.parts(groups)), work(plan, todo)
+        total, missing = plan.work(plan.parts(groups)), plan.work(todo)
         with reported(progress, plan, total, total - missing) as written:
             processes.all_succeed(lambda: compute_and_write(computation, todo, found.groups, store, written))
         if isinstance(observe, Statistic) and first:

@@ -161,10 +161,7 @@ class Store(Sink):
             _consolidate(self.path)
 
     def _place(self, name: str, part: Part) -> tuple[slice, slice]:
-        saves = self.plan.saves_of(part.segment)
-        if self._arrays[name].metadata.dimension_names[0] == GROUP:
-            return slice(part.group, part.group + 1), saves
-        return self.plan.bodies_of(part.group), saves
+        return self.plan.place(part, self._arrays[name].metadata.dimension_names[0] == GROUP)
 
     def _sums(self, part: Part) -> list[int]:
         """The checksums of a committed part; an empty list if the part is not committed."""

@@ -44,8 +44,8 @@ def long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: floa
 
 
 def _save_every(steps: int) -> int:
-    """The least divisor of the number of steps that saves at most 100 states."""
-    return next(n for n in range(max(1, -(-steps // 100)), steps + 1) if steps % n == 0)
+    """The least divisor of the number of steps that divides the run into at most 100 intervals."""
+    return next(steps // count for count in range(100, 0, -1) if steps % count == 0)
 
 
 def inspect_run(options: argparse.Namespace) -> None:
