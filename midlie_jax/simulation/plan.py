@@ -11,7 +11,7 @@ from ..drivers.chunks import even_size
 
 _BYTES = 2**25  # of one part in the file, about
 _BODY_STEPS = 10**9  # of one part, at most, unless a single interval between saved states is longer
-GROUP = 2**16  # bodies of one group, by default
+GROUP = 2**15  # bodies of one group, by default
 
 
 class Part(NamedTuple):

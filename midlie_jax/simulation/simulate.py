@@ -75,7 +75,7 @@ def simulate(
             computed again.
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
             each takes those of its own devices that are in the mesh. The numbers do not depend on it.
-        group: bodies that are computed at once and written to one chunk of the file; by default up to 65536.
+        group: bodies that are computed at once and written to one chunk of the file; by default up to 32768.
         segment: saved states of a body that are computed at once and written to one chunk, at least 2; by default as
             many as fill 32 MB, or need 1e9 body-steps.
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
