@@ -16,6 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import jax
+import times_faster
 from pages import put
 
 from midlie_jax.bench import frontier, rivals, work_precision
@@ -88,6 +89,7 @@ def main() -> None:
         (out / "work-precision.md").write_text(text)
         if out == DOCS:
             into_page(text)
+            times_faster.main()
     print(f"wrote {out}")
 
 

@@ -1,0 +1,79 @@
+"""How many times faster than heyoka and diffrax, at equal error: docs/times-faster.png.
+
+    python benchmarks/times_faster.py
+
+Draws the tables of docs/work-precision.md. `make rivals` measures them, and draws this picture at its end. Above the
+line at 1 the fastest of our methods takes less time than the other program.
+"""
+
+import re
+from collections import defaultdict
+
+from pages import DOCS
+
+from midlie_jax.bench.figures import FAINT, INK, heading, new_figure, panel, write
+from midlie_jax.bench.line_labels import End, label_ends
+
+PAGE, PICTURE = DOCS / "work-precision.md", DOCS / "times-faster.png"
+COLUMNS = {"heyoka": "/ heyoka", "diffrax": "general / diffrax"}  # the first of that name is of all our methods
+SCENES = {
+    "P1": ("fast heavy top", "#0072B2", "o"),
+    "bruls-cardona": ("heavy top of Brüls and Cardona", "#009E73", "s"),
+    "tumbling-brick": ("tumbling brick", "#D55E00", "^"),
+    "asymmetric-top": ("asymmetric heavy top", "#7F3C8D", "D"),
+    "gravity-gradient-10": ("satellite, ten orbits", "#222222", "v"),
+}
+NOTE = (
+    "Time of the other program over that of our fastest method, at equal error of the attitude; 1024 bodies, one core, "
+    "float64, compiled. heyoka: batches, the fastest of several variants. diffrax: the better of a constant step and a "
+    "PID controller. Our fastest method need not conserve anything: docs/how-it-compares.md has the ratios of those "
+    "that do."
+)
+
+
+def measured() -> dict[str, dict[str, list[tuple[float, float]]]]:
+    """For each program and scene the errors and our times over theirs."""
+    found: dict[str, dict[str, list[tuple[float, float]]]] = {name: defaultdict(list) for name in COLUMNS}
+    scene, heads = "", list[str]()
+    for line in PAGE.read_text().splitlines():
+        title = re.match(r"## ([\w-]+):", line)
+        scene = title[1] if title else scene
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if cells[0] == "error of R":
+            heads = cells
+        elif scene and heads and re.fullmatch(r"1e-\d\d", cells[0]):
+            for name, column in COLUMNS.items():
+                ratio = cells[heads.index(column)]
+                if ratio != "-":
+                    found[name][scene].append((float(cells[0]), float(ratio)))
+        elif not line.startswith("|"):
+            heads = []
+    return found
+
+
+def main() -> None:
+    figure = new_figure(13.0, 5.6)
+    heading(figure, "midlie_jax beside other programs: how many times faster, at equal error", NOTE)
+    figure.subplots_adjust(bottom=0.12, wspace=0.12)
+    every = measured()
+    for axes, (name, scenes) in zip(figure.subplots(1, 2, sharey=True), every.items(), strict=True):
+        panel(axes, f"{name}'s time over ours", "Error of attitude  |R - R*|, Frobenius  [-]", "Times faster  [-]")
+        axes.set(xscale="log", yscale="log", xlim=(3e-3, 3e-13), ylim=(0.7, 250))
+        axes.axhline(1.0, color=FAINT, linewidth=1.2)
+        axes.annotate("equal", (2.4e-3, 1.06), color=INK, fontsize=8.5)
+        ends: list[End] = []
+        for scene, (label, colour, marker) in SCENES.items():
+            errors, ratios = zip(*scenes[scene], strict=True)
+            faster = [1 / ratio for ratio in ratios]
+            axes.plot(errors, faster, color=colour, marker=marker, markersize=5, linewidth=1.8)
+            ends.append(End(label, colour, errors[-1], faster[-1]))
+        axes.set_xticks([1e-3, 1e-6, 1e-9, 1e-12], minor=False)
+        axes.set_yticks([1, 3, 10, 30, 100], ["1", "3", "10", "30", "100"])
+        axes.tick_params(which="both", labelleft=True)
+        label_ends(axes, ends)
+    write(figure, str(PICTURE))
+    print(f"wrote {PICTURE.name}")
+
+
+if __name__ == "__main__":
+    main()
