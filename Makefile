@@ -1,7 +1,9 @@
 # Each target makes what it needs in .venv first; a second call finds it there.
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
-#   make test               the tests
-#   make test-full         the same and the whole matrix of methods, dtypes and drivers: hours
+#   make test               the tests: every law for at least one method, within 5 minutes on two cores
+#   make test-all           every law for one method of each kind: half an hour; PART=2/3 runs the second of three parts
+#   make test-full          every law for every method, dtype and driver: hours
+#   make costs              test-all, and keeps the measured costs from which test chooses: tests/costs.json
 #   make notebooks          executes the notebooks, each of which must end without an error within 3 minutes
 #   make notebooks-write    makes the notebooks from their scripts, with their outputs: notebooks/*.ipynb
 #   make lint               formatting, lint, types
@@ -17,13 +19,15 @@
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
 MINUTES ?= 5
+BUDGET ?= 480
+PART ?= 1/1
 JAX ?= jax[cuda13]
-# A file is one worker's, so that a program that it needs twice is compiled once; in the order of the names.
-PYTEST = .venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
+# In the order of tests/conftest.py, which also says what one worker runs.
+PYTEST = .venv/bin/pytest -n 2 --no-loadscope-reorder
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench rivals gpu kernels \
+.PHONY: chart test test-all costs test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench rivals gpu kernels \
 	docs
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
@@ -31,7 +35,13 @@ chart: .venv/.cli
 	.venv/bin/midlie chart $(SCENE)
 
 test: .venv/.test
-	$(PYTEST)
+	$(PYTEST) --budget $(BUDGET)
+
+test-all: .venv/.test
+	$(PYTEST) --part $(PART)
+
+costs: .venv/.test
+	$(PYTEST) --costs
 
 test-full: .venv/.test
 	$(PYTEST) -m "full or not full"

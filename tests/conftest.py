@@ -8,7 +8,10 @@ import gc
 import os
 import subprocess
 import sys
+from collections import Counter
+from pathlib import Path
 
+import budget
 import jax
 import pytest
 
@@ -28,6 +31,11 @@ def known(flags):
 
 def pytest_addoption(parser):
     parser.addoption("--accelerator", action="store_true", help="run on an accelerator; fail without one")
+    parser.addoption(
+        "--budget", type=float, metavar="SECONDS", help="run what takes this processor time, see budget.py"
+    )
+    parser.addoption("--part", metavar="K/N", help="run part K, counted from 1, of N of about the same cost")
+    parser.addoption("--costs", action="store_true", help="keep the processor time of each test in costs.json")
 
 
 def pytest_configure(config):
@@ -43,13 +51,76 @@ def pytest_configure(config):
         os.environ["XLA_FLAGS"] = HURRIED
 
 
-# Files whose laws read the same compiled runs; the others are one group each. For `pytest --dist loadgroup`.
+# Files whose laws read the same compiled runs; the others are one group each.
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
+MEASURED: dict[str, float] = {}  # processor seconds of the tests that have run
+TEST, START = pytest.StashKey[budget.Test](), pytest.StashKey[float]()
+
+
+def group_of(name):
+    """The group of a node id."""
+    stem = Path(name.partition("::")[0]).stem
+    return TOGETHER.get(stem, stem)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """A group is one worker's, so that a program that it needs twice is compiled once.
+
+    `--dist loadgroup` promises this; but xdist 3.8 with pytest 9.2 spreads the tests of a group over the workers.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return group_of(nodeid)
+
+    return Groups(config, log)
 
 
 def pytest_itemcollected(item):
-    """Before xdist reads the groups, which it does first of all once everything is collected."""
-    item.add_marker(pytest.mark.xdist_group(TOGETHER.get(item.path.stem, item.path.stem)))
+    item.stash[TEST] = budget.Test.of(item.nodeid, group_of(item.nodeid))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Leaves out what `--budget` and `--part` do not choose; the most expensive files come first."""
+    costs, tests = budget.known_costs(), [item.stash[TEST] for item in items]
+    names = {test.name for test in tests}
+    if config.option.part:
+        which, parts = map(int, config.option.part.split("/"))
+        names &= budget.part(tests, costs, which - 1, parts)
+    if config.option.budget:
+        names &= budget.chosen(tests, costs, config.option.budget)
+    config.hook.pytest_deselected(items=[item for item in items if item.stash[TEST].name not in names])
+    groups = Counter()
+    for test in tests:
+        groups[test.unit[0]] += costs.get(test.name, 0.0) * (test.name in names)
+    items[:] = sorted(
+        (item for item in items if item.stash[TEST].name in names), key=lambda item: -groups[item.stash[TEST].unit[0]]
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    item.stash[START] = budget.processor_time()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_teardown(item):
+    cost = budget.processor_time() - item.stash[START]
+    item.user_properties.append((budget.COST, (item.stash[TEST].name, cost)))
+
+
+def pytest_runtest_logreport(report):
+    if report.when == "teardown":
+        name, cost = dict(report.user_properties)[budget.COST]
+        MEASURED[name] = cost
+
+
+def pytest_sessionfinish(session):
+    if session.config.option.costs and not hasattr(session.config, "workerinput"):
+        budget.keep_costs(MEASURED)
 
 
 @pytest.fixture(scope="module", autouse=True)
