@@ -75,11 +75,12 @@ def errors(states):
 figure, panels = plt.subplots(1, 3, figsize=(11.5, 3.3), dpi=80, layout="constrained")
 titles = ("Energy", "Length of the quaternion", "Vertical angular momentum")
 for axes, title, theirs, ours in zip(panels, titles, errors(before.ys), errors(after.ys), strict=True):
-    axes.semilogy(times, np.maximum(np.abs(theirs), 1e-17), color=ORANGE, label="Tsit5")
-    axes.semilogy(times, np.maximum(np.abs(ours), 1e-17), color=BLUE, label="JACOBI[EA]")
-    panel(axes, title, "time (s)", "relative error")
+    axes.semilogy(times, np.maximum(np.abs(theirs), 1e-17), color=ORANGE)
+    axes.semilogy(times, np.maximum(np.abs(ours), 1e-17), color=BLUE)
+    panel(axes, title, "time  [s]", "relative error")
     axes.set_ylim(1e-18, 10)
-panels[0].legend(frameon=False, loc="lower right")
+panels[0].annotate("Tsit5", (200, 2e-4), color=ORANGE, ha="right")
+panels[0].annotate("JACOBI[EA]", (200, 3e-8), color=BLUE, ha="right")
 plt.show()
 
 # %% [markdown]
@@ -116,9 +117,9 @@ for name, (solver, evaluations, colour, mark) in SOLVERS.items():
     found = [angle(end(solver, steps), exact) for steps in counts]
     work = [evaluations * steps for steps in counts]
     axes.loglog(work, found, color=colour, marker=mark)
-    axes.annotate(name, (work[-1], found[-1]), (8, 0), textcoords="offset points", color=colour, va="center")
-axes.margins(x=0.25)
-panel(axes, "Attitude after 10 s", "evaluations of the torque", "error (rad)")
+    axes.annotate(name, (work[0], found[0]), (8, 4), textcoords="offset points", color=colour)
+axes.margins(x=0.1, y=0.1)
+panel(axes, "Attitude after 10 s", "evaluations of the torque", "error  [rad]")
 plt.show()
 
 # %% [markdown]
@@ -173,7 +174,7 @@ readings = jnp.linspace(0.0, 2.0, 41)
 grid = diffrax.StepTo(ts=jnp.linspace(0.0, 2.0, 201))  # steps of 0.01 s
 
 
-def rates(factors, adjoint):
+def rates(factors, adjoint, times=readings):
     """The rates for the true moment and weight times `factors`."""
     moments = MOMENTS * jnp.stack([factors[0], 1.0, 1.0])
     weighed = ml.RigidBodyTerm(ml.RigidBody(moments), torque_of_args=ml.torques.HeavyTop)
@@ -185,7 +186,7 @@ def rates(factors, adjoint):
         None,
         START,
         factors[1] * WEIGHT,
-        saveat=diffrax.SaveAt(ts=readings),
+        saveat=diffrax.SaveAt(ts=times),
         stepsize_controller=grid,
         adjoint=adjoint,
     )
@@ -226,12 +227,15 @@ for _ in range(100):
     values.append(float(value))
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 3.5), dpi=80, layout="constrained")
+fine = jnp.linspace(0.0, 2.0, 201)
 left.plot(readings, data[:, 0], "o", color=ORANGE, markersize=4, label="readings")
-left.plot(readings, rates(guess, diffrax.ForwardMode())[:, 0], ":", color="#666666", label="before the fit")
-left.plot(readings, rates(fitted.value, diffrax.ForwardMode())[:, 0], color=BLUE, label="after the fit")
-left.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, -0.42))
-panel(left, "Rate about the first axis", "time (s)", "rate (rad/s)")
-right.semilogy(values, color=GREEN)
+left.plot(fine, rates(guess, diffrax.ForwardMode(), fine)[:, 0], ":", color="#666666", label="before the fit")
+left.plot(fine, rates(fitted.value, diffrax.ForwardMode(), fine)[:, 0], color=BLUE, label="after the fit")
+left.set_ylim(-0.5, 0.65)
+left.legend(frameon=False, ncols=3, loc="upper center", fontsize=9)
+panel(left, "Rate about the first axis, body frame", "time  [s]", "rate  [rad/s]")
+right.plot(values, color=GREEN)
+right.set_ylim(0, None)
 panel(right, "Adam: mean square of residual over noise", "iteration", "loss")
 plt.show()
 print(f"Adam after 100 iterations: {0.05 * factors[0]:.5f} kg m², {0.2 * factors[1]:.5f} N m")

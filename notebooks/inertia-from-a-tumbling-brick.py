@@ -81,8 +81,8 @@ plt.show()
 # A *model* takes the values of the unknowns and returns a body, the torque on it (none here), and its start. The
 # *guess* says which unknowns there are and where the search begins. `Moments` keeps to the moments of bodies that
 # exist: each positive, none larger than the sum of the other two. With `scale="fixed"` their sum stays that of the
-# guess, for a reason that comes below. We guess moments of a wrong shape, 3 to 8 % off, and start from the first row
-# of rates, 2 % off.
+# guess, for a reason that comes below. We guess moments of a wrong shape, with ratios that are 3 to 8 % off, and
+# start from the first row of rates, 1 to 2 % off.
 
 
 # %%

@@ -74,7 +74,9 @@ for k, (flight, after) in enumerate(pieces):
 axes.set_xlabel(r"$\Pi_1$")
 axes.set_ylabel(r"$\Pi_2$")
 axes.set_zlabel(r"$\Pi_3$")
-axes.set_title("The momentum in the body frame, five steps of 0.5")
+axes.set_title("The momentum in the body frame, five steps of 0.5", fontsize=11, weight="bold")
+axes.text(*START.momentum, "start  ", ha="right", color=GREY)
+axes.locator_params(nbins=5)
 axes.legend(frameon=False, loc="upper left")
 axes.view_init(22, -52)
 plt.show()
@@ -86,8 +88,9 @@ plt.show()
 # $$\Psi = h\,I^{-1}\exp(-\tfrac12\Psi)\,\Pi,$$
 #
 # three equations without the torque. That is the point: *explicit in the forcing*. Where the impulses go gives the
-# family: at the beginning (E1), at the end (E2), half at either end (EA, and E1 and E2 in turn). With the torque in
-# the middle the equation contains the torque, and the method is implicit (I).
+# family: after the flight (E1), before it (E2), or half before and half after it (EA, which is half a step of E2 and
+# then half a step of E1). With the torque in the middle the equation contains the torque, and the method is implicit
+# (I).
 #
 # ## Figure 1
 #
@@ -125,10 +128,16 @@ def ends(method):
 errors = {name: ends(name) for name in STYLES}
 figure, axes = plt.subplots(figsize=(7.2, 4.4), dpi=80, layout="constrained")
 for name, (colour, mark) in STYLES.items():
-    axes.loglog(10 / STEPS, errors[name], color=colour, marker=mark, label=name)
-axes.loglog(10 / STEPS, 80 * (10 / STEPS) ** 2, color="#bbbbbb", linestyle="--", label="slope 2")
+    axes.loglog(10 / STEPS, errors[name], color=colour, marker=mark)
+    axes.annotate(
+        name, (10 / STEPS[-1], errors[name][-1]), (-8, -3), textcoords="offset points", color=colour, ha="right"
+    )
+axes.loglog(10 / STEPS, 60 * (10 / STEPS) ** 2, color="#bbbbbb", linestyle="--")
+axes.annotate(
+    "slope 2", (10 / STEPS[1], 60 * (10 / STEPS[1]) ** 2), (8, -8), textcoords="offset points", color="#888888"
+)
+axes.set_xlim(1.5e-3, 2.3e-2)
 panel(axes, "The fast top: error of the momentum at time 10", "step h", r"$|\Pi - \Pi_{\mathrm{exact}}|$")
-axes.legend(frameon=False, fontsize=9, ncols=2)
 plt.show()
 
 # %% [markdown]
@@ -190,7 +199,7 @@ for label, (method, colour, up) in FLIGHTS.items():
     axes.annotate(label, (turns[0], max(float(defects[0]), 1e-17)), (0, up), textcoords="offset points", color=colour)
 axes.loglog(turns, 2e-2 * turns**3, color="#bbbbbb", linestyle="--")
 axes.annotate("slope 3", (turns[6], 2e-2 * turns[6] ** 3), (6, -12), textcoords="offset points", color="#888888")
-panel(axes, "How much one flight changes an area on the sphere of momenta", "turn a step (rad)", "relative defect")
+panel(axes, "How much one flight changes an area on the sphere of momenta", "turn a step  [rad]", "relative defect")
 plt.show()
 
 # %% [markdown]
