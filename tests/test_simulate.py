@@ -70,6 +70,18 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
     np.testing.assert_allclose(path.times, run.time, rtol=1e-15)
 
 
+def test_what_all_bodies_share_is_computed_for_each_segment(tmp_path):
+    """Under a field that goes round; the state with which a segment begins lies on the mesh of the one before."""
+    field = ml.torques.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
+    result = simulated(tmp_path / "run.zarr", torque=field)
+    assert result.ok.all()
+    run = result.open()
+    body, start = ml.RigidBody(jnp.asarray(MOMENTS)), ml.RigidState(jnp.asarray(MOMENTA), run.attitude.values[:, 0])
+    path = ml.ensemble("SYMMETRIC[EA]", body, field, start, dt=0.05, steps=STEPS, save_every=EVERY, chunk=4)
+    np.testing.assert_array_equal(path.states.momentum, run.momentum)
+    np.testing.assert_array_equal(path.states.attitude, run.attitude)
+
+
 def test_a_small_run_fits_one_file(tmp_path, reference):
     result = simulated(tmp_path / "run.npz")
     with result.open() as file:

@@ -99,8 +99,17 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     inputs = [dt, jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]
     known = [True, True, True, True, *(not o for o in own), *[False] * structure.num_leaves]
     varying = [False, True, *[False] * (len(inputs) - 2)]
-    split = hoist(jax.make_jaxpr(step)(*inputs), known, varying)
+    split = hoist(jax.make_jaxpr(step)(*map(_without_mesh, inputs)), known, varying)
     return None if split is None else SharedInputs(costly, split, structure)
+
+
+def _without_mesh(value: Array) -> jax.ShapeDtypeStruct:
+    """The type of an array, without the mesh on which it lies.
+
+    The state at the end of a run on a mesh lies on that mesh, and so does a start made of it. JAX would write the mesh
+    into the operations of the traced step, which then could not be performed within `jax.shard_map`.
+    """
+    return jax.ShapeDtypeStruct(value.shape, value.dtype, weak_type=jax.typeof(value).weak_type)
 
 
 def _arrays(system: System) -> list[Array]:
