@@ -97,7 +97,7 @@ for direction, name in zip(np.eye(3), "XYZ", strict=True):
     right.quiver(0, 0, 0, *(1.6 * direction), color=GREY, arrow_length_ratio=0.08, linewidth=1)
     right.text(*(1.14 * 1.6 * direction), name, color=GREY, fontsize=11, ha="center", va="center")
 right.set_title("Design axes X, Y, Z and principal axes 1, 2, 3", loc="left", fontsize=11, weight="bold", color=INK)
-right.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), zlim=(-1.3, 1.3))
+right.set(xlim=(-1.5, 1.5), ylim=(-1.5, 1.5), zlim=(-1.6, 1.4))
 right.set_box_aspect((1, 1, 1), zoom=1.05)
 right.set_axis_off()
 right.view_init(18, -50)
@@ -523,10 +523,31 @@ for seen, name, colour in ((by_rk4, "RK4, 4 min", ORANGE), (ours, "JACOBI[EA], 1
     share = np.mean(swing / swing[:, :1], axis=0)
     left.plot(days, 100 * share, color=colour)
     left.annotate(name, (days[-1], 100 * share[-1]), (-4, 6), textcoords="offset points", ha="right", color=colour)
-    turn = np.degrees(np.linalg.norm(seen["offset"], axis=-1))
-    ml.plot.bands(right, days, turn, label=name.split(",")[0], colour=colour)
+    months = np.degrees(np.linalg.norm(seen["offset"], axis=-1)).reshape(24, 12, 122)
+    typical = np.sqrt(np.mean(months**2, axis=(0, 2)))
+    right.plot(np.arange(1, 13), typical, color=colour, marker="o", markersize=4)
+    right.annotate(name, (12, typical[-1]), (-4, 7), textcoords="offset points", ha="right", color=colour)
 left.set_ylim(0, 115)
+right.set_ylim(0, None)
 panel(left, "Energy of the swing, mean of 24", "time  [days]", "share of the start  [%]")
-panel(right, "Turn from the orbital frame", "time  [days]", "angle  [degrees]")
+panel(right, "Turn from the orbital frame, root mean square", "month", "angle  [degrees]")
 plt.show()
 folder.cleanup()
+
+# %% [markdown]
+# RK4 takes most of the energy out of the swing, smoothly and without a sign. It looks like a damper that the satellite
+# does not have. `JACOBI[EA]` keeps the swing. Its error is in the frequencies, of second order in the step: after a
+# year it says how far a satellite swings, but not where in its swing it is on a given day.
+#
+# ## What to remember
+#
+# - `from_tensor` takes a tensor of a drawing to principal axes; `TensorBody` stays in the frame of the drawing.
+# - A torque is a function of the time and the state, in the body frame. Give `None` to `GravityGradient` and it reads
+#   the moments of the body.
+# - Ask `ml.recommend` for method and step, and `ml.check` whether a step is sane.
+# - A torque that reads the momentum, such as control, makes every scheme second order and ends the conservation of
+#   $E - nL_z$. Take the cheapest scheme then.
+# - Long runs go to a file by `ml.simulate`, and go on with `resume=True`.
+#
+# More: [choosing a method](../docs/choosing-a-method.md), [conventions](../docs/conventions.md) on frames and torques,
+# and [ensembles](../docs/ensembles.md).
