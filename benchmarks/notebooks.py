@@ -8,6 +8,7 @@ cells and their outputs, and is never edited by hand. `tests/test_notebooks.py` 
 """
 
 import argparse
+import base64
 import sys
 import time
 from pathlib import Path
@@ -16,6 +17,8 @@ import jupytext
 import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError
+
+from midlie_jax.bench.figures import few_colours
 
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 LIMIT = 180  # seconds for one notebook on two cores that do nothing else, with what it compiles
@@ -29,6 +32,16 @@ def from_script(path):
     for number, cell in enumerate(notebook.cells):
         cell.id = f"cell-{number}"
     return notebook
+
+
+def shrink(notebook):
+    """Makes the pictures of the outputs small, for the sake of the repository."""
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            if "image/png" in data:
+                small = few_colours(base64.b64decode(data["image/png"]))
+                data["image/png"] = base64.b64encode(small).decode()
 
 
 def execute(notebook, limit):
@@ -70,6 +83,7 @@ def main():
             failed.append(name)
             continue
         if options.write:
+            shrink(notebook)
             nbformat.write(notebook, path.with_suffix(".ipynb"))
         print(f"{path.name}: {seconds:.0f} s", flush=True)
     sys.exit(bool(failed))
