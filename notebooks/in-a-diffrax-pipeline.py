@@ -80,7 +80,7 @@ for axes, title, theirs, ours in zip(panels, titles, errors(before.ys), errors(a
     panel(axes, title, "time  [s]", "relative error")
     axes.set_ylim(1e-18, 10)
 panels[0].annotate("Tsit5", (200, 2e-4), color=ORANGE, ha="right")
-panels[0].annotate("JACOBI[EA]", (200, 3e-8), color=BLUE, ha="right")
+panels[0].annotate("JACOBI[EA]", (200, 1e-10), color=BLUE, ha="right")
 plt.show()
 
 # %% [markdown]
