@@ -395,7 +395,7 @@ print(f"after a quarter of an hour the design frame is {np.linalg.norm(errors[-1
 figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 3.6), layout="constrained")
 for column, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
     left.plot(held.times / 60, errors[:, column], color=colour)
-    shift = (12, (-12, -17, 3)[column])  # points
+    shift = ((12, 2), (26, 2), (14, -2))[column]  # points
     left.annotate(name, (held.times[1] / 60, errors[1, column]), shift, textcoords="offset points", color=colour)
     right.plot(held.times / 60, torques[:, column], color=colour)
 panel(left, "Attitude of the design frame", "time  [min]", "turn from the orbital frame  [degrees]")
@@ -526,9 +526,9 @@ for seen, name, colour in ((by_rk4, "RK4, 4 min", ORANGE), (ours, "JACOBI[EA], 1
     months = np.degrees(np.linalg.norm(seen["offset"], axis=-1)).reshape(24, 12, 122)
     typical = np.sqrt(np.mean(months**2, axis=(0, 2)))
     right.plot(np.arange(1, 13), typical, color=colour, marker="o", markersize=4)
-    right.annotate(name, (12, typical[-1]), (-4, 7), textcoords="offset points", ha="right", color=colour)
+    right.annotate(name, (12, typical[-1]), (-4, 14), textcoords="offset points", ha="right", color=colour)
 left.set_ylim(0, 115)
-right.set_ylim(0, None)
+right.set_ylim(0, 6)
 panel(left, "Energy of the swing, mean of 24", "time  [days]", "share of the start  [%]")
 panel(right, "Turn from the orbital frame, root mean square", "month", "angle  [degrees]")
 plt.show()

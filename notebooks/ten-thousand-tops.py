@@ -88,7 +88,7 @@ panel(left, "Tilt of the tops above and below the limit", "time  [s]", "tilt fro
 left.set_ylim(0, 60)
 ml.plot.bands(left, path.times, tilt[r < 1], label="r < 1", colour=ORANGE)
 ml.plot.bands(left, path.times, tilt[r > 1], label="r > 1", colour=BLUE)
-panel(right, "The largest tilt of each top", "r, the square of the momentum over the limit", "degrees")
+panel(right, "The largest tilt of each top", "r, the square of the momentum over the limit", "largest tilt [degrees]")
 largest = tilt.max(axis=1)
 dots = right.scatter(r, largest, c=tilt[:, 0], s=3, cmap="viridis", vmin=0, vmax=4, linewidths=0)
 figure.colorbar(dots, ax=right, label="tilt at the start  [degrees]")

@@ -55,7 +55,7 @@ for label, method, dt, colour in RUNS:
     times, errors, path = energies(method, compass, dt, 400)
     shown = int(path.first_bad)
     axes.semilogy(times[1:shown], np.maximum(errors[1:shown], 1e-16), color=colour, linewidth=1)
-    axes.annotate(label, (times[shown - 1], errors[shown - 1]), (6, 0), textcoords="offset points", color=colour)
+    axes.annotate(label, (times[shown - 1], errors[shown - 1]), (10, 0), textcoords="offset points", color=colour)
     if not path.ok:
         axes.plot(times[shown - 1], errors[shown - 1], "x", color=colour, markersize=10)
     print(f"{label}: ok is {bool(path.ok)}, {shown} of {len(times)} states can be trusted")
@@ -111,10 +111,11 @@ BRICK = ml.RigidBody([1.0, 1.6, 2.1])
 starts = ml.MomentumState(jnp.array([[1e-7, 1.6, 0.0], [6e-7, 1.6, 0.0]]))
 tumbling = jax.vmap(lambda start: ml.integrate("JACOBI[EA]", BRICK, None, start, dt=0.1, steps=2500))(starts)
 figure, axes = plt.subplots(figsize=(7.2, 3.4), dpi=80, layout="constrained")
-for momentum, colour, label in zip(tumbling.states.momentum, (BLUE, ORANGE), ("one start", "the other"), strict=True):
-    axes.plot(tumbling.times[0], momentum[:, 1] / 1.6, color=colour, label=label, linewidth=1.2)
+for momentum, colour in zip(tumbling.states.momentum, (BLUE, ORANGE), strict=True):
+    axes.plot(tumbling.times[0], momentum[:, 1] / 1.6, color=colour, linewidth=1.2)
+axes.annotate("one start", (49, 0.5), color=BLUE)
+axes.annotate("the other", (38, 0.5), color=ORANGE, ha="right")
 panel(axes, "Spin about the middle axis, over its start", "time", r"$\Omega_2(t)\,/\,\Omega_2(0)$")
-axes.legend(frameon=False, loc="lower left")
 plt.show()
 
 # %% [markdown]
