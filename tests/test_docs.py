@@ -46,6 +46,7 @@ TABLES = (
     ("run", "performance"),
     ("long_run", "theory"),
     ("work_precision", "how-it-compares"),
+    ("choosing", "choosing-a-method"),
     ("gpu", "gpu"),
     ("kernels", "gpu"),
     ("gradients", "gradients"),
