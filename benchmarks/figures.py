@@ -3,8 +3,9 @@
     python benchmarks/figures.py [NAME ...]      all pictures, or those named, as in work-precision-P1; all take hours
     python benchmarks/figures.py --list          only says which command draws which picture
 
-A picture's command is the one on its page that names the file, as in `midlie stability P1 --out stability-P1.png`, or
-else that of the line "Drawn by `COMMAND`." below it. Nothing is listed here, so that pages and pictures cannot differ.
+A picture's command is that of the line "Drawn by `COMMAND`." below it; or else the one on its page that names the file,
+as in `midlie stability P1 --out stability-P1.png`; or else the script on its page that names the file in its source.
+Nothing is listed here, so that pages and pictures cannot differ.
 `make gpu` draws its picture on a GPU only, and is not among them until its picture is on a page.
 """
 
@@ -19,7 +20,7 @@ from pages import DOCS
 
 ROOT = DOCS.parent
 PROGRAMS = ("midlie", "python")
-PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.png)\)(?:\s+Drawn by `([^`]+)`\.)?")
+PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+Drawn by `([^`]+)`\.)?")
 SPAN = re.compile(r"`([^`\n]+)`")
 BLOCK = re.compile(r"^```(?:sh|bash|console)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -39,27 +40,35 @@ def commands() -> dict[str, str]:
         known = commands_in(text)
         for picture, below in PICTURE.findall(text):
             name = Path(picture).name
-            naming = [command for command in known if re.search(rf"(^|[\s/]){re.escape(name)}(\s|$)", command)]
-            if below or naming:
-                found.setdefault(name, below or naming[0])
+            naming = [command for command in known if name in (Path(word).name for word in command.split())]
+            drawing = [command for command in known if f'"{name}"' in _source(command)]
+            if below or naming or drawing:
+                found.setdefault(name, below or [*naming, *drawing][0])
     return found
+
+
+def _source(command: str) -> str:
+    """What the script of a command says; nothing if it is none of ours."""
+    words = command.split()
+    script = ROOT / words[1] if len(words) > 1 else ROOT
+    return script.read_text() if script.suffix == ".py" and script.is_file() else ""
 
 
 def as_run(command: str) -> list[str]:
     """The words of a command as it is run from the root: by this Python, and with its pictures in docs/."""
     program, *words = shlex.split(command)
     start = [sys.executable, "-m", "midlie_jax"] if program == "midlie" else [sys.executable]
-    return start + [f"docs/{word}" if word.endswith(".png") and "/" not in word else word for word in words]
+    return start + [f"docs/{word}" if word.endswith((".png", ".gif")) and "/" not in word else word for word in words]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="pictures, without .png; by default all")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="pictures, without the ending; by default all")
     parser.add_argument("--list", action="store_true", help="only print the commands")
     options = parser.parse_args()
     known = commands()
-    wanted = [f"{name}.png" for name in options.names] or list(known)
-    if unknown := set(wanted) - set(known):
+    wanted = [name for name in known if Path(name).stem in options.names] if options.names else list(known)
+    if unknown := set(options.names) - {Path(name).stem for name in known}:
         parser.error(f"no picture {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}.")
     done = set()
     for name in wanted:
