@@ -35,7 +35,7 @@ STARTS = ("midlie", "pip install", "python -m", "eval")
 PLACEHOLDER = re.compile(r"\b(SCENE|NAME|COMMAND|DATA\.csv|RUN\.zarr|FILE)\b")
 NOT_RUN = re.compile(r"<!-- not run: (.+?); (.+?) -->")
 OUTPUT = (".png", ".npz", ".csv", ".zarr", ".gif", ".html", ".md")
-LIMIT = 300  # seconds for one command
+LIMIT = 900  # seconds for one command, on a busy machine
 
 
 class Command(NamedTuple):
