@@ -15,6 +15,9 @@
 #   make kernels            the kernels of a step on a GPU, counted without one: docs/gpu.md
 #   make test-kernels       tests of these
 #   make docs               the pages of docs/ as a site: site/index.html
+#   make figures            draws every picture of docs/ again, each by the command beside it: hours
+#   make test-release       installs the wheel in an empty environment and runs what README and docs say
+#   make test-lowest        some tests with the least versions of what the package depends on
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
@@ -28,7 +31,7 @@ PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
 .PHONY: chart test test-all costs test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench rivals gpu kernels \
-	docs
+	docs figures test-release test-lowest
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -83,7 +86,17 @@ kernels: .venv-cuda/.compiler
 	.venv-cuda/bin/python benchmarks/kernels.py
 
 docs: .venv/.docs
-	.venv/bin/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict
+
+figures: .venv/.bench
+	.venv/bin/python benchmarks/figures.py
+
+test-release: .venv/.test
+	.venv/bin/pytest -n 0 tests/test_release.py tests/newcomer.py
+
+LOWEST = $(patsubst %,tests/test_%.py,so3 bodies inputs scalars leaves run_command bands fit_calls release)
+test-lowest: .venv-lowest/.lowest
+	.venv-lowest/bin/pytest -n 0 $(LOWEST)
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
@@ -99,6 +112,14 @@ docs: .venv/.docs
 	.venv-cuda/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	.venv-cuda/bin/python -m pip install --quiet --disable-pip-version-check \
 		"jax-cuda12-plugin==$$(.venv-cuda/bin/python -c 'import jax; print(jax.__version__)')"
+	@touch $@
+
+# The least versions that pyproject.toml allows, of direct dependencies; of theirs the newest that fit.
+.venv-lowest/.lowest: pyproject.toml
+	@echo "installing the least versions of what midlie_jax[test] depends on into .venv-lowest"
+	$(PYTHON) -m venv --clear .venv-lowest
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check uv
+	.venv-lowest/bin/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test]'
 	@touch $@
 
 # One stamp for each extra: installed since pyproject.toml last changed.

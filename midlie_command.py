@@ -5,6 +5,7 @@ themselves are in `midlie_jax.bench.commands`.
 
 Every mistake of the user gives one line on stderr and exit code 2; only bugs give a traceback.
 """
+# PYTHON_ARGCOMPLETE_OK
 
 import argparse
 import math
@@ -13,7 +14,7 @@ import sys
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 COMMANDS = ("chart", "run", "inspect", "fit", "stability", "claims", "methods", "scenes")
 _MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
@@ -54,6 +55,22 @@ def _failed(message: str) -> int:
     return 2
 
 
+class _ShowVersion(argparse.Action):
+    """`--version`, which looks the version up only when it is asked for."""
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, nargs=0, help="print the version and exit", **options)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"midlie_jax {version('midlie_jax')}")
+        except PackageNotFoundError:
+            parser.error("midlie_jax is not installed, so its version is not known; install it with pip")
+        parser.exit()
+
+
 class _Parser(argparse.ArgumentParser):
     """Raises a ValueError for a wrong command line, so that it is printed like every other error."""
 
@@ -65,6 +82,10 @@ def _read(arguments: Sequence[str]) -> argparse.Namespace:
     parser, commands = _parsers()
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
         parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], COMMANDS)}")
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what can stand next; see docs/start.md
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
     options, rest = parser.parse_known_args(arguments)
     if rest:
         # argparse itself would report an unknown option of a subcommand as an error of `midlie`.
@@ -96,6 +117,7 @@ def _choice(name: str, known: Sequence[str]) -> str:
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser of `midlie`, and the parser of each command by its name."""
     parser = _Parser(prog="midlie", description="Rigid bodies in rotation by midpoint Lie integrators, on JAX.")
+    parser.add_argument("--version", action=_ShowVersion)
     commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
     _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
     _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))

@@ -46,6 +46,7 @@ from midlie_jax.methods.splitting import Splitting  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
+DRAWN = "Drawn by `python benchmarks/gpu.py --write`."
 DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
 OURS, SINGLE, REDUCTION, GRAPH = "ours", "one step a turn", "as on a CPU", "graph"
@@ -279,7 +280,7 @@ def main() -> None:
     print("\n".join(lines))
     chart(figures, ROOT / "docs" / "gpu.png" if options.write else Path("gpu.png"))
     if options.write:
-        put("gpu.md", BEGIN, END, ["![Speed against the number of bodies](gpu.png)", "", *lines])
+        put("gpu.md", BEGIN, END, ["![Speed against the number of bodies](gpu.png)", "", DRAWN, "", *lines])
 
 
 if __name__ == "__main__":

@@ -15,9 +15,10 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
+import choosing
 import jax
 import times_faster
-from pages import put
+from pages import put, shown
 
 from midlie_jax.bench import frontier, rivals, work_precision
 from midlie_jax.bench.families import CONSERVING, FAMILIES, GENERAL
@@ -94,11 +95,12 @@ def main() -> None:
 
 
 def into_page(text: str) -> None:
-    """Copies the first table of the text, the ratios of all scenes, to docs/how-it-compares.md."""
+    """Copies the ratios of all scenes to docs/how-it-compares.md, the fastest methods to docs/choosing-a-method.md."""
     lines = text.split("\n")
     first = next(i for i, line in enumerate(lines) if line.startswith("|"))
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
     put("how-it-compares.md", BEGIN, END, lines[first:last])
+    put("choosing-a-method.md", choosing.BEGIN, choosing.END, shown(choosing.HEADS, choosing.rows()))
 
 
 def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
@@ -122,6 +124,8 @@ def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
 Errors against the {problem.source}, uncertainty {problem.uncertainty:.0e}. {work_precision.timing_note(comparison)}
 
 ![error against cost]({picture.name})
+
+Drawn by `python benchmarks/work_precision.py --scene {name}`.
 
 {frontier.markdown(rows)}
 

@@ -49,6 +49,9 @@ from .scattering import distributions as distributions
 from .scattering import scatter as scatter
 from .simulation.simulate import simulate as simulate
 from .simulation.summary import Simulation as Simulation
+from .simulation.versions import versions as _versions
+
+__version__ = _versions()["midlie_jax"]  # from the installed package, whose version is in pyproject.toml
 
 
 def __getattr__(name: str) -> Any:

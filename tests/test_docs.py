@@ -46,6 +46,7 @@ TABLES = (
     ("run", "performance"),
     ("long_run", "theory"),
     ("work_precision", "how-it-compares"),
+    ("choosing", "choosing-a-method"),
     ("gpu", "gpu"),
     ("kernels", "gpu"),
     ("gradients", "gradients"),
@@ -110,7 +111,7 @@ def test_files_and_commands_that_are_named_exist(page):
     assert all((page.parent / file).exists() for file in files), files
     paths = re.findall(r"`?((?:benchmarks|tests|midlie_jax|docs)/[\w/]+\.(?:py|c|md|png))", text)
     assert all((ROOT / path).exists() for path in paths), paths
-    named = set(re.findall(r"\b([a-z_]+\.py)\b", text))
+    named = set(re.findall(r"\b([a-z_]+\.py)\b", re.sub(r"https?://\S+", "", text)))
     assert all(any(ROOT.glob(f"[bmt]*/**/{name}")) for name in named), named
     targets = set(re.findall(r"`(?:make) (\w+)", text)) | set(re.findall(r"^make (\w+)", text, re.MULTILINE))
     known = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))

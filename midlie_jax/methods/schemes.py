@@ -9,7 +9,9 @@ from types import ModuleType
 from typing import Any
 
 from .listing import Listing
-from .scheme import FLIGHT, KICK, Scheme
+from .scheme import FLIGHT as FLIGHT
+from .scheme import KICK as KICK
+from .scheme import Scheme as Scheme
 from .scheme import run as run
 from .scheme_order import measured_order as measured_order
 

@@ -18,6 +18,7 @@ Written by `{command}`. Every figure is measured by that command, and every verd
 the paper's claims first, then what was published about the drift of the energy, then what the package itself declares
 of its methods. The figures of one method come from `midlie claims --methods NAME`, those of all flights with all
 schemes from `midlie claims --all`.
+<!-- not run: midlie claims ...; minutes each, hours all -->
 
 What is measured, for every method the same way:
 
@@ -127,7 +128,7 @@ def write_page(
         "## The published drift of the energy\n\nMeans over copies that differ by 1e-14. Where the copies part "
         "ways, the motion is chaotic by then, and the published figure is one draw.\n",
         tried(published_verdicts(all_found)),
-        *([f"![Energy over the two long runs]({picture})\n"] if picture else []),
+        *([f"![Energy over the two long runs]({picture})\n\nDrawn by `{command}`.\n"] if picture else []),
         "## All figures\n",
         markdown(HEADS, [[quoted(row[0]), *row[1:]] for row in map(cells, all_found)]),
         "## What the package declares\n\n" + summary(methods, all_found) + " A dash: not declared.\n",

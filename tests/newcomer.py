@@ -1,0 +1,165 @@
+"""What a newcomer does, with the wheel in an empty environment and an empty folder: `make test-release`.
+
+First the package with its core dependencies alone. Then every command of README and docs, as written; those that
+install an extra first, the others in the order of the pages. They are the lines of blocks of a shell, and what stands
+between backticks, if they begin with `midlie`, `pip install`, `python -m` or `eval`. Commands of a copy of the
+repository, `make` and `python benchmarks/...`, are not among them; `test_docs.py` sees that they exist, and runs the
+blocks of Python.
+
+A command that takes long has a comment on its page, which a reader of the page does not see:
+`<!-- not run: COMMAND; REASON -->`, where COMMAND may end in " ..." for all that begin so.
+
+It needs the registry, and is not in `make test`.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+import venv
+from pathlib import Path
+from typing import NamedTuple
+
+import packaged
+import pytest
+from cases import benchmark
+from packaged import ROOT
+
+import midlie_command
+
+PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("index", "start"))]
+PAGES += [page for page in sorted((ROOT / "docs").glob("*.md")) if page not in PAGES]
+STARTS = ("midlie", "pip install", "python -m", "eval")
+PLACEHOLDER = re.compile(r"\b(SCENE|NAME|COMMAND|DATA\.csv|RUN\.zarr|FILE)\b")
+NOT_RUN = re.compile(r"<!-- not run: (.+?); (.+?) -->")
+OUTPUT = (".png", ".npz", ".csv", ".zarr", ".gif", ".html", ".md")
+LIMIT = 900  # seconds for one command, on a busy machine
+
+
+class Command(NamedTuple):
+    page: str
+    line: str
+    not_run: str  # the reason, if there is one
+
+
+def commands():
+    """The commands of all pages, each once for each page."""
+    pages = benchmark("figures")
+    pages.PROGRAMS = ("midlie", "pip", "python", "eval")
+    for page in PAGES:
+        text = page.read_text()
+        reasons = NOT_RUN.findall(text)
+        for line in dict.fromkeys(pages.commands_in(NOT_RUN.sub("", text))):
+            if line.startswith(STARTS) and not PLACEHOLDER.search(line):
+                yield Command(page.name, line, next((why for what, why in reasons if matches(what, line)), ""))
+
+
+def matches(what, line):
+    return line.startswith(what.removesuffix(" ...")) if what.endswith(" ...") else line == what
+
+
+COMMANDS = list(commands())
+
+
+@pytest.fixture(scope="session")
+def newcomer(tmp_path_factory):
+    """Runs a command in an empty folder, in an environment with the wheel and its core dependencies."""
+    folder = tmp_path_factory.mktemp("empty")
+    home = tmp_path_factory.mktemp("environment")
+    wheel = packaged.build(ROOT, tmp_path_factory.mktemp("wheel"), "wheel")
+    sources = packaged.unpacked(
+        packaged.build(ROOT, tmp_path_factory.mktemp("sdist"), "sdist"), tmp_path_factory.mktemp("sources")
+    )
+    venv.create(home, with_pip=True)
+    kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "XLA_FLAGS", "VIRTUAL_ENV")}
+    quiet = {"PIP_QUIET": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_FIND_LINKS": str(wheel.parent)}
+    environment = kept | quiet | {"PATH": f"{home / 'bin'}{os.pathsep}{os.environ['PATH']}"}
+
+    def run(line):
+        place = sources if "'.[" in line else folder  # the only command that needs a copy of the repository
+        command = ["bash", "-c", line]
+        done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, timeout=LIMIT)
+        return done, folder
+
+    done, _ = run(f"pip install {shlex.quote(str(wheel))}")
+    assert done.returncode == 0, done.stderr
+    return run
+
+
+def test_the_core_alone_integrates(newcomer):
+    """With what the wheel depends on and no more."""
+    program = """
+        import jax, jax.numpy as jnp
+        jax.config.update("jax_enable_x64", True)
+        import midlie_jax as ml
+        from importlib.util import find_spec
+
+        assert "site-packages" in ml.__file__
+        extras = ("matplotlib", "tqdm", "mpmath", "zarr", "xarray", "optax", "argcomplete", "pytest")
+        assert not [name for name in extras if find_spec(name)]
+        body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        assert path.ok and abs(ml.energy(body, torque, path) - ml.energy(body, torque, start)).max() < 1e-3
+        print(ml.__version__)
+    """
+    done, _ = newcomer(f"python -c {shlex.quote(textwrap.dedent(program))}")
+    assert done.stdout.strip() == packaged.PROJECT["version"], done.stderr
+
+
+@pytest.mark.parametrize("line", ["midlie scenes", "python -m midlie_jax methods", "midlie --version"])
+def test_the_core_alone_has_a_command(newcomer, line):
+    done, _ = newcomer(line)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_what_an_extra_brings_is_asked_for_by_name(newcomer):
+    done, _ = newcomer("midlie run P1 --steps 10 --plot run.png")
+    assert done.returncode == 2
+    assert "pip install 'midlie_jax[cli]'" in done.stderr
+
+
+def test_what_is_not_run_is_known():
+    """Each comment is about a command; and there are few."""
+    for page in PAGES:
+        lines = [command.line for command in COMMANDS if command.page == page.name]
+        for what, _ in NOT_RUN.findall(page.read_text()):
+            assert any(matches(what, line) for line in lines), f"{page.name}: {what}"
+    unique = {command.line for command in COMMANDS if command.not_run and "--methods" not in command.line}
+    assert len(unique) == 9, sorted(unique)
+
+
+def mentioned_only(line):
+    """The name of the program or of one of its commands, such as `midlie run`, which is no whole command."""
+    *_, words = line.replace("python -m midlie_jax", "midlie").partition("midlie")
+    if not line.startswith(("midlie", "python -m midlie_jax")) or len(words.split()) > 1:
+        return False
+    try:
+        midlie_command._read(words.split())
+    except ValueError:
+        return True
+    except SystemExit:  # --help and --version
+        return False
+    return False
+
+
+# What installs an extra comes first, as a reader would have it before the commands that need it.
+_RUN = {command.line: command for command in COMMANDS if not command.not_run}
+TO_RUN = dict(sorted(_RUN.items(), key=lambda item: "pip install" not in item[0]))
+
+
+@pytest.mark.parametrize("line", TO_RUN, ids=lambda line: f"{TO_RUN[line].page}: {line}")
+def test_the_command_runs_as_written(newcomer, line):
+    """And leaves the files that it names."""
+    done, folder = newcomer(f"{line} --help" if mentioned_only(line) else line)
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    written = [word for word in shlex.split(line) if Path(word).suffix in OUTPUT]
+    assert [word for word in written if not (folder / word).exists()] == []
+
+
+def test_there_is_something_to_run():
+    assert len(TO_RUN) >= 12
+    assert sys.version_info >= (3, 11)

@@ -1,0 +1,69 @@
+"""The API pages of docs/: every public name has its entry on one of them, and every one has a docstring."""
+
+import importlib.util
+import inspect
+from pathlib import Path
+
+import pytest
+
+import midlie_jax as ml
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted((ROOT / "docs").glob("api*.md"))
+
+_spec = importlib.util.spec_from_file_location("hooks", ROOT / "docs" / "hooks.py")
+assert _spec
+assert _spec.loader
+hooks = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(hooks)
+
+# What `ml` reaches besides classes and functions, with `fitting` and `plot`, which it imports when they are asked for.
+MODULES = [name for name in hooks.public_names("midlie_jax") if inspect.ismodule(getattr(ml, name))] + [
+    "fitting",
+    "plot",
+]
+NAMES = [f"midlie_jax.{module}" for module in [*MODULES, "diffrax"]]
+
+
+def shown():
+    """The dotted names that have an entry."""
+    return [entry for page in PAGES for entry in hooks.ENTRY.findall(hooks.written_out(page.read_text()))]
+
+
+@pytest.fixture(scope="module")
+def objects():
+    """What the entries of the pages stand for."""
+    return [hooks.module_of(entry) for entry in shown()]
+
+
+def test_there_is_something_to_show():
+    assert {"torques", "observe", "distributions", "so3", "flights", "schemes", "orbits", "densities"} <= set(MODULES)
+    assert len(shown()) > 100
+    assert len(set(shown())) == len(shown())
+
+
+@pytest.mark.parametrize("module", ["midlie_jax", *NAMES])
+def test_every_public_name_has_an_entry(module, objects):
+    """Under this name or, for what `ml` takes from a module that has a page, under that of the module."""
+    missing = [
+        entry for entry in hooks.entries(module) if not any(hooks.module_of(entry) is known for known in objects)
+    ]
+    assert not missing
+    assert hooks.entries(module)
+
+
+@pytest.mark.parametrize("module", ["midlie_jax", *NAMES])
+def test_every_public_name_has_a_docstring_of_its_own(module):
+    assert hooks.module_of(module).__doc__
+    for entry in hooks.entries(module):
+        found = hooks.module_of(entry)
+        assert vars(found).get("__doc__") if inspect.isclass(found) else found.__doc__, entry
+
+
+def test_a_new_name_is_on_its_page_by_itself(monkeypatch):
+    """Without a change of the page; what is no class or function of the package has no entry."""
+    source = "from .a import new as new\nfrom .b import hidden\nfrom typing import Any as Any\n_private = 1\n"
+    monkeypatch.setattr(hooks.inspect, "getsource", lambda module: source)
+    monkeypatch.setattr(ml.plot, "new", ml.plot.bands, raising=False)
+    monkeypatch.setattr(ml.plot, "Any", int, raising=False)
+    assert hooks.written_out("<!-- api: midlie_jax.plot -->") == "::: midlie_jax.plot.new"

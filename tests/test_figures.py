@@ -1,0 +1,54 @@
+"""The pictures of docs/: each is on a page with the command that draws it, and that command can be run.
+
+None is drawn here; `make figures` draws them all.
+"""
+
+import re
+
+import pytest
+from cases import benchmark
+
+import midlie_command
+
+with_pages = benchmark("figures")
+choosing = benchmark("choosing")
+ROOT, DOCS = with_pages.ROOT, with_pages.DOCS
+COMMANDS = with_pages.commands()
+PICTURES = sorted(path.name for path in DOCS.iterdir() if path.suffix in (".png", ".gif"))
+
+
+def test_every_picture_is_on_a_page_with_its_command():
+    shown = {name for page in DOCS.glob("*.md") for name, _ in with_pages.PICTURE.findall(page.read_text())}
+    assert PICTURES
+    assert set(PICTURES) == shown
+    assert set(PICTURES) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_the_command_can_be_run(picture, monkeypatch):
+    """midlie knows its options; a script is there and has the option, and its page or the script names the picture."""
+    monkeypatch.chdir(ROOT)
+    _, *words = with_pages.as_run(COMMANDS[picture])
+    if words[:2] == ["-m", "midlie_jax"]:
+        midlie_command._read(words[2:])
+        assert DOCS / picture in [ROOT / word for word in words]
+        return
+    script, *options = words
+    code = (ROOT / script).read_text()
+    assert all(f'"{option}"' in code for option in options if option.startswith("--"))
+    stem = picture.partition(".")[0]
+    assert stem in code or any(re.search(rf"\b{stem.removesuffix(word)}\{{name}}\.png", code) for word in options)
+
+
+def test_a_command_is_found_in_a_block_and_between_backticks():
+    page = "see `midlie scenes`\n\n```\nmidlie chart P1 --out a.png    # minutes\n```\n\n```python\nmidlie = 1\n```\n"
+    assert with_pages.commands_in(page) == ["midlie chart P1 --out a.png", "midlie scenes"]
+
+
+def test_the_fastest_methods_are_those_of_the_measured_page():
+    """`python benchmarks/choosing.py --write` after a change of docs/work-precision.md."""
+    text = (DOCS / "choosing-a-method.md").read_text()
+    table = text.split(choosing.BEGIN)[1].split(choosing.END)[0]
+    rows = [f"| {' | '.join(cells)} |" for cells in choosing.rows()]
+    assert len(rows) == 10
+    assert table.strip().splitlines()[2:] == rows

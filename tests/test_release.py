@@ -1,0 +1,89 @@
+"""What a release is made of: names in wheel and sdist, one version, least versions, and the command as it is installed.
+
+Nothing is installed here; `make test-release` does that (`newcomer.py`).
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+from email import message_from_bytes
+
+import packaged
+import pytest
+from packaged import PROJECT, ROOT
+
+import midlie_command
+import midlie_jax as ml
+
+VERSION = PROJECT["version"]
+INFO = f"midlie_jax-{VERSION}.dist-info/"
+TESTED = ("plot", "progress", "oracle", "io", "cli", "fit", "test")  # the extras that `make test-lowest` installs
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory):
+    return packaged.build(ROOT, tmp_path_factory.mktemp("sdist"), "sdist")
+
+
+@pytest.fixture(scope="module")
+def wheel(sdist, tmp_path_factory):
+    """Built from the sdist, as an installer does where there is no wheel."""
+    source = packaged.unpacked(sdist, tmp_path_factory.mktemp("sources"))
+    return packaged.build(source, tmp_path_factory.mktemp("wheel"), "wheel")
+
+
+def test_the_wheel_is_the_package_and_its_command_alone(wheel):
+    files = packaged.contents(wheel)
+    ours = {path.relative_to(ROOT).as_posix() for path in (ROOT / "midlie_jax").rglob("*.py")}
+    information = {f"{INFO}{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")}
+    assert set(files) == ours | {"midlie_command.py", "midlie_jax/py.typed"} | information
+    assert all(files[name] == (ROOT / name).read_bytes() for name in ours)
+    assert b"midlie = midlie_command:main" in files[f"{INFO}entry_points.txt"]
+    assert wheel.stat().st_size < 1e6
+
+
+def test_the_metadata_say_what_is_installed(wheel):
+    metadata = message_from_bytes(packaged.contents(wheel)[f"{INFO}METADATA"])
+    assert metadata["Version"] == VERSION
+    required = [line for line in metadata.get_all("Requires-Dist", []) if "extra ==" not in line]
+    assert {re.match(r"[\w-]+", line)[0] for line in required} == {"jax", "numpy", "diffrax", "equinox", "jaxtyping"}
+    assert "Typing :: Typed" in metadata.get_all("Classifier", [])
+
+
+def test_the_sdist_has_the_sources_and_little_else(sdist):
+    with tarfile.open(sdist) as archive:
+        tops = {name.split("/")[1] for name in archive.getnames()}
+    files = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "PKG-INFO"}
+    assert tops - {".gitignore"} == {"midlie_jax", "midlie_command.py"} | files
+    assert sdist.stat().st_size < 1e6
+
+
+def test_the_version_is_that_of_pyproject_everywhere(capsys):
+    assert ml.__version__ == VERSION
+    with pytest.raises(SystemExit, match="0"):
+        midlie_command.main(["--version"])
+    assert capsys.readouterr().out == f"midlie_jax {VERSION}\n"
+    assert f"\nversion: {VERSION}\n" in (ROOT / "CITATION.cff").read_text()
+    newest = (ROOT / "CHANGELOG.md").read_text().split("\n## ")[1]
+    assert VERSION in newest
+
+
+def test_every_dependency_has_a_least_version():
+    """Of the package, and of the extras that `make test-lowest` installs at these versions."""
+    extras = PROJECT["optional-dependencies"]
+    lines = [*PROJECT["dependencies"], *(line for extra in TESTED for line in extras[extra])]
+    others = [line for line in lines if not line.startswith("midlie_jax[")]
+    assert [line for line in others if ">=" not in line] == []
+    assert len(others) > 15
+
+
+@pytest.mark.parametrize(("typed", "expected"), [("midlie st", "stability"), ("midlie run P1 --bo", "--bodies")])
+def test_a_shell_completes_commands_and_options(typed, expected):
+    """As bash asks argcomplete: what is typed is in the environment, and the answer goes to file descriptor 8."""
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": typed, "COMP_POINT": str(len(typed)), "_ARGCOMPLETE_SHELL": "bash"}
+    start = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import midlie_command; midlie_command.main([])"
+    command = ["bash", "-c", '"$0" -c "$1" 8>&1 9>/dev/null >/dev/null', sys.executable, start]
+    done = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == expected, done.stderr
