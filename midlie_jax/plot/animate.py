@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .._kernel.checks import as_count
-from .style import BLUE, GREY, ORANGE, SKY, VERMILLION, new_figure
+from .style import BLUE, GREY, ORANGE, SKY, new_figure
 from .turning import FACES, Turning, turning
 
 _DPI = 80
@@ -98,8 +98,8 @@ class _Scene:
             axes.text(*(1.24 * direction), letter, color=text, fontsize=9, ha="center", va="center")
         self.box = Poly3DCollection([shown.corners[0][list(face)] for face in FACES], linewidth=0.6, edgecolor=text)
         axes.add_collection3d(self.box, autolim=False)
-        (self.axis,) = axes.plot([], [], [], color=VERMILLION, linewidth=2.4)
-        self.trace_colour = SKY if dark else BLUE
+        self.colour = SKY if dark else BLUE
+        (self.axis,) = axes.plot([], [], [], color=self.colour, linewidth=2.4)
         self.trace: list[Any] = []
         note = {"color": text, "fontsize": 9, "transform": figure.transFigure}
         figure.text(0.03, 0.97, title, va="top", weight="bold", **note)
@@ -125,7 +125,7 @@ class _Scene:
         for line in self.trace:
             line.remove()
         whole = np.concatenate([shown.path_tips[past], tip[None]])
-        self.trace = draw_curve(self.axes, whole, np.ones(3), color=self.trace_colour, linewidth=1.3)
+        self.trace = draw_curve(self.axes, whole, np.ones(3), color=self.colour, linewidth=1.3)
         self.clock.set_text(f"t = {shown.times[k]:.4g}")
         self.figure.canvas.draw()
         return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())

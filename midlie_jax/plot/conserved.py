@@ -26,7 +26,9 @@ class Conserved(NamedTuple):
     momentum: np.ndarray | None
 
 
-def conserved(axes: Any, body: Any, torque: Any, path: Any, *, label: str | None = None) -> Conserved:
+def conserved(
+    axes: Any, body: Any, torque: Any, path: Any, *, colour: str | None = None, label: str | None = None
+) -> Conserved:
     """Draws by how much a run breaks the laws of conservation that hold for the exact motion.
 
     The bold lines are the largest relative error so far, the faint ones the error at each saved time. Conserved are:
@@ -38,13 +40,14 @@ def conserved(axes: Any, body: Any, torque: Any, path: Any, *, label: str | None
 
     What is not conserved is named on the picture and not drawn. Errors are computed in float64 if it is enabled. Those
     below half a unit in the last place of the run's dtype are drawn there. Call it again on the same axes to compare
-    methods.
+    methods, each with a colour.
 
     Args:
         axes: matplotlib's axes. A figure with layout="constrained" leaves room for the names at the right edge.
         body: the body of the path.
         torque: as for `integrate`.
         path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
+        colour: of both lines, of which that of the momentum is dashed; by default blue and vermilion.
         label: put before the names "energy" and "momentum", for example the name of the method.
 
     Returns:
@@ -64,18 +67,18 @@ def conserved(axes: Any, body: Any, torque: Any, path: Any, *, label: str | None
     axes.set_yscale("log")
     axes.set(xlabel=axes.get_xlabel() or "time", ylabel=axes.get_ylabel() or "relative error")
     found: list[np.ndarray | None] = []
-    for change, colour, dash in zip(changes, (BLUE, VERMILLION), ("-", (0, (4, 1.5))), strict=True):
+    for change, own, dash in zip(changes, (BLUE, VERMILLION), ("-", (0, (4, 1.5))), strict=True):
         name = f"{label}: {_short(change)}" if label else _short(change)
         if change.reason:
             remark(axes, f"{name} {change.reason}")
             found.append(None)
             continue
-        sizes = np.maximum(np.abs(change.values), least)
+        chosen, sizes = colour or own, np.maximum(np.abs(change.values), least)
         largest = np.maximum.accumulate(sizes)
-        axes.plot(motion.times, sizes, color=colour, linewidth=0.7, alpha=0.45)
-        axes.plot(motion.times, largest, color=colour, linewidth=2.0, linestyle=dash, label=name)
+        axes.plot(motion.times, sizes, color=chosen, linewidth=0.7, alpha=0.45)
+        axes.plot(motion.times, largest, color=chosen, linewidth=2.0, linestyle=dash, label=name)
         axes.margins(x=0)
-        name_at_edge(axes, [(name, float(largest[-1]))], colour)
+        name_at_edge(axes, [(name, float(largest[-1]))], chosen)
         found.append(change.values)
     remark(axes, motion.failed)
     return Conserved(motion.times, *found)

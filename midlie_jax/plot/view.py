@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .._kernel.checks import as_count
-from .style import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from .style import BLUE, GREEN, GREY, ORANGE, SKY
 from .turning import FACES, Turning, turning
 
 _MOST_FRAMES, _MOST_POINTS = 1000, 4000
@@ -14,7 +14,11 @@ _DIGITS = 5  # of the coordinates, which are at most about 1
 _MILLISECONDS = 40  # for which a frame is shown
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # in the order of FACES
 _REACH = 1.25
-_PAGE: dict[str, Any] = {"validate": False, "default_height": "96vh", "config": {"displaylogo": False}}
+_PAGE: dict[str, Any] = {
+    "validate": False,
+    "default_height": "96vh",
+    "config": {"displaylogo": False, "responsive": True},
+}
 # The colours of page and text follow the browser, which is set to light or dark; the body is legible on both.
 _FOLLOW = """
 const gd = document.getElementById('{plot_id}');
@@ -24,11 +28,12 @@ function follow() {
   document.body.style.background = paper;
   document.body.style.margin = '0';
   return Plotly.relayout(gd, {'paper_bgcolor': paper, 'font.color': ink, 'updatemenus[0].bgcolor': paper})
-    .then(() => Plotly.restyle(gd, {'textfont.color': ink}, [0]));
+    .then(() => Plotly.restyle(gd, {'textfont.color': ink}, [0]))
+    .then(() => Plotly.restyle(gd, {'line.color': dark.matches ? 'SKY' : 'BLUE'}, [2]));
 }
 dark.addEventListener('change', follow);
 follow().then(() => { document.body.dataset.drawn = 'yes'; });
-"""
+""".replace("SKY", SKY).replace("BLUE", BLUE)
 
 
 def view(
@@ -94,12 +99,14 @@ def _figure(shown: Turning, title: str) -> dict[str, Any]:
     hidden = {"visible": False, "range": [-_REACH, _REACH]}
     layout = {
         "title": {"text": "<br>".join(filter(None, [title, *shown.remarks])), "x": 0.02, "font": {"size": 15}},
-        "margin": {"l": 0, "r": 0, "t": 50 if title or shown.remarks else 10, "b": 0},
+        "margin": {"l": 0, "r": 0, "t": 50 if title or shown.remarks else 10, "b": 100},
         "template": {},
+        "autosize": True,
         "scene": {
             **dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden),
             "aspectmode": "cube",
-            "camera": {"eye": {"x": 0.8, "y": -1.1, "z": 0.58}},
+            "domain": {"x": [0, 1], "y": [0, 1]},
+            "camera": {"eye": {"x": 0.68, "y": -0.94, "z": 0.5}},
             "dragmode": "orbit",
         },
         "legend": {"x": 0.02, "y": 0.98, "bgcolor": "rgba(0,0,0,0)"},
@@ -180,7 +187,7 @@ def _paths(shown: Turning) -> list[dict[str, Any]]:
 
 
 def _moving(shown: Turning, k: int) -> list[dict[str, Any]]:
-    """The box, the axis and the momentum at frame k."""
+    """The box, the axis, in the colour of its path, and the momentum at frame k."""
     x, y, z = (_numbers(column) for column in shown.corners[k].T)
     triangles = [part for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))]
     i, j, k_ = (list(corner) for corner in zip(*triangles, strict=True))
@@ -194,7 +201,7 @@ def _moving(shown: Turning, k: int) -> list[dict[str, Any]]:
     tips = [
         _line(np.stack([np.zeros(3), end]), name, colour, 7, mode="lines+markers", marker=_dot(colour), showlegend=True)
         for end, name, colour in (
-            (shown.tips[k], f"{shown.axis} of the body", VERMILLION),
+            (shown.tips[k], f"{shown.axis} of the body", BLUE),
             (shown.momenta[k], "angular momentum", GREEN),
         )
     ]
