@@ -54,9 +54,9 @@ def errors(axes: Any) -> None:
     """Methods of order 1, 2 and 6 with the same step."""
     panel(axes, "conserved", "time  [s]", "relative error  [-]")
     start = ml.RigidState([0.0, 0.0, 30.0], ml.so3.exp(jnp.array([0.5, 0.0, 0.0])))
-    for method, colour in (("LIEMID[E1]", VERMILLION), ("LIEMID[EA]", GREEN), ("SYMMETRIC[SRKN6b]", BLUE)):
+    for method, colour in (("LIEMID[E1]", VERMILLION), ("LIEMID[EA]", GREEN), ("JACOBI[SRKN6b]", BLUE)):
         path = ml.integrate(method, TOP, GRAVITY, start, dt=0.01, steps=2000, save_every=4)
-        ml.plot.conserved(axes, TOP, GRAVITY, path, label=method, colour=colour)
+        ml.plot.conserved(axes, TOP, GRAVITY, path, label=method.split("[")[1].rstrip("]"), colour=colour)
 
 
 # An asymmetric top, all starts with one energy and one vertical momentum.
@@ -103,14 +103,14 @@ def sections(axes: Any) -> None:
 
 
 def motion() -> Any:
-    figure = new_figure(10.0, 8.2)
+    figure = new_figure(11.5, 8.2)
     top, bottom = (figure.add_subplot(2, 2, i, projection="3d") for i in (1, 2))
     for axes, title, draw in ((top, "axis_path", nutation), (bottom, "polhode", turning_over)):
         axes.set_title(title, loc="left", fontsize=PANEL_TITLE, weight="bold")
         draw(axes)
     errors(figure.add_subplot(2, 2, 3))
     sections(figure.add_subplot(2, 2, 4))
-    figure.subplots_adjust(left=0.07, right=0.86, top=0.97, bottom=0.07, wspace=0.62, hspace=0.12)
+    figure.subplots_adjust(left=0.095, right=0.9, top=0.96, bottom=0.07, wspace=0.75, hspace=0.12)
     return figure
 
 

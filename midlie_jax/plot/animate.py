@@ -12,7 +12,7 @@ from .turning import FACES, Turning, turning
 _DPI = 80
 _COLOURS = 128  # of the palette, which all frames share
 _MOST_FRAMES = 400
-_LIGHT = np.array([0.35, -0.65, 0.67])  # towards the lamp, in space
+_LAMP = np.array([-0.3, 0.55, 0.78])  # towards the lamp, for the viewer: right, up, and out of the picture
 _BOX = ORANGE
 
 
@@ -83,6 +83,7 @@ class _Scene:
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
         from .ellipsoid import draw_ellipsoid
+        from .labels3d import towards_viewer
 
         dark = float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(background))) < 0.4
         text = "white" if dark else "black"
@@ -91,6 +92,9 @@ class _Scene:
         self.figure, self.shown = figure, shown
         self.axes = axes = figure.add_axes((0, 0, 1, 1), projection="3d", facecolor="none")
         axes.view_init(*view)
+        out = towards_viewer(axes)
+        right = np.cross([0.0, 0.0, 1.0], out) / max(float(np.hypot(*out[:2])), 1e-9)
+        self.lamp = _LAMP @ np.stack([right, np.cross(out, right), out])
         draw_ellipsoid(axes, np.ones(3))
         axes.set_box_aspect((1, 1, 1), zoom=1.5)
         for direction, letter in zip(np.eye(3), "xyz", strict=True):
@@ -116,7 +120,7 @@ class _Scene:
         shown = self.shown
         faces = [shown.corners[k][list(face)] for face in FACES]
         self.box.set_verts(faces)
-        self.box.set_facecolor([_lit(face) for face in faces])
+        self.box.set_facecolor([_lit(face, self.lamp) for face in faces])
         tip = shown.tips[k]
         self.axis.set_data_3d(*np.stack([shown.inside * tip, tip]).T)
         self.axis.set_zorder(IN_FRONT if tip @ towards_viewer(self.axes) > 0 else BEHIND)
@@ -131,12 +135,12 @@ class _Scene:
         return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
 
 
-def _lit(face: np.ndarray) -> tuple[float, ...]:
-    """The colour of a face (4, 3) by the light that falls on it."""
+def _lit(face: np.ndarray, lamp: np.ndarray) -> tuple[float, ...]:
+    """The colour of a face (4, 3) by the light that falls on it from the direction of the lamp."""
     from matplotlib.colors import to_rgb
 
     normal = np.cross(face[1] - face[0], face[2] - face[1])
-    shine = 0.72 + 0.28 * float(normal @ _LIGHT) / max(float(np.linalg.norm(normal)), 1e-12)
+    shine = 0.7 + 0.3 * float(normal @ lamp) / max(float(np.linalg.norm(normal)), 1e-12)
     return tuple(shine * c for c in to_rgb(_BOX))
 
 
