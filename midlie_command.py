@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-COMMANDS = ("chart", "run", "inspect", "fit", "stability", "claims", "methods", "scenes")
+COMMANDS = ("chart", "run", "inspect", "view", "fit", "stability", "claims", "methods", "scenes")
 _MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
@@ -122,6 +122,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     _add_chart(commands.add_parser("chart", help="errors of all methods against step, time and torque evaluations"))
     _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
     _add_inspect(commands.add_parser("inspect", help="check a run that was saved as .zarr, and draw it"))
+    _add_view(commands.add_parser("view", help="turn a saved run into a moving picture: HTML or GIF"))
     _add_fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
     _add_stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
     _add_claims(commands.add_parser("claims", help="measure what is claimed of the methods, and say what holds"))
@@ -194,6 +195,26 @@ def _add_inspect(inspect: argparse.ArgumentParser) -> None:
     )
     inspect.add_argument("store", metavar="RUN.zarr", help="the folder")
     inspect.add_argument("--plot", type=_file(".png"), metavar="FILE", help="draw the run of a scene, as a PNG")
+
+
+def _add_view(view: argparse.ArgumentParser) -> None:
+    view.description = (
+        "Shows one body of a run that `midlie run --out` or midlie_jax.simulate has written: as an HTML file, in which "
+        "the body can be turned with the mouse, played and set to any time, and which needs no network; or as a GIF."
+    )
+    view.add_argument("run", metavar="RUN", help="the .npz or .zarr")
+    view.add_argument("--body", type=_whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
+    view.add_argument(
+        "--out",
+        type=_file(".html", ".gif"),
+        default="view.html",
+        metavar="FILE",
+        help="the .html or .gif to write (default: view.html)",
+    )
+    view.add_argument(
+        "--axis", type=int, choices=(1, 2, 3), default=3, help="the axis of the body that is traced (default: 3)"
+    )
+    view.add_argument("--open", action="store_true", help="open it in the browser")
 
 
 def _add_fit(fit: argparse.ArgumentParser) -> None:

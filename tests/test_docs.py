@@ -26,7 +26,17 @@ def blocks(page):
 
 def test_there_is_something_to_run():
     assert len(blocks(ROOT / "README.md")) >= 3
-    named = {"choosing-a-method", "conventions", "diffrax", "gradients", "fitting", "scatter", "theory", "extending"}
+    named = {
+        "choosing-a-method",
+        "conventions",
+        "diffrax",
+        "gradients",
+        "fitting",
+        "scatter",
+        "theory",
+        "extending",
+        "pictures",
+    }
     assert named <= {page.stem for page in PAGES if blocks(page)}
 
 

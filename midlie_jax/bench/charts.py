@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..plot.apart import apart
+from ..plot.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from .convergence import Row
 from .figures import FAINT, heading, new_figure, panel, spread_bars, write
 from .line_labels import End, label_ends
@@ -20,16 +21,16 @@ _GUIDE_SIZE = 8.5  # points
 # The methods of the paper have the same style in every chart. LIEMID[EA*] nearly coincides with LIEMID[EA], so its mark
 # is a ring around the other's.
 _PAPER = {
-    "LIEMID[E1]": Style("#56B4E9", "v", SOLID, True),
-    "LIEMID[E2]": Style("#009E73", "^", SOLID, True),
-    "LIEMID[EA]": Style("#0072B2", "o", SOLID, True),
+    "LIEMID[E1]": Style(SKY, "v", SOLID, True),
+    "LIEMID[E2]": Style(GREEN, "^", SOLID, True),
+    "LIEMID[EA]": Style(BLUE, "o", SOLID, True),
     "LIEMID[EA*]": Style("#1B3A6B", RING, SOLID, True),
-    "LIEMID[I]": Style("#000000", "X", SOLID, True),
+    "LIEMID[I]": Style(BLACK, "X", SOLID, True),
 }
 _RIVALS = {
-    "AKW": Style("#E69F00", "s", DASHED, False),
-    "SW": Style("#D55E00", "D", DASHED, False),
-    "NMB": Style("#CC79A7", "p", DASHED, False),
+    "AKW": Style(ORANGE, "s", DASHED, False),
+    "SW": Style(VERMILLION, "D", DASHED, False),
+    "NMB": Style(PURPLE, "p", DASHED, False),
 }
 
 

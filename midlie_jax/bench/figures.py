@@ -1,6 +1,7 @@
-"""What all charts share: a figure that needs no display, its heading above the panels, and the style of a panel.
+"""What all charts of the laboratory share: the heading above the panels, the style of a panel, and a small PNG.
 
-matplotlib is an optional dependency, so it is imported only when a chart is drawn.
+Colours and the empty figure are those of `midlie_jax.plot.style`. matplotlib is an optional dependency, so it is
+imported only when a chart is drawn.
 """
 
 import math
@@ -8,29 +9,16 @@ from collections.abc import Sequence
 from io import BytesIO
 from typing import Any
 
-INK, FAINT, GRID = "#222222", "#8a8a8a", "#e3e3e3"
+from ..plot.style import GREY
+from ..plot.style import new_figure as new_figure
+
+INK, FAINT, GRID = "#222222", GREY, "#e3e3e3"
 _LEFT, _RIGHT = 0.06, 0.985  # edges of panels and heading, as fractions of the width of the figure
 _EDGE = 12.0  # points between the heading and the top of the figure
 _TITLE, _NOTE = 15.0, 10.0  # font sizes, points
 PANEL_TITLE = 11.5
 _COLOURS = 256
 _CLEAR = 36.0  # points from the heading to the panels: a panel's title and a gap on either side of it
-
-
-def new_figure(width: float, height: float) -> Any:
-    """An empty matplotlib figure; width and height in inches.
-
-    Raises:
-        ImportError: matplotlib is missing.
-    """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("charts need matplotlib: pip install 'midlie_jax[cli]'.") from error
-    figure = Figure(figsize=(width, height), dpi=110)
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def heading(figure: Any, title: str, note: str) -> None:

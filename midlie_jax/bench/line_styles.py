@@ -9,8 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any, NamedTuple
 
-COOL = ("#0072B2", "#009E73", "#56B4E9", "#1B3A6B", "#000000")
-WARM = ("#D55E00", "#E69F00", "#CC79A7", "#A03060", "#662506")
+from ..plot.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+
+COOL = (BLUE, GREEN, SKY, "#1B3A6B", BLACK)
+WARM = (VERMILLION, ORANGE, PURPLE, "#A03060", "#662506")
 _MARKS = ("o", "^", "s", "v", "D", "P", "X", "<", "p", ">", "d", "h", "*")  # 13: coprime to the 5 colours
 SOLID, DASHED = "-", (0, (4, 2))
 _DASHES = ((0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (8, 2, 1, 2, 1, 2)))  # for more lines than colour-mark pairs
@@ -33,9 +35,9 @@ class Band(NamedTuple):
 
 # From the widest to the narrowest, drawn in this order: where frontiers coincide, each is seen beside the next.
 BANDS = {
-    "general": Band("#0072B2", 11.0, 0.4),
-    "conserving": Band("#009E73", 6.0, 1.0),
-    "symplectic": Band("#000000", 2.4, 1.0),
+    "general": Band(BLUE, 11.0, 0.4),
+    "conserving": Band(GREEN, 6.0, 1.0),
+    "symplectic": Band(BLACK, 2.4, 1.0),
 }
 
 

@@ -1,7 +1,20 @@
-"""Pictures of ensembles on matplotlib's axes (extra `plot`). `import midlie_jax` imports neither this nor matplotlib.
+"""Pictures of motions on matplotlib's axes, and motions to look at (extra `plot`).
 
-Modules: `bands` (quantiles against time), `apart` (labels that do not collide; `bench` uses it, too).
+`import midlie_jax` imports neither this nor matplotlib nor plotly; each is imported when something is drawn with it.
+
+Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `polhode`, `conserved` and `poincare` (one
+path each); files `animate` (GIF) and `view` (HTML). Below them: `motion` (the part of a path that can be trusted),
+`turning` and `box` (the body at evenly spaced times), `conservation` (what the exact motion conserves), `ellipsoid` and
+`labels3d` (artists for 3-D axes), `edge` and `apart` (names that do not collide) and `style`. `bench` uses these, too.
 """
 
+from .animate import animate as animate
+from .axis_path import axis_path as axis_path
 from .bands import Bands as Bands
 from .bands import bands as bands
+from .conserved import Conserved as Conserved
+from .conserved import conserved as conserved
+from .poincare import Crossings as Crossings
+from .poincare import poincare as poincare
+from .polhode import polhode as polhode
+from .view import view as view

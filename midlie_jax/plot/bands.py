@@ -10,12 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._kernel.checks import described
-from .apart import apart
+from .edge import name_at_edge
+from .style import BLUE
 
-_MARK = "midlie_jax.plot.bands"  # the group of our texts on a panel
-_SIZE, _LINE = 8.5, 1.3  # font size of the names in points, and the distance of two names in font sizes
-_LEADER, _FREE = 14.0, 2.0  # points from the edge of the panel to the names, and between leader and name
-_BLUE = "#0072B2"  # of Okabe and Ito: its contrast is above 4 on white and on black
 _OPACITY = 0.3  # of the widest band; the narrower ones lie upon it
 
 
@@ -74,7 +71,7 @@ def bands(
             f"values has a number that is not finite in each of its {len(all_values)} rows; see first_bad of the path "
             "for when the bodies failed, and draw the times before."
         )
-    chosen, name = colour or _BLUE, label or "median"
+    chosen, name = colour or BLUE, label or "median"
     named: list[tuple[str, float]] = []
     edges: dict[float, tuple[np.ndarray, np.ndarray]] = {}
     # The widest first, so that the narrower ones lie upon it.
@@ -91,7 +88,7 @@ def bands(
         named.append((f"{failed:,} failed", float(median[-1])))
     named.append((name, float(median[-1])))
     axes.margins(x=0)  # the lines end at the edge, where their names are
-    _write(axes, named, chosen)
+    name_at_edge(axes, named, chosen)
     return Bands(median, edges, len(good), failed)
 
 
@@ -112,42 +109,3 @@ def _checked(times: Any, values: Any, levels: Sequence[float]) -> tuple[np.ndarr
     if not levels or not all(0 < level < 1 for level in levels):
         raise ValueError(f"levels must be fractions above 0 and below 1, got {levels}; 90 % is 0.9.")
     return t, numbers
-
-
-def _write(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> None:
-    """Writes each name outside the right edge, beside its height in the units of the data, with a leader to it."""
-    for name, height in named:
-        axes.annotate(
-            name,
-            (1.0, height),
-            xycoords=axes.get_yaxis_transform(),
-            xytext=(_LEADER, 0.0),
-            textcoords="offset points",
-            fontsize=_SIZE,
-            color=axes.xaxis.label.get_color(),
-            va="center_baseline",
-            ha="left",
-            annotation_clip=False,
-            gid=_MARK,
-            # From the edge of the name to the end of its line.
-            arrowprops={
-                "arrowstyle": "-",
-                "color": colour,
-                "linewidth": 1.0,
-                "shrinkA": _FREE,
-                "shrinkB": 0.0,
-                "relpos": (0.0, 0.5),
-            },
-        )
-    _spread(axes)
-
-
-def _spread(axes: Any) -> None:
-    """Moves our names on a panel up and down, as little as possible, so that none covers another."""
-    texts = [text for text in axes.texts if text.get_gid() == _MARK]
-    axes.autoscale_view()
-    points, to_pixels = 72 / axes.figure.dpi, axes.get_yaxis_transform()
-    wanted = [to_pixels.transform(text.xy)[1] * points for text in texts]
-    bottom, top = axes.bbox.y0 * points, axes.bbox.y1 * points
-    for text, before, after in zip(texts, wanted, apart(wanted, _LINE * _SIZE, bottom, top), strict=True):
-        text.set_position((_LEADER, after - before))

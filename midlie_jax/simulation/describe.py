@@ -9,7 +9,7 @@ import numpy as np
 
 from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
-from .names import named
+from .names import named, parameter
 from .plan import Plan
 from .variables import BODY, TIME, Variable, own_dims
 from .versions import versions
@@ -57,7 +57,7 @@ def whole_variables(batch: Batch, plan: Plan) -> Whole:
     shared = {name: values for name, values in shared.items() if values.size > _MOST_IN_ATTRIBUTES}
     for first, parameters in (((BODY,), own), ((), shared)):
         for name, values in parameters.items():
-            name = f"parameter_{name.replace('.', '_')}"
+            name = parameter(name)
             dims = (*first, *own_dims(name, values.shape[len(first) :]))
             long_name = f"{name.removeprefix('parameter_')}, in the units of the run"
             found[name] = (Variable(dims, values.shape, values.dtype, {"long_name": long_name}), values)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .names import parameter
 from .plan import Part, Plan
 from .sink import Arrays, Sink
 from .variables import GROUP, Variable
@@ -40,7 +41,8 @@ class Memory(Sink):
         unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
         arrays = {name: values for name, values in self._arrays.items() if name not in self._of_groups}
         described = {name: np.asarray(value) for name, value in attributes.items() if not isinstance(value, dict)}
-        contents: dict[str, Any] = {**described, **arrays, **whole, "first_bad": self._first_bad}
+        shared = {parameter(name): np.asarray(value) for name, value in attributes.get("parameters", {}).items()}
+        contents: dict[str, Any] = {**described, **shared, **arrays, **whole, "first_bad": self._first_bad}
         try:
             with open(unfinished, "wb") as file:  # given a name, NumPy may append ".npz" to it
                 np.savez(file, **contents)

@@ -1,4 +1,4 @@
-"""Names for the arrays of a pytree, by their place in it."""
+"""Names for the arrays of a pytree, by their place in it, and for those of parameters."""
 
 from typing import Any
 
@@ -11,3 +11,8 @@ def named(tree: Any, separator: str = "_") -> dict[str, Any]:
     """The leaves of a tree by the names of the places where they stand: {"momentum": ..., "attitude": ...}."""
     places = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator=separator) or ALONE: leaf for path, leaf in places}
+
+
+def parameter(name: str) -> str:
+    """The name of the array with a parameter of a run, such as "body.moments"."""
+    return f"parameter_{name.replace('.', '_')}"

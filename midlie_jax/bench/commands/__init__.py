@@ -31,10 +31,17 @@ def _inspect(options: argparse.Namespace) -> None:
     inspect_run(options)
 
 
+def _view(options: argparse.Namespace) -> None:
+    from .view import view_run
+
+    view_run(options)
+
+
 _ACTIONS = {
     "chart": chart.chart,
     "run": run.run,
     "inspect": _inspect,
+    "view": _view,
     "fit": _fit,
     "stability": _stability,
     "claims": _claims,

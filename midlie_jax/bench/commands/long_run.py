@@ -12,7 +12,6 @@ from ...simulation.inspect import Inspection, inspect
 from ...simulation.simulate import simulate
 from .. import scenes
 from ..scenes import Scene
-from .conservation import energy_change, momentum_change
 from .output import require
 from .record import Record
 
@@ -58,8 +57,8 @@ def inspect_run(options: argparse.Namespace) -> None:
     record = _record(found)
     if record is not None:
         shown = "all bodies" if found.bodies <= _SHOWN else f"{len(record.ok)} of {found.bodies} bodies"
-        print(f"energy error, largest relative, of {shown}: {energy_change(record).in_words}")
-        print(f"momentum error, largest relative, of {shown}: {momentum_change(record).in_words}")
+        print(f"energy error, largest relative, of {shown}: {record.energy_change.in_words}")
+        print(f"momentum error, largest relative, of {shown}: {record.momentum_change.in_words}")
     if options.plot:
         if record is None:
             raise ValueError(f"{options.store} does not hold the states of a scene, of which --plot draws a picture.")

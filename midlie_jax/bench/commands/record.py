@@ -3,8 +3,11 @@
 import csv
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
+from ...model.states import RigidState
+from ...plot.conservation import Change, energy_change, momentum_change
 from ...simulation.versions import versions
 from ..scenes import Scene
 
@@ -28,6 +31,7 @@ class Record(NamedTuple):
         momenta: angular momenta, body frame, (bodies, n, 3).
         attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4).
         ok: `Path.ok` of each body, (bodies,).
+        first_bad: `Path.first_bad` of each body, (bodies,), if it is known.
     """
 
     scene: Scene
@@ -40,12 +44,28 @@ class Record(NamedTuple):
     momenta: np.ndarray
     attitudes: np.ndarray
     ok: np.ndarray
+    first_bad: np.ndarray | None = None
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
         """The record of a path of `integrate` with a leading axis of bodies."""
-        arrays = (path.times[0], path.states.momentum, path.states.attitude, path.ok)
+        arrays = (path.times[0], path.states.momentum, path.states.attitude, path.ok, path.first_bad)
         return cls(scene, method, dt, steps, size, seed, *map(np.asarray, arrays))
+
+    @property
+    def states(self) -> RigidState:
+        """The states, with leading axes (bodies, n), unchecked: those of a failed run may contain NaN."""
+        return jax.tree.unflatten(jax.tree.structure(self.scene.start), (self.momenta, self.attitudes))
+
+    @property
+    def energy_change(self) -> Change:
+        """The change of the energy of each body, (bodies, n)."""
+        return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
+
+    @property
+    def momentum_change(self) -> Change:
+        """The change of the spatial momentum of each body, (bodies, n)."""
+        return momentum_change(self.scene.torque, self.states)
 
     @property
     def dtype(self) -> str:
@@ -100,6 +120,8 @@ def _save_npz(record: Record, path: str) -> None:
         "version": versions()["midlie_jax"],
         "jax_version": versions()["jax"],
     }
+    if record.first_bad is not None:
+        parts["first_bad"] = record.first_bad
     if scene.axes is not None:
         parts["axes"] = np.asarray(scene.axes)
     with open(path, "wb") as file:  # given a name instead of an open file, NumPy may append ".npz" to the name

@@ -16,7 +16,6 @@ from ...methods.base import Method
 from ...methods.registry import method as find_method
 from .. import scenes
 from ..scenes import Scene
-from .conservation import energy_change, momentum_change
 from .long_run import long_run
 from .output import require
 from .record import Record, save
@@ -139,8 +138,8 @@ def _report(record: Record, checked: Check, since: str, compile_seconds: float, 
     warning = load.warning()
     for name, value in (
         *checked.parts,
-        ("energy error, largest relative", energy_change(record).in_words),
-        ("momentum error, largest relative", momentum_change(record).in_words),
+        ("energy error, largest relative", record.energy_change.in_words),
+        ("momentum error, largest relative", record.momentum_change.in_words),
         ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),
         ("compile time", f"{compile_seconds:.2f} s"),
         ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),

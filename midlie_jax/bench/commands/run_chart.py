@@ -8,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...model import so3, torques
+from ...plot.conservation import Change
+from ...plot.style import BLUE, GREEN, VERMILLION
 from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
-from .conservation import Change, energy_change, momentum_change
 from .record import Record
 
 _FIRST = 3  # bodies that have a line of their own
-_COLOURS = ("#0072B2", "#D55E00", "#009E73")  # of Okabe and Ito
+_COLOURS = (BLUE, VERMILLION, GREEN)
 _BAND = (5, 95)  # percentiles of all bodies
 _FEW = 50  # with fewer states, each is marked by a dot
 _ROUNDING = 1e3  # in units in the last place: a smaller error is rounding
@@ -51,8 +52,8 @@ def run_figure(record: Record) -> Any:
     grid = figure.add_gridspec(2, 2)
     unit = record.scene.time_unit or "time"
     time = f"Time t  [{unit}]"
-    _change(figure.add_subplot(grid[0, 0]), record, energy_change(record), time)
-    _change(figure.add_subplot(grid[1, 0]), record, momentum_change(record), time)
+    _change(figure.add_subplot(grid[0, 0]), record, record.energy_change, time)
+    _change(figure.add_subplot(grid[1, 0]), record, record.momentum_change, time)
     _trace(figure.add_subplot(grid[0, 1]), record)
     stack = grid[1, 1].subgridspec(3, 1, hspace=0.18)
     _rates([figure.add_subplot(stack[i]) for i in range(3)], record, time, unit)

@@ -1,0 +1,158 @@
+"""`animate`: a turning body as a GIF, by matplotlib and Pillow alone."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._kernel.checks import as_count
+from .style import BLUE, GREY, ORANGE, SKY, new_figure
+from .turning import FACES, Turning, turning
+
+_DPI = 80
+_COLOURS = 128  # of the palette, which all frames share
+_MOST_FRAMES = 400
+_LAMP = np.array([-0.3, 0.55, 0.78])  # towards the lamp, for the viewer: right, up, and out of the picture
+_BOX = ORANGE
+
+
+def animate(
+    body: Any,
+    path: Any,
+    file: str | Path = "top.gif",
+    *,
+    axis: Any = 2,
+    frames: int = 72,
+    rate: float = 20.0,
+    size: int = 320,
+    elevation: float = 22.0,
+    azimuth: float = -55.0,
+    background: str = "white",
+    title: str = "",
+) -> Path:
+    """Writes a GIF of a turning body: a box of its moments of inertia, an axis of the body, and the path of this axis.
+
+    The frames are evenly spaced in time. If the body turns by more than a quarter of a turn from one frame to the next,
+    the eye is misled, as by the wheels in a film: the picture then says how many turns there are, and a shorter path or
+    more frames help. A run that failed is shown up to its last good state, and the picture says so.
+
+    Args:
+        body: the body of the path, a `RigidBody` or a `TensorBody`.
+        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with `RigidState`s.
+        file: the GIF to write; an existing file is replaced.
+        axis: 0, 1 or 2 for an axis of the body frame, or a unit vector (3,) in that frame.
+        frames: number of frames, at most 400.
+        rate: frames shown in a second, at most 50, which is what browsers show.
+        size: width and height, pixels.
+        elevation, azimuth: where the viewer is, degrees above the xy plane, and around z from x.
+        background: any colour of matplotlib; text is black or white, whichever stands out.
+        title: a line above.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ValueError: the path is not of one body with attitudes, or its first two states are bad; an argument is out of
+            its range.
+        ImportError: matplotlib is not installed.
+        OSError: the file cannot be written.
+    """
+    count, pixels = as_count("frames", frames), as_count("size", size)
+    if count > _MOST_FRAMES:
+        raise ValueError(f"frames must be at most {_MOST_FRAMES}, got {count}; show a part of the path.")
+    if not 64 <= pixels <= 2000:
+        raise ValueError(f"size must be between 64 and 2000 pixels, got {pixels}.")
+    if not 0 < rate <= 50:
+        raise ValueError(f"rate must be above 0 and at most 50 frames a second, got {rate}.")
+    target = Path(file)
+    if target.suffix.lower() != ".gif":
+        raise ValueError(f"file must end in .gif, got {str(file)!r}.")
+    shown = turning(body, path, axis, count)
+    figure = new_figure(pixels / _DPI, pixels / _DPI)
+    scene = _Scene(figure, shown, (elevation, azimuth), background, title)
+    pictures = [scene.frame(k) for k in range(count)]
+    _write(pictures, target, rate)
+    return target
+
+
+class _Scene:
+    """The artists of the animation, which each frame moves."""
+
+    def __init__(self, figure: Any, shown: Turning, view: tuple[float, float], background: str, title: str):
+        from matplotlib.colors import to_rgb
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        from .ellipsoid import draw_ellipsoid
+        from .labels3d import towards_viewer
+
+        dark = float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(background))) < 0.4
+        text = "white" if dark else "black"
+        figure.set_dpi(_DPI)
+        figure.set_facecolor(background)
+        self.figure, self.shown = figure, shown
+        self.axes = axes = figure.add_axes((0, 0, 1, 1), projection="3d", facecolor="none")
+        axes.view_init(*view)
+        out = towards_viewer(axes)
+        right = np.cross([0.0, 0.0, 1.0], out) / max(float(np.hypot(*out[:2])), 1e-9)
+        self.lamp = _LAMP @ np.stack([right, np.cross(out, right), out])
+        draw_ellipsoid(axes, np.ones(3))
+        axes.set_box_aspect((1, 1, 1), zoom=1.5)
+        for direction, letter in zip(np.eye(3), "xyz", strict=True):
+            axes.plot(*np.stack([0 * direction, 1.15 * direction]).T, color=GREY, linewidth=0.8)
+            axes.text(*(1.24 * direction), letter, color=text, fontsize=9, ha="center", va="center")
+        self.box = Poly3DCollection([shown.corners[0][list(face)] for face in FACES], linewidth=0.6, edgecolor=text)
+        axes.add_collection3d(self.box, autolim=False)
+        self.colour = SKY if dark else BLUE
+        (self.axis,) = axes.plot([], [], [], color=self.colour, linewidth=2.4)
+        self.trace: list[Any] = []
+        note = {"color": text, "fontsize": 9, "transform": figure.transFigure}
+        figure.text(0.03, 0.97, title, va="top", weight="bold", **note)
+        self.clock = figure.text(0.97, 0.03, "", ha="right", **note)
+        figure.text(0.03, 0.03, "\n".join(shown.remarks), **note)
+
+    def frame(self, k: int) -> Any:
+        """The picture of frame k, as an RGB image of Pillow."""
+        from PIL import Image
+
+        from .ellipsoid import BEHIND, IN_FRONT, draw_curve
+        from .labels3d import towards_viewer
+
+        shown = self.shown
+        faces = [shown.corners[k][list(face)] for face in FACES]
+        self.box.set_verts(faces)
+        self.box.set_facecolor([_lit(face, self.lamp) for face in faces])
+        tip = shown.tips[k]
+        self.axis.set_data_3d(*np.stack([shown.inside * tip, tip]).T)
+        self.axis.set_zorder(IN_FRONT if tip @ towards_viewer(self.axes) > 0 else BEHIND)
+        forward = shown.path_times[-1] >= shown.path_times[0]
+        past = shown.path_times <= shown.times[k] if forward else shown.path_times >= shown.times[k]
+        for line in self.trace:
+            line.remove()
+        whole = np.concatenate([shown.path_tips[past], tip[None]])
+        self.trace = draw_curve(self.axes, whole, np.ones(3), color=self.colour, linewidth=1.3)
+        self.clock.set_text(f"t = {shown.times[k]:.4g}")
+        self.figure.canvas.draw()
+        return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
+
+
+def _lit(face: np.ndarray, lamp: np.ndarray) -> tuple[float, ...]:
+    """The colour of a face (4, 3) by the light that falls on it from the direction of the lamp."""
+    from matplotlib.colors import to_rgb
+
+    normal = np.cross(face[1] - face[0], face[2] - face[1])
+    shine = 0.7 + 0.3 * float(normal @ lamp) / max(float(np.linalg.norm(normal)), 1e-12)
+    return tuple(shine * c for c in to_rgb(_BOX))
+
+
+def _write(pictures: list[Any], target: Path, rate: float) -> None:
+    """Writes the frames with one palette, taken from a sheet of several of them."""
+    from PIL import Image
+
+    some = pictures[:: max(1, len(pictures) // 6)]
+    width, height = some[0].size
+    sheet = Image.new("RGB", (width, height * len(some)))
+    for i, picture in enumerate(some):
+        sheet.paste(picture, (0, i * height))
+    palette = sheet.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    few[0].save(target, save_all=True, append_images=few[1:], duration=round(1000 / rate), loop=0, optimize=True)

@@ -1,0 +1,114 @@
+"""`axis_path`: the path of an axis of the body on the unit sphere of directions in space."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._kernel.checks import as_floats, described, is_unit, shown
+from ..model import so3
+from .edge import name_at_edge
+from .motion import Motion, motion_of
+from .style import BLUE, GREY, is_3d, remark
+
+_FAR = np.radians(30.0)  # saved directions that are further apart are remarked upon
+_NAMES = ("x", "y", "z")
+
+
+def axis_path(
+    axes: Any,
+    path: Any,
+    axis: Any = 2,
+    *,
+    colour: str | None = None,
+    label: str | None = None,
+) -> np.ndarray:
+    """Draws the path of an axis of the body in space, on the unit sphere.
+
+    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the sphere towards the viewer is drawn strong, the
+    other faint, also after the picture is turned by hand. On plain axes the sphere is seen from +z, and what is below
+    the xy plane is faint. A dot marks the start. Between saved states the shortest arc is drawn. Call it again on the
+    same axes to compare paths. A run that failed is drawn up to its last good state, and the picture says so.
+
+    Args:
+        axes: matplotlib's axes, 3-D or plain.
+        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with `RigidState`s.
+        axis: 0, 1 or 2 for an axis of the body frame, or a unit vector (3,) in that frame.
+        colour: of the path, any colour of matplotlib.
+        label: the name of the path; by default "axis 3" for `axis` 2.
+
+    Returns:
+        The directions in space at the saved times that are drawn, (n, 3).
+
+    Raises:
+        ValueError: the path is not of one body with attitudes, or its first two states are bad; the axis is neither a
+            number nor a unit vector.
+    """
+    direction, name = as_axis(axis)
+    motion = motion_of(path)
+    tips = directions(motion, direction)
+    name, chosen = label or name, colour or BLUE
+    (_on_sphere if is_3d(axes) else _seen_from_above)(axes, tips, name, chosen)
+    remark(axes, motion.failed and f"{name}: {motion.failed}")
+    apart = np.max(np.arccos(np.clip(np.sum(tips[1:] * tips[:-1], axis=1), -1, 1)))
+    if apart > _FAR:
+        remark(axes, f"{name}: saved directions are up to {np.degrees(apart):.0f}° apart")
+    return tips
+
+
+def as_axis(axis: Any) -> tuple[np.ndarray, str]:
+    """An axis of the body as a unit vector (3,), and its name."""
+    if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
+        if axis not in (0, 1, 2):
+            raise ValueError(f"axis must be 0, 1 or 2, or a unit vector (3,) in the body frame, got {axis}.")
+        return np.eye(3)[axis], f"axis {axis + 1}"
+    try:
+        direction = np.asarray(as_floats("axis", axis), float)
+    except ValueError:
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not is_unit(direction):
+        got = shown(axis) if np.shape(axis) == (3,) else described(axis)
+        raise ValueError(f"axis must be 0, 1 or 2, or a unit vector (3,) in the body frame, got {got}.")
+    return direction / np.linalg.norm(direction), "axis"
+
+
+def directions(motion: Motion, axis: np.ndarray) -> np.ndarray:
+    """The unit vectors in space of an axis of the body, (n, 3)."""
+    tips = np.asarray(so3.to_matrix(jnp.asarray(motion.attitudes)), float) @ axis
+    return tips / np.linalg.norm(tips, axis=1, keepdims=True)
+
+
+def _on_sphere(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
+    from .ellipsoid import along_arcs, draw_curve, draw_dot, draw_ellipsoid, shade_of
+    from .labels3d import name_point
+
+    sphere = np.ones(3)
+    if shade_of(axes) is None:
+        draw_ellipsoid(axes, sphere)
+        angle = np.linspace(0, 2 * np.pi, 181)
+        circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+        for shift in range(3):
+            draw_curve(axes, np.roll(circle, shift, axis=1), sphere, color=GREY, linewidth=0.6, alpha=0.7)
+        for direction, letter in zip(np.eye(3), _NAMES, strict=True):
+            axes.plot(*np.stack([direction, 1.22 * direction]).T, color=GREY, linewidth=1.2)
+            name_point(axes, 1.22 * direction, letter, GREY)
+    draw_curve(axes, along_arcs(tips), sphere, color=colour, linewidth=1.4, label=name)
+    draw_dot(axes, tips[0], sphere, colour)
+    name_point(axes, tips[0], f"{name}, start", colour)
+
+
+def _seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
+    from .ellipsoid import along_arcs
+
+    x, y, z = along_arcs(tips).T
+    above = np.where(z >= 0, 1.0, np.nan)
+    axes.plot(x, y, color=colour, linewidth=1.0, alpha=0.35)
+    axes.plot(x * above, y * above, color=colour, linewidth=1.4, label=name)
+    axes.plot(*tips[0, :2], marker="o", markersize=6.0, color=colour)
+    if np.max(np.abs(tips[:, :2])) > 0.5:
+        angle = np.linspace(0, 2 * np.pi, 181)
+        axes.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.8, zorder=1)
+    axes.set(xlabel="x in space  [-]", ylabel="y in space  [-]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.apply_aspect()
+    name_at_edge(axes, [(name, float(y[-1]))], colour)

@@ -1,0 +1,90 @@
+"""`conserved`: the errors of energy and spatial momentum of a run against time, on a logarithmic scale."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..model.compatibility import check_body, check_torque
+from .conservation import Change, energy_change, momentum_change
+from .edge import name_at_edge
+from .motion import motion_of
+from .style import BLUE, VERMILLION, remark
+
+
+class Conserved(NamedTuple):
+    """What `conserved` has drawn.
+
+    Attributes:
+        times: (n,), those before the run failed.
+        energy: the relative error of the energy, (n,); None if it is not conserved.
+        momentum: the relative error of what is conserved of the spatial momentum, (n,); None if nothing of it is.
+    """
+
+    times: np.ndarray
+    energy: np.ndarray | None
+    momentum: np.ndarray | None
+
+
+def conserved(
+    axes: Any, body: Any, torque: Any, path: Any, *, colour: str | None = None, label: str | None = None
+) -> Conserved:
+    """Draws by how much a run breaks the laws of conservation that hold for the exact motion.
+
+    The bold lines are the largest relative error so far, the faint ones the error at each saved time. Conserved are:
+
+    - the energy, if the torque has a potential that does not depend on time;
+    - all of the spatial momentum without a torque, its vertical component under a `HeavyTop`, and its component along
+      the field under a `DipoleInField` whose field is constant;
+    - without a torque, for a state that has no attitude, the length of the momentum.
+
+    What is not conserved is named on the picture and not drawn. Errors are computed in float64 if it is enabled. Those
+    below half a unit in the last place of the run's dtype are drawn there. Call it again on the same axes to compare
+    methods, each with a colour.
+
+    Args:
+        axes: matplotlib's axes. A figure with layout="constrained" leaves room for the names at the right edge.
+        body: the body of the path.
+        torque: as for `integrate`.
+        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
+        colour: of both lines, of which that of the momentum is dashed; by default blue and vermilion.
+        label: put before the names "energy" and "momentum", for example the name of the method.
+
+    Returns:
+        The errors, signed for the energy.
+
+    Raises:
+        ValueError: body, torque and path do not fit each other; the path is not of one body, or its first two states
+            are bad; neither energy nor momentum is conserved.
+    """
+    motion = motion_of(path)
+    check_body(body, motion.states)
+    check_torque(torque)
+    changes = energy_change(body, torque, motion.times, motion.states), momentum_change(torque, motion.states)
+    if all(change.reason for change in changes):
+        raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
+    least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2
+    axes.set_yscale("log")
+    axes.set(xlabel=axes.get_xlabel() or "time", ylabel=axes.get_ylabel() or "relative error")
+    found: list[np.ndarray | None] = []
+    for change, own, dash in zip(changes, (BLUE, VERMILLION), ("-", (0, (4, 1.5))), strict=True):
+        name = f"{label}: {_short(change)}" if label else _short(change)
+        if change.reason:
+            remark(axes, f"{name} {change.reason}")
+            found.append(None)
+            continue
+        chosen, sizes = colour or own, np.maximum(np.abs(change.values), least)
+        largest = np.maximum.accumulate(sizes)
+        axes.plot(motion.times, sizes, color=chosen, linewidth=0.7, alpha=0.45)
+        axes.plot(motion.times, largest, color=chosen, linewidth=2.0, linestyle=dash, label=name)
+        axes.margins(x=0)
+        name_at_edge(axes, [(name, float(largest[-1]))], chosen)
+        found.append(change.values)
+    remark(axes, motion.failed)
+    return Conserved(motion.times, *found)
+
+
+def _short(change: Change) -> str:
+    """A name that fits beside a panel."""
+    part = change.note.split()[0] if change.note.endswith("conserved") else ""
+    return {"vertical": "vertical momentum", "component": "momentum along the field"}.get(part, change.name)

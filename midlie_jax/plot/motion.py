@@ -1,0 +1,84 @@
+"""`Motion`: what is drawn of a path, which is the part of it that can be trusted."""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from .._kernel.checks import described
+from ..model.observables import angular_velocity
+from ..model.state import BodyState
+from ..model.states import attitude_of
+
+
+class Motion(NamedTuple):
+    """The motion of one body, at times that all differ.
+
+    Attributes:
+        times: (n,), n at least 2.
+        states: a state of the class of the path's with a leading axis (n,).
+        failed: what is to be written on the picture about a run that failed; "" for one that did not.
+    """
+
+    times: np.ndarray
+    states: Any
+    failed: str
+
+    @property
+    def momenta(self) -> np.ndarray:
+        """The angular momenta in the body frame, (n, 3)."""
+        return np.asarray(self.states.momentum)
+
+    @property
+    def attitudes(self) -> np.ndarray:
+        """The attitudes (n, 4); a ValueError for states without."""
+        return np.asarray(attitude_of(self.states))
+
+    def turns_by(self, body: Any) -> np.ndarray:
+        """By how many radians the body turns from each time to the next, about, (n - 1,)."""
+        speeds = np.linalg.norm(np.asarray(angular_velocity(body, self.states)), axis=1)
+        return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
+
+
+def motion_of(path: Any) -> Motion:
+    """The part of a path before it failed, without times that are repeated.
+
+    Args:
+        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
+
+    Raises:
+        ValueError: it is not a path of one rigid body, or fewer than two of its states can be trusted.
+    """
+    states, times = getattr(path, "states", None), np.asarray(getattr(path, "times", np.nan))
+    if not isinstance(states, BodyState):
+        raise ValueError(
+            f"path must be a path of a rigid body with its states, got {described(path)} that holds "
+            f"{described(states)}; integrate without observe=."
+        )
+    if times.ndim != 1 or states.momentum.shape != (*times.shape, 3):
+        raise ValueError(
+            f"path must be of one body, with momenta (n, 3) at n times, got {states.momentum.shape} and times "
+            f"{times.shape}; take body k of an ensemble by "
+            "ml.Path(path.times, jax.tree.map(lambda x: x[k], path.states), path.ok[k], path.first_bad[k]), "
+            "and integrate with save_every."
+        )
+    good = _trusted(path, states)
+    if good < 2:
+        raise ValueError(
+            f"path has {good} states that can be trusted, and a picture needs 2; see path.first_bad, and take a "
+            "smaller step or save more often."
+        )
+    keep = np.flatnonzero(np.append(True, np.diff(times[:good]) != 0))
+    if len(keep) < 2:
+        raise ValueError("the times of path are all the same; integrate with dt that is not zero.")
+    kept = jax.tree.map(lambda leaf: leaf[keep], states)
+    ok = good == len(times) and bool(path.ok)
+    return Motion(times[keep], kept, "" if ok else f"FAILED after t = {times[good - 1]:.6g}")
+
+
+def _trusted(path: Any, states: Any) -> int:
+    """How many states there are before the first that cannot be trusted."""
+    if hasattr(path, "first_bad"):
+        return int(path.first_bad)
+    finite = [np.isfinite(leaf).all(axis=1) for leaf in map(np.asarray, jax.tree.leaves(states))]
+    return int(np.cumprod(np.all(finite, axis=0)).sum())

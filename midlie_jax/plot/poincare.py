@@ -1,0 +1,171 @@
+"""`poincare`: a Poincare section, the places where a motion crosses a surface in phase space.
+
+A motion in a plane of two coordinates is a tangle of lines. Its crossings of a surface are dots: on a curve if the
+motion is regular, scattered over an area if it is chaotic (M. Henon, Physica D 5 (1982) 412).
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._kernel.checks import described, require_function, shown
+from ..model.states import DirectionState, RigidState
+from .edge import name_at_edge
+from .motion import Motion, motion_of
+from .style import BLUE, remark
+
+_NEIGHBOURS = 4  # saved states between which a crossing is interpolated, by a cubic
+_LEAST = 64  # crossings that are computed at once
+_HALVINGS = 55  # of the interval between two saved states
+_JUMP = 1e-3  # a change of sign that leaves a larger share of the change of g is a jump of g, not a crossing
+
+
+class Crossings(NamedTuple):
+    """The crossings of a surface, in the order of the path.
+
+    Attributes:
+        times: (k,).
+        states: the states there, of the path's class, with a leading axis (k,).
+        points: the coordinates that are drawn, (k, 2).
+    """
+
+    times: np.ndarray
+    states: Any
+    points: np.ndarray
+
+
+Function = Callable[[Any, Any], Any]
+
+
+def poincare(
+    axes: Any,
+    path: Any,
+    section: Any,
+    x: Any,
+    y: Any,
+    *,
+    direction: int = 1,
+    colour: str | None = None,
+    label: str | None = None,
+    size: float = 2.0,
+) -> Crossings:
+    """Draws a dot wherever a motion crosses the surface `section` = 0.
+
+    Between two saved states at which `section` has different signs, momentum and attitude are interpolated by a cubic
+    through the four nearest saved states, and the crossing is found on it by bisection. So the error of a crossing is
+    of fourth order in the time between saved states: save some twenty states for each turn of what `section` looks at.
+    A function that jumps, as an angle does from pi to -pi, crosses zero only where it is continuous. Call `poincare`
+    again on the same axes for another start.
+
+    Args:
+        axes: matplotlib's axes; set their labels yourself.
+        path: of one body, with at least 4 saved states, from `integrate`, `integrate_adaptive` or `free_motion`.
+        section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
+        x, y: the coordinates to draw, functions of the same kind.
+        direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.
+        colour: of the dots, any colour of matplotlib.
+        label: a name for the dots, at the right edge at the height of the last dot.
+        size: of the dots, points.
+
+    Returns:
+        The crossings, none where the path has none.
+
+    Raises:
+        ValueError: the path is not of one body or has too few states; an argument is not a function, or its value is
+            not one real number; the direction is not 1, -1 or 0.
+    """
+    for name, function in (("section", section), ("x", x), ("y", y)):
+        require_function(name, function, "t, state")
+    if direction not in (1, -1, 0) or isinstance(direction, bool):
+        raise ValueError(f"direction must be 1, -1 or 0, got {shown(direction)}.")
+    motion = motion_of(path)
+    if len(motion.times) < _NEIGHBOURS:
+        raise ValueError(f"path has {len(motion.times)} good states, and an interpolation needs {_NEIGHBOURS}.")
+    times, states = _crossings(motion, section, direction)
+    points = np.stack([_values(name, f, times, states) for name, f in (("x", x), ("y", y))], axis=1)
+    axes.plot(
+        *points.T, linestyle="", marker="o", markersize=size, markeredgewidth=0, color=colour or BLUE, label=label
+    )
+    if label and len(points):
+        name_at_edge(axes, [(label, float(points[-1, 1]))], colour or BLUE)
+    remark(axes, motion.failed)
+    return Crossings(np.asarray(times), states, points)
+
+
+@partial(jax.jit, static_argnums=0)
+def _map(function: Function, times: Array, states: Any) -> Any:
+    return jax.vmap(function)(times, states)
+
+
+def _values(name: str, function: Function, times: Any, states: Any) -> np.ndarray:
+    """The values of a function of one time and state, (n,)."""
+    values = _map(function, jnp.asarray(times), states)
+    if not hasattr(values, "shape") or values.shape != np.shape(times):
+        raise ValueError(f"{name}(t, state) must be one real number, got {described(values)} for {len(times)} states.")
+    return np.asarray(values, float)
+
+
+def _crossings(motion: Motion, section: Function, direction: int) -> tuple[Any, Any]:
+    """The times and states of the crossings."""
+    values = _values("section", section, motion.times, motion.states)
+    before, after = values[:-1], values[1:]
+    upward, downward = (before < 0) & (after >= 0), (before > 0) & (after <= 0)
+    places = np.flatnonzero({1: upward, -1: downward, 0: upward | downward}[direction])
+    # Padded to a size that few paths differ in, so that what was compiled is used again.
+    padded = np.zeros(2 ** int(np.ceil(np.log2(max(len(places), _LEAST)))), int)
+    padded[: len(places)] = places
+    first = np.clip(padded - 1, 0, len(motion.times) - _NEIGHBOURS)
+    rows = first[:, None] + np.arange(_NEIGHBOURS)
+    times = jnp.asarray(motion.times)[rows]
+    states = jax.tree.map(lambda leaf: jnp.asarray(leaf)[rows], motion.states)
+    signs = jnp.asarray(np.where(before[padded] < 0, 1.0, -1.0), times.dtype)
+    t, at, left = _bisected(section, times, states, jnp.asarray(padded - first), signs)
+    continuous = np.abs(np.asarray(left)) <= _JUMP * np.abs(after - before)[padded]
+    kept = np.flatnonzero(continuous[: len(places)])
+    return jax.tree.map(lambda leaf: leaf[kept], (t, at))
+
+
+@partial(jax.jit, static_argnums=0)
+def _bisected(section: Function, times: Array, states: Any, places: Array, signs: Array) -> tuple[Array, Any, Array]:
+    """The times and states at which `section` vanishes, and its value there.
+
+    Args:
+        section: the function.
+        times, states: four for each crossing, (k, 4, ...).
+        places: the index of that before the crossing, (k,).
+        signs: 1 where `section` grows, -1 where it falls, (k,).
+    """
+
+    def crossing(times: Array, states: Any, place: Array, sign: Array) -> tuple[Array, Any, Array]:
+        def value(t: Array) -> Array:
+            return jnp.asarray(section(t, _interpolated(t, times, states)))
+
+        def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+            middle = (ends[0] + ends[1]) / 2
+            before = sign * value(middle) < 0
+            return jnp.where(before, middle, ends[0]), jnp.where(before, ends[1], middle)
+
+        low, high = jax.lax.fori_loop(0, _HALVINGS, halve, (times[place], times[place + 1]))
+        t = (low + high) / 2
+        return t, _interpolated(t, times, states), value(t)
+
+    return jax.vmap(crossing)(times, states, places, signs)
+
+
+def _interpolated(t: Array, times: Array, states: Any) -> Any:
+    """The state at time t on the cubic through four states, with attitude or direction of length one."""
+    # Lagrange's polynomials; the diagonal, without a factor, is set to 1.
+    own = jnp.eye(_NEIGHBOURS, dtype=bool)
+    factors = (t - times)[None, :] / jnp.where(own, 1, times[:, None] - times[None, :])
+    weights = jnp.prod(jnp.where(own, 1, factors), axis=1)
+    mean = jax.tree.map(lambda leaf: weights @ leaf, states)
+    momentum, rest = mean.momentum, jax.tree.leaves(mean)[1:]
+    if isinstance(states, RigidState | DirectionState):
+        pose = rest[0] / jnp.linalg.norm(rest[0])
+        return type(states).of(momentum, pose)
+    return type(states).of(momentum, ())

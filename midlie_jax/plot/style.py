@@ -1,0 +1,57 @@
+"""What all pictures share: colours that are told apart in any colour vision, the size of names, and an empty figure.
+
+Text has the colour of the axis labels and what is context is grey, so both are legible on a light and a dark
+background. matplotlib is an optional dependency, so it is imported only when something is drawn.
+"""
+
+from typing import Any
+
+# Of M. Okabe and K. Ito, Color Universal Design (2008).
+BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"  # the first three lines: contrast above 3 on white and black
+SKY, ORANGE, PURPLE, BLACK = "#56B4E9", "#E69F00", "#CC79A7", "#000000"
+GREY = "#8a8a8a"  # of what is not the subject
+SIZE = 8.5  # font size of names in a panel, points
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty matplotlib figure; width and height in inches.
+
+    Raises:
+        ImportError: matplotlib is missing.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("charts need matplotlib: pip install 'midlie_jax[plot]'.") from error
+    figure = Figure(figsize=(width, height), dpi=110)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def ink(axes: Any) -> Any:
+    """The colour of text on a panel: that of its axis labels."""
+    return axes.xaxis.label.get_color()
+
+
+def is_3d(axes: Any) -> bool:
+    """Whether matplotlib's axes are made with projection="3d"."""
+    return getattr(axes, "name", "") == "3d"
+
+
+def remark(axes: Any, text: str) -> None:
+    """Writes a small text at the lower left of a panel, above those that are there; nothing for ""."""
+    if not text:
+        return
+    mark = "midlie_jax.plot.remark"
+    above = sum(1 for other in axes.texts if other.get_gid() == mark)
+    axes.annotate(
+        text,
+        (0.0, 0.0),
+        xytext=(4.0, 4.0 + 1.4 * SIZE * above),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontsize=SIZE,
+        color=ink(axes),
+        gid=mark,
+    )

@@ -1,0 +1,127 @@
+"""`Turning`: a body at the times of the frames of an animation, as a box that has its moments of inertia."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._kernel.checks import as_count, described
+from ..model import so3
+from ..model.bodies import RigidBody, TensorBody, principal_of
+from .axis_path import as_axis, directions
+from .motion import motion_of
+
+_CORNER = 0.8  # distance of the corners from the middle; the drawn axis has length 1
+_THINNEST = 0.03  # of a flat body, relative to its longest side
+_RESOLVED = np.pi / 2  # radians: if a body turns by less between saved states, attitudes between them are known
+# The corners of a cube, and its six faces as loops of corners, seen from outside counter-clockwise.
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+FACES = ((4, 6, 7, 5), (0, 1, 3, 2), (2, 3, 7, 6), (0, 4, 5, 1), (1, 5, 7, 3), (0, 2, 6, 4))  # +x -x +y -y +z -z
+
+
+class Turning(NamedTuple):
+    """The frames of an animation.
+
+    Attributes:
+        times: of the frames, (k,).
+        corners: of the box in space at these times, (k, 8, 3), in the order of `CORNERS`.
+        tips: the end of the drawn axis at these times, (k, 3), a unit vector in space.
+        inside: the share of the axis, from the middle, that is inside the box.
+        momenta: the angular momentum in space at these times, over its largest length along the path, (k, 3).
+        path_times: the saved times that are drawn, (n,).
+        path_tips, path_momenta: the same at the saved times, (n, 3).
+        axis: the name of the axis.
+        remarks: what is to be written on the picture.
+    """
+
+    times: np.ndarray
+    corners: np.ndarray
+    tips: np.ndarray
+    inside: float
+    momenta: np.ndarray
+    path_times: np.ndarray
+    path_tips: np.ndarray
+    path_momenta: np.ndarray
+    axis: str
+    remarks: tuple[str, ...]
+
+
+def turning(body: Any, path: Any, axis: Any, frames: Any) -> Turning:
+    """The body at evenly spaced times of its path, the first and the last among them.
+
+    Between saved states the body turns at a constant rate. If it turns by more than a right angle between two saved
+    states, no attitude between them is known: then the frames show the saved states that are nearest.
+
+    Raises:
+        ValueError: the body is not one rigid body; the path is not of one body with attitudes, or its first two states
+            are bad; the axis is neither a number nor a unit vector; there are fewer than two frames.
+    """
+    count = as_count("frames", frames)
+    if count < 2:
+        raise ValueError("frames must be at least 2, got 1.")
+    corners = box(body)
+    direction, name = as_axis(axis)
+    motion = motion_of(path)
+    attitudes = motion.attitudes  # raises before the body is compared with the states
+    angles = motion.turns_by(body)
+    times = np.linspace(motion.times[0], motion.times[-1], count)
+    remarks = [motion.failed] if motion.failed else []
+    # In the order of ascending times, because a run may go backwards.
+    order = np.argsort(motion.times)
+    ascending = motion.times[order]
+    place = np.clip(np.searchsorted(ascending, times, side="right") - 1, 0, len(order) - 2)
+    share = (times - ascending[place]) / np.diff(ascending)[place]
+    if np.max(angles) > _RESOLVED:
+        share = np.round(share)
+        remarks.append("frames are saved states")
+    per_frame = float(np.sum(angles)) / (count - 1) / (2 * np.pi)
+    if per_frame > 0.25:
+        remarks.append(f"{per_frame:.2g} turns from frame to frame")
+    before, after = (jnp.asarray(attitudes[order[i]]) for i in (place, place + 1))
+    at = so3.slerp(before, after, jnp.asarray(share))
+    rotations = np.asarray(so3.to_matrix(at), float)
+    whole = np.asarray(so3.to_matrix(jnp.asarray(attitudes)), float)
+    momenta = np.einsum("nij,nj->ni", whole, motion.momenta.astype(float))
+    momenta /= max(float(np.max(np.linalg.norm(momenta, axis=1))), np.finfo(float).tiny)
+    at_frames = np.stack([np.interp(times, ascending, momenta[order, i]) for i in range(3)], axis=1)
+    return Turning(
+        times=times,
+        corners=np.einsum("kij,cj->kci", rotations, corners),
+        tips=rotations @ direction,
+        inside=_inside(corners, direction),
+        momenta=at_frames,
+        path_times=motion.times,
+        path_tips=directions(motion, direction),
+        path_momenta=momenta,
+        axis=name,
+        remarks=tuple(remarks),
+    )
+
+
+def _inside(corners: np.ndarray, direction: np.ndarray) -> float:
+    """How far a ray from the middle of a box stays inside it."""
+    sides = corners[[4, 2, 1]] - corners[0]  # the whole sides, (3, 3)
+    share = np.abs(sides @ direction) / (np.sum(sides**2, axis=1) / 2)
+    return 1 / float(np.max(share))
+
+
+def box(body: Any) -> np.ndarray:
+    """The corners (8, 3), in the frame of the body, of the box with its moments of inertia, in the order of `CORNERS`.
+
+    A box of mass m and half sides a, b, c has the moments m (b^2 + c^2) / 3, m (c^2 + a^2) / 3, m (a^2 + b^2) / 3. So
+    a^2 is proportional to I2 + I3 - I1. The size is that of the picture; what a flat body lacks in thickness is added.
+
+    Raises:
+        ValueError: not one rigid body.
+    """
+    if not isinstance(body, RigidBody | TensorBody):
+        raise ValueError(f"body must be a RigidBody or a TensorBody, got {described(body)}.")
+    moments = np.asarray(principal_of(body).moments, float)
+    if moments.shape != (3,):
+        raise ValueError(f"body must be one body with moments (3,), got {moments.shape}; take the row of the body.")
+    half_sides = np.sqrt(np.maximum(moments.sum() - 2 * moments, 0.0))
+    half_sides = np.maximum(half_sides, _THINNEST * half_sides.max())
+    corners = CORNERS * half_sides * (_CORNER / np.linalg.norm(half_sides))
+    if isinstance(body, TensorBody):
+        corners = corners @ np.asarray(so3.to_matrix(body.axes), float).T
+    return corners

@@ -1,0 +1,124 @@
+"""`saved_path`: one body of a run in a file, as a path: of `simulate`, .zarr or .npz, or of `midlie run`, .npz."""
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path as File
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..drivers.integrate import Path
+from ..model import so3
+from ..model.bodies import RigidBody, TensorBody
+from ..model.states import RigidState
+from .names import parameter
+
+_MOMENTS, _PRINCIPAL, _AXES = "body.moments", "body.principal.moments", "body.axes"
+_NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
+_STATES = jax.tree.structure(RigidState(np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32)))
+
+
+class Saved(NamedTuple):
+    """One body of a run in a file.
+
+    Attributes:
+        body: what moves.
+        path: its motion, as far as it is computed; `first_bad` is the number of its states if all can be trusted.
+        title: what the file says about the run.
+        bodies: how many bodies there are in the file.
+    """
+
+    body: RigidBody | TensorBody
+    path: Path
+    title: str
+    bodies: int
+
+
+def saved_path(file: str | File, body: int = 0) -> Saved:
+    """Reads one body of a run.
+
+    Args:
+        file: a store .zarr or a file .npz of `simulate`, or a file .npz of `midlie run`.
+        body: which body, from 0.
+
+    Raises:
+        ValueError: the file is not of such a run, or holds no attitudes or no moments of inertia; there is no such
+            body.
+        ImportError: a .zarr is given and the extra `io` is not installed.
+        OSError: the file cannot be read.
+    """
+    source = File(file)
+    if source.suffix.lower() not in (".zarr", ".npz"):
+        raise ValueError(f"{source} must be a run that ends in .zarr or .npz.")
+    if not source.exists():
+        raise ValueError(f"there is no {source}; write one with midlie run --out, or midlie_jax.simulate.")
+    arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
+    names = {new: next((old for old in olds if old in arrays), "") for new, olds in _NAMES.items()}
+    lacking = [new for new in ("momentum", "attitude", "times") if not names[new]]
+    if lacking:
+        raise ValueError(
+            f"{source} holds no {' and no '.join(lacking)}; it must be a run of RigidStates, without observe=."
+        )
+    momenta, attitudes, times = (arrays[names[new]] for new in ("momentum", "attitude", "times"))
+    bodies = momenta.shape[0]
+    if not 0 <= body < bodies:
+        raise ValueError(f"body must be from 0 to {bodies - 1}, the last in {source}, got {body}.")
+    momentum, attitude = np.asarray(momenta[body]), np.asarray(attitudes[body])
+    t = np.asarray(times[body] if len(times.shape) > 1 else times)
+    finite = np.isfinite(momentum).all(axis=1) & np.isfinite(attitude).all(axis=1)
+    good = int(np.cumprod(finite).sum())
+    bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
+    ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
+    # A store that is not complete has no numbers yet where nothing is computed: that is no failure.
+    count = good if ok else len(t)
+    parts = jnp.asarray(momentum[:count]), jnp.asarray(attitude[:count])
+    states: Any = jax.tree.unflatten(_STATES, parts)  # unchecked: those of a failed run may contain NaN
+    path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
+    title = str(arrays["title"]) if "title" in arrays else source.name
+    return Saved(_body(source, arrays, body), path, title, bodies)
+
+
+def _of_file(source: File) -> Mapping[str, Any]:
+    try:
+        with np.load(source, allow_pickle=False) as file:
+            return dict(file)
+    except (zipfile.BadZipFile, EOFError, ValueError) as error:
+        raise ValueError(f"{source} cannot be read ({error}); it must be a run in NumPy's format .npz.") from error
+
+
+def _of_store(source: File) -> Mapping[str, Any]:
+    """The arrays of the root, and the parameters that stand in its attributes."""
+    try:
+        import zarr
+    except ImportError as error:
+        raise ImportError("a .zarr store needs Zarr: pip install 'midlie_jax[io]'.") from error
+    try:
+        root: Any = zarr.open_group(str(source), mode="r")
+        found: dict[str, Any] = dict(root.arrays())
+        parameters: Any = root.attrs["parameters"]
+    except Exception as error:  # whatever a reader of damaged files raises
+        raise ValueError(f"{source} is not the store of a run ({type(error).__name__}: {error}).") from error
+    found |= {parameter(name): np.asarray(value) for name, value in parameters.items()}
+    return found | {"title": root.attrs.get("title", source.name)}
+
+
+def _body(source: File, arrays: Mapping[str, Any], body: int) -> RigidBody | TensorBody:
+    def found(name: str, axes: int) -> np.ndarray | None:
+        """The parameter of this body, whether each has its own or all have one."""
+        if name not in arrays:
+            return None
+        values = np.asarray(arrays[name])
+        return values[body] if values.ndim > axes else values
+
+    moments = found(parameter(_MOMENTS), 1)
+    moments = found("moments", 1) if moments is None else moments
+    if moments is not None:
+        return RigidBody(moments, physical=False)
+    principal, axes = found(parameter(_PRINCIPAL), 1), found(parameter(_AXES), 1)
+    if principal is None or axes is None:
+        raise ValueError(f"{source} holds no moments of inertia; write it anew with this version of midlie_jax.")
+    turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
+    tensor = turn @ np.diag(principal) @ turn.T
+    return TensorBody((tensor + tensor.T) / 2, physical=False)
