@@ -106,7 +106,7 @@ def _figure(shown: Turning, title: str) -> dict[str, Any]:
             **dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden),
             "aspectmode": "cube",
             "domain": {"x": [0, 1], "y": [0, 1]},
-            "camera": {"eye": {"x": 0.68, "y": -0.94, "z": 0.5}},
+            "camera": {"eye": {"x": 0.76, "y": -1.05, "z": 0.56}},
             "dragmode": "orbit",
         },
         "legend": {"x": 0.02, "y": 0.98, "bgcolor": "rgba(0,0,0,0)"},
