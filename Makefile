@@ -16,13 +16,13 @@
 #   make test-kernels       tests of these
 #   make docs               the pages of docs/ as a site: site/index.html
 #   make figures            draws every picture of docs/ again, each by the command beside it: hours
-#   make test-release       installs the wheel in an empty environment and runs what README and docs say
+#   make test-release       runs all that README and docs say, with the wheel in an empty environment
 #   make test-lowest        some tests with the least versions of what the package depends on
 
 PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
 SCENE ?= P1
 MINUTES ?= 5
-BUDGET ?= 480
+BUDGET ?= 300
 PART ?= 1/1
 JAX ?= jax[cuda13]
 # In the order of tests/conftest.py, which also says what one worker runs.
@@ -92,7 +92,7 @@ figures: .venv/.bench
 	.venv/bin/python benchmarks/figures.py
 
 test-release: .venv/.test
-	.venv/bin/pytest -n 0 tests/test_release.py tests/newcomer.py
+	.venv/bin/pytest -n 0 tests/test_docs.py tests/test_release.py tests/newcomer.py
 
 LOWEST = $(patsubst %,tests/test_%.py,so3 bodies inputs scalars leaves run_command bands fit_calls release)
 test-lowest: .venv-lowest/.lowest

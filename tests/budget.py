@@ -33,10 +33,14 @@ class Test(NamedTuple):
     __test__ = False  # pytest must not collect it
 
     @classmethod
-    def of(cls, name: str, group: str) -> "Test":
-        """From a node id, and the group of files that share compiled runs."""
+    def of(cls, name: str, group: str, whole: bool = False) -> "Test":
+        """From a node id, and the group of files that share compiled runs.
+
+        Args:
+            whole: whether all tests of the group read what the first one computes.
+        """
         law, _, parameters = name.partition("[")
-        return cls(name, law, (group, parameters or law))
+        return cls(name, law, (group, "" if whole else parameters or law))
 
 
 def chosen(tests: Iterable[Test], costs: dict[str, float], budget: float) -> set[str]:

@@ -53,6 +53,7 @@ def pytest_configure(config):
 
 # Files whose laws read the same compiled runs; the others are one group each.
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
+WHOLE = {"test_docs", "test_shard_map"}  # what they compute, in a process of its own, is one whole
 MEASURED: dict[str, float] = {}  # processor seconds of the tests that have run
 TEST, START = pytest.StashKey[budget.Test](), pytest.StashKey[float]()
 
@@ -79,7 +80,7 @@ def pytest_xdist_make_scheduler(config, log):
 
 
 def pytest_itemcollected(item):
-    item.stash[TEST] = budget.Test.of(item.nodeid, group_of(item.nodeid))
+    item.stash[TEST] = budget.Test.of(item.nodeid, group_of(item.nodeid), item.path.stem in WHOLE)
 
 
 @pytest.hookimpl(trylast=True)
