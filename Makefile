@@ -1,7 +1,7 @@
 # Each target makes what it needs in .venv first; a second call finds it there.
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
-#   make test               the tests: every law for at least one method, within 5 minutes on two cores
-#   make test-all           every law for one method of each kind: half an hour; PART=2/3 runs the second of three parts
+#   make test               as many of the tests as 5 minutes on two cores allow, of each law something first
+#   make test-all           all laws for one method of each kind: half an hour; PART=2/3 runs the second of three parts
 #   make test-full          every law for every method, dtype and driver: hours
 #   make costs              test-all, and keeps the measured costs from which test chooses: tests/costs.json
 #   make notebooks          executes the notebooks, each of which must end without an error within 3 minutes
