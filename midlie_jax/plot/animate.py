@@ -7,7 +7,7 @@ import numpy as np
 
 from .._kernel.checks import as_count
 from .style import BLUE, GREY, ORANGE, SKY, new_figure
-from .turning import FACES, Turning, turning
+from .turning import FACES, Turning, picture_file, turning
 
 _DPI = 80
 _COLOURS = 128  # of the palette, which all frames share
@@ -57,20 +57,15 @@ def animate(
         ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
-    count, pixels = as_count("frames", frames), as_count("size", size)
-    if count > _MOST_FRAMES:
-        raise ValueError(f"frames must be at most {_MOST_FRAMES}, got {count}; show a part of the path.")
+    target, pixels = picture_file(file, ".gif"), as_count("size", size)
     if not 64 <= pixels <= 2000:
         raise ValueError(f"size must be between 64 and 2000 pixels, got {pixels}.")
     if not 0 < rate <= 50:
         raise ValueError(f"rate must be above 0 and at most 50 frames a second, got {rate}.")
-    target = Path(file)
-    if target.suffix.lower() != ".gif":
-        raise ValueError(f"file must end in .gif, got {str(file)!r}.")
-    shown = turning(body, path, axis, count)
+    shown = turning(body, path, axis, frames, _MOST_FRAMES)
     figure = new_figure(pixels / _DPI, pixels / _DPI)
     scene = _Scene(figure, shown, (elevation, azimuth), background, title)
-    pictures = [scene.frame(k) for k in range(count)]
+    pictures = [scene.frame(k) for k in range(len(shown.times))]
     _write(pictures, target, rate)
     return target
 

@@ -1,5 +1,6 @@
 """`Turning`: a body at the times of the frames of an animation, as a box that has its moments of inertia."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -46,7 +47,19 @@ class Turning(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def turning(body: Any, path: Any, axis: Any, frames: Any) -> Turning:
+def picture_file(file: str | Path, ending: str) -> Path:
+    """The file to write.
+
+    Raises:
+        ValueError: it has another ending.
+    """
+    target = Path(file)
+    if target.suffix.lower() != ending:
+        raise ValueError(f"file must end in {ending}, got {str(file)!r}.")
+    return target
+
+
+def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
     """The body at evenly spaced times of its path, the first and the last among them.
 
     Between saved states the body turns at a constant rate. If it turns by more than a right angle between two saved
@@ -54,11 +67,14 @@ def turning(body: Any, path: Any, axis: Any, frames: Any) -> Turning:
 
     Raises:
         ValueError: the body is not one rigid body; the path is not of one body with attitudes, or its first two states
-            are bad; the axis is neither a number nor a unit vector; there are fewer than two frames.
+            are bad; the axis is neither a number nor a unit vector; there are fewer than two frames, or more than
+            `most`.
     """
     count = as_count("frames", frames)
     if count < 2:
         raise ValueError("frames must be at least 2, got 1.")
+    if count > most:
+        raise ValueError(f"frames must be at most {most}, got {count}; show a part of the path.")
     corners = box(body)
     direction, name = as_axis(axis)
     motion = motion_of(path)

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from .._kernel.checks import as_count
 from .style import BLUE, GREEN, GREY, ORANGE, SKY
-from .turning import FACES, Turning, turning
+from .turning import FACES, Turning, picture_file, turning
 
 _MOST_FRAMES, _MOST_POINTS = 1000, 4000
 _DIGITS = 5  # of the coordinates, which are at most about 1
@@ -25,15 +24,16 @@ const gd = document.getElementById('{plot_id}');
 const dark = window.matchMedia('(prefers-color-scheme: dark)');
 function follow() {
   const paper = dark.matches ? '#111111' : '#ffffff', ink = dark.matches ? '#eeeeee' : '#222222';
+  const blue = dark.matches ? 'LIGHT_BLUE' : 'BLUE';
   document.body.style.background = paper;
   document.body.style.margin = '0';
   return Plotly.relayout(gd, {'paper_bgcolor': paper, 'font.color': ink, 'updatemenus[0].bgcolor': paper})
     .then(() => Plotly.restyle(gd, {'textfont.color': ink}, [0]))
-    .then(() => Plotly.restyle(gd, {'line.color': dark.matches ? 'SKY' : 'BLUE'}, [2]));
+    .then(() => Plotly.restyle(gd, {'line.color': blue, 'marker.color': blue}, BLUE_LINES));
 }
 dark.addEventListener('change', follow);
 follow().then(() => { document.body.dataset.drawn = 'yes'; });
-""".replace("SKY", SKY).replace("BLUE", BLUE)
+"""
 
 
 def view(
@@ -71,17 +71,16 @@ def view(
         ImportError: plotly is not installed.
         OSError: the file cannot be written.
     """
-    count, target = as_count("frames", frames), Path(file)
-    if count > _MOST_FRAMES:
-        raise ValueError(f"frames must be at most {_MOST_FRAMES}, got {count}; show a part of the path.")
-    if target.suffix.lower() != ".html":
-        raise ValueError(f"file must end in .html, got {str(file)!r}.")
-    shown = turning(body, path, axis, count)
+    target = picture_file(file, ".html")
+    shown = turning(body, path, axis, frames, _MOST_FRAMES)
     try:
         from plotly.io import to_html
     except ImportError as error:
         raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.") from error
-    page = to_html(_figure(shown, title), include_plotlyjs=True, auto_play=False, post_script=_FOLLOW, **_PAGE)
+    figure = _figure(shown, title)
+    blue = [place for place, trace in enumerate(figure["data"]) if trace.get("line", {}).get("color") == BLUE]
+    follow = _FOLLOW.replace("BLUE_LINES", str(blue)).replace("LIGHT_BLUE", SKY).replace("BLUE", BLUE)
+    page = to_html(figure, include_plotlyjs=True, auto_play=False, post_script=follow, **_PAGE)
     target.write_text(page, encoding="utf-8")
     return target
 
@@ -141,7 +140,9 @@ def _figure(shown: Turning, title: str) -> dict[str, Any]:
             }
         ],
     }
-    frames = [{"name": str(k), "data": _moving(shown, k), "traces": moving} for k in range(len(shown.times))]
+    # The places alone: colours are those of the first frame, or of the reader's browser.
+    places = [[{axis: trace[axis] for axis in "xyz"} for trace in _moving(shown, k)] for k in range(len(shown.times))]
+    frames = [{"name": str(k), "data": data, "traces": moving} for k, data in enumerate(places)]
     return {"data": still + _moving(shown, 0), "layout": layout, "frames": frames}
 
 

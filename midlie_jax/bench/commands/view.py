@@ -12,7 +12,8 @@ from .output import require
 def view_run(options: argparse.Namespace) -> None:
     """Writes the picture, and opens it if requested."""
     gif = options.out.lower().endswith(".gif")
-    require(*(("matplotlib",) if gif else ("plotly",)), *(("zarr",) if options.run.lower().endswith(".zarr") else ()))
+    reader = ["zarr"] if options.run.lower().endswith(".zarr") else []
+    require("matplotlib" if gif else "plotly", *reader)
     saved = saved_path(options.run, options.body)
     title = saved.title if saved.bodies == 1 else f"{saved.title}; body {options.body} of {saved.bodies}"
     if gif:  # which has no room for the title of a run
