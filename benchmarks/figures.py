@@ -14,22 +14,22 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from pages import DOCS
 
 ROOT = DOCS.parent
-PROGRAMS = ("midlie", "python")
 PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+Drawn by `([^`]+)`\.)?")
 SPAN = re.compile(r"`([^`\n]+)`")
 BLOCK = re.compile(r"^```(?:sh|bash|console)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def commands_in(text: str) -> list[str]:
+def commands_in(text: str, programs: Sequence[str] = ("midlie", "python")) -> list[str]:
     """The commands of a page: lines of blocks, and what stands between backticks, if it begins with a program."""
     lines = [line for block in BLOCK.findall(text) for line in block.splitlines()]
     found = [re.sub(r"\s+#.*", "", line).strip() for line in [*lines, *SPAN.findall(BLOCK.sub("", text))]]
-    return [command for command in found if command.split(" ")[0] in PROGRAMS]
+    return [command for command in found if command.split(" ")[0] in programs]
 
 
 def commands() -> dict[str, str]:

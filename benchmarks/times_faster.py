@@ -6,16 +6,13 @@ Draws the tables of docs/work-precision.md. `make rivals` measures them, and dra
 line at 1 the fastest of our methods takes less time than the other program.
 """
 
-import re
-from collections import defaultdict
-
-from pages import DOCS
+from pages import DOCS, tables
 
 from midlie_jax.bench.figures import FAINT, INK, heading, new_figure, panel, write
 from midlie_jax.bench.line_labels import End, label_ends
 
-PAGE, PICTURE = DOCS / "work-precision.md", DOCS / "times-faster.png"
-COLUMNS = {"heyoka": "/ heyoka", "diffrax": "general / diffrax"}  # the first of that name is of all our methods
+PICTURE = DOCS / "times-faster.png"
+COLUMNS = {"heyoka": "general / heyoka", "diffrax": "general / diffrax"}
 SCENES = {
     "P1": ("fast heavy top", "#0072B2", "o"),
     "bruls-cardona": ("heavy top of Brüls and Cardona", "#009E73", "s"),
@@ -33,22 +30,14 @@ NOTE = (
 
 def measured() -> dict[str, dict[str, list[tuple[float, float]]]]:
     """For each program and scene the errors and our times over theirs."""
-    found: dict[str, dict[str, list[tuple[float, float]]]] = {name: defaultdict(list) for name in COLUMNS}
-    scene, heads = "", list[str]()
-    for line in PAGE.read_text().splitlines():
-        title = re.match(r"## ([\w-]+):", line)
-        scene = title[1] if title else scene
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if cells[0] == "error of R":
-            heads = cells
-        elif scene and heads and re.fullmatch(r"1e-\d\d", cells[0]):
-            for name, column in COLUMNS.items():
-                ratio = cells[heads.index(column)]
-                if ratio != "-":
-                    found[name][scene].append((float(cells[0]), float(ratio)))
-        elif not line.startswith("|"):
-            heads = []
-    return found
+    scenes = tables("work-precision.md", "error of R")
+    return {
+        name: {
+            scene: [(float(row["error of R"]), float(row[column])) for row in rows if row[column] != "-"]
+            for scene, rows in scenes.items()
+        }
+        for name, column in COLUMNS.items()
+    }
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ This module lists the public names; everything else is internal.
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import Any
 
 from .diffrax import LieInterpolation as LieInterpolation
@@ -49,16 +50,15 @@ from .scattering import distributions as distributions
 from .scattering import scatter as scatter
 from .simulation.simulate import simulate as simulate
 from .simulation.summary import Simulation as Simulation
-from .simulation.versions import versions as _versions
-
-__version__ = _versions()["midlie_jax"]  # from the installed package, whose version is in pyproject.toml
 
 
 def __getattr__(name: str) -> Any:
-    """`fit` and `fitting`, which need the extra `fit`, and `plot` are imported when they are first asked for."""
+    """What takes time, or an extra, is done when it is first asked for: `fit`, `fitting`, `plot` and the version."""
     if name in ("fit", "fitting"):
         fitting = import_module(".fitting", __name__)
         return fitting.fit if name == "fit" else fitting
     if name == "plot":
         return import_module(".plot", __name__)
+    if name == "__version__":  # of the installed package, whose version is in pyproject.toml
+        return version(__name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -29,6 +29,7 @@ from packaged import ROOT
 
 import midlie_command
 
+PROGRAMS = ("midlie", "pip", "python", "eval")
 PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("index", "start"))]
 PAGES += [page for page in sorted((ROOT / "docs").glob("*.md")) if page not in PAGES]
 STARTS = ("midlie", "pip install", "python -m", "eval")
@@ -47,11 +48,10 @@ class Command(NamedTuple):
 def commands():
     """The commands of all pages, each once for each page."""
     pages = benchmark("figures")
-    pages.PROGRAMS = ("midlie", "pip", "python", "eval")
     for page in PAGES:
         text = page.read_text()
         reasons = NOT_RUN.findall(text)
-        for line in dict.fromkeys(pages.commands_in(NOT_RUN.sub("", text))):
+        for line in dict.fromkeys(pages.commands_in(NOT_RUN.sub("", text), PROGRAMS)):
             if line.startswith(STARTS) and not PLACEHOLDER.search(line):
                 yield Command(page.name, line, next((why for what, why in reasons if matches(what, line)), ""))
 

@@ -156,7 +156,7 @@ def _over(first: Best, second: Best) -> float:
 
 HEADS = (
     "error of R",
-    *(head for name in FAMILIES for head in (f"{name}: us a body", "/ heyoka")),
+    *(head for name in FAMILIES for head in (f"{name}: us a body", f"{name} / heyoka")),
     "best rival: us a body",
     "general / rival",
     "general / diffrax",
