@@ -104,8 +104,8 @@ def header(dtype: str) -> str:
         "ROOT_MAGIC": root_magic,
         "ROOT_STEPS": root_steps,
     }
-    for which, name in enumerate(("SIGMA", "SIGMA_SQUARED_WP", "SIGMA_ODD")):
-        table = weierstrass._table(which, jacobi.LARGEST_TURN, epsilon)
+    names = ("SIGMA", "SIGMA_SQUARED_WP", "SIGMA_ODD")
+    for name, table in zip(names, weierstrass.step_tables(jacobi.LARGEST_TURN, epsilon), strict=True):
         defined[f"{name}(p, g2, g3)"] = _horner(table, ("g3", "g2", "p"))
     rows = {f"STAGE_{n}": row for n, row in enumerate(DOP853.stages) if row}
     for name, row in {**rows, "STEP": DOP853.weights}.items():

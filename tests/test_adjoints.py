@@ -172,7 +172,7 @@ def test_forward_mode_alone_refuses_reverse_mode():
 BATCH = 1003  # a number that nothing else in the program has
 
 
-@pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 3)])
+@pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 1)])
 def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops):
     """Without those that only add up what a step contributes to the derivatives of shared parameters."""
 

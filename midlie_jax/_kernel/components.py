@@ -97,10 +97,15 @@ def square(q: Quaternion) -> Quaternion:
 
 def rotation_change(q: Quaternion, v: Vector) -> Vector:
     """q v q* - v for a unit quaternion q; a rounding error in the length of q is corrected to first order."""
+    change = unit_rotation_change(q, v)
+    return add(change, scale(norm_defect(q), change))
+
+
+def unit_rotation_change(q: Quaternion, v: Vector) -> Vector:
+    """q v q* - v for a unit quaternion q, with no correction of its length; shorter, where nothing accumulates."""
     u = (q[1], q[2], q[3])
     t = scale(2, cross(u, v))
-    change = add(scale(q[0], t), cross(u, t))
-    return add(change, scale(norm_defect(q), change))
+    return add(scale(q[0], t), cross(u, t))
 
 
 def norm_defect(q: Quaternion) -> Array:

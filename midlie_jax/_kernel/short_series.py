@@ -33,11 +33,15 @@ def half_turn(w: cp.Vector) -> cp.Quaternion:
 
 def spin(w: Array) -> tuple[Array, Array]:
     """(cos w, sin w) for w^2 <= LARGEST_SQUARE: the quaternion components of a turn by 2 w about one axis."""
+    cosine, sinc = cosine_and_sinc(w)
+    return cosine, w * sinc
+
+
+def cosine_and_sinc(w: Array) -> tuple[Array, Array]:
+    """(cos w, sin(w)/w) for w^2 <= LARGEST_SQUARE."""
     x = w * w
     terms = SPIN_TERMS[str(x.dtype)]
-    cosine = cp.polynomial(taylor(0, 1.0, terms), x)
-    sine = w * cp.polynomial(taylor(1, 1.0, terms), x)
-    return cosine, sine
+    return cp.polynomial(taylor(0, 1.0, terms), x), cp.polynomial(taylor(1, 1.0, terms), x)
 
 
 def half_angle(x: Array) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ E. T. Whittaker & G. N. Watson, A Course of Modern Analysis, chapter XX; DLMF 23
 """
 
 from collections import defaultdict
+from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
 from math import factorial
@@ -96,7 +97,7 @@ def coefficients() -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
     )
     s = _sum(*((1, pair.even) for pair in sigma))
     w = _product(_product(s, s), _sum(*((1, c) for c in laurent.values())))
-    w = {powers: c for powers, c in w.items() if _weight(powers) <= _DEGREE}
+    w = _short(w)
 
     shift, wp = {}, _Pair({(1, 0, 0): Fraction(1)}, _ZERO)
     for n in range(2, _DEGREE + 1):
@@ -125,12 +126,70 @@ def _weight(powers: tuple[int, int, int]) -> int:
     return 2 * powers[0] + 4 * powers[1] + 6 * powers[2]
 
 
+def _short(polynomial: Polynomial) -> Polynomial:
+    """The polynomial without powers of time above `_DEGREE`."""
+    return {powers: c for powers, c in polynomial.items() if _weight(powers) <= _DEGREE}
+
+
+def _slope(polynomial: Polynomial, shift: int = 0) -> Polynomial:
+    """(d/dt + shift) of the polynomial at time one."""
+    return {powers: (shift + _weight(powers)) * c for powers, c in polynomial.items()}
+
+
 @cache
-def _table(which: int, radius: float, eps: float) -> Any:
+def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
+    """A, B and C of `moment_functions`.
+
+    With S, W, Z = sigma' and V = sigma^3 wp' at time one, the addition theorems make J (wp(1) - p)^2 a polynomial in p:
+
+        (p + wp(1)) (2 p wp(1) - g2/2) - g3 + 2 zeta(1) (wp(1) - p)^2 + wp'(1) (wp(1) - p)
+
+    Times S^4 its coefficients are A p^2 + b p + c - A g2/12. J vanishes where wp(v) does not change, that is at a
+    double root of 4 x^3 - g2 x - g3. Therefore (b, c) is a combination of (2 g2, 3 g3) and (18 g3, g2^2), with factors
+    that are the quotients below; both divisions leave no rest.
+    """
+    s, w, _, _ = coefficients()
+    squared = _product(s, s)
+    fourth = _product(squared, squared)
+    z = _slope(s, 1)
+    v = _sum((1, _product(_slope(w, -2), s)), (-2, _product(w, _slope(s))))
+    a = _short(_sum((2, _product(squared, w)), (2, _product(_product(squared, s), z))))
+    b = _sum(
+        (2, _product(w, w)),
+        (Fraction(-1, 2), _product(_G2, fourth)),
+        (-4, _product(_product(s, w), z)),
+        (-1, _product(s, v)),
+    )
+    c = _sum(
+        (Fraction(-1, 2), _product(_G2, _product(squared, w))),
+        (-1, _product(_G3, fourth)),
+        (1, _quotient(_sum((2, _product(z, _product(w, w))), (1, _product(v, w))), s)),
+        (Fraction(1, 12), _product(_G2, a)),
+    )
+    b, c = _short(b), _short(c)
+    g2_squared = _product(_G2, _G2)
+    first = _sum((Fraction(1, 2), _product(g2_squared, b)), (-9, _product(_G3, c)))
+    second = _sum((1, _product(_G2, c)), (Fraction(-3, 2), _product(_G3, b)))
+    return a, _over_discriminant(first), _over_discriminant(second)
+
+
+def _over_discriminant(polynomial: Polynomial) -> Polynomial:
+    """polynomial / (g2^3 - 27 g3^2), of a polynomial that this divides."""
+    rest, total = _short(polynomial), {}
+    while rest:
+        powers = max(rest, key=lambda powers: powers[1])
+        _, j, k = powers
+        total[0, j - 3, k] = rest[powers]
+        rest = _sum((1, rest), (-rest[powers], {powers: Fraction(1), (0, j - 3, k + 2): Fraction(-27)}))
+    return total
+
+
+@cache
+def _table(of: Callable[[], tuple[Polynomial, ...]], which: int, radius: float, eps: float) -> Any:
     """The coefficients not dropped for this radius and eps, as nested tuples: by powers of g3, then g2, then p."""
     terms = {
         powers: float(c)
-        for powers, c in coefficients()[which].items()
+        for powers, c in of()[which].items()
         if abs(c) * (2 / 3) ** powers[0] * (4 / 3) ** powers[1] * (8 / 27) ** powers[2] * radius ** _weight(powers)
         > _TRUNCATION * eps
     }
@@ -157,14 +216,30 @@ def _horner(table: Any, x: tuple[Array, ...]) -> Any:
     return total
 
 
+def step_tables(radius: float, eps: float) -> tuple[Any, Any, Any]:
+    """The coefficients of S, W and the odd part of F, as nested tuples: by powers of g3, then g2, then p."""
+    s, w, odd = (_table(coefficients, which, radius, eps) for which in range(3))
+    return s, w, odd
+
+
 def step_functions(p: Array, g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
     """S, W and the odd part of F; exact to rounding where p and the three roots are within radius^2 of each other."""
-    tables = (_table(which, radius, cp.epsilon(p)) for which in range(3))
-    s, w, odd = (_horner(table, (g3, g2, p)) for table in tables)
+    s, w, odd = (_horner(table, (g3, g2, p)) for table in step_tables(radius, cp.epsilon(p)))
     return s, w, odd
 
 
 def sigma_functions(g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
     """S, W and T, which do not depend on the parameter v; exact to rounding as in `step_functions`."""
-    s, w, t = (_horner(_table(which, radius, cp.epsilon(g2)), (g3, g2)) for which in (0, 1, 3))
+    s, w, t = (_horner(_table(coefficients, which, radius, cp.epsilon(g2)), (g3, g2)) for which in (0, 1, 3))
     return s, w, t
+
+
+def moment_functions(g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
+    """A, B and C, which give the first moment of wp' in time about the middle of an interval of length two,
+
+        J = int_-1^1 t wp'(v + t) dt = (A (p^2 - g2/12) + B (2 g2 p + 3 g3) + C (18 g3 p + g2^2)) / (S^4 (wp(1) - p)^2)
+
+    Exact to rounding as in `step_functions`.
+    """
+    a, b, c = (_horner(_table(moment_coefficients, k, radius, cp.epsilon(g2)), (g3, g2)) for k in range(3))
+    return a, b, c

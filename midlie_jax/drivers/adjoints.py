@@ -32,14 +32,17 @@ class Steps(NamedTuple):
 
     Attributes:
         take: the progress after a step, from the progress before it and its inputs.
-        take_back: the progress before a step of a symmetric method, from the progress after it and its inputs.
+        take_back: the progress before a step of a symmetric method, from the progress after it and its inputs; and what
+            is known of the step from this.
+        take_again: as `take`, for the derivative alone, from the progress, the inputs, and what is known of the step.
         inputs: of all steps, a pytree with a leading axis; the index of the step and its prepared values.
         number: how many steps.
         unroll: steps in a turn of the loop.
     """
 
     take: Step
-    take_back: Step
+    take_back: Callable[..., tuple[Progress, Any]]
+    take_again: Step
     inputs: Any
     number: int
     unroll: int
@@ -121,11 +124,15 @@ class Reversible(Adjoint):
         block = self.every or _block(steps.number, progress)
         index = jax.tree.map(lambda x: x[0], steps.inputs)
         # Arrays that the steps close over become arguments, because derivatives with respect to them are wanted.
+        known = jax.tree.map(jnp.zeros_like, jax.eval_shape(steps.take_back, progress, index)[1])
         take, arrays = jax.closure_convert(steps.take, progress, index)
         take_back, arrays_back = jax.closure_convert(steps.take_back, progress, index)
+        take_again, arrays_again = jax.closure_convert(steps.take_again, progress, index, known)
+        functions = _Functions(take, take_back, take_again)
 
         def run(progress: Progress, inputs: Any) -> tuple[Progress, None]:
-            return _run_reversibly(take, take_back, steps.unroll, progress, inputs, arrays, arrays_back), None
+            every = arrays, arrays_back, arrays_again
+            return _run_reversibly(functions, steps.unroll, progress, inputs, every), None
 
         return jax.lax.scan(run, progress, _in_blocks(steps.inputs, block))[0]
 
@@ -181,39 +188,52 @@ def _in_blocks(tree: Any, block: int) -> Any:
     return jax.tree.map(lambda x: x.reshape(-1, block, *x.shape[1:]), tree)
 
 
+class _Functions(NamedTuple):
+    """`take`, `take_back` and `take_again` of `Steps`, each with the arrays that it reads as further arguments."""
+
+    take: Step
+    take_back: Callable[..., tuple[Progress, Any]]
+    take_again: Step
+
+
 class _Perturbed(eqx.Module):
-    """For each array that the steps read, whether a derivative with respect to it is asked for."""
+    """For each array that `take_again` reads, whether a derivative with respect to it is asked for."""
 
     flags: tuple[bool, ...] = eqx.field(static=True)
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2))
-def _run_reversibly(
-    take: Step, take_back: Step, unroll: int, progress: Progress, inputs: Any, arrays: Any, arrays_back: Any
-) -> Progress:
-    """The progress after the steps with these inputs; `take` and `take_back` read the arrays."""
-    del take_back, arrays_back
-    return jax.lax.scan(lambda p, step: (take(p, step, *arrays), None), progress, inputs, unroll=unroll)[0]
+@partial(jax.custom_vjp, nondiff_argnums=(0, 1))
+def _run_reversibly(functions: _Functions, unroll: int, progress: Progress, inputs: Any, arrays: Any) -> Progress:
+    """The progress after the steps with these inputs; each function reads its own arrays.
+
+    The derivative with respect to what the steps read is that with respect to the arrays of `take_again`.
+    """
+
+    def take(progress: Progress, step: Any) -> tuple[Progress, None]:
+        return functions.take(progress, step, *arrays[0]), None
+
+    return jax.lax.scan(take, progress, inputs, unroll=unroll)[0]
 
 
-def _forward_pass(take: Step, take_back: Step, unroll: int, *arguments: Any) -> tuple[Progress, Any]:
-    progress, inputs, arrays, arrays_back = jax.tree.map(lambda x: x.value, arguments)
-    end: Any = _run_reversibly(take, take_back, unroll, progress, inputs, arrays, arrays_back)
-    return end, (end, inputs, arrays, arrays_back, _Perturbed(tuple(x.perturbed for x in arguments[2])))
+def _forward_pass(functions: _Functions, unroll: int, *arguments: Any) -> tuple[Progress, Any]:
+    progress, inputs, arrays = jax.tree.map(lambda x: x.value, arguments)
+    end: Any = _run_reversibly(functions, unroll, progress, inputs, arrays)
+    return end, (end, inputs, arrays, _Perturbed(tuple(x.perturbed for x in arguments[2][2])))
 
 
-def _backward_pass(take: Step, take_back: Step, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
-    end, inputs, arrays, arrays_back, perturbed = kept
+def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
+    end, inputs, (_, arrays_back, arrays), perturbed = kept
     numbers, rest = eqx.partition(end, eqx.is_inexact_array)
     # Only the arrays whose derivative is asked for are differentiated: so the step's derivative has fewer operations.
     wanted, given = eqx.partition(arrays, list(perturbed.flags))
 
     def step_back(carry: Any, step: Any) -> tuple[Any, None]:
         after, cotangent, total = carry
-        before = eqx.filter(take_back(eqx.combine(after, rest), step, *arrays_back), eqx.is_inexact_array)
+        before, known = functions.take_back(eqx.combine(after, rest), step, *arrays_back)
+        before = eqx.filter(before, eqx.is_inexact_array)
 
         def taken(before: Any, wanted: Any) -> Any:
-            after = take(eqx.combine(before, rest), step, *eqx.combine(wanted, given))
+            after = functions.take_again(eqx.combine(before, rest), step, known, *eqx.combine(wanted, given))
             return eqx.filter(after, eqx.is_inexact_array)
 
         _, pullback = jax.vjp(taken, before, wanted)
@@ -223,7 +243,7 @@ def _backward_pass(take: Step, take_back: Step, unroll: int, kept: Any, cotangen
     received = jax.tree.map(lambda x, c: jnp.zeros_like(x) if isinstance(c, SymbolicZero) else c, end, cotangent)
     begin = numbers, eqx.filter(received, eqx.is_inexact_array), jax.tree.map(jnp.zeros_like, wanted)
     (_, before, total), _ = jax.lax.scan(step_back, begin, inputs, reverse=True, unroll=unroll)
-    return before, None, total, None  # None stands for zero, also where `before` and `total` have None
+    return before, None, (None, None, total)  # None stands for zero, also where `before` and `total` have None
 
 
 _run_reversibly.defvjp(_forward_pass, _backward_pass, symbolic_zeros=True)

@@ -137,8 +137,16 @@ def run_of_body(
             return shared.advance(system, t0, dt, h, progress, n, row)
         return method.advance(system, (t0, dt), partial(ends_of_step, n), h, progress, axes)[0]
 
-    def take_back(progress: Progress, step: tuple[Array, Any]) -> Progress:
-        return method.advance(system, (t0, dt), partial(ends_of_step_back, step[0]), -dt, progress, axes)[0]
+    def take_back(progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
+        ends = partial(ends_of_step_back, step[0])
+        progress, (_, known) = method.advance(system, (t0, dt), ends, -dt, progress, axes, method.step_back)
+        return progress, known
+
+    def take_again(progress: Progress, step: tuple[Array, Any], known: Any) -> Progress:
+        if shared is not None:
+            return advance(dt, progress, step)
+        again = partial(method.step_again, known=known)
+        return method.advance(system, (t0, dt), partial(ends_of_step, step[0]), dt, progress, axes, again)[0]
 
     progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
     if method.keeps_force(system):
@@ -147,7 +155,7 @@ def run_of_body(
     def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
         n, rows = interval
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        inputs = Steps(partial(advance, dt), take_back, (indices, rows), save_every, method.unroll)
+        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, method.unroll)
         progress = adjoint.run(inputs, progress)
         state = system.state(progress.motion)
         if observe is None:

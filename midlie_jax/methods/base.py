@@ -114,6 +114,24 @@ class Method(eqx.Module):
             The motion at t1, the force at t1 if `keeps_force`, else None, and whether all solves succeeded.
         """
 
+    def step_back(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool, Any]:
+        """`step`, and what `step_again` can use of it to take the same step the other way round; None for nothing."""
+        return *self.step(system, t0, t1, h, motion, force), None
+
+    def step_again(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
+        """`step`, after `step_back` went from its end to its start; only its derivative is wanted.
+
+        Args:
+            system, t0, t1, h, motion, force: as for `step`.
+            known: the last result of `step_back`.
+        """
+        del known
+        return self.step(system, t0, t1, h, motion, force)
+
     def advance(
         self,
         system: System,
@@ -122,6 +140,7 @@ class Method(eqx.Module):
         h: Array,
         progress: Progress,
         axes: Axes = NONE,
+        step: Callable[..., Any] | None = None,
     ) -> tuple[Progress, Any]:
         """One step as every driver takes it: one loop in the compiled program, and one loop in its derivative.
 
@@ -132,11 +151,13 @@ class Method(eqx.Module):
             h: the signed step.
             progress: the progress before the step.
             axes: the axes of a mesh of devices along which the run varies.
+            step: `step` if None; or `step_back`, or `step_again` with what is known.
 
         Returns:
-            The progress after the step, and the further results of `times`.
+            The progress after the step, and the further results of `times`; of `step_back` these and `known`.
         """
         system, clock, h, progress = begin((system, clock, h, progress))
         t0, t1, rest = times(clock)
-        motion, force, ok = self.step(system, t0, t1, h, progress.motion, progress.force)
+        motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)
+        rest = (rest, *known) if known else rest
         return fuse(all_promoted((Progress(motion, force, progress.ok & ok), rest), axes))

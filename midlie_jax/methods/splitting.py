@@ -13,6 +13,7 @@ from .._kernel.platform import on_cpu
 from ..model.bodies import Body, RigidBody, principal_of
 from .base import Method
 from .flights import Flight
+from .flights.exact import ExactFlight
 from .limits import decay_limit, oscillator_limit
 from .scheme import FLIGHT, KICK, Scheme, run
 from .system import AnyMotion, Motion, System, added
@@ -83,9 +84,26 @@ class Splitting(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
+        return self._step(_Stages(self.flight, system, t0, t1, h), motion, force)
+
+    def step_back(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool, Any]:
+        used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops
+        flown: list[cp.Quaternion] | None = [] if used else None
+        stages = _Stages(self.flight, system, t0, t1, h, flown=flown)
+        return *self._step(stages, motion, force), flown
+
+    def step_again(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
+        known = None if known is None else [cp.conjugate(increment) for increment in known]
+        return self._step(_Stages(self.flight, system, t0, t1, h, known=known), motion, force)
+
+    def _step(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         advance = self._step_in_loop if self.loops else self._step_unrolled
-        motion, force, ok = advance(_Stages(self.flight, system, t0, t1, h), motion, force)
-        return motion, force if self.keeps_force(system) else None, ok
+        motion, force, ok = advance(stages, motion, force)
+        return motion, force if self.keeps_force(stages.system) else None, ok
 
     @property
     def loops(self) -> bool:
@@ -144,13 +162,22 @@ class Splitting(Method):
 
 
 class _Stages(NamedTuple):
-    """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages."""
+    """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
+
+    Attributes:
+        flight, system, t0, t1, h: of the step.
+        flown: a list to which each flight adds its increment; or None.
+        known: the increments of the flights, from the last to the first, if they are known; each flight takes away its
+            own.
+    """
 
     flight: Flight
     system: System
     t0: Array
     t1: Array
     h: Array
+    flown: list[cp.Quaternion] | None = None
+    known: list[cp.Quaternion] | None = None
 
     def _time(self, c: Any) -> Array:
         """The time c h after the start of the step: exactly t0 for c = 0 and exactly t1 for c = 1."""
@@ -159,8 +186,10 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        has_pose = self.system.kind.has_pose
-        increment, change, ok = _fly(self.flight, has_pose, self.system.inertia, a * self.h, motion.momentum)
+        has_pose, known = self.system.kind.has_pose, self.known.pop() if self.known else None
+        increment, change, ok = _fly(self.flight, has_pose, self.system.inertia, a * self.h, motion.momentum, known)
+        if self.flown is not None:
+            self.flown.append(increment)
         motion = self.system.pushed(motion, change, self.t0)
         return Motion(motion.momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
 
@@ -182,11 +211,15 @@ class _Stages(NamedTuple):
 
 
 @eqx.filter_jit
-def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+def _fly(
+    flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any, known: cp.Quaternion | None
+) -> tuple[Any, Any, Array | bool]:
     """One flight, traced once for all the flights of a step and of every later method with the same flight.
 
     The increment is None for a state without a pose, which ignores it.
     """
     if flight.long_derivative:
         inertia, h, momentum = fuse_derivative((inertia, h, momentum))
+    if known is not None and isinstance(flight, ExactFlight):
+        return *flight.again(inertia, h, momentum, known), True
     return flight(inertia, h, momentum) if has_pose else (None, *flight.momentum_change(inertia, h, momentum))

@@ -284,7 +284,7 @@ def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Arra
     would turn the attitude slightly, and in the same direction at every step. The correction accounts for the lengths
     of both factors.
     """
-    correction = _length_correction(_square(attitude), no_step) + 0.5 * cp.norm_defect(increment)
+    correction = _length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
     w, x, y, z = increment
     factor = 1 + correction
     return cp.multiply(attitude, ((w - 1) * factor + correction, factor * x, factor * y, factor * z))

@@ -28,18 +28,19 @@ elliptic functions anew at each time. The rational step was derived for this pac
 `oracles.free_body`.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.short_series import half_angle, half_turn
 from ..._kernel.weierstrass import step_functions
-from ...model.bodies import RigidBody
 from ..inertia import Inertia
-from .base import Flight
-from .jacobi_momentum import Invariants, momentum_change
+from .exact import ExactFlight, Flown
+from .jacobi_momentum import Invariants, lag, momentum_change
+from .turn_tangent import Changes
 
 # The largest h |Omega|, in radians, for which the sums are exact to rounding.
 LARGEST_TURN = 1.2
@@ -47,7 +48,7 @@ LARGEST_TURN = 1.2
 Complex = tuple[Array, Array]  # (real, imaginary / |y|), so that only |y|^2 is needed, never |y|
 
 
-class Jacobi(Flight):
+class Jacobi(ExactFlight):
     """The exact flight for any moments; symplectic; conserves energy and spatial momentum to rounding.
 
     The flight reports False in `ok` where h |Omega| exceeds 1.2 radians. For a real body this limit also bounds the
@@ -57,26 +58,48 @@ class Jacobi(Flight):
 
     name: ClassVar[str] = "JACOBI"
     use: ClassVar[str] = "any body: exact, without a solve"
-    order: ClassVar[int | None] = None
-    symplectic: ClassVar[bool] = True
-    body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 2
     per_kernel: ClassVar[int] = 2
     reach: ClassVar[float] = LARGEST_TURN
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+        increment, change = self.fly(inertia, h, momentum)
+        y = inertia.travel(h, momentum)
+        turn = cp.times(inertia.spins, y)
+        largest = cp.largest(Invariants.of(inertia, y).differences)
+        return increment, change, (cp.dot(turn, turn) <= LARGEST_TURN**2) & (largest <= LARGEST_TURN**2)
+
+    def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
+        """The rotation and the momentum that it gives."""
         spins, y = inertia.spins, inertia.travel(h, momentum)
         turn = cp.times(spins, y)
-        size = cp.dot(turn, turn)
         # A vanishing momentum leaves the axis of the angle undefined; there two terms of the series in h are exact to
         # rounding.
-        at_rest = size <= cp.epsilon(h)
+        at_rest = cp.dot(turn, turn) <= cp.epsilon(h)
         change = cp.times(spins, cp.cross(y, turn))
         series = half_turn(_select(at_rest, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
-        closed_form, ok = _turn(inertia, spins, _select(at_rest, cp.times(inertia.middle, inertia.relative), y))
+        closed_form = _turn(inertia, spins, _select(at_rest, cp.times(inertia.middle, inertia.relative), y))
         series = cp.square(series)
         increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok & (size <= LARGEST_TURN**2)
+        return increment, cp.rotation_change(cp.conjugate(increment), momentum)
+
+    def momentum_tangent(
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, changes: Changes
+    ) -> tuple[cp.Vector, Array | None]:
+        """By differentiating the rational function."""
+        varying: dict[str, Any] = {"momentum": (momentum, changes.momentum)}
+        if changes.h is not None:
+            varying["h"] = h, changes.h
+        if changes.spins is not None:
+            varying["gaps"] = inertia.gaps, changes.gaps()
+
+        def change_with(arguments: dict[str, Any]) -> cp.Vector:
+            varied = inertia._replace(gaps=arguments.get("gaps", inertia.gaps))
+            return momentum_change(varied, arguments.get("h", h), arguments["momentum"], LARGEST_TURN)[0]
+
+        at, along = ({name: pair[place] for name, pair in varying.items()} for place in (0, 1))
+        _, tangent = jax.jvp(change_with, (at,), (along,))
+        return tangent, None if changes.spins is None else lag(inertia, h, momentum, LARGEST_TURN)
 
     def momentum_change(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
         """The change of the momentum as a rational function, without the angle of the body about the momentum."""
@@ -87,8 +110,8 @@ class Jacobi(Flight):
         return change, ok & (cp.dot(turn, turn) <= LARGEST_TURN**2)
 
 
-def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaternion, Array]:
-    """The rotation in a unit of time of a body with momentum y, in units of the largest moment; and `ok`.
+def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:
+    """The rotation in a unit of time of a body with momentum y, in units of the largest moment.
 
     Letters are those of the module docstring.
     """
@@ -123,8 +146,7 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> tuple[cp.Quaterni
     x = cp.add(cp.scale(cosine * per_total, across), cp.scale(sine, cp.add(cp.scale(d, y), n)))
     scalar = cosine * M
     factor = cp.inverse_root(scalar * scalar + cp.dot(x, x))
-    ok = cp.largest(differences) <= LARGEST_TURN**2
-    return (factor * scalar, factor * x[0], factor * x[1], factor * x[2]), ok
+    return factor * scalar, factor * x[0], factor * x[1], factor * x[2]
 
 
 def _across(a: cp.Vector, y: cp.Vector, differences: cp.Vector, e: cp.Vector, s: Array) -> cp.Vector:

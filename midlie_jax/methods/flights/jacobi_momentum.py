@@ -22,7 +22,7 @@ import jax
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.weierstrass import sigma_functions
+from ..._kernel.weierstrass import moment_functions, sigma_functions
 from ..inertia import Inertia
 
 # The square of the relative change of the momentum below which a change counts as short: an error of its length, even
@@ -70,34 +70,98 @@ class Invariants(NamedTuple):
         return cls(k, a_jk, squares, total, K, differences, wp, g2, g3)
 
 
+class HalfWay(NamedTuple):
+    """The momentum half way through a flight, and the functions of half the flight.
+
+    Attributes:
+        y: the momentum at the start, in units in which half the flight takes a unit of time.
+        invariants: of the motion, in these units.
+        s, t: S and T = E_1 E_2 E_3.
+        v: V.
+        d: D at the start.
+        momentum: E_l N_l, in units of the momentum.
+        moved: the same in units of y.
+        squares, pairs: E_l^2, and T^2 / E_l^2.
+        others: (T D X_l)^2.
+        weight: a_j a_k S^2.
+        below: T^2 D^2 D(X).
+    """
+
+    y: cp.Vector
+    invariants: Invariants
+    s: Array
+    t: Array
+    v: Array
+    d: Array
+    momentum: cp.Vector
+    moved: cp.Vector
+    squares: cp.Vector
+    pairs: cp.Vector
+    others: cp.Vector
+    weight: Array
+    below: Array
+
+    @classmethod
+    def of(cls, inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> "HalfWay":
+        y = inertia.travel(h / 2, momentum)
+        found = Invariants.of(inertia, y)
+        s, w, t = sigma_functions(found.g2, found.g3, radius / 2)
+        s_squared = s * s
+        v = w - found.wp * s_squared
+        weight = found.a_jk * s_squared
+        d = v + weight * (found.total - cp.dot(inertia.middle, found.squares))
+        squares = cp.add((v, v, v), cp.scale(s_squared, found.differences))
+        pairs = (squares[1] * squares[2], squares[2] * squares[0], squares[0] * squares[1])
+        crossed = (y[1] * momentum[2], y[2] * momentum[0], y[0] * momentum[1])
+        pulls = cp.times(inertia.gaps, squares)
+        half_way = cp.add(cp.scale(t, momentum), cp.scale(s, cp.times(pulls, crossed)))
+        moved = inertia.travel(h / 2, half_way)
+        others = cp.times(pairs, cp.times(moved, moved))
+        below = v * (t * d) * (t * d) + weight * (others[0] + others[1] + others[2] - cp.dot(inertia.middle, others))
+        return cls(y, found, s, t, v, d, half_way, moved, squares, pairs, others, weight, below)
+
+
 def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> tuple[cp.Vector, Invariants]:
     """The change of the momentum in a flight of time h, and the invariants of half the flight.
 
     It is exact to rounding where h |Omega| and the roots of the invariants of the whole flight are at most `radius`.
     """
-    a, middle = inertia.gaps, inertia.middle
-    y = inertia.travel(h / 2, momentum)
-    found = Invariants.of(inertia, y)
-    s, w, t = sigma_functions(found.g2, found.g3, radius / 2)
-    s_squared = s * s
-    v = w - found.wp * s_squared
-    weight = found.a_jk * s_squared
-    d = v + weight * (found.total - cp.dot(middle, found.squares))
+    half = HalfWay.of(inertia, h, momentum, radius)
+    pulls = cp.times(inertia.gaps, half.squares)
+    sides = (pulls[0] * half.moved[1], pulls[1] * half.moved[2], pulls[2] * half.moved[0])
+    direction = cp.times(sides, (half.momentum[2], half.momentum[0], half.momentum[1]))
+    factor = 2 * half.s * half.t * cp.reciprocal(half.below)
+    moving = cp.times(sides, (half.moved[2], half.moved[0], half.moved[1]))  # the direction in units of y
+    total = half.invariants.total
+    error = _error_of_length(*jax.lax.stop_gradient((half.y, total, cp.scale(factor, moving))))
+    return cp.scale(factor - factor * error, direction), half.invariants
 
-    squares = cp.add((v, v, v), cp.scale(s_squared, found.differences))  # E_l^2
-    pairs = (squares[1] * squares[2], squares[2] * squares[0], squares[0] * squares[1])
-    pulls = cp.times(a, squares)
-    crossed = (y[1] * momentum[2], y[2] * momentum[0], y[0] * momentum[1])
-    half_way = cp.add(cp.scale(t, momentum), cp.scale(s, cp.times(pulls, crossed)))  # E_l N_l
-    moved = inertia.travel(h / 2, half_way)
-    others = cp.times(pairs, cp.times(moved, moved))
-    below = v * (t * d) * (t * d) + weight * (others[0] + others[1] + others[2] - cp.dot(middle, others))
-    sides = (pulls[0] * moved[1], pulls[1] * moved[2], pulls[2] * moved[0])
-    direction = cp.times(sides, (half_way[2], half_way[0], half_way[1]))
-    factor = 2 * s * t * cp.reciprocal(below)
-    moving = cp.times(sides, (moved[2], moved[0], moved[1]))  # the direction in units of y
-    error = _error_of_length(*jax.lax.stop_gradient((y, found.total, cp.scale(factor, moving))))
-    return cp.scale(factor - factor * error, direction), found
+
+def lag(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> Array:
+    """The integral of (h - t) Pi_1 Pi_2 Pi_3 over a flight, with momenta in units of the largest moment.
+
+    With t from the middle of the flight it is h/2 times the integral of Pi_1 Pi_2 Pi_3, which changes Pi_l^2 by 2 a_l
+    times as much, less the integral of t Pi_1 Pi_2 Pi_3. Because a_1 a_2 a_3 Pi_1 Pi_2 Pi_3 = wp'/2, the latter is
+    given by `moment_functions`, where p^2 - g2/12, 2 g2 p + 3 g3 and 18 g3 p + g2^2 are a_1 a_2 a_3 times `change`/3,
+    `first` and `second` below.
+    """
+    half = HalfWay.of(inertia, h, momentum, radius)
+    a, found = inertia.gaps, half.invariants
+    x, y, z = half.moved
+    rate = cp.scale(inertia.per_unit, half.momentum)  # `moved` per h/2: one such factor stands for the division by h/2
+    per = cp.reciprocal(half.t * half.d)
+    squares = cp.scale(per * per, half.others)  # X_l^2
+    rates = cp.times(cp.scale(per * per, cp.times(half.pairs, half.moved)), rate)
+    per_product = per * per * per * half.t * half.t
+    product, product_rate = x * y * z * per_product, x * y * rate[2] * per_product
+    change = a[0] * squares[1] * rates[2] + a[1] * squares[2] * rates[0] + a[2] * squares[0] * rates[1]
+    across = squares[0] + squares[1] + squares[2] - cp.dot(inertia.middle, squares)
+    p = found.wp - found.a_jk * across
+    first = 4 * p * change - 12 * a[0] * a[1] * a[2] * product * product_rate
+    second = 6 * p * first - 4 * found.g2 * change
+    A, B, C = moment_functions(found.g2, found.g3, radius / 2)
+    per_d = cp.reciprocal(half.v + half.weight * across)
+    return (2 * half.s * half.t * product_rate - 0.5 * (A / 3 * change + B * first + C * second)) * per_d * per_d
 
 
 def _error_of_length(y: cp.Vector, total: Array, change: cp.Vector) -> Array:

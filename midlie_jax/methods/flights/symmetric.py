@@ -2,14 +2,7 @@
 
 b = h (1/I3 - 1/I1) Pi3,    R1 = R0 exp(h Pi0/I1) exp(b e3),    Pi1 = exp(-b e3) Pi0
 
-These formulas hold for equal moments only, and so do not give the derivative with respect to the difference of the two
-moments. That derivative follows by variation of constants. With inverse moments a + e, a - e, c the energy is that of
-the symmetric body plus e H1, H1 = (Pi1^2 - Pi2^2)/2. To first order in e, the motion is the flow of e K followed by the
-motion of the symmetric body, where K is the integral of H1 along the motion of the symmetric body:
-
-K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    sinc(b) = sin(b)/b
-
-The flow of e K is a rotation by e grad K, which also rotates the momentum.
+Their derivative, with moments that may become unequal, is in `symmetric_tangent`.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -19,20 +12,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.custom_derivatives import SymbolicZero
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, spin, stumpff
-from ...model.bodies import RigidBody
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, spin
 from ..inertia import Inertia
-from .base import Flight
+from .exact import ExactFlight, Flown
+from .symmetric_tangent import Turning
+from .turn_tangent import Changes, is_zero
 
 _EQUALITY_TOLERANCE = 8  # units of eps by which inverse moments may differ and still count as equal
 
-FlightResult = tuple[cp.Quaternion, cp.Vector]
 
-
-class Symmetric(Flight):
+class Symmetric(ExactFlight):
     """The exact flight of bodies with two equal moments; symplectic; conserves energy and spatial momentum to rounding.
 
     The flight reports False in `ok` where no two inverse moments agree to 8 eps, and where one of its rotations exceeds
@@ -47,13 +38,9 @@ class Symmetric(Flight):
 
     name: ClassVar[str] = "SYMMETRIC"
     use: ClassVar[str] = "bodies with two equal moments: exact, and three times as fast as JACOBI"
-    order: ClassVar[int | None] = None
-    symplectic: ClassVar[bool] = True
-    body: ClassVar[type] = RigidBody
     equal_moments: ClassVar[bool] = True
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 4
-    long_derivative: ClassVar[bool] = False
     reach: ClassVar[float] = LARGEST_TURN
 
     def fitted(self, moments: Array) -> "Symmetric":
@@ -72,12 +59,34 @@ class Symmetric(Flight):
         return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+        increment, change = self.fly(inertia, h, momentum)
         numbering = _Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.renumbered(inertia.inverses)
+        ok = within_reach(h, inverses[0], inverses[2], numbering.renumbered(momentum))
+        return increment, change, ok & _equal(inverses[0], inverses[1])
+
+    def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
+        """The two rotations."""
+        numbering = _Numbering.of(inertia.inverses, self.axis)
+        a, _, c = numbering.renumbered(inertia.inverses)
         renumbered = numbering.renumbered(momentum)
-        (w, *u), change = _fly(h, inverses, renumbered)
-        ok = within_reach(h, inverses[0], inverses[2], renumbered) & _equal(inverses[0], inverses[1])
-        return (w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change), ok
+        (w, *u), about_third = symmetric_turn(h, a, c, renumbered)
+        change = cp.rotation_change_about(2, *about_third, renumbered)
+        return (w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change)
+
+    def momentum_tangent(
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, changes: Changes
+    ) -> tuple[cp.Vector, Array | None]:
+        """With first derivatives that allow the moments to become unequal."""
+        inertia = _first_derivatives_only(inertia)
+        numbering = _Numbering.of(inertia.inverses, self.axis)
+        flight = Turning.of(h, numbering.renumbered(inertia.gaps)[0], inertia.per_unit, numbering.renumbered(momentum))
+        renumbered = changes._replace(
+            spins=None if changes.spins is None else numbering.renumbered(changes.spins),
+            momentum=numbering.renumbered(changes.momentum),
+        )
+        tangent = numbering.restored(flight.momentum_tangent(renumbered))
+        return tangent, None if changes.spins is None else flight.lag()
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
         """The larger rate of the two rotations."""
@@ -156,47 +165,13 @@ def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:
 
 
 @jax.custom_jvp
-def _fly(h: Array, inverses: cp.Vector, momentum: cp.Vector) -> FlightResult:
-    """The flight with symmetry axis 3, with first derivatives that allow the moments to become unequal."""
-    increment, about_third = symmetric_turn(h, inverses[0], inverses[2], momentum)
-    return increment, cp.rotation_change_about(2, *about_third, momentum)
-
-
-def _fly_jvp(primals: Any, tangents: Any) -> tuple[FlightResult, FlightResult]:
-    h, inverses, momentum = primals
-    a, _, c = _first_derivatives_only(inverses)
-    dh, (da, db, dc), dp = _with_zeros(tangents, primals)
-
-    def moved(dp: cp.Vector) -> tuple[FlightResult, FlightResult]:
-        def flight(h: Array, a: Array, c: Array, momentum: cp.Vector) -> FlightResult:
-            return _fly.fun(h, (a, a, c), momentum)
-
-        return jax.jvp(flight, (h, a, c, momentum), (dh, (da + db) / 2, dc, dp))
-
-    if all(map(_is_zero, tangents[1])):
-        _, (increment_dot, change_dot) = moved(dp)
-    else:
-        # The derivative with respect to e: a rotation by grad K, which also rotates the momentum, then the flight.
-        turn = cp.scale((da - db) / 2, _gradient(h, c - a, momentum))
-        shift = cp.cross(momentum, turn)
-        (increment, _), (increment_dot, change_dot) = moved(cp.add(dp, shift))
-        turn_dot = cp.multiply((h * 0, *cp.scale(0.5, turn)), increment)
-        increment_dot = jax.tree.map(jnp.add, increment_dot, turn_dot)
-        change_dot = cp.add(change_dot, shift)
-    return _fly(*primals), (increment_dot, change_dot)
-
-
-_fly.defjvp(_fly_jvp, symbolic_zeros=True)
-
-
-@jax.custom_jvp
-def _first_derivatives_only(inverses: cp.Vector) -> cp.Vector:
-    """The inverse moments unchanged, for a derivative that is wrong in second order: differentiating again raises."""
-    return inverses
+def _first_derivatives_only(inertia: Inertia) -> Inertia:
+    """The inertia unchanged, for a derivative that is wrong in second order: differentiating again raises."""
+    return inertia
 
 
 def _refuse_second_derivatives(primals: Any, tangents: Any) -> Any:
-    if all(map(_is_zero, tangents[0])):
+    if all(map(is_zero, jax.tree.leaves(tangents[0], is_leaf=is_zero))):
         return primals[0], _with_zeros(tangents[0], primals[0])
     raise ValueError(
         "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all orders."
@@ -206,22 +181,5 @@ def _refuse_second_derivatives(primals: Any, tangents: Any) -> Any:
 _first_derivatives_only.defjvp(_refuse_second_derivatives, symbolic_zeros=True)
 
 
-def _gradient(h: Array, gap: Array, momentum: cp.Vector) -> cp.Vector:
-    """The gradient of K with respect to Pi, for gap = 1/I3 - 1/I1."""
-    p, q, r = momentum
-    angle = h * gap * r
-    x = angle * angle
-    two, three, _, _ = stumpff(x)
-    sinc, slope = 1 - x * three, angle * (three - two)
-    cosine, sine = 1 - x * two, angle * sinc
-    u, v = p * cosine + q * sine, q * cosine - p * sine  # z exp(-i b)
-    along = slope * (p * u - q * v) + sinc * (p * v + q * u)
-    return h * sinc * u, -h * sinc * v, h * h / 2 * gap * along
-
-
-def _is_zero(tangent: Any) -> bool:
-    return isinstance(tangent, SymbolicZero)
-
-
 def _with_zeros(tangents: Any, primals: Any) -> Any:
-    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if _is_zero(t) else t, tangents, primals, is_leaf=_is_zero)
+    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if is_zero(t) else t, tangents, primals, is_leaf=is_zero)
