@@ -98,7 +98,7 @@ test-release: .venv/.test
 
 LOWEST = $(patsubst %,tests/test_%.py,so3 bodies inputs scalars leaves run_command bands fit_calls release)
 test-lowest: .venv-lowest/.lowest
-	.venv-lowest/bin/pytest -n 0 $(LOWEST)
+	.venv-lowest/bin/pytest -n 2 --no-loadscope-reorder $(LOWEST)
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
