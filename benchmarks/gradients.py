@@ -82,7 +82,7 @@ def row(label, adjoint, end, value_of=None):
     value, _ = compiled(lambda start: (value_of or end)(PARAMETERS, start))
     gradient, seconds = compiled(lambda start: jax.value_and_grad(end)(PARAMETERS, start))
     calls = [lambda: jax.block_until_ready(value(STARTS)), lambda: jax.block_until_ready(gradient(STARTS))]
-    (_, one), (_, both) = timed_in_turn(calls, least=5, most=9)
+    (_, one), (_, both) = timed_in_turn(calls, least=31, most=61)
     nanoseconds = 1e9 * both.seconds / BODIES / STEPS
     return [label, adjoint, f"{both.seconds / one.seconds:.1f}", f"{nanoseconds:.0f}", f"{seconds:.0f} s"]
 
