@@ -37,6 +37,7 @@ def test_what_is_recommended_stays_within_the_tolerance(few, tolerance, duration
     """Over the whole duration asked for, with a step no finer than it must be: one half as long again misses."""
     found = ml.recommend(BODY, TOP, START, tolerance, duration=duration)
     assert found.steps * found.dt == pytest.approx(duration, rel=1e-14)
+    assert ml.check(found.method, BODY, TOP, START, found.dt).sane
     error = measured(found, TOP, duration)
     assert error <= tolerance
     assert error == pytest.approx(found.error, rel=0.01, abs=tolerance / 30)
@@ -50,6 +51,18 @@ def test_a_free_body_takes_the_largest_step_that_its_flight_reaches():
     assert found.method == "JACOBI[EA]"
     assert found.dt * np.linalg.norm(CASE.momentum / CASE.moments) > 0.5
     assert "reach" in found.note
+
+
+def test_a_step_that_the_check_does_not_call_sane_is_not_recommended(monkeypatch):
+    """One step of the whole motion is accurate enough, but turns the body by more than 0.8 of the method's reach."""
+    name, torque = "JACOBI[SRKN14a]", HeavyTop(1e-3, AXIS)
+    monkeypatch.setattr(selection, "candidates", lambda *_, **__: [name])
+    one = ml.check(name, BODY, torque, START, 1.0)
+    found = ml.recommend(BODY, torque, START, 1e-2, duration=0.9 * one.reach / one.turn)
+    assert any(trial.ok and trial.error < 1e-2 for trial in found.tried if trial.steps == 1)
+    assert found.steps == 2
+    assert ml.check(name, BODY, torque, START, found.dt).sane
+    assert "does not call it sane" in found.note
 
 
 def test_a_torque_of_the_momentum_gets_methods_that_take_it():

@@ -3,8 +3,9 @@
 Each candidate is compiled once, with the number of steps as an argument, and run over a ladder of steps in which each
 step is half the one before. From a guess the ladder goes to larger steps until a run misses the tolerance, and to
 smaller steps until halving the step changes the result by a small part of the tolerance. The result that changed least
-is the reference for all errors, and the fastest candidate within the tolerance is recommended. The ladder of a
-candidate that is already slower than another one within the tolerance goes to no smaller steps.
+is the reference for all errors, and the fastest candidate within the tolerance is recommended, with a step that `check`
+calls sane. The ladder of a candidate that is already slower than another one within the tolerance goes to no smaller
+steps.
 """
 
 import math
@@ -31,6 +32,7 @@ from ..model.observables import angular_velocity
 from ..model.states import RigidState
 from ..model.torques import TorqueLike
 from .arguments import as_scalar, check_system
+from .check import check
 from .program import Program
 from .timing import timed
 
@@ -76,7 +78,8 @@ class Recommendation(NamedTuple):
         error: measured error of the attitude at the end of the duration, Frobenius norm.
         seconds: measured processor time of the whole motion for one body in a batch.
         duration: duration of the motion.
-        note: what limits the step, if it is not the error; "" otherwise.
+        note: what limits the step, if it is not the error: the method's reach, a stiff torque, or `midlie_jax.check`;
+            "" otherwise.
         tried: all runs.
     """
 
@@ -155,10 +158,14 @@ def recommend(
     fits = sorted(fit for trials in tried.values() for fit in _fit(trials, tolerance))
     print_progress("")
     for _, name, steps in fits:
-        best = _confirmed(compiled[name], steps, exact, tolerance)
+        longest = abs(check(name, body, torque, start, span / steps).suggested)
+        fewest = math.ceil(abs(span) / longest) if longest > 0 else steps
+        best = _confirmed(compiled[name], max(steps, fewest), exact, tolerance)
         if best is not None:
             every = (*(trial for trials in tried.values() for trial in trials), best)
             note = _limit(body, torque, start, tried[name], best)
+            if fewest > steps and not note:
+                note = "a larger step is accurate enough here, but `check` does not call it sane."
             return Recommendation(best.method, best.dt, best.steps, best.error, best.seconds, span, note, every)
     raise ValueError(_why_none(body, torque, start, span, tolerance, runs, reference))
 
