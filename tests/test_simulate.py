@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -322,12 +323,15 @@ def start_process(out, cache, *options):
     }
     script = Path(__file__).parent / "simulated.py"
     command = [sys.executable, str(script), str(out), *map(str, options)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    # A file, because a pipe that is read late fills up with XLA's messages, and the process would wait for ever.
+    errors = Path(tempfile.mkdtemp(dir=out.parent)) / "errors"
+    with errors.open("w") as file:
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=file, text=True, env=environment), errors
 
 
-def finished(process):
-    output, errors = process.communicate(timeout=300)
-    assert process.returncode == 0, errors
+def finished(process, errors):
+    output, _ = process.communicate(timeout=300)
+    assert process.returncode == 0, errors.read_text()
     return output
 
 
@@ -340,7 +344,7 @@ def cache(tmp_path_factory):
 def optimised(tmp_path_factory, cache):
     """The contents of a run on one device, compiled as users get it and not in the hurry of this process."""
     path = tmp_path_factory.mktemp("optimised") / "run.zarr"
-    finished(start_process(path, cache))
+    finished(*start_process(path, cache))
     return contents(path)
 
 
@@ -348,19 +352,19 @@ def optimised(tmp_path_factory, cache):
 def test_a_killed_run_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
     """Killed by SIGKILL at a random instant, and resumed by another process."""
     chance = random.Random(seed)
-    process = start_process(tmp_path / "run.zarr", cache)
+    process, _ = start_process(tmp_path / "run.zarr", cache)
     for _ in range(chance.randrange(16)):
         process.stdout.readline()
     time.sleep(chance.uniform(0, 0.05))
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    finished(start_process(tmp_path / "run.zarr", cache))
+    finished(*start_process(tmp_path / "run.zarr", cache))
     assert_same(tmp_path / "run.zarr", optimised)
 
 
 @pytest.mark.parametrize("devices", [2, 4])
 def test_devices_compute_the_same_bits(tmp_path, cache, optimised, devices):
-    finished(start_process(tmp_path / "run.zarr", cache, "--devices", devices))
+    finished(*start_process(tmp_path / "run.zarr", cache, "--devices", devices))
     assert_same(tmp_path / "run.zarr", optimised)
 
 
@@ -371,7 +375,7 @@ def test_processes_compute_the_same_bits(tmp_path, cache, optimised):
         port = free.getsockname()[1]
     options = "--devices", 2, "--processes", 2, "--port", port
     both = [start_process(tmp_path / "run.zarr", cache, *options, "--process", i) for i in range(2)]
-    outputs = [finished(process) for process in both]
+    outputs = [finished(*started) for started in both]
     assert all(outputs)
     assert_same(tmp_path / "run.zarr", optimised)
 

@@ -151,6 +151,17 @@ def test_fitting_is_imported_when_it_is_first_asked_for():
     assert said.split() == ["False", "True", "True"]
 
 
+def test_importing_computes_nothing():
+    """A program may choose the devices, or join other processes (`jax.distributed.initialize`), after its imports."""
+    names = [f"{PACKAGE}.{name}" for name in modules() if name and not name.endswith("__main__")]
+    code = (
+        f"import importlib\nfor name in {names!r}: importlib.import_module(name)\n"
+        "import jax; jax.config.update('jax_num_cpu_devices', 3); print(len(jax.devices('cpu')))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert said.split() == ["3"]
+
+
 def test_one_file_uses_what_jax_does_not_document():
     """See midlie_jax/_kernel/internals.py; custom derivatives are documented."""
     private = re.compile(r"^\s*(?:from|import) jax\.(?:core|extend|interpreters|_src)\b", re.MULTILINE)

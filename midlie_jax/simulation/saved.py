@@ -17,7 +17,6 @@ from .names import parameter
 
 _MOMENTS, _PRINCIPAL, _AXES = "body.moments", "body.principal.moments", "body.axes"
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
-_STATES = jax.tree.structure(RigidState(np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32)))
 
 
 class Saved(NamedTuple):
@@ -74,7 +73,8 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     # A store that is not complete has no numbers yet where nothing is computed: that is no failure.
     count = good if ok else len(t)
     parts = jnp.asarray(momentum[:count]), jnp.asarray(attitude[:count])
-    states: Any = jax.tree.unflatten(_STATES, parts)  # unchecked: those of a failed run may contain NaN
+    one = RigidState(np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32))
+    states: Any = jax.tree.unflatten(jax.tree.structure(one), parts)  # unchecked: those of a failed run may hold NaN
     path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
     title = str(arrays["title"]) if "title" in arrays else source.name
     return Saved(_body(source, arrays, body), path, title, bodies)
