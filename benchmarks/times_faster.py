@@ -47,7 +47,7 @@ def main() -> None:
     every = measured()
     for axes, (name, scenes) in zip(figure.subplots(1, 2, sharey=True), every.items(), strict=True):
         panel(axes, f"{name}'s time over ours", "Error of attitude  |R - R*|, Frobenius  [-]", "Times faster  [-]")
-        axes.set(xscale="log", yscale="log", xlim=(3e-3, 3e-13), ylim=(0.7, 250))
+        axes.set(xscale="log", yscale="log", xlim=(3e-3, 3e-13), ylim=(0.7, 400))
         axes.axhline(1.0, color=FAINT, linewidth=1.2)
         axes.annotate("equal", (2.4e-3, 1.06), color=INK, fontsize=8.5)
         ends: list[End] = []
