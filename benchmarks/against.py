@@ -10,11 +10,10 @@ machine affects both.
 
 import argparse
 import os
-import statistics
-import subprocess
-import sys
 import time
 from pathlib import Path
+
+from served import Served, asked_in_turn, requests
 
 HERE = Path(__file__).resolve().parent.parent
 BATCH, STEPS, REPEATS = 4096, 100, 7
@@ -43,8 +42,8 @@ def serve():
     momenta = np.tile([0.0, 0.0, 50.0], (BATCH, 1))
     compiled = {}
     print(Path(ml.__file__).parent.parent, flush=True)
-    for line in sys.stdin:
-        name, dtype = key = tuple(line.rstrip("\n").split("\t"))
+    for key in requests():
+        name, dtype = key
         if key not in compiled:
             body = ml.RigidBody(np.array([5.0, 5.0, 1.0], dtype))
             torque = ml.torques.HeavyTop(np.array(20.0, dtype))
@@ -61,22 +60,13 @@ def serve():
         print((time.process_time() - began) / (BATCH * STEPS), flush=True)
 
 
-class Checkout:
-    """A process that times the programs of a checkout in a folder."""
-
-    def __init__(self, folder):
-        environment = {**os.environ, "PYTHONPATH": str(folder)}
-        command = [sys.executable, __file__, "--serve"]
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-        self.process = subprocess.Popen(command, env=environment, cwd=folder, **pipes)
-        imported = Path(self.process.stdout.readline().strip())
-        if imported != Path(folder).resolve():
-            raise SystemExit(f"{folder} is not a checkout of midlie_jax: Python imported it from {imported}.")
-
-    def seconds(self, name, dtype):
-        self.process.stdin.write(f"{name}\t{dtype}\n")
-        self.process.stdin.flush()
-        return float(self.process.stdout.readline())
+def of_checkout(folder):
+    """The process that times the programs of a checkout in a folder."""
+    process = Served(__file__, {**os.environ, "PYTHONPATH": str(folder)}, folder)
+    imported = Path(process.line())
+    if imported != Path(folder).resolve():
+        raise SystemExit(f"{folder} is not a checkout of midlie_jax: Python imported it from {imported}.")
+    return process
 
 
 def main():
@@ -91,15 +81,11 @@ def main():
         parser.error("give the folder of another checkout")
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    before, after = Checkout(options.other), Checkout(HERE)
+    before, after = of_checkout(options.other), of_checkout(HERE)
     print("| method | dtype | before | after, M body-steps/s | time after / before |\n|---|---|---|---|---|")
     for name in named():
         for dtype in ("float64", "float32"):
-            for checkout in (before, after):  # compiles
-                checkout.seconds(name, dtype)
-            pairs = [(before.seconds(name, dtype), after.seconds(name, dtype)) for _ in range(REPEATS)]
-            old, new = (statistics.median(column) for column in zip(*pairs, strict=True))
-            ratio = statistics.median(b / a for a, b in pairs)
+            old, new, ratio = asked_in_turn(before, after, (name, dtype), REPEATS)
             print(f"| {name} | {dtype} | {1e-6 / old:.1f} | {1e-6 / new:.1f} | {ratio:.2f} |", flush=True)
 
 

@@ -8,11 +8,10 @@ processor time. Only on a processor with AVX-512, elsewhere the script says so a
 """
 
 import os
-import statistics
-import subprocess
 import sys
 
 from pages import command
+from served import Served, asked_in_turn, requests
 
 BEGIN, END = "<!-- widths -->", "<!-- /widths -->"
 METHODS = {"LIEMID[EA]": 400, "JACOBI[EA]": 1000, "SYMMETRIC[EA]": 3000, "DOP853": 400, "JACOBI[SRKN14a]": 100}  # steps
@@ -21,8 +20,8 @@ BODIES, DT, TURNS = 1000, 0.005, 7
 NARROW = {"XLA_FLAGS": "--xla_cpu_prefer_vector_width=256"}
 
 
-def measure():
-    """Answers each line "method dtype" on stdin by the millions of body-steps a second."""
+def serve():
+    """Answers each request, a method and a dtype, by the millions of body-steps a second."""
     from midlie_jax.drivers.timing import pin
 
     pin()  # before XLA counts the cores
@@ -44,8 +43,8 @@ def measure():
         given = {"dt": jnp.asarray(DT, dtype), "steps": METHODS[name], "save_every": METHODS[name]}
         return lambda: jax.block_until_ready(ml.ensemble(name, body, torque, starts, **given))
 
-    for line in sys.stdin:
-        name, dtype = key = tuple(line.split())
+    for key in requests():
+        name, dtype = key
         if key not in runs:
             runs[key] = run_of(name, dtype)
             runs[key]()
@@ -54,35 +53,18 @@ def measure():
 
 
 def rows():
-    def start(flags):
-        environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"} | flags
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-        return subprocess.Popen([sys.executable, __file__, "--measure"], env=environment, **pipes)
-
-    def ask(process, name, dtype):
-        process.stdin.write(f"{name} {dtype}\n")
-        process.stdin.flush()
-        return float(process.stdout.readline())
-
-    narrow, wide = start(NARROW), start({})
+    inherited = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    narrow, wide = Served(__file__, inherited | NARROW), Served(__file__, inherited)
     for name in METHODS:
-        cells = []
-        for dtype in DTYPES:
-            pairs = [(ask(narrow, name, dtype), ask(wide, name, dtype)) for _ in range(TURNS)]
-            slow, fast = (statistics.median(column) for column in zip(*pairs, strict=True))
-            gain = statistics.median(b / a for a, b in pairs)
-            cells += [f"{slow:.1f}", f"{fast:.1f}", f"{gain:.2f}"]
-        yield [name, *cells]
-    for process in (narrow, wide):
-        process.stdin.close()
-        process.wait()
+        found = [asked_in_turn(narrow, wide, (name, dtype), TURNS) for dtype in DTYPES]
+        yield [name, *(f"{figure:.{digits}f}" for row in found for figure, digits in zip(row, (1, 1, 2), strict=True))]
 
 
 HEADS = ("M body-steps/s", *(f"{dtype}, {what}" for dtype in DTYPES for what in ("256", "512", "gain")))
 
 if __name__ == "__main__":
-    if "--measure" in sys.argv:
-        measure()
+    if "--serve" in sys.argv:
+        serve()
     else:
         from midlie_jax._kernel.width import vector_width_options
 
