@@ -143,7 +143,7 @@ def compute_and_write(
             arrays = {name: np.asarray(x)[real] if of_bodies else np.asarray(x) for name, x in seen.items()}
             state = {name: np.asarray(x)[real] for name, x in named(progress.state).items()}
             sink.write(part, arrays, state, np.asarray(progress.first_bad)[real])
-        except Exception:  # which the main thread raises; parts that are being computed must not be written after it
+        except Exception:  # `result()` raises it in the main thread; until then no later part may be written
             stopped = True
             raise
         return part
