@@ -50,7 +50,7 @@ processes take. ± is half the distance between the quartiles of the runs. Error
 mean square over the first {judged} bodies.
 
 In the tables, "general" is the fastest of all our methods, "conserving" the fastest of those that are reversible, keep
-quadratic invariants or are symplectic, and "symplectic" the fastest of the symplectic ones. "same" stands for the
+the energy to rounding or are symplectic, and "symplectic" the fastest of the symplectic ones. "same" stands for the
 method in the column of the family before. A ratio below 1 means that our method is faster; "-" means that one of the
 two does not reach the error. Costs between two points of a method are interpolated in logarithms; for errors larger
 than that of a method's coarsest run, the cost is that of the coarsest run.

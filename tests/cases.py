@@ -41,10 +41,10 @@ def way(method):
     """How a method takes a step.
 
     Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque. Of a
-    Runge-Kutta method the class of its formula, of others their own class.
+    Runge-Kutta method the class of its formula and whether it projects, of others their own class.
     """
     if isinstance(method, RungeKutta):
-        return type(method.formula)
+        return type(method.formula), method.projects
     if not isinstance(method, Splitting):
         return type(method)
     return method.loops, method.scheme.stages[0][0], bool(method.scheme.gradients)

@@ -85,8 +85,10 @@ def test_spatial_momentum_of_a_free_body(name, dtype):
     momentum, attitude = free(name, dtype, BLOCKS)
     changes = drift(spatial((momentum, attitude / length(attitude))))
     if not ml.method(name).keeps_momentum:
-        # The errors of a method of order 12 are below rounding at this step.
-        assert ml.method(name).order > 8 or changes[ASYMMETRIC].max() > 1e3 * epsilon(dtype), changes
+        # The errors of a method of order 12 are below rounding at this step, in float32 also those of order 8.
+        assert ml.method(name).order > (8 if dtype == "float64" else 7) or changes[ASYMMETRIC].max() > 1e3 * epsilon(
+            dtype
+        ), changes
     else:
         turns = getattr(ml.method(name), "scheme", schemes.E2).flights
         assert changes.max() <= np.sqrt(turns) * WALK * epsilon(dtype), changes / epsilon(dtype)

@@ -18,7 +18,7 @@ from .rivals import RIVALS
 from .rivals.problem import Point
 
 LEGEND = (
-    "Bold lines: the fastest of our methods (general), of those that are reversible or keep quadratic invariants "
+    "Bold lines: the fastest of our methods (general), of those that are reversible or keep the energy "
     "(conserving), and of the symplectic ones. Thin lines: our methods one by one, named in the right panel. Hollow "
     "marks: other programs."
 )

@@ -183,7 +183,8 @@ def candidates(
     if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum
         schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
     names = [f"{flight.name}[{scheme.name}]" for scheme in sorted(schemes, key=lambda scheme: -scheme.order)]
-    general = [entry.method.name for entry in ENTRIES.values() if isinstance(entry.method, RungeKutta)]
+    # The projected ones are as accurate and cost more.
+    general = [m.name for m in (e.method for e in ENTRIES.values()) if isinstance(m, RungeKutta) and not m.projects]
     return names if symplectic else [*names, *general]
 
 

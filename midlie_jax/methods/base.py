@@ -55,6 +55,14 @@ class Method(eqx.Module):
     evaluations: eqx.AbstractVar[int]
 
     @property
+    def keeps_energy(self) -> bool:
+        """Whether the energy stays constant to rounding, for torques from a potential that does not depend on time.
+
+        It does so for every step that has a few correct digits.
+        """
+        return False
+
+    @property
     def solves(self) -> int:
         """Equations that a step solves by iteration."""
         return 0

@@ -14,7 +14,7 @@ from .base import Method
 from .flights import FLIGHTS, Flight
 from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBody
 from .listing import Listing
-from .runge_kutta import DOP853, GBS8, GBS10, GBS12, RK4
+from .runge_kutta import DOP853, GBS8, GBS10, GBS12, PGBS8, PGBS12, RK4
 from .schemes import SCHEMES, Scheme
 from .splitting import Splitting
 
@@ -58,6 +58,8 @@ ENTRIES: dict[str, Entry] = {
         _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
         _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),
         Entry(GBS12, "short runs under a strong torque, any accuracy; preserves no structure", chart=True),
+        Entry(PGBS12, "GBS12 that keeps the energy to rounding, torque from a potential", chart=True),
+        Entry(PGBS8, "GBS8 that keeps the energy to rounding, torque from a potential", chart=True),
         Entry(DOP853, "comparison: Dormand and Prince's method of order 8; preserves no structure", chart=True),
         Entry(GBS8, "comparison: GBS12 with fewer substeps, order 8; preserves no structure", chart=True),
         Entry(GBS10, "comparison: GBS12 with fewer substeps, order 10; preserves no structure", chart=True),

@@ -1,9 +1,10 @@
 """Explicit Runge-Kutta methods with a constant step on momentum and pose; the quaternion is any four numbers to them.
 
-They conserve neither the spatial momentum of a free body nor the energy, and are not symplectic: over a long run their
-energy drifts. Under a strong torque they need the least work for a run of few turns, at any accuracy. What a step adds
-is a `Formula`: a tableau (`tableau.py`) or an extrapolation (`extrapolation.py`). Written on components, the step is
-one loop over the batch, whose stages never leave the registers and the first-level cache.
+They are not symplectic and do not conserve the spatial momentum of a free body. Nor do they conserve the energy, which
+drifts over a long run, unless each step ends by a projection (`projection.py`). Under a strong torque they need the
+least work for a run of few turns, at any accuracy. What a step adds is a `Formula`: a tableau (`tableau.py`) or an
+extrapolation (`extrapolation.py`). Written on components, the step is one loop over the batch, whose stages never leave
+the registers and the first-level cache.
 """
 
 from typing import Any
@@ -22,6 +23,7 @@ from .base import Method
 from .extrapolation import Extrapolation
 from .formula import Formula
 from .limits import runge_kutta_limit
+from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
 
 # Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
@@ -37,9 +39,11 @@ class RungeKutta(Method):
 
     Attributes:
         formula: what a step adds to momentum and pose.
+        projects: whether the step ends by a projection that restores the energy (`projection.py`).
     """
 
     formula: Formula = eqx.field(static=True)
+    projects: bool = eqx.field(static=True)
     name: str = eqx.field(static=True)
     order: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
@@ -48,16 +52,21 @@ class RungeKutta(Method):
     bodies: type = eqx.field(static=True)
     evaluations: int = eqx.field(static=True)
 
-    def __init__(self, name: str, formula: Formula):
+    def __init__(self, name: str, formula: Formula, *, projects: bool = False):
         self.formula = formula
         self.name = name
         self.order = formula.order
         self.symmetric = self.symplectic = self.keeps_momentum = False
+        self.projects = projects
         self.bodies = RigidBody
-        self.evaluations = formula.evaluations
+        self.evaluations = formula.evaluations + projects
 
     def __hash__(self) -> int:
         return hash((type(self), self.name))
+
+    @property
+    def keeps_energy(self) -> bool:
+        return self.projects
 
     @property
     def unroll(self) -> int:
@@ -94,9 +103,12 @@ class RungeKutta(Method):
 
         turn = cp.scale(h, system.velocity(motion.momentum))
         change = self.formula.change(rates, pause, motion)
+        if self.projects:
+            change = pause(change, OPERATIONS // per_evaluation)
         end = system.pushed(motion, change.momentum, t0)
         ok = cp.dot(turn, turn) <= self.formula.reach**2
-        return Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0)), None, ok
+        end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0))
+        return projected(system, t0, t1, h, motion, end) if self.projects else end, None, ok
 
 
 RK4 = RungeKutta("RK4", tableau.RK4)
@@ -104,3 +116,5 @@ DOP853 = RungeKutta("DOP853", tableau.DOP853)
 GBS8 = RungeKutta("GBS8", Extrapolation(4, 4.0))
 GBS10 = RungeKutta("GBS10", Extrapolation(5, 4.0))
 GBS12 = RungeKutta("GBS12", Extrapolation(6, 5.0))
+PGBS8 = RungeKutta("PGBS8", GBS8.formula, projects=True)
+PGBS12 = RungeKutta("PGBS12", GBS12.formula, projects=True)

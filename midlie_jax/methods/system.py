@@ -1,7 +1,7 @@
 """The equations of motion on components: momentum and pose (`Motion`), and what is constant in a run (`System`)."""
 
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -13,7 +13,7 @@ from .._kernel.fusion import fuse_derivative, split
 from .._kernel.replay import traits
 from ..model.bodies import Body, RigidBody, TensorBody, principal_of
 from ..model.state import AnyState, P, Q
-from ..model.torques import TorqueLike, on_body, velocity_dependent
+from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
 from .inertia import Inertia
 
 T = TypeVar("T")
@@ -175,6 +175,24 @@ class System(NamedTuple):
         _check_force(returned, self.kind.pack(motion.momentum))
         force: Any = self.kind.from_entries(entries)
         return force if self.axes is None else cp.rotate_back(self.axes, force)
+
+    def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
+        """The number `function(t, state)`, such as a potential energy."""
+        motion = self._torque_boundary(motion)
+        (entry,), _ = self.evaluate(lambda t, state: jnp.reshape(function(t, state), 1), t, motion)
+        return self._torque_boundary(entry)
+
+    def fixed_axis(self, t: Array, motion: AnyMotion) -> Any:
+        """A direction fixed in space about which the torque has no component, in principal components; None if unknown.
+
+        It is None or not, whatever the motion is.
+        """
+        torque = self.torque
+        if not isinstance(torque, Torque) or torque.fixed_axis(self.state(motion)) is None:
+            return None
+        entries, _ = self.evaluate(lambda t, state: cp.pack(cast(Any, torque.fixed_axis(state))), t, motion)
+        axis: Any = self.kind.from_entries(entries)
+        return axis if self.axes is None else cp.rotate_back(self.axes, axis)
 
     def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Any:
         """The entries of the array `function(t, state)`, and the shape and dtype of this array."""

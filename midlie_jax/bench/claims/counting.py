@@ -14,6 +14,7 @@ from ...methods.base import Method
 from ...methods.system import System
 from ...model.bodies import RigidBody
 from ...model.states import RigidState
+from ...model.torques import Torque
 
 _MARK = "cbrt"
 
@@ -38,9 +39,16 @@ def _mark_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Arr
     return _mark(*primals), jax.lax.cbrt(tangents[0])
 
 
-def _marked_torque(t: Any, state: RigidState) -> Array:
-    del t
-    return _mark(state.attitude[1:])
+class _MarkedTorque(Torque):
+    """A torque that depends on the attitude. Its potential is there for methods that keep the energy."""
+
+    def __call__(self, t: Any, state: RigidState) -> Array:
+        del t
+        return _mark(state.attitude[1:])
+
+    def potential(self, t: Any, state: RigidState) -> Array:
+        del t
+        return state.attitude[0]
 
 
 def work(method: Method) -> Work:
@@ -50,7 +58,7 @@ def work(method: Method) -> Work:
     fitted = method.fitted(body)
 
     def step(start: RigidState, h: Array) -> Any:
-        system = System.of(body, _marked_torque, start, jnp.zeros_like(h))
+        system = System.of(body, _MarkedTorque(), start, jnp.zeros_like(h))
         motion = system.motion(start)
         force = motion.momentum if fitted.keeps_force(system) else None
         return fitted.step(system, jnp.zeros_like(h), h, h, motion, force)

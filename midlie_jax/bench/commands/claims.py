@@ -82,7 +82,7 @@ def _methods(options: argparse.Namespace) -> list[Method]:
     chosen: list[Method] = []
     for entry in rigid.values():
         method = entry.method
-        new = method is RK4
+        new = method is RK4 or method.keeps_energy
         if isinstance(method, Splitting):
             new = method.flight.name not in flights or method.scheme.name not in schemes
             flights.add(method.flight.name)

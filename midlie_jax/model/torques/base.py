@@ -17,6 +17,7 @@ from ..._kernel import components as cp
 from ..._kernel.checks import require_function
 from ..bodies import RigidBody, TensorBody
 from ..state import Time
+from ..states import DirectionState
 
 TorqueLike = Callable[[Any, Any], Array]
 
@@ -43,6 +44,11 @@ class Torque(eqx.Module):
         """The potential energy (), torque x angle; a ValueError if the torque has no potential."""
         del t, state
         raise _no_potential(self)
+
+    def fixed_axis(self, state: Any) -> cp.Vector | None:
+        """A direction fixed in space about which the torque has no component, in body components; None if unknown."""
+        del state
+        return None
 
     @property
     def velocity_dependent(self) -> bool:
@@ -174,6 +180,10 @@ class FromPotential(Torque):
 
     def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)
+
+    def fixed_axis(self, state: Any) -> cp.Vector | None:
+        """The direction of a `DirectionState`, on which alone the potential depends."""
+        return cp.vector(state.direction) if isinstance(state, DirectionState) else None
 
 
 class VelocityDependent(Torque):

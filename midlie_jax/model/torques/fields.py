@@ -49,6 +49,10 @@ class HeavyTop(Torque):
         up = state.vertical()
         return self.weight * (self.axis[0] * up[0] + self.axis[1] * up[1] + self.axis[2] * up[2])
 
+    def fixed_axis(self, state: AnyState) -> cp.Vector:
+        """The vertical."""
+        return state.vertical()
+
 
 def _cross_constant(a: cp.Vector, b: tuple[float, float, float]) -> cp.Vector:
     """a x b for a constant b, leaving out products with zero; XLA would have to keep them because they could be NaN."""
@@ -96,6 +100,10 @@ class DipoleInField(Torque):
 
     def potential(self, t: Time, state: AnyState) -> Array:
         return -cp.dot(cp.vector(self.moment), self._local(t, state))
+
+    def fixed_axis(self, state: AnyState) -> cp.Vector | None:
+        """The direction of a field that does not change."""
+        return None if callable(self.field) else state.seen_from_body(cp.vector(self.field))
 
 
 class GravityGradient(ReadsBody):

@@ -1,0 +1,212 @@
+"""Methods that keep the energy by a projection after each step, and with it the momentum about an axis in space."""
+
+from functools import cache, partial
+from itertools import product
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, METHODS, epsilon, numbers, quick, real, turn, whole
+
+import midlie_jax as ml
+from midlie_jax.methods.runge_kutta import RungeKutta
+
+KEEPING = [method.name for method in METHODS if method.keeps_energy]
+STEPS, DT = 2000, 0.25
+ATTITUDE, MOMENTUM = turn(0.5, -0.3, 0.8), [1.0, 0.8, -1.3]
+UP = ml.so3.to_matrix(jnp.asarray(ATTITUDE))[2]
+BODY = ml.RigidBody([1.0, 2.0, 2.5])
+TENSOR = ml.TensorBody(jnp.diag(BODY.moments) + 0.2 * (jnp.ones((3, 3)) - jnp.eye(3)))
+TOP = ml.torques.HeavyTop(2.0, (0.48, 0.6, 0.64))
+COMPASS = ml.torques.DipoleInField([0.3, 1.0, -0.4], [0.0, 0.0, 1.5])
+START = ml.RigidState(MOMENTUM, ATTITUDE)
+TILT = 0.7  # of a top that precesses once in 2 pi: I1 cos(tilt) + weight = I3 spin
+
+
+def two_springs(t, state):
+    """A potential without symmetry about any axis."""
+    r = ml.so3.to_matrix(state.attitude)
+    return r[0, 0] + 0.5 * r[1, 2] ** 2
+
+
+# Body, torque, start, and the component of the spatial momentum that is constant, or None.
+CASES = {
+    "top": (BODY, TOP, START, 2),
+    "top, its direction alone": (BODY, TOP, ml.DirectionState(MOMENTUM, UP), 0),
+    "top, compensated": (BODY, TOP, ml.CompensatedState(MOMENTUM, ATTITUDE), 2),
+    "tensor": (TENSOR, TOP, START, 2),
+    "compass": (BODY, COMPASS, START, 2),
+    "potential of the direction": (
+        BODY,
+        ml.torques.FromPotential(lambda t, s: s.direction[0] + s.direction[1] ** 2),
+        ml.DirectionState(MOMENTUM, UP),
+        0,
+    ),
+    "no axis": (BODY, ml.torques.FromPotential(two_springs), START, None),
+    "free": (BODY, None, ml.MomentumState(MOMENTUM), 0),
+    # Released from rest, it swings in a plane and stands still at both ends.
+    "swing": (BODY, ml.torques.HeavyTop(2.0), ml.RigidState([0.0] * 3, turn(2.0, 0.0, 0.0)), None),
+    "steady precession": (
+        ml.RigidBody([1.0, 1.0, 2.0]),
+        ml.torques.HeavyTop(1.0),
+        ml.RigidState([0.0, np.sin(TILT), 1 + np.cos(TILT)], turn(TILT, 0.0, 0.0)),
+        2,
+    ),
+    "sleeping": (ml.RigidBody([1.0, 1.0, 2.0]), ml.torques.HeavyTop(1.0), ml.RigidState([0, 0, 3.0], turn(0, 0, 1)), 2),
+    "at rest": (BODY, ml.torques.HeavyTop(-2.0), ml.RigidState([0.0] * 3, turn(0.0, 0.0, 1.0)), 2),
+}
+
+
+def cast(case, dtype):
+    arrays = CASES[case][:3]
+    return jax.tree.map(lambda x: jnp.asarray(x, dtype) if isinstance(x, jax.Array) else x, arrays)
+
+
+@cache
+def path(name, case, dtype="float64", steps=STEPS, dt=DT, save_every=10):
+    body, torque, start = cast(case, dtype)
+    run = real(lambda start: ml.integrate(name, body, torque, start, dt=dt, steps=steps, save_every=save_every))
+    return numbers(run(start))
+
+
+def invariants(case, states):
+    """The energy, (n,), relative to the largest kinetic and potential energy; and the spatial momentum, (n, k).
+
+    Of a state without attitude what is known of it: the component along the direction, or the length.
+    """
+    body, torque, _, _ = CASES[case]
+    states = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), states)
+    energy = np.asarray(ml.energy(body, torque, states))
+    kinetic = np.asarray(ml.kinetic_energy(body, states))
+    size = np.max(kinetic) + np.max(np.abs(energy - kinetic))
+    if isinstance(states, ml.RigidState):
+        momentum = ml.spatial_momentum(states)
+    elif isinstance(states, ml.DirectionState):
+        momentum = jnp.sum(states.momentum * states.direction, axis=-1, keepdims=True)
+    else:
+        momentum = jnp.linalg.norm(states.momentum, axis=-1, keepdims=True)
+    return energy / size, np.asarray(momentum) / max(np.linalg.norm(states.momentum, axis=-1).max(), 1e-300)
+
+
+def in_turns(*axes):
+    """Parameters: each value of the first axis with one of each other axis, in turns; the rest in the whole matrix."""
+    first, *others = axes
+    few = [(value, *(other[n % len(other)] for other in others)) for n, value in enumerate(first)]
+    return [*few, *whole(*(values for values in product(*axes) if values not in few))]
+
+
+@pytest.mark.parametrize(("case", "dtype", "name"), in_turns(CASES, [*DTYPES, *DTYPES[::-1]], KEEPING))
+def test_energy_and_momentum_about_the_axis_stay(name, dtype, case):
+    """To rounding, whose errors walk."""
+    found = path(name, case, dtype)
+    assert found.ok
+    energy, momentum = invariants(case, found.states)
+    allowed = 4 * np.sqrt(STEPS) * epsilon(dtype)
+    assert np.ptp(energy) <= allowed, np.ptp(energy) / allowed
+    component = CASES[case][3]
+    if component is not None:
+        moved = np.ptp(momentum[:, component])
+        assert moved <= allowed, moved / allowed
+
+
+def plain(name):
+    """The method that takes the same step without a projection."""
+    method = ml.method(name)
+    assert isinstance(method, RungeKutta)
+    return next(m.name for m in METHODS if isinstance(m, RungeKutta) and m.formula == method.formula and not m.projects)
+
+
+@pytest.mark.parametrize("name", KEEPING)
+def test_without_the_projection_they_do_not_stay(name):
+    """At a step at which the projected method keeps them to rounding."""
+    for method, stays in ((plain(name), False), (name, True)):
+        values = invariants("top", path(method, "top", steps=1000, dt=0.5).states)
+        moved = np.ptp(values[0]), np.ptp(values[1][:, 2])
+        assert max(moved) < 1e-12 if stays else min(moved) > 1e-9, (method, moved)
+
+
+@pytest.mark.parametrize(("case", "name"), in_turns([x for x in CASES if x not in ("sleeping", "at rest")], KEEPING))
+def test_a_projected_step_is_as_accurate(name, case):
+    """Also where a body swings to rest, and where the gradients of the invariants are parallel."""
+    fine = path("GBS12", case, steps=512, dt=1 / 64, save_every=512).states
+    errors = {}
+    for method in (plain(name), name):
+        states = path(method, case, steps=32, dt=0.25, save_every=32).states
+        errors[method] = max(
+            float(np.abs(x[-1] - y[-1]).max())
+            for x, y in zip(jax.tree.leaves(states)[:2], jax.tree.leaves(fine)[:2], strict=True)
+        )
+    assert errors[name] <= 4 * errors[plain(name)] + 1e-13, errors
+
+
+@pytest.mark.parametrize("name", KEEPING)
+def test_the_order_remains(name):
+    """Measured where errors are above rounding and the projection is at work."""
+    fine = path("GBS12", "top", steps=512, dt=1 / 64, save_every=512).states
+    steps = (8, 16) if ml.method(name).order == 12 else (16, 32)
+    errors = []
+    for count in steps:
+        states = path(name, "top", steps=count, dt=8 / count, save_every=count).states
+        errors.append(float(np.abs(states.attitude[-1] - fine.attitude[-1]).max()))
+    assert np.log2(errors[0] / errors[1]) > ml.method(name).order - 1, errors
+
+
+NOT_CONSERVED = {
+    "a function": lambda t, s: 2 * jnp.cross(ml.so3.to_matrix(s.attitude)[2], jnp.array([0.0, 0.6, 0.8])),
+    "a potential that changes": ml.torques.FromPotential(lambda t, s: jnp.cos(t) * ml.so3.to_matrix(s.attitude)[2, 2]),
+    "damped": TOP + ml.torques.Damping(0.1),
+}
+
+
+@pytest.mark.parametrize(("torque", "name"), in_turns(NOT_CONSERVED, KEEPING))
+def test_where_no_energy_is_known_the_step_is_left_as_it_is(torque, name):
+    both = [
+        quick(partial(ml.integrate, method, BODY, NOT_CONSERVED[torque], dt=0.25, steps=8, save_every=8))(START).states
+        for method in (plain(name), name)
+    ]
+    jax.tree.map(np.testing.assert_array_equal, *both)
+
+
+@pytest.mark.parametrize(("name", "dtype"), in_turns(KEEPING, DTYPES))
+def test_however_it_is_run(name, dtype):
+    """In two parts to the bit, in a batch to rounding; a step of no length changes no bit."""
+    body, torque, start = cast("top", dtype)
+    dt = jnp.asarray(DT, dtype)
+
+    def program(steps, save_every=1, first_step=0):
+        """The run of a body, all of whose numbers are arguments, so that none are constants of one of the programs."""
+        options = {"steps": steps, "save_every": save_every, "first_step": first_step}
+        return lambda *args: ml.integrate(name, *args[:3], dt=args[3], **options).states
+
+    whole = real(program(8))(body, torque, start, dt)
+    middle = jax.tree.map(lambda x: x[3], whole)
+    rest = real(program(4, save_every=2, first_step=3))(body, torque, middle, dt)
+    jax.tree.map(np.testing.assert_array_equal, rest, jax.tree.map(lambda x: x[3:8:2], whole))
+    starts = jax.tree.map(lambda *x: jnp.stack(x), start, middle, start)
+    steps = jnp.stack([dt, dt, 0 * dt])
+    batch = real(jax.vmap(program(8), in_axes=(None, None, 0, 0)))(body, torque, starts, steps)
+    allowed = 4 * 8 * epsilon(dtype) * np.linalg.norm(MOMENTUM)  # as in test_runs.py
+    for row, alone in ((0, whole), (1, jax.tree.map(lambda x: x[3:], whole))):
+        for x, y in zip(jax.tree.leaves(batch), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_allclose(x[row, : len(y)], y, rtol=0, atol=allowed)
+    jax.tree.map(lambda x, y: np.testing.assert_array_equal(x[2], jnp.broadcast_to(y, x[2].shape)), batch, start)
+
+
+@pytest.mark.parametrize("name", KEEPING)
+def test_its_derivative_is_the_difference(name):
+    """With respect to start, moments and weight together; also where a body starts at rest."""
+    move = np.random.default_rng(5).normal(size=11)
+    for begin in (START, CASES["swing"][2]):
+
+        def along(s, begin=begin):
+            body = ml.RigidBody(BODY.moments * (1 + 0.1 * s * move[:3]))
+            torque = ml.torques.HeavyTop(2.0 + s * move[3])
+            q = begin.attitude + s * move[4:8]
+            start = ml.RigidState(begin.momentum + s * move[8:], q / jnp.linalg.norm(q))
+            return ml.integrate(name, body, torque, start, dt=DT, steps=8, save_every=8).states
+
+        forward, value = quick(jax.jacfwd(along))(0.0), quick(along)
+        places = [value(s) for s in (-2e-4, -1e-4, 1e-4, 2e-4)]
+        slope = jax.tree.map(lambda a, b, c, d: (a - 8 * b + 8 * c - d) / 12e-4, *places)
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=1e-7), forward, slope)
