@@ -23,7 +23,10 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, require_finite
-from .._kernel.elliptic import Complex, Modulus, Point, half_addition_angle, product
+from .._kernel.elliptic import Complex, Modulus, Point, half_addition_angle, normalised, product, smallest_complement
+from .._kernel.fusion import begin, fuse
+from .._kernel.powers import exponent, power, unit
+from .._kernel.repeat import repeat
 from .._kernel.weierstrass import sigma_functions
 from .._kernel.width import wide_jit
 from ..methods.flights.jacobi import LARGEST_TURN, Jacobi
@@ -80,30 +83,86 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
 def _run(body: Any, start: AnyState, times: Array) -> Path:
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
-    orbit = _Orbit.of(principal_of(body).moments, cp.pack(motion.momentum))
+    orbit = fuse(_Orbit.of(*begin((principal_of(body).moments, motion.momentum))))
 
     def at(t: Array) -> tuple[AnyState, Array]:
-        momentum, turn, ok = orbit.at(t)
-        ok = ok & (orbit.lever <= _LARGEST_LEVER) if system.kind.has_pose else ok
-        state = system.state(Motion(momentum, system.kind.rotate(motion.pose, turn)))
-        state = jax.tree.map(lambda x, y: jnp.where(t == 0, x, y), start, state)
-        return state, ok & jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(state)]))
+        momentum, turn, ok = orbit.at(t, turns=system.kind.has_pose)
+        moved = system.in_user_axes(Motion(momentum, system.kind.rotate(motion.pose, turn)))
+        same = Motion(*start.parts())
+        moved = fuse(jax.tree.map(lambda x, y: jnp.where(t == 0, x, y), same, moved))
+        return system.kind.join(moved.momentum, moved.pose), ok & cp.all_finite(moved)
 
     states, ok = jax.vmap(at)(times)
-    first_bad = jnp.argmin(jnp.append(ok, False)).astype(jnp.int32)
+    count = times.shape[0]
+    first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
     return Path(times, states, jnp.all(ok), first_bad)
 
 
-class _Orbit(NamedTuple):
-    """The motion of one free body in units in which moments and momentum are near 1, on labelled axes.
+class _Labels(NamedTuple):
+    """Right-handed axes: the second that of the middle moment, the third that which the momentum circles.
 
     Attributes:
-        axes, signs: component l of the labelled axes is signs[l] times component axes[l] of the body.
+        first, second: whether the middle axis is the first of the body, and whether it is the second.
+        exchanged: whether the axes before and after the middle one change places.
+        side: the sign of the third axis; the momentum is on its positive side.
+    """
+
+    first: Array
+    second: Array
+    exchanged: Array
+    side: Array
+
+    @classmethod
+    def of(cls, middle: cp.Vector, weights: cp.Vector, momentum: cp.Vector) -> "_Labels":
+        """Labels from the unit vector along the middle axis, the weights as in `_Orbit.of`, and the momentum."""
+        first, second, never = middle[0] > 0, middle[1] > 0, jnp.zeros_like(momentum[0], dtype=bool)
+        labels = cls(first, second, never, jnp.ones_like(momentum[0]))
+        (w1, _, w3), (p1, _, p3) = labels.placed(weights), labels.placed(momentum)
+        before, after = p1 * p1 * w3, p3 * p3 * w1
+        exchanged = (before > after) | ((before == after) & (w3 == 0))
+        side = jnp.where(jnp.where(exchanged, p1, p3) < 0, -labels.side, labels.side)
+        return cls(first, second, exchanged, side)
+
+    def placed(self, v: cp.Vector) -> cp.Vector:
+        """Numbers that belong to the axes of the body, in the order of the labelled axes."""
+        return self._exchange(
+            (
+                jnp.where(self.first, v[2], jnp.where(self.second, v[0], v[1])),
+                jnp.where(self.first, v[0], jnp.where(self.second, v[1], v[2])),
+                jnp.where(self.first, v[1], jnp.where(self.second, v[2], v[0])),
+            )
+        )
+
+    def seen(self, v: cp.Vector) -> cp.Vector:
+        """The components on the labelled axes of a vector on the axes of the body."""
+        return self._signed(self.placed(v))
+
+    def back(self, v: cp.Vector) -> cp.Vector:
+        """The components on the axes of the body of a vector on the labelled axes."""
+        a, b, c = self._exchange(self._signed(v))
+        return (
+            jnp.where(self.first, b, jnp.where(self.second, a, c)),
+            jnp.where(self.first, c, jnp.where(self.second, b, a)),
+            jnp.where(self.first, a, jnp.where(self.second, c, b)),
+        )
+
+    def _signed(self, v: cp.Vector) -> cp.Vector:
+        return v[0], jnp.where(self.exchanged, -self.side, self.side) * v[1], self.side * v[2]
+
+    def _exchange(self, v: cp.Vector) -> cp.Vector:
+        return jnp.where(self.exchanged, v[2], v[0]), v[1], jnp.where(self.exchanged, v[0], v[2])
+
+
+class _Orbit(NamedTuple):
+    """The motion of one free body on labelled axes, in units in which moments and momentum are near 1.
+
+    Attributes:
+        labels: the labelled axes.
+        inertia: of the body, on its own axes.
         size: the unit of momentum; zero for a body at rest.
         per_time: turns a time into the units of the motion.
-        inertia: of the body on the labelled axes.
-        momentum: at the start, on the labelled axes.
-        amplitudes: A1, A2 and A3.
+        momentum: at the start.
+        amplitudes: A1, A2 and A3; the sign of A2 is that of sn' in the direction of the second axis.
         start: sn, cn, dn of u0.
         modulus: of the elliptic functions.
         rate: of u.
@@ -111,11 +170,10 @@ class _Orbit(NamedTuple):
         omega: a bound of the angular velocity.
     """
 
-    axes: Array
-    signs: Array
+    labels: _Labels
+    inertia: Inertia
     size: Array
     per_time: Array
-    inertia: Inertia
     momentum: cp.Vector
     amplitudes: cp.Vector
     start: Point
@@ -125,134 +183,132 @@ class _Orbit(NamedTuple):
     root: Array
     omega: Array
 
-    @property
-    def lever(self) -> Array:
-        """How much the angle about the momentum magnifies errors where the momentum passes the first axis."""
-        return jnp.sqrt(1 + self.n)
-
     @classmethod
-    def of(cls, moments: Array, momentum: Array) -> "_Orbit":
-        one = jnp.ones((), momentum.dtype)
+    def of(cls, moments: Array, momentum: cp.Vector) -> "_Orbit":
+        zero, one = jnp.zeros_like(momentum[0]), jnp.ones_like(momentum[0])
         # The units are powers of two and round nothing.
-        size, unit = _power_of_two(jnp.max(jnp.abs(momentum))), _power_of_two(jnp.max(moments))
+        size, per_size = unit(cp.largest(momentum))
         at_rest = size == 0
-        relative, direction = moments / unit, jnp.where(at_rest, jnp.eye(3)[2].astype(one.dtype), momentum)
-        direction = direction / jnp.where(at_rest, one, size)
+        x, y, z = cp.scale(jnp.where(at_rest, zero, per_size), momentum)
+        direction = x, y, jnp.where(at_rest, one, z)
+        _, per_unit = unit(cp.largest(cp.vector(moments)))
+        inertia = Inertia.of(RigidBody(moments * per_unit, physical=False))
+        a, b, c = inertia.moments
+        # The weight of axis l is |1/I_m - 1/I_n| times the product of the moments, exact where two moments are close.
+        weights = jnp.abs(b - c) * a, jnp.abs(c - a) * b, jnp.abs(a - b) * c
+        labels = _Labels.of(inertia.middle, weights, direction)
+        p1, p2, p3 = p = labels.seen(direction)
+        i1, _, i3 = labels.placed((a, b, c))
+        w1, w2, w3 = labels.placed(weights)
+        x, y, z = weights
+        v1, v2, _ = labels.placed((_inverse_root(x), _inverse_root(y), _inverse_root(z)))
+        sign = jnp.where(i3 < i1, -one, one)
 
-        axes, signs = _labels(relative, direction)
-        i1, i2, i3 = relative[axes]
-        p1, p2, p3 = p = cp.vector(signs * direction[axes])
-        to_second, to_third, between = i2 - i1, i3 - i1, i3 - i2  # all of one sign; exact where they are small
-        above = p1 * p1 * to_third / i1 + p2 * p2 * between / i2
-        below = p2 * p2 * to_second / i2 + p3 * p3 * to_third / i3
-        nearness = (p3 * p3 * between * i1 - p1 * p1 * to_second * i3) / (i1 * i3)
-        speed = below * between
-        steady, ball = speed <= 0, to_third == 0
-        speed = jnp.where(steady, one, speed)
-        m = jnp.where(steady, 0 * one, jnp.clip(above * to_second / speed, 0, 1))
-        m1 = jnp.where(steady, one, jnp.clip(nearness * to_third / speed, 0, 1))
-        rate = jnp.where(steady, 0 * one, jnp.sqrt(speed / (i1 * i2 * i3)))
+        # The two constants of the motion, above for the first axis and below for the third, with w2 = w1 + w3.
+        above, below = p1 * p1 * w2 + p2 * p2 * w1, p2 * p2 * w3 + p3 * p3 * w2
+        nearness = p3 * p3 * w1 - p1 * p1 * w3
+        per_above, per_below = _inverse_root(above), _inverse_root(below)
+        along, ball, steady = per_above == 0, per_below == 0, below * w1 == 0
+        n = above * per_below * per_below
+        m = jnp.where(steady, zero, jnp.clip(n * w3 * v1 * v1, 0, 1))
+        m1 = jnp.where(steady, one, jnp.clip(nearness * w2 * (per_below * v1) ** 2, 0, 1))
+        modulus = Modulus(m, jnp.where(m1 < smallest_complement(m1), zero, m1))
+        rate = (below * per_below) * (w1 * v1) * cp.reciprocal(a * b * c)
 
-        a1, a2 = _root_of_quotient(i1 * above, to_third), _root_of_quotient(i2 * above, between)
-        a3 = jnp.where(ball, cp.norm(p), _root_of_quotient(i3 * below, to_third))
-        sign = jnp.where(to_third < 0, -one, one)
-        cn, sn = p1 * jnp.sqrt(jnp.abs(to_third) / i1), sign * p2 * jnp.sqrt(jnp.abs(between) / i2)
-        along = (cn == 0) & (sn == 0)  # u0 is arbitrary
-        length = jnp.hypot(jnp.where(along, one, cn), sn)
-        a3_or_one = jnp.where(ball, one, a3)
-        begin = Point(sn / length, jnp.where(along, one, cn / length), jnp.where(ball, one, p3 / a3_or_one))
-        n = jnp.where(ball, 0 * one, (a1 / a3_or_one) ** 2)
-        product_of_three = (1 + n) * n * (n + m)
-        positive = ~steady & (product_of_three > 0)
-        root = jnp.where(positive, sign * jnp.sqrt(jnp.where(positive, product_of_three, one)), 0 * one)
-        omega = jnp.sqrt((p1 * p1 / i1 + p2 * p2 / i2 + p3 * p3 / i3) / jnp.min(relative))
-        inertia = Inertia.of(RigidBody(relative[axes], physical=False))
-        amplitudes = a1, sign * a2, a3
-        modulus = Modulus(m, m1)
-        return cls(axes, signs, size, size / unit, inertia, p, amplitudes, begin, modulus, rate, n, root, omega)
+        a1, a2, a3 = above * per_above * v2, sign * above * per_above * v1, below * per_below * v2
+        amplitudes = a1, a2, jnp.where(ball, _root(cp.dot(p, p)), a3)
+        cn, sn = p1 * (w2 * v2) * per_above, sign * p2 * (w1 * v1) * per_above
+        dn = jnp.where(ball, one, p3 * (w2 * v2) * per_below)
+        origin = Point(sn, jnp.where(along, one, cn), dn, zero)  # where `along`, u0 is arbitrary
+        slope = (1 + n) * w2
+        root = jnp.where(steady, zero, sign * n * v1 * slope * _inverse_root(slope))
+        energy = cp.dot(inertia.spins, cp.times(direction, direction)) * cp.largest(inertia.spins)
+        omega = _root(energy) * inertia.per_unit
+        per_time = size * per_unit
+        return cls(labels, inertia, size, per_time, p, amplitudes, origin, modulus, rate, n, root, omega)
 
-    def at(self, t: Array) -> tuple[cp.Vector, cp.Quaternion, Array]:
-        """The momentum after the time t, the rotation since the start, and whether the phase has digits left."""
+    def at(self, t: Array, turns: bool) -> tuple[cp.Vector, cp.Quaternion, Array]:
+        """The momentum after the time t, the rotation since the start, and whether the phase has digits left.
+
+        With `turns` False the rotation is not computed.
+        """
         t, most = t * self.per_time, _DOUBLINGS[str(t.dtype)]
-        doublings = jnp.ceil(jnp.log2(jnp.maximum(self.omega * jnp.abs(t) / _TURN, 1)))
+        doublings = jnp.maximum(exponent(self.omega * jnp.abs(t) / _TURN) + 1, 0)
         ok, doublings = doublings <= most, jnp.minimum(doublings, most)
-        point, half_angle, flight_ok = self._short(t * jnp.exp2(-doublings))
+        point, half_angle, flight_ok = self._short(t * power(-doublings, t.dtype), turns)
+        constants = self.modulus, self.n, self.root
+        point, half_angle, doublings = fuse((point, half_angle, doublings))
+        point, half_angle = repeat(_doubled, most, constants, (point, half_angle), doublings)
+        point, half_angle = begin((point, half_angle))
 
-        def double(carry: Any, number: Array) -> tuple[Any, None]:
-            point, half_angle = carry
-            twice = self.modulus.doubled(point)
-            angle = product(half_angle, half_angle)
-            angle = product(angle, half_addition_angle(self.n, self.root, point, point, twice))
-            return jax.tree.map(lambda new, old: jnp.where(number < doublings, new, old), (twice, angle), carry), None
-
-        (point, half_angle), _ = jax.lax.scan(double, (point, half_angle), jnp.arange(most, dtype=t.dtype))
-        end = self.modulus.sum(self.start, point)
+        sn, cn, dn = self.modulus.sum(self.start, point)
         # On the middle axis u0 is infinite, and adding to it changes nothing.
         middle = (self.momentum[0] == 0) & (self.momentum[2] == 0)
-        end = jax.tree.map(lambda x, y: jnp.where(middle, x, y), self.start, end)
-        half_angle = product(half_angle, half_addition_angle(self.n, self.root, self.start, point, end))
-
-        a1, a2, a3 = self.amplitudes
-        moved = a1 * end.cn, a2 * end.sn, a3 * end.dn
+        sn, cn, dn = (jnp.where(middle, x, y) for x, y in zip(self.start, (sn, cn, dn), strict=False))
         steady = self.rate == 0
-        moved = tuple(jnp.where(steady, p, q) for p, q in zip(self.momentum, moved, strict=True))
-        zero = jnp.zeros_like(t)
-        about = half_angle[0], zero, zero, half_angle[1]
-        moved = moved[0], moved[1], moved[2]
-        w, *u = cp.multiply(cp.multiply(cp.conjugate(_to_third(self.momentum)), about), _to_third(moved))
-        back, turn = self._in_body_axes(moved), self._in_body_axes((u[0], u[1], u[2]))
-        return cp.scale(self.size, back), (w, *turn), ok & flight_ok
+        a, b, c = cp.times(self.amplitudes, (cn, sn, dn))
+        x, y, z = self.momentum
+        moved = jnp.where(steady, x, a), jnp.where(steady, y, b), jnp.where(steady, z, c)
+        momentum = cp.scale(self.size, self.labels.back(moved))
+        if half_angle is None:
+            one, zero = jnp.ones_like(t), jnp.zeros_like(t)
+            return momentum, (one, zero, zero, zero), ok & flight_ok
+        last = half_addition_angle(self.n, self.root, self.start.sn * point.sn * sn, self.start.cn * point.cn * cn)
+        about = cp.multiply_about(cp.conjugate(_to_third(self.momentum)), 2, *product(half_angle, last))
+        turn = cp.multiply(about, _to_third(moved))
+        factor = cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:]))
+        turn = factor * turn[0], *self.labels.back(cp.scale(factor, turn[1:]))
+        # A long lever magnifies rounding errors where the momentum passes the first axis.
+        return momentum, turn, ok & flight_ok & (1 + self.n <= _LARGEST_LEVER**2)
 
-    def _short(self, h: Array) -> tuple[Point, Complex, Array]:
+    def _short(self, h: Array, turns: bool) -> tuple[Point, Complex | None, Array]:
         """The functions and half the angle after a short time h from u = 0, and `ok`."""
         a1, _, a3 = self.amplitudes
         first = a1, jnp.zeros_like(a1), a3
-        increment, change, ok = Jacobi()(self.inertia, h, first)
-        about = cp.multiply(cp.multiply(_to_third(first), increment), cp.conjugate(_to_third(cp.add(first, change))))
-        length = jnp.hypot(about[0], about[3])
-        invariants = Invariants.of(self.inertia, self.inertia.travel(h, first))
+        start = self.labels.back(first)
+        invariants = Invariants.of(self.inertia, self.inertia.travel(h, start))
         s, w, _ = sigma_functions(invariants.g2, invariants.g3, LARGEST_TURN)
         v = w - invariants.wp * s * s
-        e1, e2, e3 = (jnp.sqrt(v + difference * s * s) for difference in invariants.differences)
-        return (
-            self.modulus.point(self.rate * h * s / e2, e3 / e2),
-            (about[0] / length, about[3] / length),
-            ok & (e1 > 0),
-        )
-
-    def _in_body_axes(self, vector: cp.Vector) -> cp.Vector:
-        values = self.signs * cp.pack(vector)
-        return cp.vector(jnp.zeros_like(values).at[self.axes].set(values))
-
-
-def _labels(moments: Array, momentum: Array) -> tuple[Array, Array]:
-    """Right-handed axes, as indices and signs, such that the momentum circles the third, on its positive side."""
-    order = jnp.argsort(moments)
-    low, middle, high = order[0], order[1], order[2]
-    squares = momentum * momentum
-    about_high = squares[high] * (moments[high] - moments[middle]) * moments[low]
-    about_low = squares[low] * (moments[middle] - moments[low]) * moments[high]
-    circles_high = (about_high > about_low) | ((about_high == about_low) & (moments[middle] > moments[low]))
-    first, third = jnp.where(circles_high, low, high), jnp.where(circles_high, high, low)
-    side = jnp.where(momentum[third] < 0, -1, 1).astype(momentum.dtype)
-    second = jnp.where((middle - first) % 3 == 1, side, -side)
-    return jnp.stack([first, middle, third]), jnp.stack([jnp.ones_like(side), second, side])
+        d1, _, d3 = self.labels.placed(invariants.differences)
+        point = self.modulus.point(self.rate * h * s, _root(v + d3 * s * s))
+        ok = (cp.largest(invariants.differences) <= LARGEST_TURN**2) & (v + d1 * s * s > 0)
+        if not turns:
+            return point, None, ok
+        (w, x, y, z), change = Jacobi().fly(self.inertia, h, start)
+        increment = w, *self.labels.seen((x, y, z))
+        after = cp.add(first, self.labels.seen(change))
+        about = cp.multiply(cp.multiply(_to_third(first), increment), cp.conjugate(_to_third(after)))
+        return point, normalised((about[0], about[3])), ok
 
 
-def _power_of_two(x: Array) -> Array:
-    """The power of two next above x > 0; zero for zero."""
-    _, exponent = jnp.frexp(jax.lax.stop_gradient(x))
-    return jnp.where(x == 0, jnp.zeros_like(x), jnp.ldexp(jnp.ones_like(x), exponent))
+def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Complex | None]) -> Any:
+    """The functions and half the angle at twice the time."""
+    (modulus, n, root), (point, half_angle) = constants, carry
+    twice = modulus.doubled(point)
+    if half_angle is None:
+        return twice, None
+    more = half_addition_angle(n, root, point.sn * point.sn * twice.sn, point.cn * point.cn * twice.cn)
+    return twice, normalised(product(product(half_angle, half_angle), more))
 
 
-def _root_of_quotient(a: Array, b: Array) -> Array:
-    """sqrt(a / b) of numbers of one sign; zero where either is zero."""
-    zero = (a == 0) | (b == 0)
-    return jnp.where(zero, jnp.zeros_like(a), jnp.sqrt(jnp.where(zero, jnp.ones_like(a), a / jnp.where(zero, 1, b))))
+def _root(x: Array) -> Array:
+    return x * cp.inverse_root(x)
+
+
+def _inverse_root(x: Array) -> Array:
+    """1 / sqrt(x); zero where x is zero or too small to be exact."""
+    zero = x < smallest_complement(x)
+    return jnp.where(zero, jnp.zeros_like(x), cp.inverse_root(jnp.where(zero, jnp.ones_like(x), x)))
 
 
 def _to_third(p: cp.Vector) -> cp.Quaternion:
-    """The rotation that takes p to the third axis and keeps the first axis in the plane of the first and third."""
-    side, lift = jnp.arctan2(p[1], p[2]) / 2, jnp.arctan2(-p[0], jnp.hypot(p[1], p[2])) / 2
-    zero = jnp.zeros_like(side)
-    return cp.multiply((jnp.cos(lift), zero, jnp.sin(lift), zero), (jnp.cos(side), jnp.sin(side), zero, zero))
+    """A multiple of the rotation that takes p to the third axis and keeps the first in the plane of first and third.
+
+    That is a rotation about the first axis followed by one about the second, both by less than a quarter of a turn,
+    because p[2] is not negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and
+    the sine of half the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
+    """
+    across = _root(p[1] * p[1] + p[2] * p[2])
+    length = _root(cp.dot(p, p))
+    along, lift = jnp.where(across == 0, jnp.ones_like(across), across + p[2]), length + across
+    return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]
