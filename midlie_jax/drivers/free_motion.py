@@ -1,21 +1,11 @@
 """`free_motion`: a body under no torque at any times, each in one evaluation and without steps.
 
-The momentum of a free body circles one of its axes. With the axes labelled such that it circles the third, and the
-second is that of the middle moment,
-
-    Pi = (A1 cn u, A2 sn u, A3 dn u),    u = u0 + rate t,
-    angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
-
-where `angle` is that of the first axis about the spatial momentum. From u = 0 on, JACOBI's flight gives both exactly
-for a short time. `_kernel.elliptic` doubles this time as often as needed, and two addition theorems carry the result
-from u = 0 to the start u0. Each time costs some sixty operations for every doubling, and the loop makes the most that
-can be needed, 52 in float64.
-
-R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145; E. T. Whittaker, Analytical Dynamics, section 69. The
-doubling is this package's; the tests compare it with `oracles.free_body`.
+The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. What a state costs beside some
+fixed work are doublings of a short time, as many as the largest turn of a batch of bodies and times needs. All is
+computed on scalars, in one loop over the bodies before the doublings, one for each of them, and one after them.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,24 +13,14 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, require_finite
-from .._kernel.elliptic import Complex, Modulus, Point, half_addition_angle, normalised, product, smallest_complement
 from .._kernel.fusion import begin, fuse
-from .._kernel.powers import exponent, power, unit
-from .._kernel.repeat import repeat
-from .._kernel.weierstrass import sigma_functions
 from .._kernel.width import wide_jit
-from ..methods.flights.jacobi import LARGEST_TURN, Jacobi
-from ..methods.flights.jacobi_momentum import Invariants
-from ..methods.inertia import Inertia
 from ..methods.system import Motion, System
-from ..model.bodies import Body, RigidBody, principal_of
+from ..model.bodies import Body, principal_of
 from ..model.state import AnyState
 from .arguments import as_method, check_system
+from .free_orbit import Orbit
 from .integrate import Path
-
-_TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
-_DOUBLINGS = {"float64": 52, "float32": 23}  # after more, no digit of the phase is left
-_LARGEST_LEVER = 64.0  # of rounding errors in the attitude, see `_Orbit.lever`
 
 
 def free_motion(body: Body, start: AnyState, times: Any) -> Path:
@@ -83,7 +63,7 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
 def _run(body: Any, start: AnyState, times: Array) -> Path:
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
-    orbit = fuse(_Orbit.of(*begin((principal_of(body).moments, motion.momentum))))
+    orbit = fuse(Orbit.of(*begin((principal_of(body).moments, motion.momentum))))
 
     def at(t: Array) -> tuple[AnyState, Array]:
         momentum, turn, ok = orbit.at(t, turns=system.kind.has_pose)
@@ -96,219 +76,3 @@ def _run(body: Any, start: AnyState, times: Array) -> Path:
     count = times.shape[0]
     first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
     return Path(times, states, jnp.all(ok), first_bad)
-
-
-class _Labels(NamedTuple):
-    """Right-handed axes: the second that of the middle moment, the third that which the momentum circles.
-
-    Attributes:
-        first, second: whether the middle axis is the first of the body, and whether it is the second.
-        exchanged: whether the axes before and after the middle one change places.
-        side: the sign of the third axis; the momentum is on its positive side.
-    """
-
-    first: Array
-    second: Array
-    exchanged: Array
-    side: Array
-
-    @classmethod
-    def of(cls, middle: cp.Vector, weights: cp.Vector, momentum: cp.Vector) -> "_Labels":
-        """Labels from the unit vector along the middle axis, the weights as in `_Orbit.of`, and the momentum."""
-        first, second, never = middle[0] > 0, middle[1] > 0, jnp.zeros_like(momentum[0], dtype=bool)
-        labels = cls(first, second, never, jnp.ones_like(momentum[0]))
-        (w1, _, w3), (p1, _, p3) = labels.placed(weights), labels.placed(momentum)
-        before, after = p1 * p1 * w3, p3 * p3 * w1
-        exchanged = (before > after) | ((before == after) & (w3 == 0))
-        side = jnp.where(jnp.where(exchanged, p1, p3) < 0, -labels.side, labels.side)
-        return cls(first, second, exchanged, side)
-
-    def placed(self, v: cp.Vector) -> cp.Vector:
-        """Numbers that belong to the axes of the body, in the order of the labelled axes."""
-        return self._exchange(
-            (
-                jnp.where(self.first, v[2], jnp.where(self.second, v[0], v[1])),
-                jnp.where(self.first, v[0], jnp.where(self.second, v[1], v[2])),
-                jnp.where(self.first, v[1], jnp.where(self.second, v[2], v[0])),
-            )
-        )
-
-    def seen(self, v: cp.Vector) -> cp.Vector:
-        """The components on the labelled axes of a vector on the axes of the body."""
-        return self._signed(self.placed(v))
-
-    def back(self, v: cp.Vector) -> cp.Vector:
-        """The components on the axes of the body of a vector on the labelled axes."""
-        a, b, c = self._exchange(self._signed(v))
-        return (
-            jnp.where(self.first, b, jnp.where(self.second, a, c)),
-            jnp.where(self.first, c, jnp.where(self.second, b, a)),
-            jnp.where(self.first, a, jnp.where(self.second, c, b)),
-        )
-
-    def _signed(self, v: cp.Vector) -> cp.Vector:
-        return v[0], jnp.where(self.exchanged, -self.side, self.side) * v[1], self.side * v[2]
-
-    def _exchange(self, v: cp.Vector) -> cp.Vector:
-        return jnp.where(self.exchanged, v[2], v[0]), v[1], jnp.where(self.exchanged, v[0], v[2])
-
-
-class _Orbit(NamedTuple):
-    """The motion of one free body on labelled axes, in units in which moments and momentum are near 1.
-
-    Attributes:
-        labels: the labelled axes.
-        inertia: of the body, on its own axes.
-        size: the unit of momentum; zero for a body at rest.
-        per_time: turns a time into the units of the motion.
-        momentum: at the start.
-        amplitudes: A1, A2 and A3; the sign of A2 is that of sn' in the direction of the second axis.
-        start: sn, cn, dn of u0.
-        modulus: of the elliptic functions.
-        rate: of u.
-        n, root: as in `_kernel.elliptic`; the angle grows with the sign of `root`.
-        omega: a bound of the angular velocity.
-    """
-
-    labels: _Labels
-    inertia: Inertia
-    size: Array
-    per_time: Array
-    momentum: cp.Vector
-    amplitudes: cp.Vector
-    start: Point
-    modulus: Modulus
-    rate: Array
-    n: Array
-    root: Array
-    omega: Array
-
-    @classmethod
-    def of(cls, moments: Array, momentum: cp.Vector) -> "_Orbit":
-        zero, one = jnp.zeros_like(momentum[0]), jnp.ones_like(momentum[0])
-        # The units are powers of two and round nothing.
-        size, per_size = unit(cp.largest(momentum))
-        at_rest = size == 0
-        x, y, z = cp.scale(jnp.where(at_rest, zero, per_size), momentum)
-        direction = x, y, jnp.where(at_rest, one, z)
-        _, per_unit = unit(cp.largest(cp.vector(moments)))
-        inertia = Inertia.of(RigidBody(moments * per_unit, physical=False))
-        a, b, c = inertia.moments
-        # The weight of axis l is |1/I_m - 1/I_n| times the product of the moments, exact where two moments are close.
-        weights = jnp.abs(b - c) * a, jnp.abs(c - a) * b, jnp.abs(a - b) * c
-        labels = _Labels.of(inertia.middle, weights, direction)
-        p1, p2, p3 = p = labels.seen(direction)
-        i1, _, i3 = labels.placed((a, b, c))
-        w1, w2, w3 = labels.placed(weights)
-        x, y, z = weights
-        v1, v2, _ = labels.placed((_inverse_root(x), _inverse_root(y), _inverse_root(z)))
-        sign = jnp.where(i3 < i1, -one, one)
-
-        # The two constants of the motion, above for the first axis and below for the third, with w2 = w1 + w3.
-        above, below = p1 * p1 * w2 + p2 * p2 * w1, p2 * p2 * w3 + p3 * p3 * w2
-        nearness = p3 * p3 * w1 - p1 * p1 * w3
-        per_above, per_below = _inverse_root(above), _inverse_root(below)
-        along, ball, steady = per_above == 0, per_below == 0, below * w1 == 0
-        n = above * per_below * per_below
-        m = jnp.where(steady, zero, jnp.clip(n * w3 * v1 * v1, 0, 1))
-        m1 = jnp.where(steady, one, jnp.clip(nearness * w2 * (per_below * v1) ** 2, 0, 1))
-        modulus = Modulus(m, jnp.where(m1 < smallest_complement(m1), zero, m1))
-        rate = (below * per_below) * (w1 * v1) * cp.reciprocal(a * b * c)
-
-        a1, a2, a3 = above * per_above * v2, sign * above * per_above * v1, below * per_below * v2
-        amplitudes = a1, a2, jnp.where(ball, _root(cp.dot(p, p)), a3)
-        cn, sn = p1 * (w2 * v2) * per_above, sign * p2 * (w1 * v1) * per_above
-        dn = jnp.where(ball, one, p3 * (w2 * v2) * per_below)
-        origin = Point(sn, jnp.where(along, one, cn), dn, zero)  # where `along`, u0 is arbitrary
-        slope = (1 + n) * w2
-        root = jnp.where(steady, zero, sign * n * v1 * slope * _inverse_root(slope))
-        energy = cp.dot(inertia.spins, cp.times(direction, direction)) * cp.largest(inertia.spins)
-        omega = _root(energy) * inertia.per_unit
-        per_time = size * per_unit
-        return cls(labels, inertia, size, per_time, p, amplitudes, origin, modulus, rate, n, root, omega)
-
-    def at(self, t: Array, turns: bool) -> tuple[cp.Vector, cp.Quaternion, Array]:
-        """The momentum after the time t, the rotation since the start, and whether the phase has digits left.
-
-        With `turns` False the rotation is not computed.
-        """
-        t, most = t * self.per_time, _DOUBLINGS[str(t.dtype)]
-        doublings = jnp.maximum(exponent(self.omega * jnp.abs(t) / _TURN) + 1, 0)
-        ok, doublings = doublings <= most, jnp.minimum(doublings, most)
-        point, half_angle, flight_ok = self._short(t * power(-doublings, t.dtype), turns)
-        constants = self.modulus, self.n, self.root
-        point, half_angle, doublings = fuse((point, half_angle, doublings))
-        point, half_angle = repeat(_doubled, most, constants, (point, half_angle), doublings)
-        point, half_angle = begin((point, half_angle))
-
-        sn, cn, dn = self.modulus.sum(self.start, point)
-        # On the middle axis u0 is infinite, and adding to it changes nothing.
-        middle = (self.momentum[0] == 0) & (self.momentum[2] == 0)
-        sn, cn, dn = (jnp.where(middle, x, y) for x, y in zip(self.start, (sn, cn, dn), strict=False))
-        steady = self.rate == 0
-        a, b, c = cp.times(self.amplitudes, (cn, sn, dn))
-        x, y, z = self.momentum
-        moved = jnp.where(steady, x, a), jnp.where(steady, y, b), jnp.where(steady, z, c)
-        momentum = cp.scale(self.size, self.labels.back(moved))
-        if half_angle is None:
-            one, zero = jnp.ones_like(t), jnp.zeros_like(t)
-            return momentum, (one, zero, zero, zero), ok & flight_ok
-        last = half_addition_angle(self.n, self.root, self.start.sn * point.sn * sn, self.start.cn * point.cn * cn)
-        about = cp.multiply_about(cp.conjugate(_to_third(self.momentum)), 2, *product(half_angle, last))
-        turn = cp.multiply(about, _to_third(moved))
-        factor = cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:]))
-        turn = factor * turn[0], *self.labels.back(cp.scale(factor, turn[1:]))
-        # A long lever magnifies rounding errors where the momentum passes the first axis.
-        return momentum, turn, ok & flight_ok & (1 + self.n <= _LARGEST_LEVER**2)
-
-    def _short(self, h: Array, turns: bool) -> tuple[Point, Complex | None, Array]:
-        """The functions and half the angle after a short time h from u = 0, and `ok`."""
-        a1, _, a3 = self.amplitudes
-        first = a1, jnp.zeros_like(a1), a3
-        start = self.labels.back(first)
-        invariants = Invariants.of(self.inertia, self.inertia.travel(h, start))
-        s, w, _ = sigma_functions(invariants.g2, invariants.g3, LARGEST_TURN)
-        v = w - invariants.wp * s * s
-        d1, _, d3 = self.labels.placed(invariants.differences)
-        point = self.modulus.point(self.rate * h * s, _root(v + d3 * s * s))
-        ok = (cp.largest(invariants.differences) <= LARGEST_TURN**2) & (v + d1 * s * s > 0)
-        if not turns:
-            return point, None, ok
-        (w, x, y, z), change = Jacobi().fly(self.inertia, h, start)
-        increment = w, *self.labels.seen((x, y, z))
-        after = cp.add(first, self.labels.seen(change))
-        about = cp.multiply(cp.multiply(_to_third(first), increment), cp.conjugate(_to_third(after)))
-        return point, normalised((about[0], about[3])), ok
-
-
-def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Complex | None]) -> Any:
-    """The functions and half the angle at twice the time."""
-    (modulus, n, root), (point, half_angle) = constants, carry
-    twice = modulus.doubled(point)
-    if half_angle is None:
-        return twice, None
-    more = half_addition_angle(n, root, point.sn * point.sn * twice.sn, point.cn * point.cn * twice.cn)
-    return twice, normalised(product(product(half_angle, half_angle), more))
-
-
-def _root(x: Array) -> Array:
-    return x * cp.inverse_root(x)
-
-
-def _inverse_root(x: Array) -> Array:
-    """1 / sqrt(x); zero where x is zero or too small to be exact."""
-    zero = x < smallest_complement(x)
-    return jnp.where(zero, jnp.zeros_like(x), cp.inverse_root(jnp.where(zero, jnp.ones_like(x), x)))
-
-
-def _to_third(p: cp.Vector) -> cp.Quaternion:
-    """A multiple of the rotation that takes p to the third axis and keeps the first in the plane of first and third.
-
-    That is a rotation about the first axis followed by one about the second, both by less than a quarter of a turn,
-    because p[2] is not negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and
-    the sine of half the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
-    """
-    across = _root(p[1] * p[1] + p[2] * p[2])
-    length = _root(cp.dot(p, p))
-    along, lift = jnp.where(across == 0, jnp.ones_like(across), across + p[2]), length + across
-    return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]
