@@ -61,23 +61,14 @@ class Modulus(NamedTuple):
         ratio, slope = p.cn * p.per_dn, p.sn * p.per_dn
         return self.point(2 * p.sn * ratio, p.cn * p.cn - self.m1 * slope * slope)
 
-    def sum(self, p: Point, q: Point) -> tuple[Array, Array, Array]:
-        """sn, cn and dn at the sum of the arguments of p and q; the `per_dn` of p is not used."""
-        a, b, ratio = p.cn * q.per_dn, p.dn * q.per_dn, q.cn * q.per_dn
-        per = cp.reciprocal(a * a + p.sn * p.sn)
-        sn = per * (p.sn * ratio + q.sn * a * b)
-        cn = per * (a * ratio - p.sn * q.sn * b)
-        return sn, cn, per * (b - self.m * p.sn * q.sn * a * ratio)
-
 
 def smallest_complement(like: Array) -> float:
     """The smallest m1 > 0: neither it nor its inverse leaves the range of normal numbers."""
     return 16 * float(jnp.finfo(like.dtype).tiny)
 
 
-def half_addition_angle(n: Array, root: Array, sn: Array, cn: Array) -> Complex:
-    """Half the arctangent in the addition theorem above, from the products of the three sn and of the three cn."""
-    above, below = root * sn, 1 + n * (1 - cn)
+def half_angle_of(above: Array, below: Array) -> Complex:
+    """Half of arctan(above / below) for a positive denominator, as in the addition theorem of the module docstring."""
     square = above * above + below * below
     return square * cp.inverse_root(square) + below, above
 

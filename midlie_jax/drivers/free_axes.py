@@ -35,7 +35,8 @@ class Labels(NamedTuple):
         labels = cls(middle[2] > 0, middle[0] > 0, one < 0, one)
         (w1, _, w3), (p1, _, p3) = labels.placed(weights), labels.placed(momentum)
         before, after = p1 * p1 * w3, p3 * p3 * w1
-        exchanged = (before > after) | ((before == after) & (w3 == 0))
+        # On the separatrix it circles neither, and the choice with the smaller n magnifies rounding errors less.
+        exchanged = (before > after) | ((before == after) & (w1 > w3))
         side = jnp.where(jnp.where(exchanged, p1, p3) < 0, -one, one)
         return labels._replace(exchanged=exchanged, side=side)
 

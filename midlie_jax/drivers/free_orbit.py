@@ -7,10 +7,14 @@ second is that of the middle moment,
     angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
 
 where `angle` is that of the first axis about the spatial momentum. From u = 0 on, JACOBI's flight gives both exactly
-for a short time. `_kernel.elliptic` doubles this time as often as needed, and two addition theorems carry the result
-from u = 0 to the start u0.
+for a short time, which `_kernel.elliptic` doubles as often as needed. Addition theorems give the angle and the momentum
+for the same time from the start u0 on; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below w1),
+sign that of I3 - I1, and the momentum p at the start,
 
-With w_l = |1/I_m - 1/I_n| I1 I2 I3 for (l, m, n) cyclic, and w2 = w1 + w3, all constants are quotients and roots of
+    D Pi_1 = (p1 r - w1 s p2 p3)/dn,    D Pi_2 = p2 r + w2 s p1 p3/dn^2,    D Pi_3 = (p3 - w3 s p1 p2 r)/dn,
+    D = 1 + p1^2 w2 w3 (s/dn)^2
+
+Here w_l = |1/I_m - 1/I_n| I1 I2 I3 for (l, m, n) cyclic, with w2 = w1 + w3. All constants are quotients and roots of
 
     above = p1^2 w2 + p2^2 w1,    below = p2^2 w3 + p3^2 w2,    nearness = p3^2 w1 - p1^2 w3 >= 0
 
@@ -26,7 +30,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.elliptic import Complex, Modulus, Point, half_addition_angle, normalised, product, smallest_complement
+from .._kernel.elliptic import Complex, Modulus, Point, half_angle_of, normalised, product, smallest_complement
 from .._kernel.fusion import begin, fuse
 from .._kernel.powers import exponent, power, unit
 from .._kernel.repeat import repeat
@@ -50,9 +54,10 @@ class Orbit(NamedTuple):
         inertia: of the body, on its own axes.
         size: the unit of momentum; zero for a body at rest.
         per_time: turns a time into the units of the motion.
-        momentum: at the start.
-        amplitudes: A1, A2 and A3; the sign of A2 is that of sn' in the direction of the second axis.
-        start: sn, cn, dn of u0.
+        momentum: p, at the start.
+        amplitudes: A1 and A3.
+        pulls: w_l sign / sqrt(below w1).
+        levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle from the start on.
         modulus: of the elliptic functions.
         rate: of u.
         n, root: as in `_kernel.elliptic`; the angle grows with the sign of `root`.
@@ -64,8 +69,9 @@ class Orbit(NamedTuple):
     size: Array
     per_time: Array
     momentum: cp.Vector
-    amplitudes: cp.Vector
-    start: Point
+    amplitudes: tuple[Array, Array]
+    pulls: cp.Vector
+    levers: tuple[Array, Array]
     modulus: Modulus
     rate: Array
     n: Array
@@ -94,24 +100,23 @@ class Orbit(NamedTuple):
         above, below = p1 * p1 * w2 + p2 * p2 * w1, p2 * p2 * w3 + p3 * p3 * w2
         nearness = p3 * p3 * w1 - p1 * p1 * w3
         per_above, per_below = _inverse_root(above), _inverse_root(below)
-        along, ball, steady = per_above == 0, per_below == 0, below * w1 == 0
+        ball, steady = per_below == 0, below * w1 == 0
         n = above * per_below * per_below
         m = jnp.where(steady, zero, jnp.clip(n * w3 * v1 * v1, 0, 1))
         m1 = jnp.where(steady, one, jnp.clip(nearness * w2 * (per_below * v1) ** 2, 0, 1))
         modulus = Modulus(m, jnp.where(m1 < smallest_complement(m1), zero, m1))
         rate = (below * per_below) * (w1 * v1) * cp.reciprocal(a * b * c)
 
-        a1, a2, a3 = above * per_above * v2, sign * above * per_above * v1, below * per_below * v2
-        amplitudes = a1, a2, jnp.where(ball, _root(cp.dot(p, p)), a3)
-        cn, sn = p1 * (w2 * v2) * per_above, sign * p2 * (w1 * v1) * per_above
-        dn = jnp.where(ball, one, p3 * (w2 * v2) * per_below)
-        origin = Point(sn, jnp.where(along, one, cn), dn, zero)  # where `along`, u0 is arbitrary
+        a3 = jnp.where(ball, _root(cp.dot(p, p)), below * per_below * v2)
+        amplitudes = above * per_above * v2, a3
+        pulls = cp.scale(sign * v1 * per_below, (w1, w2, w3))
         slope = (1 + n) * w2
-        root = jnp.where(steady, zero, sign * n * v1 * slope * _inverse_root(slope))
+        slope = sign * slope * _inverse_root(slope)
+        root, levers = n * v1 * slope, (w2 * per_below * per_below, w1 * v1 * slope * per_below * per_below)
         energy = cp.dot(inertia.spins, cp.times(direction, direction)) * cp.largest(inertia.spins)
         omega = _root(energy) * inertia.per_unit
         per_time = size * per_unit
-        return cls(labels, inertia, size, per_time, p, amplitudes, origin, modulus, rate, n, root, omega)
+        return cls(labels, inertia, size, per_time, p, amplitudes, pulls, levers, modulus, rate, n, root, omega)
 
     def at(self, t: Array, turns: bool) -> tuple[cp.Vector, cp.Quaternion, Array]:
         """The momentum after the time t, the rotation since the start, and whether the phase has digits left.
@@ -127,19 +132,20 @@ class Orbit(NamedTuple):
         point, half_angle = repeat(_doubled, most, constants, (point, half_angle), doublings)
         point, half_angle = begin((point, half_angle))
 
-        sn, cn, dn = self.modulus.sum(self.start, point)
-        # On the middle axis u0 is infinite, and adding to it changes nothing.
-        middle = (self.momentum[0] == 0) & (self.momentum[2] == 0)
-        sn, cn, dn = (jnp.where(middle, x, y) for x, y in zip(self.start, (sn, cn, dn), strict=False))
-        steady = self.rate == 0
-        a, b, c = cp.times(self.amplitudes, (cn, sn, dn))
-        x, y, z = self.momentum
-        moved = jnp.where(steady, x, a), jnp.where(steady, y, b), jnp.where(steady, z, c)
+        (x, y, z), (w1, w2, w3) = self.momentum, cp.scale(point.sn, self.pulls)
+        ratio, per_dn = point.cn * point.per_dn, point.per_dn
+        per = cp.reciprocal(1 + w2 * w3 * x * x * per_dn * per_dn)
+        moved = (
+            per * per_dn * (x * ratio - w1 * y * z),
+            per * (y * ratio + w2 * x * z * per_dn * per_dn),
+            per * per_dn * (z - w3 * x * y * ratio),
+        )
         momentum = cp.scale(self.size, self.labels.back(moved))
         if half_angle is None:
             one, zero = jnp.ones_like(t), jnp.zeros_like(t)
             return momentum, (one, zero, zero, zero), ok & flight_ok
-        last = half_addition_angle(self.n, self.root, self.start.sn * point.sn * sn, self.start.cn * point.cn * cn)
+        across, along = self.levers
+        last = half_angle_of(along * point.sn * y * moved[1], 1 + self.n - across * point.cn * x * moved[0])
         about = cp.multiply_about(cp.conjugate(_to_third(self.momentum)), 2, *product(half_angle, last))
         turn = cp.multiply(about, _to_third(moved))
         factor = cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:]))
@@ -149,8 +155,7 @@ class Orbit(NamedTuple):
 
     def _short(self, h: Array, turns: bool) -> tuple[Point, Complex | None, Array]:
         """The functions and half the angle after a short time h from u = 0, and `ok`."""
-        a1, _, a3 = self.amplitudes
-        first = a1, jnp.zeros_like(a1), a3
+        first = self.amplitudes[0], jnp.zeros_like(h), self.amplitudes[1]
         start = self.labels.back(first)
         invariants = Invariants.of(self.inertia, self.inertia.travel(h, start))
         s, w, _ = sigma_functions(invariants.g2, invariants.g3, LARGEST_TURN)
@@ -173,7 +178,8 @@ def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Comple
     twice = modulus.doubled(point)
     if half_angle is None:
         return twice, None
-    more = half_addition_angle(n, root, point.sn * point.sn * twice.sn, point.cn * point.cn * twice.cn)
+    above = root * point.sn * point.sn * twice.sn
+    more = half_angle_of(above, 1 + n * (1 - point.cn * point.cn * twice.cn))
     return twice, normalised(product(product(half_angle, half_angle), more))
 
 
@@ -200,5 +206,7 @@ def _to_third(p: cp.Vector) -> cp.Quaternion:
     """
     across = _root(p[1] * p[1] + p[2] * p[2])
     length = _root(cp.dot(p, p))
-    along, lift = jnp.where(across == 0, jnp.ones_like(across), across + p[2]), length + across
+    # Along the first axis any turn about it will do. Only a ball, or a body of too long a lever, comes so close to it.
+    along = jnp.where(across <= cp.epsilon(across) * length, jnp.ones_like(across), across + p[2])
+    lift = length + across
     return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]
