@@ -1,8 +1,8 @@
 """`free_motion`: a body under no torque at any times, each in one evaluation and without steps.
 
-The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. What a state costs beside some
-fixed work are doublings of a short time, as many as the largest turn of a batch of bodies and times needs. All is
-computed on scalars, in one loop over the bodies before the doublings, one for each of them, and one after them.
+The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. All is computed on scalars: one
+loop over the bodies finds their orbits, one follows all of them for a short time, one doubles this time and is repeated
+as often as the largest turn of the batch needs, and one makes the states.
 """
 
 from typing import Any
@@ -26,11 +26,12 @@ from .integrate import Path
 def free_motion(body: Body, start: AnyState, times: Any) -> Path:
     """The states of one free body at any times after the start; map over bodies and states with `jax.vmap`.
 
-    Nothing is integrated: the cost of a state hardly depends on its time. The error of momentum and attitude is a few
-    eps (1 + Omega |t|), relative to |Pi| and in radians, with Omega = sqrt(2 energy / smallest moment), a bound of the
-    angular velocity. Close to the separatrix, where the body tumbles between two steady rotations about the middle
-    axis, the motion itself is that sensitive to the last digits of body and momentum: there the result is the motion of
-    a body and momentum that differ by a few eps from those given.
+    Nothing is integrated: in a batch whose longest time is a million turns, a state costs less than twice as much as
+    in one whose longest time is a single turn. The error of momentum and attitude is a few eps (1 + Omega |t|),
+    relative to |Pi| and in radians, with Omega = sqrt(2 energy / smallest moment), a bound of the angular velocity.
+    Close to the separatrix, where the body tumbles between two steady rotations about the middle axis, the motion
+    itself is that sensitive to the last digits of body and momentum: there the result is the motion of a body and
+    momentum that differ by a few eps from those given.
 
     Differentiable where the three moments differ and the momentum is neither along a principal axis nor on the
     separatrix; there the derivatives can be NaN (those of `integrate` with JACOBI are not). A derivative always makes
