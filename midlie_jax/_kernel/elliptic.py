@@ -68,7 +68,10 @@ def smallest_complement(like: Array) -> float:
 
 
 def half_angle_of(above: Array, below: Array) -> Complex:
-    """Half of arctan(above / below) for a positive denominator, as in the addition theorem of the module docstring."""
+    """Half of arctan(above / below) in the addition theorem of the module docstring, where below is at least 1.
+
+    The squares overflow only for an n far above that of all bodies whose attitude `free_motion` trusts.
+    """
     square = above * above + below * below
     return square * cp.inverse_root(square) + below, above
 

@@ -22,7 +22,7 @@ def power(n: Array, dtype: Any) -> Array:
 
 
 def unit(x: Array) -> tuple[Array, Array]:
-    """The power of two next below x > 0, and its inverse; (0, not finite or large) for zero."""
+    """The largest power of two that is at most x > 0, and its inverse; for zero, zero and a large number."""
     _, _, bias = _BITS[str(x.dtype)]
     n = jnp.minimum(exponent(x), bias - 1)  # the inverse of the largest power of two is not a normal number
     return power(n, x.dtype), power(-n, x.dtype)
