@@ -53,7 +53,8 @@ In the tables, "general" is the fastest of all our methods, "conserving" the fas
 the energy to rounding or are symplectic, and "symplectic" the fastest of the symplectic ones. "same" stands for the
 method in the column of the family before. A ratio below 1 means that our method is faster; "-" means that one of the
 two does not reach the error. Costs between two points of a method are interpolated in logarithms; for errors larger
-than that of a method's coarsest run, the cost is that of the coarsest run.
+than that of a method's coarsest run, the cost is that of the coarsest run. "free_motion" is the closed form of a body
+under no torque (`ml.free_motion`): it takes no steps, is exact to rounding, and so belongs to all three families.
 
 heyoka: `taylor_adaptive_batch`, at each tolerance the fastest of several widths of the batch and options, without the
 time of the Python loop over batches. diffrax: the better of a constant step and a PID controller, compiled with the

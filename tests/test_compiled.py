@@ -86,3 +86,17 @@ def test_what_no_step_may_hold_is_found_where_it_is():
     """The same search on a torque that holds it."""
     _, text = loops("LIEMID[E2]", lambda t, state: jnp.stack([jnp.sin(t), t, state.attitude[1]]), jnp.float64)
     assert re.search(DEAR, text)
+
+
+@pytest.mark.parametrize("kind", [ml.RigidState, ml.MomentumState])
+def test_a_doubling_of_free_motion_is_one_loop(kind):
+    """And nothing of it sorts, indexes or calls a dear function, inside the loop or out of it."""
+
+    def run(momentum):
+        start = kind(momentum) if kind is ml.MomentumState else kind(momentum, jnp.array([1.0, 0, 0, 0]))
+        return ml.free_motion(ml.RigidBody(jnp.array(BODY)), start, jnp.array([30.0]))
+
+    text = real(jax.vmap(run)).lower(jnp.ones((BATCH, 3))).compile().as_text()
+    (body,) = (body for body in loop_bodies(text) if f"[{BATCH}" in body)
+    assert len(re.findall(rf"\[{BATCH},1\].* fusion\(", body)) == 1
+    assert not re.search(DEAR + r"|\b(sort|scatter|sqrt|divide)\(", text)

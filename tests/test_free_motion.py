@@ -114,6 +114,34 @@ def test_its_derivatives_are_differences():
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-7)
 
 
+def test_the_derivative_in_reverse_is_that_in_forward_mode():
+    body, times = ml.RigidBody([1.0, 2.0, 2.6]), jnp.array([0.7, 40.0])
+    momentum, move = np.array([0.3, 1.1, -0.4]), np.array([0.2, -0.5, 1.0])
+
+    def one_number(momentum):
+        states = ml.free_motion(body, ml.RigidState(momentum, jnp.array(ONE)), times).states
+        return jnp.sum(states.attitude * jnp.arange(8.0).reshape(2, 4)) + jnp.sum(states.momentum**3)
+
+    reverse = quick(jax.grad(one_number))(momentum)
+    _, forward = quick(lambda p: jax.jvp(one_number, (p,), (move,)))(momentum)
+    assert float(reverse @ move) == pytest.approx(float(forward), rel=1e-13)
+
+
+def test_a_body_alone_moves_as_in_a_batch_bit_for_bit():
+    """Though a batch doubles the time as often as the body and the time with the largest turn need."""
+    body, times = ml.RigidBody([1.0, 2.0, 2.6]), jnp.array([0.1, -3.0, 1e5])
+    momenta = jnp.array([[0.3, 1.1, -0.4], [300.0, 10.0, 20.0], [1e-3, 2e-3, 0.0]])
+
+    def run(momentum, times):
+        return ml.free_motion(body, ml.RigidState(momentum, jnp.array(ONE)), times).states
+
+    together = real(jax.vmap(run, (0, None)))(momenta, times)
+    for row, momentum in enumerate(momenta):
+        alone = [real(run)(momentum, times[k : k + 1]) for k in range(len(times))]
+        for many, *each in zip(*map(jax.tree.leaves, (together, *alone)), strict=True):
+            np.testing.assert_array_equal(many[row], jnp.concatenate(each))
+
+
 def test_what_cannot_be_exact_says_so():
     body, start = ml.RigidBody([1.0, 2.0, 3.0]), ml.RigidState([1.0, 0.2, 0.3], ONE)
     assert not ml.free_motion(body, start, [1.0, 1e17]).ok

@@ -121,6 +121,24 @@ def test_a_chart_names_rivals_where_times_and_ours_where_evaluations_are_counted
     assert figure.axes[1].get_xlabel().startswith("Torque evaluations")
 
 
+def test_the_closed_form_is_in_all_three_families_and_named_where_times_are():
+    """It takes no steps, so the panel by steps does not show it, and the bold lines remain those of the methods."""
+    names = work_precision.methods_for(scenes.scene("tumbling-brick"))
+    assert "free_motion" in names
+    assert "free_motion" not in work_precision.methods_for(scenes.scene("P1"))
+    nan = math.nan
+    ours = [p._replace(evaluations=nan) for name in names if name != "free_motion" for p in line(name, 4, 1.0)]
+    ours.append(Point("free_motion", "one evaluation", 1e-14, 1e-9, nan, nan, 0.1))
+    families = work_precision.families_of(ours)
+    (row,) = frontier.ratios(ours, line("heyoka", 4, 1.0), families, [1e-6])
+    assert {share.best.method for share in row.families.values()} == {"free_motion"}
+    assert frontier.cells(row)[1].startswith("free_motion: 0.001")
+    figure = work_precision_figure(ours, line("heyoka", 4, 1.0), families, title="made up", note="of nothing")
+    by_time, by_steps = ({text.get_text() for text in panel.texts} for panel in figure.axes)
+    assert by_time == {"heyoka", "free_motion", *FAMILIES}
+    assert by_steps == {*names, *FAMILIES} - {"free_motion"}
+
+
 def test_a_time_in_the_table_carries_the_spread_of_the_runs_that_it_comes_from():
     """Between two points the larger one; at a point its own."""
     spreads = (0.01, 0.02, 0.3)

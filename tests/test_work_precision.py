@@ -163,6 +163,17 @@ def test_the_rivals_are_given_the_torque_of_the_scene(name):
         )
 
 
+def test_the_closed_form_is_one_point_at_rounding():
+    given = work_precision.problem("tumbling-brick", bodies=4, judged=2, quick=True)
+    said = []
+    ours, _ = work_precision.measure(given, ["free_motion"], (), said=said.append)
+    assert said == ["free_motion"]
+    (point,) = ours
+    assert point.error < 1e-13
+    assert point.seconds > 0
+    assert work_precision.families_of(ours) == {"free_motion": "symplectic"}
+
+
 def test_scipy_reaches_the_end_of_a_scene():
     given = work_precision.problem("P1", bodies=2, judged=2, quick=True)
     scene = replace(given.scene, duration=0.5)

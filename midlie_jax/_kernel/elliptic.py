@@ -4,7 +4,8 @@
 it, so that the relative error of a long argument is that of the first one; this is what its rounding costs in any case.
 All formulas hold for every parameter 0 <= m <= 1, which is passed with its complement m1 = 1 - m, because 1 - m would
 lose the digits of m1 near m = 1. Neither periods nor an inverse function are needed, and m = 0 and m = 1 are not
-special. On the real axis dn >= |cn|, so all quotients below by dn are small.
+special. On the real axis dn >= |cn|, so all quotients below by dn are small. There is neither a division nor a square
+root, which would split the loop over the bodies (`components.reciprocal`).
 
 With z = x + y and a characteristic -n <= 0, the integral G(u) of 1 / (1 + n sn^2 u) has the addition theorem
 
@@ -21,58 +22,66 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-Complex = tuple[Array, Array]  # the cosine and the sine of an angle
+from . import components as cp
+
+Complex = tuple[Array, Array]  # a positive multiple of the cosine and the sine of an angle
 
 
 class Point(NamedTuple):
-    """sn, cn and dn at one argument."""
+    """sn, cn and dn at one argument, and 1 / dn."""
 
     sn: Array
     cn: Array
     dn: Array
+    per_dn: Array
 
 
 class Modulus(NamedTuple):
-    """The parameter m and its complement m1 = 1 - m."""
+    """The parameter m and its complement m1 = 1 - m, which is 0 or at least `smallest_complement`."""
 
     m: Array
     m1: Array
 
     def point(self, sn: Array, cn: Array) -> Point:
-        """The point with these sn and cn, both of which may have a common factor.
+        """The point with these sn and cn, both of which may have a common factor near 1.
 
-        At m1 = 0, where cn and dn decay for ever, cn stops at a small number, so that no quotient is 0 / 0.
+        At m1 = 0, where cn and dn decay for ever, cn stops at a small number. So dn^2 is never below the smallest
+        complement, and neither its inverse nor the square of that overflows.
         """
-        length = jnp.hypot(sn, cn)
-        sn, cn = sn / length, cn / length
-        smallest = 4 * float(jnp.finfo(cn.dtype).tiny) ** 0.5
-        cn = jnp.where((self.m1 == 0) & (jnp.abs(cn) < smallest), jnp.asarray(smallest, cn.dtype), cn)
-        return Point(sn, cn, jnp.sqrt(self.m1 + self.m * cn * cn))
+        factor = cp.inverse_root(sn * sn + cn * cn)
+        sn, cn = factor * sn, factor * cn
+        smallest = jnp.asarray(smallest_complement(cn) ** 0.5, cn.dtype)
+        cn = jnp.where((self.m1 == 0) & (jnp.abs(cn) < smallest), smallest, cn)
+        square = self.m1 + self.m * cn * cn
+        per_dn = cp.inverse_root(square)
+        return Point(sn, cn, square * per_dn, per_dn)
 
     def doubled(self, p: Point) -> Point:
         """The point at twice the argument."""
-        ratio, slope = p.cn / p.dn, p.sn / p.dn
+        ratio, slope = p.cn * p.per_dn, p.sn * p.per_dn
         return self.point(2 * p.sn * ratio, p.cn * p.cn - self.m1 * slope * slope)
 
-    def sum(self, p: Point, q: Point) -> Point:
-        """The point at the sum of the arguments of p and q, for a q that did not reach dn = 0."""
-        a, b, ratio = p.cn / q.dn, p.dn / q.dn, q.cn / q.dn
-        below = a * a + p.sn * p.sn
-        sn = (p.sn * ratio + q.sn * a * b) / below
-        cn = (a * ratio - p.sn * q.sn * b) / below
-        return Point(sn, cn, (b - self.m * p.sn * q.sn * a * ratio) / below)
+
+def smallest_complement(like: Array) -> float:
+    """The smallest m1 > 0: neither it nor its inverse leaves the range of normal numbers."""
+    return 16 * float(jnp.finfo(like.dtype).tiny)
 
 
-def half_addition_angle(n: Array, root: Array, x: Point, y: Point, z: Point) -> Complex:
-    """The cosine and sine of half the arctangent in the addition theorem above; z is the sum of x and y."""
-    above, below = root * x.sn * y.sn * z.sn, 1 + n * (1 - x.cn * y.cn * z.cn)
-    along = jnp.hypot(above, below) + below
-    length = jnp.hypot(along, above)
-    return along / length, above / length
+def half_angle_of(above: Array, below: Array) -> Complex:
+    """Half of arctan(above / below) in the addition theorem of the module docstring, where below is at least 1.
+
+    The squares overflow only for an n far above that of all bodies whose attitude `free_motion` trusts.
+    """
+    square = above * above + below * below
+    return square * cp.inverse_root(square) + below, above
 
 
 def product(a: Complex, b: Complex) -> Complex:
-    """The cosine and sine of the sum of two angles; rounding errors of their length are not carried on."""
-    x, y = a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-    length = jnp.hypot(x, y)
-    return x / length, y / length
+    """The sum of two angles."""
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def normalised(a: Complex) -> Complex:
+    """The cosine and the sine themselves."""
+    factor = cp.inverse_root(a[0] * a[0] + a[1] * a[1])
+    return factor * a[0], factor * a[1]

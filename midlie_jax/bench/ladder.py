@@ -1,16 +1,22 @@
-"""Measures one of our methods on a problem over a ladder of steps: points of error against cost."""
+"""Measures one of our methods on a problem over a ladder of steps, or the closed form: points of error against cost."""
 
 from collections.abc import Iterator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from .._kernel.width import vector_width_options
 from ..drivers.chunks import chunk_size
+from ..drivers.free_motion import free_motion
 from ..drivers.program import Program
 from ..methods.base import Method
 from ..model.states import RigidState
 from .rivals.problem import Point, Problem
 
+_EVALUATIONS = 20  # of the closed form in a timed run; one alone is a tenth of a millisecond, too short for the clock
+FREE_MOTION = "free_motion"  # as points and charts name the closed form of a free body
 _FLOOR = 3e-14  # below this attitude error rounding dominates, and smaller steps give no more information
 _ROUGH = 0.1  # above this attitude error a method has not begun to converge
 _GROWTH = 1.6  # factor between the numbers of steps of two rungs
@@ -46,3 +52,24 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
         if timing.seconds > case.longest:
             return
         count = max(count + 1, round(count * _GROWTH))
+
+
+def exact_point(case: Problem) -> Iterator[Point]:
+    """The one point of `free_motion` on a problem without torque, compiled for the widest vectors like `Program`."""
+    starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
+    times = jnp.asarray([case.scene.duration])
+
+    def end(start: RigidState) -> tuple[RigidState, Array]:
+        path = free_motion(case.scene.body, start, times)
+        return jax.tree.map(lambda leaf: leaf[0], path.states), path.ok
+
+    program = jax.jit(jax.vmap(end)).lower(starts).compile(compiler_options=vector_width_options())
+
+    def run() -> tuple[RigidState, Array]:
+        return [jax.block_until_ready(program(starts)) for _ in range(_EVALUATIONS)][-1]
+
+    run()  # the first call takes longer than the others and must not be timed
+    (ends, ok), timing = case.timed(run)
+    if bool(np.all(ok)):
+        seconds, nan = timing.seconds / (_EVALUATIONS * case.bodies), float("nan")
+        yield Point(FREE_MOTION, "one evaluation", case.error(ends.attitude), seconds, nan, nan, timing.spread)

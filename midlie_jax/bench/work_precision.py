@@ -17,10 +17,10 @@ from ..methods.registry import method as find_method
 from ..methods.schemes import SCHEMES
 from . import scenes
 from .closed_form import axis_third, exact_ends
-from .families import family
+from .families import SYMPLECTIC, family
 from .frontier import Ratio, ratios
-from .frontier_chart import LEGEND
-from .ladder import ladder
+from .frontier_chart import CLOSED, LEGEND
+from .ladder import FREE_MOTION, exact_point, ladder
 from .rivals import RIVALS, Rival
 from .rivals.problem import Point, Problem, matrix
 from .scenes import Scene
@@ -31,13 +31,17 @@ _ROUNDING = 2.3e-16  # rounding error of an entry of a matrix in float64, in whi
 
 
 def methods_for(scene: Scene) -> tuple[str, ...]:
-    """The methods in the chart of a scene: the exact flight of its body with the leading schemes, and a few others."""
+    """The names in the chart of a scene: the exact flight of its body with the leading schemes, and a few others.
+
+    A scene without torque has the closed form, `free_motion`, which is no method, as well.
+    """
     flight = exact_flight(scene.body.moments)
     leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if scene.torque is None:
         leading = leading[:1]
     others = [entry.method.name for entry in ENTRIES.values() if entry.chart]
-    return (*(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
+    closed = () if scene.torque is not None else (FREE_MOTION,)
+    return (*closed, *(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
 
 
 def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
@@ -86,7 +90,7 @@ def measure(
 
     Args:
         case: from `problem`.
-        ours: names of our methods.
+        ours: names of our methods, or `FREE_MOTION` for the closed form of a problem without torque.
         said: callback that is called with progress messages and failures.
     """
 
@@ -98,7 +102,10 @@ def measure(
             said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
             return []
 
-    our_points = [p for name in ours for p in attempt(name, lambda name=name: ladder(find_method(name), case))]
+    def points_of(name: str) -> Iterator[Point]:
+        return exact_point(case) if name == FREE_MOTION else ladder(find_method(name), case)
+
+    our_points = [p for name in ours for p in attempt(name, lambda name=name: points_of(name))]
     rival_points = [p for rival in rivals for p in attempt(rival.label, lambda rival=rival: rival.measure(case))]
     return our_points, rival_points
 
@@ -140,8 +147,12 @@ def compared(
 
 
 def families_of(points: Sequence[Point]) -> dict[str, str]:
-    """The smallest family of each method of the points, by the name of the method."""
-    return {name: family(find_method(name)) for name in dict.fromkeys(point.method for point in points)}
+    """The smallest family of each method of the points, by the name of the method.
+
+    The closed form is exact to rounding, so it is symplectic and conserves what the body conserves.
+    """
+    names = dict.fromkeys(point.method for point in points)
+    return {name: SYMPLECTIC if name == FREE_MOTION else family(find_method(name)) for name in names}
 
 
 def title(case: Problem) -> str:
@@ -152,9 +163,10 @@ def title(case: Problem) -> str:
 def note(comparison: Comparison) -> str:
     """The note of a chart: how errors and times were measured."""
     case = comparison.problem
+    closed = any(point.method == FREE_MOTION for point in comparison.ours)
     return (
         f"{case.bodies} bodies in a batch, one core, float64. Errors against the {case.source}, uncertainty "
-        f"{case.uncertainty:.0e}. {LEGEND} {timing_note(comparison)}"
+        f"{case.uncertainty:.0e}. {LEGEND} {CLOSED + ' ' if closed else ''}{timing_note(comparison)}"
     )
 
 

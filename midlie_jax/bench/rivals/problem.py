@@ -26,7 +26,7 @@ class Point(NamedTuple):
         error: |R - R*| at the end, Frobenius norm, root mean square over the bodies with a reference end R*.
         seconds: median time of the whole run for one body, without compiling (`timing.cost_clock`).
         evaluations: torque evaluations for one body; NaN for a method or problem without torque evaluations.
-        steps: number of steps for one body.
+        steps: number of steps for one body; NaN for a closed form, which takes none.
         spread: half the distance between the quartiles of the timings, relative to the median.
     """
 

@@ -1,0 +1,66 @@
+"""`repeat`: a step that each body of a batch repeats as often as it needs.
+
+A loop of fixed length would make the largest number of steps that can be needed. A loop that ends with the last body of
+the batch has no reverse derivative. So values come from the latter, derivatives from the former; a body that has made
+its steps stays as it is, and the two give the same values.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .fusion import begin, fuse
+
+Step = Callable[[Any, Any], Any]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def repeat(step: Step, most: int, constants: Any, carry: Any, count: Array) -> Any:
+    """The result of `count` times carry = step(constants, carry).
+
+    Args:
+        step: a function that closes over no arrays. It is compiled to one loop over the bodies.
+        most: the largest count; a derivative makes as many steps.
+        constants, carry: pytrees of scalars.
+        count: (), of integers.
+    """
+    last = _largest(count)
+
+    def turn(state: tuple[Array, Any]) -> tuple[Array, Any]:
+        number, carry = state
+        return number + 1, _again(step, constants, carry, number < count)
+
+    return jax.lax.while_loop(lambda state: state[0] < last, turn, (jnp.zeros_like(last), carry))[1]
+
+
+@repeat.defjvp
+def _repeat_jvp(step: Step, most: int, primals: Any, tangents: Any) -> tuple[Any, Any]:
+    constants, carry, count = primals
+
+    def repeated(constants: Any, carry: Any) -> Any:
+        numbers = jnp.arange(most, dtype=count.dtype)
+        return jax.lax.scan(lambda c, number: (_again(step, constants, c, number < count), None), carry, numbers)[0]
+
+    return jax.jvp(repeated, (constants, carry), tangents[:2])
+
+
+def _again(step: Step, constants: Any, carry: Any, needed: Array) -> Any:
+    """The carry after one more step where it is needed."""
+    constants, carry = begin((constants, carry))
+    return fuse(jax.tree.map(lambda new, old: jnp.where(needed, new, old), step(constants, carry), carry))
+
+
+@jax.custom_batching.custom_vmap
+def _largest(count: Array) -> Array:
+    """The largest count of a batch: a scalar under any number of `jax.vmap`s, so that the loop has one end for all."""
+    return count
+
+
+@_largest.def_vmap
+def _largest_of_batch(size: int, batched: list[bool], count: Array) -> tuple[Array, bool]:
+    del size, batched
+    return _largest(jnp.max(count, axis=0, initial=0)), False

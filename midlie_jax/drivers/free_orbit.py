@@ -1,0 +1,212 @@
+"""`Orbit`: the motion of one free body in closed form, for `free_motion`.
+
+The momentum of a free body circles one of its axes. With the axes labelled such that it circles the third, and the
+second is that of the middle moment,
+
+    Pi = (A1 cn u, A2 sn u, A3 dn u),    u = u0 + rate t,
+    angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
+
+where `angle` is that of the first axis about the spatial momentum. From u = 0 on, JACOBI's flight gives both exactly
+for a short time, which `_kernel.elliptic` doubles as often as needed. Addition theorems give the angle and the momentum
+for the same time from the start u0 on; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below w1),
+sign that of I3 - I1, and the momentum p at the start,
+
+    D Pi_1 = (p1 r - w1 s p2 p3)/dn,    D Pi_2 = p2 r + w2 s p1 p3/dn^2,    D Pi_3 = (p3 - w3 s p1 p2 r)/dn,
+    D = 1 + p1^2 w2 w3 (s/dn)^2
+
+Here w_l = |1/I_m - 1/I_n| I1 I2 I3 for (l, m, n) cyclic, with w2 = w1 + w3. All constants are quotients and roots of
+
+    above = p1^2 w2 + p2^2 w1,    below = p2^2 w3 + p3^2 w2,    nearness = p3^2 w1 - p1^2 w3 >= 0
+
+of which the first vanishes where the momentum is along the third axis, and the last on the separatrix.
+
+R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145; E. T. Whittaker, Analytical Dynamics, section 69. The
+doubling is this package's.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel import components as cp
+from .._kernel.elliptic import Complex, Modulus, Point, half_angle_of, normalised, product, smallest_complement
+from .._kernel.fusion import begin, fuse
+from .._kernel.powers import exponent, power, unit
+from .._kernel.repeat import repeat
+from .._kernel.weierstrass import sigma_functions
+from ..methods.flights.jacobi import LARGEST_TURN, Jacobi
+from ..methods.flights.jacobi_momentum import Invariants
+from ..methods.inertia import Inertia
+from ..model.bodies import RigidBody
+from .free_axes import Labels
+
+_TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
+_DOUBLINGS = {"float64": 52, "float32": 23}  # after more, no digit of the phase is left
+_LARGEST_LEVER = 64.0  # of rounding errors in the attitude
+
+
+class Orbit(NamedTuple):
+    """The motion of one free body on labelled axes, in units in which moments and momentum are near 1.
+
+    Attributes:
+        labels: the labelled axes.
+        inertia: of the body, on its own axes.
+        size: the unit of momentum; zero for a body at rest.
+        per_time: turns a time into the units of the motion.
+        momentum: p, at the start.
+        amplitudes: A1 and A3.
+        pulls: w_l sign / sqrt(below w1).
+        levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle from the start on.
+        modulus: of the elliptic functions.
+        rate: of u.
+        n, root: as in `_kernel.elliptic`; the angle grows with the sign of `root`.
+        omega: a bound of the angular velocity.
+    """
+
+    labels: Labels
+    inertia: Inertia
+    size: Array
+    per_time: Array
+    momentum: cp.Vector
+    amplitudes: tuple[Array, Array]
+    pulls: cp.Vector
+    levers: tuple[Array, Array]
+    modulus: Modulus
+    rate: Array
+    n: Array
+    root: Array
+    omega: Array
+
+    @classmethod
+    def of(cls, moments: Array, momentum: cp.Vector) -> "Orbit":
+        zero, one = jnp.zeros_like(momentum[0]), jnp.ones_like(momentum[0])
+        # The units are powers of two and round nothing.
+        size, per_size = unit(cp.largest(momentum))
+        at_rest = size == 0
+        x, y, z = cp.scale(jnp.where(at_rest, zero, per_size), momentum)
+        direction = x, y, jnp.where(at_rest, one, z)
+        _, per_unit = unit(cp.largest(cp.vector(moments)))
+        inertia = Inertia.of(RigidBody(moments * per_unit, physical=False))
+        a, b, c = inertia.moments
+        # The w of the module docstring, exact where two moments are close, and 1 / sqrt(w).
+        weights = jnp.abs(b - c) * a, jnp.abs(c - a) * b, jnp.abs(a - b) * c
+        labels = Labels.of(inertia.middle, weights, direction)
+        p1, p2, p3 = p = labels.seen(direction)
+        i1, _, i3 = labels.placed((a, b, c))
+        (w1, w2, w3), (v1, v2, _) = labels.placed(weights), labels.placed(_inverse_roots(weights))
+        sign = jnp.where(i3 < i1, -one, one)
+
+        above, below = p1 * p1 * w2 + p2 * p2 * w1, p2 * p2 * w3 + p3 * p3 * w2
+        nearness = p3 * p3 * w1 - p1 * p1 * w3
+        per_above, per_below = _inverse_root(above), _inverse_root(below)
+        ball, steady = per_below == 0, below * w1 == 0
+        n = above * per_below * per_below
+        m = jnp.where(steady, zero, jnp.clip(n * w3 * v1 * v1, 0, 1))
+        m1 = jnp.where(steady, one, jnp.clip(nearness * w2 * (per_below * v1) ** 2, 0, 1))
+        modulus = Modulus(m, jnp.where(m1 < smallest_complement(m1), zero, m1))
+        rate = (below * per_below) * (w1 * v1) * cp.reciprocal(a * b * c)
+
+        a3 = jnp.where(ball, _root(cp.dot(p, p)), below * per_below * v2)
+        amplitudes = above * per_above * v2, a3
+        pulls = cp.scale(sign * v1 * per_below, (w1, w2, w3))
+        slope = (1 + n) * w2
+        slope = sign * slope * _inverse_root(slope)
+        root, levers = n * v1 * slope, (w2 * per_below * per_below, w1 * v1 * slope * per_below * per_below)
+        energy = cp.dot(inertia.spins, cp.times(direction, direction)) * cp.largest(inertia.spins)
+        omega = _root(energy) * inertia.per_unit
+        per_time = size * per_unit
+        return cls(labels, inertia, size, per_time, p, amplitudes, pulls, levers, modulus, rate, n, root, omega)
+
+    def at(self, t: Array, turns: bool) -> tuple[cp.Vector, cp.Quaternion, Array]:
+        """The momentum after the time t, the rotation since the start, and whether the phase has digits left.
+
+        With `turns` False the rotation is not computed.
+        """
+        t, most = t * self.per_time, _DOUBLINGS[str(t.dtype)]
+        doublings = jnp.maximum(exponent(self.omega * jnp.abs(t) / _TURN) + 1, 0)
+        ok, doublings = doublings <= most, jnp.minimum(doublings, most)
+        point, half_angle, flight_ok = self._short(t * power(-doublings, t.dtype), turns)
+        constants = self.modulus, self.n, self.root
+        point, half_angle, doublings = fuse((point, half_angle, doublings))
+        point, half_angle = repeat(_doubled, most, constants, (point, half_angle), doublings)
+        point, half_angle = begin((point, half_angle))
+
+        (x, y, z), (w1, w2, w3) = self.momentum, cp.scale(point.sn, self.pulls)
+        ratio, per_dn = point.cn * point.per_dn, point.per_dn
+        per = cp.reciprocal(1 + w2 * w3 * x * x * per_dn * per_dn)
+        moved = (
+            per * per_dn * (x * ratio - w1 * y * z),
+            per * (y * ratio + w2 * x * z * per_dn * per_dn),
+            per * per_dn * (z - w3 * x * y * ratio),
+        )
+        momentum = cp.scale(self.size, self.labels.back(moved))
+        if half_angle is None:
+            one, zero = jnp.ones_like(t), jnp.zeros_like(t)
+            return momentum, (one, zero, zero, zero), ok & flight_ok
+        across, along = self.levers
+        last = half_angle_of(along * point.sn * y * moved[1], 1 + self.n - across * point.cn * x * moved[0])
+        about = cp.multiply_about(cp.conjugate(_to_third(self.momentum)), 2, *product(half_angle, last))
+        turn = cp.multiply(about, _to_third(moved))
+        factor = cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:]))
+        turn = factor * turn[0], *self.labels.back(cp.scale(factor, turn[1:]))
+        # A long lever magnifies rounding errors where the momentum passes the first axis.
+        return momentum, turn, ok & flight_ok & (1 + self.n <= _LARGEST_LEVER**2)
+
+    def _short(self, h: Array, turns: bool) -> tuple[Point, Complex | None, Array]:
+        """The functions and half the angle after a short time h from u = 0, and `ok`."""
+        first = self.amplitudes[0], jnp.zeros_like(h), self.amplitudes[1]
+        start = self.labels.back(first)
+        invariants = Invariants.of(self.inertia, self.inertia.travel(h, start))
+        s, w, _ = sigma_functions(invariants.g2, invariants.g3, LARGEST_TURN)
+        v = w - invariants.wp * s * s
+        d1, _, d3 = self.labels.placed(invariants.differences)
+        point = self.modulus.point(self.rate * h * s, _root(v + d3 * s * s))
+        ok = (cp.largest(invariants.differences) <= LARGEST_TURN**2) & (v + d1 * s * s > 0)
+        if not turns:
+            return point, None, ok
+        (w, x, y, z), change = Jacobi().fly(self.inertia, h, start)
+        increment = w, *self.labels.seen((x, y, z))
+        after = cp.add(first, self.labels.seen(change))
+        about = cp.multiply(cp.multiply(_to_third(first), increment), cp.conjugate(_to_third(after)))
+        return point, normalised((about[0], about[3])), ok
+
+
+def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Complex | None]) -> Any:
+    """The functions and half the angle at twice the time."""
+    (modulus, n, root), (point, half_angle) = constants, carry
+    twice = modulus.doubled(point)
+    if half_angle is None:
+        return twice, None
+    above = root * point.sn * point.sn * twice.sn
+    more = half_angle_of(above, 1 + n * (1 - point.cn * point.cn * twice.cn))
+    return twice, normalised(product(product(half_angle, half_angle), more))
+
+
+def _root(x: Array) -> Array:
+    return x * cp.inverse_root(x)
+
+
+def _inverse_root(x: Array) -> Array:
+    """1 / sqrt(x); zero where x is zero or too small to be exact."""
+    zero = x < smallest_complement(x)
+    return jnp.where(zero, jnp.zeros_like(x), cp.inverse_root(jnp.where(zero, jnp.ones_like(x), x)))
+
+
+def _inverse_roots(v: cp.Vector) -> cp.Vector:
+    return _inverse_root(v[0]), _inverse_root(v[1]), _inverse_root(v[2])
+
+
+def _to_third(p: cp.Vector) -> cp.Quaternion:
+    """A multiple of the rotation that takes p to the third axis and keeps the first in the plane of first and third.
+
+    That is a rotation about the first axis followed by one about the second, both by less than a quarter of a turn,
+    because p[2] is not negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and
+    the sine of half the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
+    """
+    across = _root(p[1] * p[1] + p[2] * p[2])
+    length = _root(cp.dot(p, p))
+    # Along the first axis any turn about it will do. Only a ball, or a body of too long a lever, comes so close to it.
+    along = jnp.where(across <= cp.epsilon(across) * length, jnp.ones_like(across), across + p[2])
+    lift = length + across
+    return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]
