@@ -54,7 +54,8 @@ the energy to rounding or are symplectic, and "symplectic" the fastest of the sy
 method in the column of the family before. A ratio below 1 means that our method is faster; "-" means that one of the
 two does not reach the error. Costs between two points of a method are interpolated in logarithms; for errors larger
 than that of a method's coarsest run, the cost is that of the coarsest run. "free_motion" is the closed form of a body
-under no torque (`ml.free_motion`): it takes no steps, is exact to rounding, and so belongs to all three families.
+under no torque (`ml.free_motion`): it takes no steps, is exact to rounding, and so belongs to all three families. The
+row "in steps" has the ratios without it.
 
 heyoka: `taylor_adaptive_batch`, at each tolerance the fastest of several widths of the batch and options, without the
 time of the Python loop over batches. diffrax: the better of a constant step and a PID controller, compiled with the
@@ -138,15 +139,22 @@ Drawn by `python benchmarks/work_precision.py --scene {name}`.
 
 </details>
 """
-    targets = TARGETS[name]
-    over_heyoka = [
-        frontier.verdict([(r.error, r.families[family].over_heyoka) for r in rows], targets.get(family))
-        for family in FAMILIES
-    ]
-    over_diffrax = frontier.verdict([(r.error, r.over_diffrax) for r in rows], OVER_DIFFRAX[name])
-    summary = _row([name, *over_heyoka, over_diffrax])
+    summary = _row([name, *_verdicts(rows, TARGETS[name], OVER_DIFFRAX[name])])
+    if comparison.in_steps:
+        summary += "\n" + _row([f"{name}, in steps", *_verdicts(comparison.in_steps)])
     print(section + "\n" + summary, flush=True)
     return section, summary
+
+
+def _verdicts(rows: list[frontier.Ratio], wanted: dict[str, float] | None = None, over_diffrax: float | None = None):
+    """The spans of the ratios to heyoka by family, and of the ratio to diffrax, with what is wanted of them."""
+    return [
+        *(
+            frontier.verdict([(r.error, r.families[family].over_heyoka) for r in rows], (wanted or {}).get(family))
+            for family in FAMILIES
+        ),
+        frontier.verdict([(r.error, r.over_diffrax) for r in rows], over_diffrax),
+    ]
 
 
 def _row(cells: Iterable[str]) -> str:

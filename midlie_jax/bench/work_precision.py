@@ -116,12 +116,14 @@ class Comparison(NamedTuple):
     Attributes:
         problem: the bodies and their reference ends.
         ratios: times of our methods over those of the rivals.
+        in_steps: the same of the methods alone, without the closed form; empty where there is none.
         ours, rivals: points of our methods and of the rivals.
         warning: a warning if the machine was busy, else "".
     """
 
     problem: Problem
     ratios: list[Ratio]
+    in_steps: list[Ratio]
     ours: list[Point]
     rivals: list[Point]
     warning: str
@@ -142,8 +144,10 @@ def compared(
     case = problem(name, quick=quick)
     names = methods_for(case.scene) if ours is None else ours
     our_points, rival_points = measure(case, names, said=said)
-    our_ratios = ratios(our_points, rival_points, families_of(our_points))
-    return Comparison(case, our_ratios, our_points, rival_points, load.warning())
+    families, methods = families_of(our_points), [p for p in our_points if p.method != FREE_MOTION]
+    our_ratios = ratios(our_points, rival_points, families)
+    in_steps = [] if len(methods) == len(our_points) else ratios(methods, rival_points, families)
+    return Comparison(case, our_ratios, in_steps, our_points, rival_points, load.warning())
 
 
 def families_of(points: Sequence[Point]) -> dict[str, str]:
