@@ -11,6 +11,7 @@ from .._kernel import components as cp
 from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
 from .._kernel.platform import on_cpu
 from ..model.bodies import Body, RigidBody, principal_of
+from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight
@@ -186,12 +187,16 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        has_pose, known = self.system.kind.has_pose, self.known.pop() if self.known else None
-        increment, change, ok = _fly(self.flight, has_pose, self.system.inertia, a * self.h, motion.momentum, known)
-        if self.flown is not None:
-            self.flown.append(increment)
-        motion = self.system.pushed(motion, change, self.t0)
-        return Motion(motion.momentum, self.system.turned(motion.pose, increment, self.t0, self.h)), ok
+        system, known = self.system, self.known.pop() if self.known else None
+        if isinstance(self.flight, ExactFlight) and system.kind.has_pose:
+            arguments = system.inertia, a * self.h, motion, self.h == 0, self.t0, known
+            increment, change, pose, ok = _carry(self.flight, system.kind, *arguments)
+            if self.flown is not None:
+                self.flown.append(increment)
+            return system.pushed(Motion(motion.momentum, pose), change, self.t0), ok
+        increment, change, ok = _fly(self.flight, system.kind.has_pose, system.inertia, a * self.h, motion.momentum)
+        motion = system.pushed(motion, change, self.t0)
+        return Motion(motion.momentum, system.turned(motion.pose, increment, self.t0, self.h)), ok
 
     def evaluate(self, c: Any, g: float, motion: AnyMotion) -> Any:
         if self.system.torque is None:
@@ -211,15 +216,28 @@ class _Stages(NamedTuple):
 
 
 @eqx.filter_jit
-def _fly(
-    flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any, known: cp.Quaternion | None
-) -> tuple[Any, Any, Array | bool]:
+def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
     """One flight, traced once for all the flights of a step and of every later method with the same flight.
 
     The increment is None for a state without a pose, which ignores it.
     """
     if flight.long_derivative:
         inertia, h, momentum = fuse_derivative((inertia, h, momentum))
-    if known is not None and isinstance(flight, ExactFlight):
-        return *flight.again(inertia, h, momentum, known), True
     return flight(inertia, h, momentum) if has_pose else (None, *flight.momentum_change(inertia, h, momentum))
+
+
+@eqx.filter_jit
+def _carry(
+    flight: ExactFlight,
+    kind: type[AnyState],
+    inertia: Any,
+    h: Array,
+    motion: AnyMotion,
+    no_step: Array,
+    t: Array,
+    known: cp.Quaternion | None,
+) -> tuple[cp.Quaternion, cp.Vector, Any, Array | bool]:
+    """An exact flight of momentum and pose, traced once like `_fly`."""
+    increment, change, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, t, known)
+    ok = True if known is not None else flight.within_reach(inertia, h, motion.momentum)
+    return increment, change, pose, ok

@@ -166,7 +166,7 @@ class RigidState(BodyState[cp.Quaternion]):
 
     @staticmethod
     def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
-        return cp.accumulate(pose, turn_change(pose, increment, no_step), t)
+        return _turn(pose, increment, no_step, t)
 
     @staticmethod
     def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
@@ -275,6 +275,27 @@ def attitude_of(state: State[Any, Any]) -> Array:
     if not isinstance(state, RigidState):
         raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
     return state.attitude
+
+
+@jax.custom_jvp
+def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
+    """`RigidState.turn`, whose derivative needs no product of attitude and increment."""
+    return cp.accumulate(attitude, turn_change(attitude, increment, no_step), t)
+
+
+def _turn_tangent(primals: Any, tangents: Any) -> tuple[cp.Quaternion, cp.Quaternion]:
+    """The turned attitude is (1 + k) q Q, where the correction k of the length changes by -q . dq."""
+    (q, increment, no_step, t), (dq, d_increment, *_) = primals, tangents
+    k = _length_correction(_square(q), no_step)
+    along = jnp.where(no_step, jnp.zeros_like(k), q[0] * dq[0] + cp.dot(q[1:], dq[1:]))
+    factor = 1 + k
+    w, x, y, z = (factor * dot - along * part for part, dot in zip(q, dq, strict=True))
+    turned, own = cp.multiply((w, x, y, z), increment), cp.multiply(q, d_increment)
+    w, x, y, z = (a + factor * b for a, b in zip(turned, own, strict=True))
+    return _turn(q, increment, no_step, t), (w, x, y, z)
+
+
+_turn.defjvp(_turn_tangent)
 
 
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:

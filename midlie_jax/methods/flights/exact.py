@@ -1,23 +1,28 @@
-"""`ExactFlight`, the base class of the exact flights of rigid bodies, whose derivative is that of `turn_tangent`."""
+"""`ExactFlight`, the base class of the exact flights of rigid bodies, whose derivatives are formulas of their own.
+
+A change of the arguments of a flight turns its increment Q into (1 + [chi]) Q, with [chi] x = chi x x.
+"""
 
 from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
 
 import jax
+import jax.numpy as jnp
 from jax import Array
 
 from ..._kernel import components as cp
 from ...model.bodies import RigidBody
+from ...model.state import AnyState
 from ..inertia import Inertia
 from .base import Flight
-from .turn_tangent import Changes, increment_tangent
+from .turn_tangent import Changes, is_zero
 
 Flown = tuple[cp.Quaternion, cp.Vector]  # the increment, and the change of the momentum
 
 
 class ExactFlight(Flight):
-    """An exact flight, of which the derivative of the momentum is enough."""
+    """An exact flight, whose formulas are not differentiated."""
 
     order: ClassVar[int | None] = None
     symplectic: ClassVar[bool] = True
@@ -29,18 +34,39 @@ class ExactFlight(Flight):
         """The increment and the change of the momentum, by formulas that are never differentiated."""
 
     @abstractmethod
-    def momentum_tangent(
-        self, inertia: Inertia, h: Array, momentum: cp.Vector, changes: Changes
-    ) -> tuple[cp.Vector, Array | None]:
-        """The tangent of the change of the momentum, and the `lag` of `turn_tangent` if the inverse moments change."""
+    def tangent(
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion, changes: Changes
+    ) -> tuple[cp.Vector, cp.Vector]:
+        """The tangent of the change of the momentum, and chi; `changes` are the tangents of the arguments."""
+
+    @abstractmethod
+    def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
+        """Whether the flight is short enough for the formulas, and the body one for which they hold."""
+
+    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+        return *self.fly(inertia, h, momentum), self.within_reach(inertia, h, momentum)
 
     def fly(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """`formula`, with its derivative."""
         return _fly(self, inertia, h, momentum, None)
 
-    def again(self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion) -> Flown:
-        """`fly`, of which the increment is known and only the derivative is wanted."""
-        return _fly(self, inertia, h, momentum, increment)
+    def carry(
+        self,
+        kind: type[AnyState],
+        inertia: Inertia,
+        h: Array,
+        momentum: cp.Vector,
+        pose: Any,
+        no_step: Array,
+        t: Array,
+        known: cp.Quaternion | None = None,
+    ) -> tuple[cp.Quaternion, cp.Vector, Any]:
+        """`fly`, and with it the pose after the flight, `kind.turn`, whose derivative is shorter than that of both.
+
+        Args:
+            known: the increment, if it is known and only the derivative is wanted.
+        """
+        return _carry(self, kind, inertia, h, momentum, known, pose, no_step, t)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -53,10 +79,45 @@ def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, k
 def _tangent(flight: ExactFlight, primals: Any, tangents: Any) -> tuple[Flown, Flown]:
     inertia, h, momentum, _ = primals
     changes = Changes.of(inertia, *tangents[:3])
-    change_dot, lag = flight.momentum_tangent(inertia, h, momentum, changes)
     increment, change = _fly(flight, *primals)
-    increment_dot = increment_tangent(inertia, h, momentum, increment, changes, change_dot, lag)
-    return (increment, change), (increment_dot, change_dot)
+    change_dot, chi = flight.tangent(inertia, h, momentum, increment, changes)
+    return (increment, change), (_turned(chi, increment), change_dot)
 
 
 _fly.defjvp(_tangent, symbolic_zeros=True)
+
+
+def _turned(chi: cp.Vector, increment: cp.Quaternion) -> cp.Quaternion:
+    """The tangent of the increment, (0, chi/2) times the increment."""
+    (a, b, c), (w, x, y, z) = cp.scale(0.5, chi), increment
+    return -a * x - b * y - c * z, a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _carry(
+    flight: ExactFlight,
+    kind: type[AnyState],
+    inertia: Inertia,
+    h: Array,
+    momentum: cp.Vector,
+    known: cp.Quaternion | None,
+    pose: Any,
+    no_step: Array,
+    t: Array,
+) -> tuple[cp.Quaternion, cp.Vector, Any]:
+    increment, change = _fly(flight, inertia, h, momentum, known)
+    return increment, change, kind.turn(pose, increment, no_step, t)
+
+
+def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
+    """The pose at the start turns by chi and by its own change, and both are carried along by the flight."""
+    inertia, h, momentum, known, pose, no_step, t = primals
+    increment, change = _fly(flight, inertia, h, momentum, known)
+    change_dot, chi = flight.tangent(inertia, h, momentum, increment, Changes.of(inertia, *tangents[:3]))
+    own = jax.tree.map(lambda x, dot: jnp.zeros_like(x) if is_zero(dot) else dot, pose, tangents[4])
+    both = jax.tree.map(jnp.add, own, kind.rate(pose, chi))
+    end, end_dot = jax.jvp(lambda pose: kind.turn(pose, increment, no_step, t), (pose,), (both,))
+    return (increment, change, end), (_turned(chi, increment), change_dot, end_dot)
+
+
+_carry.defjvp(_carry_tangent, symbolic_zeros=True)

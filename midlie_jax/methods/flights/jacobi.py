@@ -40,7 +40,7 @@ from ..._kernel.weierstrass import step_functions
 from ..inertia import Inertia
 from .exact import ExactFlight, Flown
 from .jacobi_momentum import Invariants, lag, momentum_change
-from .turn_tangent import Changes
+from .turn_tangent import Changes, turn_of
 
 # The largest h |Omega|, in radians, for which the sums are exact to rounding.
 LARGEST_TURN = 1.2
@@ -62,12 +62,11 @@ class Jacobi(ExactFlight):
     per_kernel: ClassVar[int] = 2
     reach: ClassVar[float] = LARGEST_TURN
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        increment, change = self.fly(inertia, h, momentum)
+    def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
         y = inertia.travel(h, momentum)
         turn = cp.times(inertia.spins, y)
         largest = cp.largest(Invariants.of(inertia, y).differences)
-        return increment, change, (cp.dot(turn, turn) <= LARGEST_TURN**2) & (largest <= LARGEST_TURN**2)
+        return (cp.dot(turn, turn) <= LARGEST_TURN**2) & (largest <= LARGEST_TURN**2)
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """The rotation and the momentum that it gives."""
@@ -83,10 +82,10 @@ class Jacobi(ExactFlight):
         increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
         return increment, cp.rotation_change(cp.conjugate(increment), momentum)
 
-    def momentum_tangent(
-        self, inertia: Inertia, h: Array, momentum: cp.Vector, changes: Changes
-    ) -> tuple[cp.Vector, Array | None]:
-        """By differentiating the rational function."""
+    def tangent(
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion, changes: Changes
+    ) -> tuple[cp.Vector, cp.Vector]:
+        """By differentiating the rational function; chi follows from it (`turn_tangent`)."""
         varying: dict[str, Any] = {"momentum": (momentum, changes.momentum)}
         if changes.h is not None:
             varying["h"] = h, changes.h
@@ -99,7 +98,8 @@ class Jacobi(ExactFlight):
 
         at, along = ({name: pair[place] for name, pair in varying.items()} for place in (0, 1))
         _, tangent = jax.jvp(change_with, (at,), (along,))
-        return tangent, None if changes.spins is None else lag(inertia, h, momentum, LARGEST_TURN)
+        integral = None if changes.spins is None else lag(inertia, h, momentum, LARGEST_TURN)
+        return tangent, turn_of(inertia, h, momentum, increment, changes, tangent, integral)
 
     def momentum_change(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
         """The change of the momentum as a rational function, without the angle of the body about the momentum."""

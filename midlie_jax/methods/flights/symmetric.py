@@ -2,7 +2,7 @@
 
 b = h (1/I3 - 1/I1) Pi3,    R1 = R0 exp(h Pi0/I1) exp(b e3),    Pi1 = exp(-b e3) Pi0
 
-Their derivative, with moments that may become unequal, is in `symmetric_tangent`.
+Their derivatives, with moments that may become unequal, are in `symmetric_tangent`.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -58,12 +58,11 @@ class Symmetric(ExactFlight):
             )
         return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        increment, change = self.fly(inertia, h, momentum)
+    def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
         numbering = _Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.renumbered(inertia.inverses)
         ok = within_reach(h, inverses[0], inverses[2], numbering.renumbered(momentum))
-        return increment, change, ok & _equal(inverses[0], inverses[1])
+        return ok & _equal(inverses[0], inverses[1])
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """The two rotations."""
@@ -74,19 +73,21 @@ class Symmetric(ExactFlight):
         change = cp.rotation_change_about(2, *about_third, renumbered)
         return (w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change)
 
-    def momentum_tangent(
-        self, inertia: Inertia, h: Array, momentum: cp.Vector, changes: Changes
-    ) -> tuple[cp.Vector, Array | None]:
+    def tangent(
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion, changes: Changes
+    ) -> tuple[cp.Vector, cp.Vector]:
         """With first derivatives that allow the moments to become unequal."""
         inertia = _first_derivatives_only(inertia)
         numbering = _Numbering.of(inertia.inverses, self.axis)
-        flight = Turning.of(h, numbering.renumbered(inertia.gaps)[0], inertia.per_unit, numbering.renumbered(momentum))
+        spin, gap = numbering.renumbered(inertia.spins)[0], numbering.renumbered(inertia.gaps)[0]
+        flight = Turning.of(h, spin, gap, inertia.per_unit, numbering.renumbered(momentum))
         renumbered = changes._replace(
             spins=None if changes.spins is None else numbering.renumbered(changes.spins),
             momentum=numbering.renumbered(changes.momentum),
         )
-        tangent = numbering.restored(flight.momentum_tangent(renumbered))
-        return tangent, None if changes.spins is None else flight.lag()
+        w, *u = increment
+        change, half_chi = flight.tangent(renumbered, (w, *numbering.renumbered((u[0], u[1], u[2]))))
+        return numbering.restored(change), numbering.restored(half_chi)
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
         """The larger rate of the two rotations."""

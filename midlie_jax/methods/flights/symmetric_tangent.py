@@ -7,10 +7,12 @@ symmetric body, where K is the integral of H1 along the motion of the symmetric 
 
     K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    b = h (c - a) Pi3,    sinc(b) = sin(b)/b
 
-The flow of e K changes the momentum by e Pi x grad K. The motion that follows turns the momentum by -b about axis 3.
-The derivative of the rotation of the body follows from that of its momentum (`turn_tangent`), with
+The flow of e K changes the momentum by e Pi x grad K and turns the body by e grad K. The motion that follows turns the
+body by Q = exp(v) exp(b e3), v = h a Pi, and its momentum by -b about axis 3. So the chi of `exact` is
 
-    lag = h^2 Pi3/2 (Im(z^2) sinc(b)^2 / 2 - Re(z^2) (b - sin(b) cos(b)) / (2 b^2))
+    chi = e grad K + dv + (1 - cos |v|)/|v|^2 v x dv + (|v| - sin |v|)/|v|^3 v x (v x dv) + db Q e3
+
+with the derivative of the exponential, and with exp(v) e3 = Q e3, because the second rotation leaves e3 where it is.
 """
 
 from typing import NamedTuple
@@ -27,7 +29,7 @@ class Turning(NamedTuple):
 
     Attributes:
         h: the time.
-        gap: c - a in units of the largest moment.
+        spin, gap: a and c - a in units of the largest moment.
         per_unit: 1 / the largest moment.
         momentum, scaled: the momentum at the start, and in units of the largest moment.
         angle: b.
@@ -35,6 +37,7 @@ class Turning(NamedTuple):
     """
 
     h: Array
+    spin: Array
     gap: Array
     per_unit: Array
     momentum: cp.Vector
@@ -44,17 +47,18 @@ class Turning(NamedTuple):
     sinc: Array
 
     @classmethod
-    def of(cls, h: Array, gap: Array, per_unit: Array, momentum: cp.Vector) -> "Turning":
+    def of(cls, h: Array, spin: Array, gap: Array, per_unit: Array, momentum: cp.Vector) -> "Turning":
         scaled = cp.scale(per_unit, momentum)
         angle = h * (gap * scaled[2])
-        return cls(h, gap, per_unit, momentum, scaled, angle, *cosine_and_sinc(angle / 2))
+        return cls(h, spin, gap, per_unit, momentum, scaled, angle, *cosine_and_sinc(angle / 2))
 
-    def momentum_tangent(self, changes: Changes) -> cp.Vector:
-        """The tangent of the change of the momentum."""
-        start, shift, along = changes.momentum, None, self.scaled[2]
+    def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector]:
+        """The tangent of the change of the momentum, and chi; the increment is that of the flight."""
+        start, shift, flow, along = changes.momentum, None, None, self.scaled[2]
         if changes.spins is not None:
             a, b, _ = changes.spins
-            shift = cp.scale(a - b, cp.cross(self.momentum, cp.scale(0.5, self._gradient())))
+            flow = cp.scale(0.5 * (a - b), self._gradient())
+            shift = cp.cross(self.momentum, flow)
             start = cp.add(start, shift)
         angle = self.h * self.gap * self.per_unit * start[2]
         if changes.h is not None:
@@ -63,9 +67,28 @@ class Turning(NamedTuple):
             a, b, c = changes.spins
             angle = angle + (self.h * along) * (c - 0.5 * (a + b))
         x, y, _ = self._turned(self.momentum)
-        u, v, w = cp.rotation_change_about(2, self.cosine, self.angle / 2 * self.sinc, start)
-        change = u + angle * y, v - angle * x, w
-        return change if shift is None else cp.add(change, shift)
+        u, v, w = self._turned(start)
+        change = u - start[0] + angle * y, v - start[1] - angle * x, w - start[2]
+        chi = self._chi(changes, start, angle, increment)
+        if shift is None or flow is None:
+            return change, chi
+        return cp.add(change, shift), cp.add(chi, flow)
+
+    def _chi(self, changes: Changes, start: cp.Vector, angle: Array, increment: cp.Quaternion) -> cp.Vector:
+        """The chi of the two rotations, for tangents of the momentum at their start and of the angle b."""
+        turn = cp.scale(self.h * self.spin, self.scaled)
+        change = cp.scale(self.h * self.spin * self.per_unit, start)
+        rate = None if changes.h is None else changes.h * self.spin
+        if changes.spins is not None:
+            more = 0.5 * self.h * (changes.spins[0] + changes.spins[1])
+            rate = more if rate is None else rate + more
+        if rate is not None:
+            change = cp.add(change, cp.scale(rate, self.scaled))
+        square = cp.dot(turn, turn)
+        two, three, _, _ = stumpff(square)
+        across, along = cp.scale(two, cp.cross(turn, change)), cp.scale(three * cp.dot(turn, change), turn)
+        third = cp.scale(angle, _third_axis(increment))
+        return cp.add(cp.add(cp.scale(1 - three * square, change), across), cp.add(along, third))
 
     def _turned(self, vector: cp.Vector) -> cp.Vector:
         """The vector, turned by -b."""
@@ -84,9 +107,8 @@ class Turning(NamedTuple):
         along = self.angle * (three - two) * (x * u - y * v) + sinc * (x * v + y * u)
         return self.h * sinc * u, -self.h * sinc * v, 0.5 * self.h * self.h * self.gap * along
 
-    def lag(self) -> Array:
-        """The integral of (h - t) Pi_1 Pi_2 Pi_3, with momenta in units of the largest moment."""
-        x, y, z = self.scaled
-        sinc, two, three = self._whole_angle()
-        even, odd = x * y * (sinc * sinc), 0.5 * (x * x - y * y) * self.angle * (three + sinc * two)
-        return 0.5 * self.h * self.h * z * (even - odd)
+
+def _third_axis(q: cp.Quaternion) -> cp.Vector:
+    """The axis e3 turned by q: the last column of its matrix."""
+    w, x, y, z = q
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)

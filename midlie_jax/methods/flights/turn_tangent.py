@@ -2,7 +2,7 @@
 
 In a time h a free body turns by Q, and its momentum in the body frame changes from Pi to Q^T Pi. Let c = 1/I, (l, m, n)
 cyclic, a_l = c_n - c_m, so that Pi_l' = a_l Pi_m Pi_n, and let a small change of c, h and Pi turn Q into
-(1 + [chi]) Q, with [chi] x = chi x x. The momentum in space does not change during the motion, so
+(1 + [chi]) Q, as in `exact`. The momentum in space does not change during the motion, so
 
     chi x Pi = -z,    z = (Q - 1) dPi + Q d(Q^T Pi - Pi)
 
@@ -71,7 +71,7 @@ def _dense(tangent: Any, like: cp.Vector) -> cp.Vector:
     return x, y, z
 
 
-def increment_tangent(
+def turn_of(
     inertia: Inertia,
     h: Array,
     momentum: cp.Vector,
@@ -79,8 +79,8 @@ def increment_tangent(
     changes: Changes,
     momentum_change: cp.Vector,
     lag: Array | None,
-) -> cp.Quaternion:
-    """The tangent of the increment of an exact flight.
+) -> cp.Vector:
+    """The chi of a change of the arguments of a flight.
 
     Args:
         inertia, h, momentum: of the flight.
@@ -95,12 +95,12 @@ def increment_tangent(
     total = cp.dot(y, y)
     # Where the turn vanishes, so does the axis that the formula divides by; but there the first order in h is exact.
     at_rest = total <= _NO_TURN[str(total.dtype)]
-    axis = cp.scale(0.5 * h * cp.reciprocal(jnp.where(at_rest, jnp.ones_like(total), total)), y)
+    axis = cp.scale(h * cp.reciprocal(jnp.where(at_rest, jnp.ones_like(total), total)), y)
     per = cp.scale(inertia.per_unit, axis)
 
     turn = cp.times(inertia.spins, y)
     along = cp.dot(cp.scale(inertia.per_unit, turn), changes.momentum)
-    slow = cp.times(cp.scale(0.5 * h * inertia.per_unit, inertia.spins), changes.momentum)
+    slow = cp.times(cp.scale(h * inertia.per_unit, inertia.spins), changes.momentum)
     if changes.h is not None or changes.spins is not None:
         scaled = cp.scale(inertia.per_unit, momentum)
         if changes.h is not None:
@@ -111,7 +111,5 @@ def increment_tangent(
             along = along + cp.dot(weights, changes.spins)
     z = cp.add(momentum_change, cp.unit_rotation_change(increment, cp.add(changes.momentum, momentum_change)))
     fast = cp.add(cp.scale(along, axis), cp.cross(z, per))
-    a, b, c = (jnp.where(at_rest, one, other) for one, other in zip(slow, fast, strict=True))  # half of chi
-    w, x, y, z = increment
-    # (0, a, b, c) times the increment.
-    return -a * x - b * y - c * z, a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x
+    a, b, c = (jnp.where(at_rest, one, other) for one, other in zip(slow, fast, strict=True))
+    return a, b, c
