@@ -25,10 +25,13 @@ def loops_of(method):
 
     The implicit methods have a loop over Newton's steps in the middle (see midlie_jax/_kernel/newton.py): one loop over
     the batch before it and one after it. A splitting that loops over its stages has one for the last kick or flight.
+    With the projection after it, the longest extrapolation is too long for one loop.
     """
     if isinstance(method, Splitting):
         return 2 if method.loops else 1
-    return 1 if isinstance(method, (NewmarkBody, RungeKutta)) else 2
+    if isinstance(method, RungeKutta):
+        return 2 if method.projects and method.order > 8 else 1
+    return 1 if isinstance(method, NewmarkBody) else 2
 
 
 # The flights that solve by pairs of Newton's steps are cut into a loop for each pair, and are not counted here.
