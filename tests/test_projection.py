@@ -156,6 +156,8 @@ NOT_CONSERVED = {
     "a function": lambda t, s: 2 * jnp.cross(ml.so3.to_matrix(s.attitude)[2], jnp.array([0.0, 0.6, 0.8])),
     "a potential that changes": ml.torques.FromPotential(lambda t, s: jnp.cos(t) * ml.so3.to_matrix(s.attitude)[2, 2]),
     "damped": TOP + ml.torques.Damping(0.1),
+    # Rotors do no work, so that the energy is constant, but their torque is not that of a potential.
+    "rotors": TOP + ml.torques.Rotors([0.3, 0.0, 0.5]),
 }
 
 

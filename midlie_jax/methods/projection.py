@@ -96,9 +96,11 @@ def projected(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, 
 
 
 def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion) -> _Invariant | None:
-    """The energy; None where it changes with time or is not known."""
+    """The energy; None where it changes with time or is not known, or where the torque is not that of a potential."""
     inertia: Inertia = system.inertia
     potential = None
+    if system.reads_momentum:
+        return None
     if system.torque is not None:
         try:
             potential = potential_of(system.torque)

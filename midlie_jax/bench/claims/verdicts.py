@@ -24,6 +24,7 @@ RANK = "rank"
 _EPSILON = float(np.finfo(float).eps)
 _DEFECT = 1e-11  # of one step; differences leave 1e-13
 _WALK = 4.0  # rounding as a random walk: times eps and the root of the number of flights
+_PARTS = 2.3  # the sizes of the tops' kinetic and potential energies, which are rounded, over their energy, at most
 _RETURN = 8.0  # rounding of a run and its way back, times eps and the number of flights
 _FLIGHTS_BACK = 128
 _TREND = 0.2  # of the oscillation in the first eighth of a run
@@ -73,7 +74,7 @@ def keeps_momentum(found: Measured) -> bool:
 
 
 def keeps_energy(found: Measured) -> bool:
-    return largest_energy(found) <= rounding(found)
+    return largest_energy(found) <= _PARTS * rounding(found)
 
 
 def is_symplectic(found: Measured) -> bool:
