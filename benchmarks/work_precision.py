@@ -3,12 +3,13 @@
     python benchmarks/work_precision.py [--scene NAME ...] [--quick] [--out FOLDER]
 
 The process pins itself to one core before XLA counts the cores. It writes FOLDER/work-precision-SCENE.png for each
-scene and, if all scenes are measured, FOLDER/work-precision.md. `--quick` times fewer runs, and by default writes into
-a temporary folder.
+scene and FOLDER/work-precision.md, of which it replaces the parts of the scenes named if only some are measured.
+`--quick` times fewer runs, and by default writes into a temporary folder.
 """
 
 import argparse
 import platform
+import re
 import tempfile
 import time
 from collections.abc import Iterable
@@ -80,20 +81,36 @@ def main() -> None:
     for name in options.scene:
         parts.append(scene_report(name, out, options.quick))
         print(f"[{time.perf_counter() - began:.0f} s]", flush=True)
+    page = out / "work-precision.md"
     if set(options.scene) == set(work_precision.SCENES):
-        versions = ", ".join(f"{p} {version(p)}" for p in PROGRAMS)
-        machine = f"{platform.machine()}, {platform.system()}"
-        head = HEAD.format(
-            bodies=work_precision.BODIES, judged=work_precision.JUDGED, versions=versions, machine=machine
-        )
-        heads = ["scene", *(f"{family} / heyoka" for family in FAMILIES), "general / diffrax"]
-        summary = [_row(heads), _row("---" for _ in heads), *(row for _, row in parts), ""]
-        text = "\n".join([head, *summary, *(section for section, _ in parts)])
-        (out / "work-precision.md").write_text(text)
-        if out == DOCS:
-            into_page(text)
-            times_faster.main()
+        page.write_text(whole_page(parts))
+    elif page.exists():
+        page.write_text(with_new(page.read_text(), dict(zip(options.scene, parts, strict=True))))
+    if out == DOCS:
+        into_page(page.read_text())
+        times_faster.main()
     print(f"wrote {out}")
+
+
+def whole_page(parts: list[tuple[str, str]]) -> str:
+    """The page of all scenes, from the section and the summary of each."""
+    versions = ", ".join(f"{p} {version(p)}" for p in PROGRAMS)
+    machine = f"{platform.machine()}, {platform.system()}"
+    head = HEAD.format(bodies=work_precision.BODIES, judged=work_precision.JUDGED, versions=versions, machine=machine)
+    heads = ["scene", *(f"{family} / heyoka" for family in FAMILIES), "general / diffrax"]
+    summary = [_row(heads), _row("---" for _ in heads), *(row for _, row in parts), ""]
+    return "\n".join([head, *summary, *(section for section, _ in parts)])
+
+
+def with_new(page: str, parts: dict[str, tuple[str, str]]) -> str:
+    """The page with the sections and summaries of some scenes replaced."""
+    for name, (section, summary) in parts.items():
+        first, *others = summary.split("\n")
+        replaced = [(rf"## {name}: (?s:.*?)(?=^## |\Z)", section + "\n"), (rf"\| {name} \|.*$", first)]
+        replaced += [(rf"\| {name}, in steps \|.*$", row) for row in others]
+        for pattern, new in replaced:
+            page = re.sub("(?m)^" + pattern, lambda _, new=new: new, page)
+    return page.rstrip("\n") + "\n"
 
 
 def into_page(text: str) -> None:

@@ -12,9 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..drivers.timing import Load, cost_clock, spread_in_words
+from ..methods.projection import steady_potential
 from ..methods.registry import ENTRIES, exact_flight
 from ..methods.registry import method as find_method
 from ..methods.schemes import SCHEMES
+from ..model.torques import on_body
 from . import scenes
 from .closed_form import axis_third, exact_ends
 from .families import SYMPLECTIC, family
@@ -33,15 +35,23 @@ _ROUNDING = 2.3e-16  # rounding error of an entry of a matrix in float64, in whi
 def methods_for(scene: Scene) -> tuple[str, ...]:
     """The names in the chart of a scene: the exact flight of its body with the leading schemes, and a few others.
 
-    A scene without torque has the closed form, `free_motion`, which is no method, as well.
+    A scene without torque has the closed form, `free_motion`, which is no method, as well. Where the energy is not
+    constant, methods that keep it are left out, because there they are those that do not.
     """
     flight = exact_flight(scene.body.moments)
     leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if scene.torque is None:
         leading = leading[:1]
-    others = [entry.method.name for entry in ENTRIES.values() if entry.chart]
+    others = [e.method.name for e in ENTRIES.values() if e.chart and (_steady(scene) or not e.method.keeps_energy)]
     closed = () if scene.torque is not None else (FREE_MOTION,)
     return (*closed, *(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
+
+
+def _steady(scene: Scene) -> bool:
+    """Whether the energy of the body is constant, and known."""
+    if scene.torque is None:
+        return True
+    return steady_potential(on_body(scene.torque, scene.body), jnp.asarray(0.0), scene.start) is not None
 
 
 def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:

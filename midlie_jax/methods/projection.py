@@ -17,14 +17,15 @@ the angles by which the body turns.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.replay import traits
-from ..model.torques import potential_of
+from ..model.state import AnyState
+from ..model.torques import TorqueLike, potential_of
 from .inertia import Inertia
 from .system import AnyMotion, Motion, System
 
@@ -95,19 +96,22 @@ def projected(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, 
     return end
 
 
+def steady_potential(torque: TorqueLike, t: Array, state: AnyState) -> Callable[[Any, Any], Array] | None:
+    """The potential V(t, state) of a torque on its body; None if it has none, or one that depends on time."""
+    try:
+        potential = potential_of(torque)
+        depends_on_time = traits(lambda t, s: jnp.asarray(potential(t, s)), t, state).reads[0]
+    except ValueError:  # the torque has no potential
+        return None
+    return None if depends_on_time else potential
+
+
 def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion) -> _Invariant | None:
     """The energy; None where it changes with time or is not known, or where the torque is not that of a potential."""
     inertia: Inertia = system.inertia
-    potential = None
-    if system.reads_momentum:
+    potential = None if system.torque is None else steady_potential(system.torque, t0, system.state(start))
+    if system.reads_momentum or (system.torque is not None and potential is None):
         return None
-    if system.torque is not None:
-        try:
-            potential = potential_of(system.torque)
-            if traits(lambda t, s: jnp.asarray(potential(t, s)), t0, system.state(start)).reads[0]:
-                return None
-        except ValueError:  # the torque has no potential
-            return None
 
     def potential_energy(motion: AnyMotion) -> Array:
         return jnp.zeros_like(h) if potential is None else system.number(potential, t0, motion)
