@@ -87,7 +87,7 @@ def projected(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, 
         x = unit * inverse * (-c * e if m is None else b * m - c * e)
         momentum, turn = cp.scale(x, end.momentum), cp.scale(x, up.turn)
         if side is not None and m is not None:
-            y = inverse * jnp.where(independent, b * e - a * m, jnp.zeros_like(a))
+            y = inverse * (b * e - a * m)  # zero where the gradients are parallel, as b and m are
             momentum = cp.add(momentum, cp.scale(y, side.momentum))
             turn = cp.add(turn, cp.scale(unit * y, side.turn))
         moved = system.pushed(end, momentum, t0)

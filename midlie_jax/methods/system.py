@@ -173,8 +173,12 @@ class System(NamedTuple):
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
         entries, returned = self.evaluate(torque, t, motion)
         _check_force(returned, self.kind.pack(motion.momentum))
-        force: Any = self.kind.from_entries(entries)
-        return force if self.axes is None else cp.rotate_back(self.axes, force)
+        return self._vector(entries)
+
+    def _vector(self, entries: list[Any]) -> Any:
+        """A vector in principal components, from its entries in the user's."""
+        vector: Any = self.kind.from_entries(entries)
+        return vector if self.axes is None else cp.rotate_back(self.axes, vector)
 
     def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
         """The number `function(t, state)`, such as a potential energy."""
@@ -191,8 +195,7 @@ class System(NamedTuple):
         if not isinstance(torque, Torque) or torque.fixed_axis(self.state(motion)) is None:
             return None
         entries, _ = self.evaluate(lambda t, state: cp.pack(cast(Any, torque.fixed_axis(state))), t, motion)
-        axis: Any = self.kind.from_entries(entries)
-        return axis if self.axes is None else cp.rotate_back(self.axes, axis)
+        return self._vector(entries)
 
     def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Any:
         """The entries of the array `function(t, state)`, and the shape and dtype of this array."""

@@ -16,7 +16,7 @@ from ...model.bodies import RigidBody
 from ...model.state import AnyState
 from ..inertia import Inertia
 from .base import Flight
-from .turn_tangent import Changes, is_zero
+from .turn_tangent import Changes, with_zeros
 
 Flown = tuple[cp.Quaternion, cp.Vector]  # the increment, and the change of the momentum
 
@@ -114,8 +114,7 @@ def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tang
     inertia, h, momentum, known, pose, no_step, t = primals
     increment, change = _fly(flight, inertia, h, momentum, known)
     change_dot, chi = flight.tangent(inertia, h, momentum, increment, Changes.of(inertia, *tangents[:3]))
-    own = jax.tree.map(lambda x, dot: jnp.zeros_like(x) if is_zero(dot) else dot, pose, tangents[4])
-    both = jax.tree.map(jnp.add, own, kind.rate(pose, chi))
+    both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
     end, end_dot = jax.jvp(lambda pose: kind.turn(pose, increment, no_step, t), (pose,), (both,))
     return (increment, change, end), (_turned(chi, increment), change_dot, end_dot)
 

@@ -18,7 +18,7 @@ from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, spi
 from ..inertia import Inertia
 from .exact import ExactFlight, Flown
 from .symmetric_tangent import Turning
-from .turn_tangent import Changes, is_zero
+from .turn_tangent import Changes, is_zero, with_zeros
 
 _EQUALITY_TOLERANCE = 8  # units of eps by which inverse moments may differ and still count as equal
 
@@ -86,8 +86,8 @@ class Symmetric(ExactFlight):
             momentum=numbering.renumbered(changes.momentum),
         )
         w, *u = increment
-        change, half_chi = flight.tangent(renumbered, (w, *numbering.renumbered((u[0], u[1], u[2]))))
-        return numbering.restored(change), numbering.restored(half_chi)
+        change, chi = flight.tangent(renumbered, (w, *numbering.renumbered((u[0], u[1], u[2]))))
+        return numbering.restored(change), numbering.restored(chi)
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
         """The larger rate of the two rotations."""
@@ -173,14 +173,10 @@ def _first_derivatives_only(inertia: Inertia) -> Inertia:
 
 def _refuse_second_derivatives(primals: Any, tangents: Any) -> Any:
     if all(map(is_zero, jax.tree.leaves(tangents[0], is_leaf=is_zero))):
-        return primals[0], _with_zeros(tangents[0], primals[0])
+        return primals[0], with_zeros(tangents[0], primals[0])
     raise ValueError(
         "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all orders."
     )
 
 
 _first_derivatives_only.defjvp(_refuse_second_derivatives, symbolic_zeros=True)
-
-
-def _with_zeros(tangents: Any, primals: Any) -> Any:
-    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if is_zero(t) else t, tangents, primals, is_leaf=is_zero)

@@ -19,6 +19,7 @@ formulas and with references of fifty digits.
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
@@ -51,8 +52,8 @@ class Changes(NamedTuple):
         """
         inverses, spins = inertia_tangent.inverses, None
         if not all(map(is_zero, inverses)):
-            spins = cp.scale(cp.largest(inertia.moments), _dense(inverses, inertia.inverses))
-        return cls(spins, None if is_zero(h) else h, _dense(momentum, inertia.inverses))
+            spins = cp.scale(cp.largest(inertia.moments), with_zeros(inverses, inertia.inverses))
+        return cls(spins, None if is_zero(h) else h, with_zeros(momentum, inertia.inverses))
 
     def gaps(self) -> cp.Vector:
         """The tangents of the gaps of the inertia; only if the inverse moments change."""
@@ -66,9 +67,9 @@ def is_zero(tangent: Any) -> bool:
     return isinstance(tangent, SymbolicZero)
 
 
-def _dense(tangent: Any, like: cp.Vector) -> cp.Vector:
-    x, y, z = (jnp.zeros_like(one) if is_zero(part) else part for part, one in zip(tangent, like, strict=True))
-    return x, y, z
+def with_zeros(tangents: Any, primals: Any) -> Any:
+    """The tangents, with arrays of zeros in place of symbolic zeros."""
+    return jax.tree.map(lambda t, p: jnp.zeros_like(p) if is_zero(t) else t, tangents, primals, is_leaf=is_zero)
 
 
 def turn_of(
