@@ -121,11 +121,16 @@ class System(NamedTuple):
         """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
         return self.inertia.velocity(momentum)
 
-    def rates(self, motion: Motion[P, Q], h: Array, force: P | None) -> Motion[P, Q]:
-        """h times the right-hand side of the equations of motion: Pi' = Pi x I^-1 Pi + T, and the rate of the pose."""
-        turn = jax.tree.map(lambda v: h * v, self.velocity(motion.momentum))
-        impulse = _zeros(motion.momentum) if force is None else jax.tree.map(lambda f: h * f, force)
-        return Motion(self.kind.momentum_rate(motion.momentum, turn, impulse), self.kind.rate(motion.pose, turn))
+    def rates(self, motion: Motion[cp.Vector, Q], h: Array, force: cp.Vector | None) -> Motion[cp.Vector, Q]:
+        """h times the right-hand side of a body's equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
+
+        This is all that a Runge-Kutta method evaluates, so operations are few. h goes into the inverse moments and so
+        into numbers that are computed once a step, and it multiplies the sum of both terms of Pi'.
+        """
+        gyroscopic = cp.scale(-1, self.inertia.commutator(motion.momentum))
+        torque = gyroscopic if force is None else cp.add(gyroscopic, force)
+        turn = cp.times(cp.scale(h, self.inertia.inverses), motion.momentum)
+        return Motion(cp.scale(h, torque), self.kind.rate(motion.pose, turn))
 
     def pushed(self, motion: Motion[P, Q], change: P, t: Array) -> Motion[P, Q]:
         """The motion after the momentum changes by `change`, in a step that starts at time t."""

@@ -175,9 +175,8 @@ class RigidState(BodyState[cp.Quaternion]):
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
         w, x, y, z = pose
-        a, b, c = velocity
-        half = (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
-        return (0.5 * half[0], 0.5 * half[1], 0.5 * half[2], 0.5 * half[3])
+        a, b, c = cp.scale(0.5, velocity)
+        return (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """The body components of a vector in the space frame, R^T vector."""
