@@ -52,8 +52,7 @@ class LieMidpoint(Flight):
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)
         y = inertia.travel(h, momentum)
-        u, converged = _solve(*jax.lax.stop_gradient((quadruple, y)))
-        u = _root(quadruple, y, u)
+        u, converged = _root(quadruple, y, *_solve(*jax.lax.stop_gradient((quadruple, y))))
         x = cp.dot(u, u)
         factor = share_of_one(x)
         increment = ((1 - x) * factor, *cp.scale(2 * factor, u))
@@ -62,23 +61,26 @@ class LieMidpoint(Flight):
 
 
 @jax.custom_jvp
-def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector) -> cp.Vector:
-    """The root u, with derivatives of any order by the implicit function theorem."""
+def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, converged: Array) -> tuple[cp.Vector, Array]:
+    """The root u, with derivatives of any order by the implicit function theorem, and `converged` unchanged."""
     del quadruple, y
-    return u
+    return u, converged
 
 
 @_root.defjvp
-def _root_jvp(primals: Any, tangents: Any) -> tuple[cp.Vector, cp.Vector]:
-    """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u."""
-    quadruple, y, _ = primals
-    u = split(_root(*primals))
+def _root_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u.
+
+    Both results of the solve leave its loop: if `converged` did not, the loop of the step would solve once more for it.
+    """
+    quadruple, y, *_ = primals
+    u, converged = split(_root(*primals))
     x = cp.dot(u, u)
     g = arctangent(x, exact=True)
     inverse = cp.Inverse3.of(_columns(quadruple, y, u, g, arctangent_slope(x, exact=True)))
     dv = cp.scale(g, cp.times(tangents[0], u))
     right = cp.subtract(cp.subtract(tangents[1], dv), cp.cross(u, cp.add(tangents[1], dv)))
-    return u, inverse.times(right)
+    return (u, converged), (inverse.times(right), tangents[3])
 
 
 def _solve(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
