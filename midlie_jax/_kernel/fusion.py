@@ -71,6 +71,16 @@ def fuse_derivative(tree: T) -> T:
     return _bind(tree, _DERIVATIVE)
 
 
+def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
+    """A policy of `jax.checkpoint`: keep what the end of a loop has written to memory, and compute the rest again.
+
+    So a solve that ends with `split` is not repeated. Without a policy it would be; and without a checkpoint, each
+    intermediate result that the derivative reads would have to leave its loop, which then is no longer one loop.
+    """
+    del types
+    return primitive is _fuse and parameters["use"] not in _NOTHING
+
+
 def _bind(tree: T, use: str) -> T:
     leaves, structure = jax.tree.flatten(tree)
     return jax.tree.unflatten(structure, _fuse_where(leaves, _is_number, use))

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import begin, fuse
+from .._kernel.fusion import begin, fuse, is_stored
 from .._kernel.replay import Packed, by_components
 from ..model import so3
 from ..model.states import DirectionState, RigidState
@@ -40,24 +40,12 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
     t0: Any
     t1: Any
     y0: Any
-    turn: Any  # the cubic of the rotation vector; None for a state without attitude
-    rest: Any  # the cubics of all other arrays; for a RigidState, of R0^T times the spatial momentum
-
-    def __init__(
-        self,
-        *,
-        t0: Any,
-        t1: Any,
-        y0: Any,
-        y1: Any,
-        velocity0: Array,
-        velocity1: Array,
-        torque0: Array,
-        torque1: Array,
-        h: Array,
-    ):
-        self.t0, self.t1, self.y0 = t0, t1, y0
-        self.turn, self.rest = _cubics(y0, y1, velocity0, velocity1, torque0, torque1, h)
+    y1: Any
+    velocity0: Array
+    velocity1: Array
+    torque0: Array
+    torque1: Array
+    h: Array
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
         """The state at t0; with t1, the arrays at t1 minus the arrays at t0. `derivative` differentiates the arrays."""
@@ -69,16 +57,21 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
 
 
 @eqx.filter_jit
-def _cubics(
-    y0: Any, y1: Any, velocity0: Array, velocity1: Array, torque0: Array, torque1: Array, h: Array
-) -> tuple[Any, Any]:
-    """The cubics `turn` and `rest` of a `LieInterpolation`."""
-    return _by_scalars(_cubics_of_arrays, y0, y1, velocity0, velocity1, torque0, torque1, h)
+@eqx.filter_checkpoint(policy=is_stored)
+def _state_at(dense: LieInterpolation, t: Any) -> Any:
+    """The state at the time t."""
+    return _by_scalars(_state_of_arrays, dense.y0, _by_scalars(_cubics, dense), dense.t0, dense.t1, t)
 
 
-def _cubics_of_arrays(
-    y0: Any, y1: Any, velocity0: Array, velocity1: Array, torque0: Array, torque1: Array, h: Array
-) -> tuple[Any, Any]:
+def _cubics(dense: LieInterpolation) -> tuple[Any, Any]:
+    """The cubics of the step.
+
+    Returns:
+        The cubic of the rotation vector, None for a state without attitude; and the cubics of all other arrays, for a
+        `RigidState` of R0^T times the spatial momentum.
+    """
+    y0, y1, h = dense.y0, dense.y1, dense.h
+    velocity0, velocity1, torque0, torque1 = dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
     if isinstance(y0, RigidState):
         turned = so3.multiply(so3.conjugate(y0.attitude), y1.attitude)
         angle = so3.log(turned)
@@ -88,34 +81,26 @@ def _cubics_of_arrays(
         angle = jnp.where(jnp.sum(deviation**2) < jnp.pi**2, angle, jnp.nan)
         turn = _cubic(jnp.zeros_like(angle), angle, h * velocity0, h * so3.dexp_inverse(-angle, velocity1))
         momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
-        rest = _cubic(y0.momentum, momentum, h * torque0, h * torque)
-    else:
-        slope0 = ambient_rate(y0, y0.unpack(velocity0), y0.unpack(torque0))
-        slope1 = ambient_rate(y1, y1.unpack(velocity1), y1.unpack(torque1))
-        turn = None
-        ends = zip(*map(jax.tree.leaves, (y0, y1, slope0, slope1)), strict=True)
-        rest = [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
-    return turn, rest
+        return turn, _cubic(y0.momentum, momentum, h * torque0, h * torque)
+    slope0 = ambient_rate(y0, y0.unpack(velocity0), y0.unpack(torque0))
+    slope1 = ambient_rate(y1, y1.unpack(velocity1), y1.unpack(torque1))
+    ends = zip(*map(jax.tree.leaves, (y0, y1, slope0, slope1)), strict=True)
+    return None, [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
 
 
-@eqx.filter_jit
-def _state_at(dense: LieInterpolation, t: Any) -> Any:
-    """The state at the time t."""
-    return _by_scalars(_state_of_arrays, dense, t)
-
-
-def _state_of_arrays(dense: LieInterpolation, t: Any) -> Any:
-    y0 = dense.y0
-    length = dense.t1 - dense.t0
+def _state_of_arrays(y0: Any, cubics: tuple[Any, Any], t0: Any, t1: Any, t: Any) -> Any:
+    """The state at the time t; `y0`, at t0, tells the class of the state, and for a `RigidState` the attitude."""
+    length = t1 - t0
     no_step = length == 0
-    s = jnp.where(no_step, jnp.zeros_like(length), t - dense.t0) / jnp.where(no_step, jnp.ones_like(length), length)
+    s = jnp.where(no_step, jnp.zeros_like(length), t - t0) / jnp.where(no_step, jnp.ones_like(length), length)
     s = s.astype(y0.momentum.dtype)
+    turn, rest = cubics
     if isinstance(y0, RigidState):
-        turn = so3.exp(_at(dense.turn, s))
-        momentum = so3.rotate(so3.conjugate(turn), _at(dense.rest, s))
+        turn = so3.exp(_at(turn, s))
+        momentum = so3.rotate(so3.conjugate(turn), _at(rest, s))
         attitude = RigidState.turn(cp.quaternion(y0.attitude), cp.quaternion(turn), jnp.array(False), s)
         return like(y0, momentum, cp.pack(attitude))
-    leaves = [_at(cubic, s) for cubic in dense.rest]
+    leaves = [_at(cubic, s) for cubic in rest]
     if isinstance(y0, DirectionState):
         leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
     return like(y0, *leaves)

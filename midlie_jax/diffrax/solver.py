@@ -12,7 +12,7 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import described
-from .._kernel.fusion import fuse, split
+from .._kernel.fusion import fuse, is_stored, split
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
@@ -131,6 +131,7 @@ def _begins_with_force(method: Method, system: System) -> bool:
 
 
 @eqx.filter_jit
+@eqx.filter_checkpoint(policy=is_stored)
 def _step(
     method: Method,
     system: System,
@@ -144,7 +145,9 @@ def _step(
     """The step of `LieSolver.step` on times of the term's clock.
 
     It is one jitted function, because diffrax differentiates the body of its loop over the steps several times: JAX
-    then finds the derivative of the step already traced.
+    then finds the derivative of the step already traced. It is computed again in reverse mode, because diffrax takes a
+    step and turns back in two separate parts of its program: what the one part hands to the other is compiled entry by
+    entry.
 
     Returns:
         The state at the end, its error, the data of the dense output, the memory, and whether the step succeeded.
