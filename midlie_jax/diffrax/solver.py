@@ -26,15 +26,25 @@ from .term import RigidBodyTerm, as_time, check, like
 
 
 class Memory(NamedTuple):
-    """What a step stores for the next step.
+    """What a step stores for the next step: two arrays, because diffrax compiles a dozen operations for each.
 
     Attributes:
-        force: the torque at the end of the step, as components; for particles the force.
-        history: data for the error estimate of the next step.
+        force: the torque at the end of the step; for particles the force.
+        history: the entries of a `History`, data for the error estimate of the next step.
     """
 
-    force: Any
-    history: History
+    force: Array
+    history: Array
+
+    @classmethod
+    def of(cls, system: System, force: Any, history: History) -> "Memory":
+        """The memory of a torque as components, and of a history."""
+        return cls(system.kind.pack(force), jnp.append(system.kind.pack(history.slope), history.span))
+
+    def unpacked(self, system: System) -> tuple[Any, History]:
+        """The torque as components, and the history."""
+        slope = system.kind.unpack(self.history[:-1].reshape(self.force.shape))
+        return system.kind.unpack(self.force), History(slope, self.history[-1])
 
 
 class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
@@ -157,7 +167,7 @@ def _step(
     if made_jump is not False:
         fresh = partial(_new_memory, system, start_time, motion, begins_with_force)
         memory = jax.lax.cond(made_jump, fresh, lambda kept=memory: kept)
-    stored_force = memory.force
+    stored_force, stored_history = memory.unpacked(system)
     progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(True))
     (end, method_force, ok), _ = method.advance(
         system, (start_time, end_time), lambda clock: (*clock, None), h, progress
@@ -175,7 +185,7 @@ def _step(
         dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
     ok = ok & cp.all_finite(y1)
     stop = jax.lax.stop_gradient
-    step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(memory.history)
+    step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(stored_history)
     target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
     target, history, valid = fuse((target, history, valid))
     user_target = system.in_user_axes(target)
@@ -183,14 +193,14 @@ def _step(
     error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
     # Derivatives do not pass through a torque that only the error estimate reads.
     next_force = end_torque if begins_with_force else jax.lax.stop_gradient(end_torque)
-    return y1, error, dense, Memory(next_force, history), ok
+    return y1, error, dense, Memory.of(system, next_force, history), ok
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
     """The memory at the time t without a step before: the torque at t, and no history."""
     force = system.force(t, motion)
     next_force = force if begins_with_force else jax.lax.stop_gradient(force)
-    return Memory(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
+    return Memory.of(system, next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
 
 
 def _single_term(terms: Any) -> RigidBodyTerm:
