@@ -103,3 +103,18 @@ def test_a_doubling_of_free_motion_is_one_loop(kind):
     (body,) = (body for body in loop_bodies(text) if f"[{BATCH}" in body)
     assert len(re.findall(rf"\[{BATCH},1\].* fusion\(", body)) == 1
     assert not re.search(DEAR + r"|\b(sort|scatter|sqrt|divide)\(", text)
+
+
+def test_the_derivative_of_a_flight_does_not_solve_twice():
+    """Once for the state, and once more for whether the solve converged, would more than double the operations."""
+
+    def end(momentum):
+        start = ml.RigidState(momentum, jnp.array([1.0, 0, 0, 0]))
+        path = ml.integrate("LIEMID[EA]", ml.RigidBody(jnp.array(BODY)), None, start, dt=0.1, steps=1)
+        return path.states.momentum[-1], path.ok
+
+    def both(momentum):
+        return jax.jvp(end, (momentum,), (momentum,))
+
+    step, derivative = (real(f).lower(jnp.ones(3)).compile().as_text().count(" multiply(") for f in (end, both))
+    assert step < derivative < 2 * step
