@@ -416,6 +416,18 @@ def test_kept_torque_is_renewed_after_a_jump(capfd):
     assert np.max(np.abs(numbers(once) - numbers(jax.tree.map(lambda x: x[-1], path.states)))) < 1e-13
 
 
+@pytest.mark.parametrize("name", ["LIEMID[EA]", "JACOBI[EA]"])
+def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
+    """Each is a loop of its own in the program of diffrax; without a checkpoint there are over a hundred."""
+    solver, y0 = ml.LieSolver(name), start()
+
+    def pullback(y, args):
+        memory = solver.init(TERM, FROM, FROM + DT, y, args)
+        return jax.vjp(lambda y, args: solver.step(TERM, FROM, FROM + DT, y, args, memory, False)[0], y, args)[1]
+
+    assert len(jax.tree.leaves(jax.eval_shape(pullback, y0, ARGS))) < 60
+
+
 def test_bad_input_names_the_cure():
     torque = ml.torques.HeavyTop(jnp.array(1.0))
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), start())
