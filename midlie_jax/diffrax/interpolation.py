@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import begin, fuse, is_stored
+from .._kernel.fusion import begin, fuse
 from .._kernel.replay import Packed, by_components
 from ..model import so3
 from ..model.states import DirectionState, RigidState
@@ -57,9 +57,13 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
 
 
 @eqx.filter_jit
-@eqx.filter_checkpoint(policy=is_stored)
+@eqx.filter_checkpoint
 def _state_at(dense: LieInterpolation, t: Any) -> Any:
-    """The state at the time t."""
+    """The state at the time t.
+
+    Reverse mode computes it again, so that XLA finds nothing in its derivative that it could compute ahead, entry by
+    entry, for all times of a step.
+    """
     return _by_scalars(_state_of_arrays, dense.y0, _by_scalars(_cubics, dense), dense.t0, dense.t1, t)
 
 
