@@ -92,6 +92,21 @@ def test_memory_of_the_way_back_does_not_grow_with_the_steps():
     assert memory(ml.Checkpointed(every=400), 160_000) <= memory(ml.Checkpointed(), 160_000) / 50
 
 
+def test_seven_numbers_are_kept_of_a_step_that_begins_with_a_kick():
+    """Momentum and attitude; neither the force of the last step nor the momentum before the kick."""
+
+    def memory(steps):
+        def end(momentum):
+            given = parameters("SYMMETRIC[EA]")
+            return loss("SYMMETRIC[EA]", ml.Checkpointed(), (*given[:2], momentum, *given[3:]), steps, steps)
+
+        momentum = jnp.asarray(CASE.momentum)
+        return quick(jax.grad(end)).lower(momentum).compile().memory_analysis().temp_size_in_bytes
+
+    numbers = (memory(32_000) - memory(16_000)) / 16_000 / 8
+    assert numbers <= 7.6  # with the index of the step, an integer of four bytes
+
+
 def test_arrays_that_a_torque_closes_over_have_derivatives():
     given = parameters("SYMMETRIC[EA]")
 

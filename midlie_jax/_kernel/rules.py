@@ -265,6 +265,7 @@ RULES: dict[str, Rule] = {
     **_elementwise("acos acosh asin asinh atan atan2 atanh cosh div erf erf_inv lgamma nextafter pow rem sinh", False),
     **_elementwise("cbrt erfc exp exp2 expm1 log log1p logistic rsqrt sqrt tan tanh", False, "accuracy"),
     **_elementwise("integer_pow", True, "y"),
+    **_elementwise("name", True, "name"),  # a value that a derivative may keep
     **_elementwise("reduce_precision", False, "exponent_bits", "mantissa_bits"),
     **_elementwise("round", False, "rounding_method"),
     "convert_element_type": Rule(

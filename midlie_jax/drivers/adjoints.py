@@ -17,6 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._kernel.checks import as_count, described
 from .._kernel.internals import is_zero_tangent, make_primitive
+from .._kernel.keep import recomputed
 from ..methods.base import Method, Progress
 from ..methods.system import System
 
@@ -78,10 +79,14 @@ class Checkpointed(Adjoint):
         _check_division(self.every, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
-        take = _recomputed(lambda progress, step: (steps.take(progress, step), None))
+        take = recomputed(lambda progress, step: (steps.take(progress, step), None), middle=True)
         if self.every == 1:
             return jax.lax.scan(take, progress, steps.inputs, unroll=steps.unroll)[0]
-        block = _recomputed(lambda progress, inputs: jax.lax.scan(take, progress, inputs, unroll=steps.unroll))
+
+        def advance(progress: Progress, inputs: Any) -> tuple[Progress, None]:
+            return jax.lax.scan(take, progress, inputs, unroll=steps.unroll)
+
+        block = recomputed(advance, middle=False)
         return jax.lax.scan(block, progress, _in_blocks(steps.inputs, self.every))[0]
 
 
@@ -158,15 +163,6 @@ def as_adjoint(adjoint: Any) -> Adjoint:
             f"adjoint must be midlie_jax.Checkpointed(), Reversible() or Forward(), got {described(adjoint)}."
         )
     return adjoint
-
-
-def _recomputed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function; reverse mode keeps its arguments and computes it again.
-
-    There are two checkpoints, because each order of reverse mode removes one: so a gradient of a gradient, too, keeps
-    the arguments alone.
-    """
-    return jax.checkpoint(jax.checkpoint(function, prevent_cse=False), prevent_cse=False)
 
 
 def _check_division(every: int, save_every: int) -> None:

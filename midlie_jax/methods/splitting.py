@@ -9,6 +9,7 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
+from .._kernel.keep import kept
 from .._kernel.platform import on_cpu
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.state import AnyState
@@ -212,7 +213,10 @@ class _Stages(NamedTuple):
             midpoint = Motion(added(motion.momentum, b * self.h / 2, force), motion.pose)
             force = self.system.force(self._time(c), midpoint)
         change = jax.tree.map(lambda f: b * self.h * f, force)
-        return self.system.pushed(motion, change, self.t0)
+        pushed = self.system.pushed(motion, change, self.t0)
+        # What follows the first kick reads the motion after it, and not the force that the last step left.
+        first = isinstance(c, float) and c == 0.0 and not self.system.reads_momentum
+        return kept(pushed) if first else pushed
 
 
 @eqx.filter_jit
