@@ -15,7 +15,7 @@ from ..model.bodies import Body, RigidBody, principal_of
 from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
-from .flights.exact import ExactFlight
+from .flights.exact import ExactFlight, Known
 from .limits import decay_limit, oscillator_limit
 from .scheme import FLIGHT, KICK, Scheme, run
 from .system import AnyMotion, Motion, System, added
@@ -92,14 +92,14 @@ class Splitting(Method):
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool, Any]:
         used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops
-        flown: list[cp.Quaternion] | None = [] if used else None
+        flown: list[Known] | None = [] if used else None
         stages = _Stages(self.flight, system, t0, t1, h, flown=flown)
         return *self._step(stages, motion, force), flown
 
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        known = None if known is None else [cp.conjugate(increment) for increment in known]
+        known = None if known is None else [Known(cp.conjugate(increment), pose) for increment, pose in known]
         return self._step(_Stages(self.flight, system, t0, t1, h, known=known), motion, force)
 
     def _step(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
@@ -168,9 +168,8 @@ class _Stages(NamedTuple):
 
     Attributes:
         flight, system, t0, t1, h: of the step.
-        flown: a list to which each flight adds its increment; or None.
-        known: the increments of the flights, from the last to the first, if they are known; each flight takes away its
-            own.
+        flown: a list to which each flight adds its increment and the pose before it; or None.
+        known: what is known of the flights, from the last to the first, or None; each flight takes away its own.
     """
 
     flight: Flight
@@ -178,8 +177,8 @@ class _Stages(NamedTuple):
     t0: Array
     t1: Array
     h: Array
-    flown: list[cp.Quaternion] | None = None
-    known: list[cp.Quaternion] | None = None
+    flown: list[Known] | None = None
+    known: list[Known] | None = None
 
     def _time(self, c: Any) -> Array:
         """The time c h after the start of the step: exactly t0 for c = 0 and exactly t1 for c = 1."""
@@ -193,7 +192,7 @@ class _Stages(NamedTuple):
             arguments = system.inertia, a * self.h, motion, self.h == 0, self.t0, known
             increment, change, pose, ok = _carry(self.flight, system.kind, *arguments)
             if self.flown is not None:
-                self.flown.append(increment)
+                self.flown.append(Known(increment, motion.pose))
             return system.pushed(Motion(motion.momentum, pose), change, self.t0), ok
         increment, change, ok = _fly(self.flight, system.kind.has_pose, system.inertia, a * self.h, motion.momentum)
         motion = system.pushed(motion, change, self.t0)
@@ -239,7 +238,7 @@ def _carry(
     motion: AnyMotion,
     no_step: Array,
     t: Array,
-    known: cp.Quaternion | None,
+    known: Known | None,
 ) -> tuple[cp.Quaternion, cp.Vector, Any, Array | bool]:
     """An exact flight of momentum and pose, traced once like `_fly`."""
     increment, change, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, t, known)

@@ -124,8 +124,8 @@ class System(NamedTuple):
     def rates(self, motion: Motion[cp.Vector, Q], h: Array, force: cp.Vector | None) -> Motion[cp.Vector, Q]:
         """h times the right-hand side of a body's equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
 
-        This is all that a Runge-Kutta method evaluates, so operations are few. h goes into the inverse moments and so
-        into numbers that are computed once a step, and it multiplies the sum of both terms of Pi'.
+        A Runge-Kutta method spends nearly all its time here, so the operations are as few as possible: the products of
+        h and the inverse moments are computed once a step, and h multiplies the sum of the two terms of Pi', not each.
         """
         gyroscopic = cp.scale(-1, self.inertia.commutator(motion.momentum))
         torque = gyroscopic if force is None else cp.add(gyroscopic, force)

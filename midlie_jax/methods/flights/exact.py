@@ -5,7 +5,7 @@ A change of the arguments of a flight turns its increment Q into (1 + [chi]) Q, 
 
 from abc import abstractmethod
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,13 @@ from .base import Flight
 from .turn_tangent import Changes, with_zeros
 
 Flown = tuple[cp.Quaternion, cp.Vector]  # the increment, and the change of the momentum
+
+
+class Known(NamedTuple):
+    """The increment of a flight and the pose after it, where only the derivative of the flight is wanted."""
+
+    increment: cp.Quaternion
+    pose: Any
 
 
 class ExactFlight(Flight):
@@ -59,13 +66,9 @@ class ExactFlight(Flight):
         pose: Any,
         no_step: Array,
         t: Array,
-        known: cp.Quaternion | None = None,
+        known: Known | None = None,
     ) -> tuple[cp.Quaternion, cp.Vector, Any]:
-        """`fly`, and with it the pose after the flight, `kind.turn`, whose derivative is shorter than that of both.
-
-        Args:
-            known: the increment, if it is known and only the derivative is wanted.
-        """
+        """`fly`, and with it the pose after the flight, `kind.turn`, whose derivative is shorter than that of both."""
         return _carry(self, kind, inertia, h, momentum, known, pose, no_step, t)
 
 
@@ -100,22 +103,22 @@ def _carry(
     inertia: Inertia,
     h: Array,
     momentum: cp.Vector,
-    known: cp.Quaternion | None,
+    known: Known | None,
     pose: Any,
     no_step: Array,
     t: Array,
 ) -> tuple[cp.Quaternion, cp.Vector, Any]:
-    increment, change = _fly(flight, inertia, h, momentum, known)
-    return increment, change, kind.turn(pose, increment, no_step, t)
+    increment, change = _fly(flight, inertia, h, momentum, None if known is None else known.increment)
+    return increment, change, kind.turn(pose, increment, no_step, t) if known is None else known.pose
 
 
 def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The pose at the start turns by chi and by its own change, and both are carried along by the flight."""
-    inertia, h, momentum, known, pose, no_step, t = primals
-    increment, change = _fly(flight, inertia, h, momentum, known)
+    inertia, h, momentum, _, pose, no_step, t = primals
+    increment, change, end = _carry(flight, kind, *primals)
     change_dot, chi = flight.tangent(inertia, h, momentum, increment, Changes.of(inertia, *tangents[:3]))
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
-    end, end_dot = jax.jvp(lambda pose: kind.turn(pose, increment, no_step, t), (pose,), (both,))
+    _, end_dot = jax.jvp(lambda pose: kind.turn(pose, increment, no_step, t), (pose,), (both,))
     return (increment, change, end), (_turned(chi, increment), change_dot, end_dot)
 
 
