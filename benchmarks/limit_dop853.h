@@ -1,12 +1,14 @@
 /* DOP853 on momentum and quaternion, and a Newton step towards length one. See midlie_jax/methods/runge_kutta.py.
    STAGE_n(k) in limit.h is the weighted sum of the changes k(0), k(1) ... of the earlier stages, STEP(k) that of all. */
 
-INLINE top changes(const body *b, vec3 p, quat q) { /* h times the rates */
+INLINE top changes(const body *b, vec3 p, quat q) { /* h times the rates, as in midlie_jax/methods/system.py */
     top s = {p, q};
-    vec3 w = stretch(b->h, times(b->inverses, p)), u = stretch((REAL).5, w);
+    REAL half = b->h / 2;
+    real3 g = b->gaps, i = b->inverses;
+    vec3 u = {half * i.x * p.x, half * i.y * p.y, half * i.z * p.z};
     pull(b, &s);
-    s.p = cross(p, w);
-    kick(b->h, &s);
+    s.p = (vec3){b->h * (b->per_unit * g.x * p.y * p.z + s.pull_x), b->h * (b->per_unit * g.y * p.z * p.x + s.pull_y),
+                 b->h * (b->per_unit * g.z * p.x * p.y)};
     s.q = (quat){-q.x * u.x - q.y * u.y - q.z * u.z, q.w * u.x + q.y * u.z - q.z * u.y,
                  q.w * u.y + q.z * u.x - q.x * u.z, q.w * u.z + q.x * u.y - q.y * u.x};
     return s;
