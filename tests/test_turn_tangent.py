@@ -83,7 +83,7 @@ def test_moment_functions_give_the_first_moment():
 
 
 def in_parts(fly, moments, h, momentum):
-    increment, change = fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
+    increment, change, *_ = fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
     return jnp.stack([*increment, *change])
 
 
@@ -120,17 +120,17 @@ def test_carrying_a_pose_is_flying_and_turning(flight):
     """In value and derivative, also where both are known, and in the second derivative by the momentum."""
     moments, momentum, attitude = jnp.array(MOMENTS[1]), jnp.array(MOMENTA[1]), ml.so3.exp(jnp.array([0.3, -0.5, 0.9]))
     h, t, no_step = jnp.asarray(0.2), jnp.asarray(0.0), jnp.asarray(False)
-    increment, _ = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-    known = Known(increment, ml.RigidState.turn(cp.quaternion(attitude), increment, no_step, t))
+    increment, _, parts = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
+    known = Known(increment, parts, ml.RigidState.turn(cp.quaternion(attitude), increment, no_step, t))
 
     def apart(moments, h, momentum, attitude):
-        increment, change = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
+        increment, change, _ = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
         return jnp.stack([*change, *ml.RigidState.turn(cp.quaternion(attitude), increment, no_step, t)])
 
     def together(moments, h, momentum, attitude, known=None):
         inertia, pose = flights.Inertia.of(ml.RigidBody(moments)), cp.quaternion(attitude)
-        _, change, end = flight.carry(ml.RigidState, inertia, h, cp.vector(momentum), pose, no_step, t, known)
-        return jnp.stack([*change, *end])
+        flown, end = flight.carry(ml.RigidState, inertia, h, cp.vector(momentum), pose, no_step, t, known)
+        return jnp.stack([*flown.change, *end])
 
     where = moments, h, momentum, attitude
     for function in (together, partial(together, known=known)):

@@ -165,7 +165,7 @@ class Orbit(NamedTuple):
         ok = (cp.largest(invariants.differences) <= LARGEST_TURN**2) & (v + d1 * s * s > 0)
         if not turns:
             return point, None, ok
-        (w, x, y, z), change = Jacobi().fly(self.inertia, h, start)
+        (w, x, y, z), change, _ = Jacobi().fly(self.inertia, h, start)
         increment = w, *self.labels.seen((x, y, z))
         after = cp.add(first, self.labels.seen(change))
         about = cp.multiply(cp.multiply(_to_third(first), increment), cp.conjugate(_to_third(after)))

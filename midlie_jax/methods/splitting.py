@@ -15,7 +15,7 @@ from ..model.bodies import Body, RigidBody, principal_of
 from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
-from .flights.exact import ExactFlight, Known
+from .flights.exact import ExactFlight, Flown, Known
 from .limits import decay_limit, oscillator_limit
 from .scheme import FLIGHT, KICK, Scheme, run
 from .system import AnyMotion, Motion, System, added
@@ -99,7 +99,7 @@ class Splitting(Method):
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        known = None if known is None else [Known(cp.conjugate(increment), pose) for increment, pose in known]
+        known = None if known is None else [flown._replace(increment=cp.conjugate(flown.increment)) for flown in known]
         return self._step(_Stages(self.flight, system, t0, t1, h, known=known), motion, force)
 
     def _step(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
@@ -168,7 +168,7 @@ class _Stages(NamedTuple):
 
     Attributes:
         flight, system, t0, t1, h: of the step.
-        flown: a list to which each flight adds its increment and the pose before it; or None.
+        flown: a list to which each flight adds what is known of the flight back; or None.
         known: what is known of the flights, from the last to the first, or None; each flight takes away its own.
     """
 
@@ -190,10 +190,10 @@ class _Stages(NamedTuple):
         system, known = self.system, self.known.pop() if self.known else None
         if isinstance(self.flight, ExactFlight) and system.kind.has_pose:
             arguments = system.inertia, a * self.h, motion, self.h == 0, self.t0, known
-            increment, change, pose, ok = _carry(self.flight, system.kind, *arguments)
+            flown, pose, ok = _carry(self.flight, system.kind, *arguments)
             if self.flown is not None:
-                self.flown.append(Known(increment, motion.pose))
-            return system.pushed(Motion(motion.momentum, pose), change, self.t0), ok
+                self.flown.append(Known(flown.increment, flown.parts, motion.pose))
+            return system.pushed(Motion(motion.momentum, pose), flown.change, self.t0), ok
         increment, change, ok = _fly(self.flight, system.kind.has_pose, system.inertia, a * self.h, motion.momentum)
         motion = system.pushed(motion, change, self.t0)
         return Motion(motion.momentum, system.turned(motion.pose, increment, self.t0, self.h)), ok
@@ -239,8 +239,8 @@ def _carry(
     no_step: Array,
     t: Array,
     known: Known | None,
-) -> tuple[cp.Quaternion, cp.Vector, Any, Array | bool]:
+) -> tuple[Flown, Any, Array | bool]:
     """An exact flight of momentum and pose, traced once like `_fly`."""
-    increment, change, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, t, known)
+    flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, t, known)
     ok = True if known is not None else flight.within_reach(inertia, h, motion.momentum)
-    return increment, change, pose, ok
+    return flown, pose, ok

@@ -18,13 +18,26 @@ from ..inertia import Inertia
 from .base import Flight
 from .turn_tangent import Changes, with_zeros
 
-Flown = tuple[cp.Quaternion, cp.Vector]  # the increment, and the change of the momentum
+
+class Flown(NamedTuple):
+    """The results of a formula.
+
+    Attributes:
+        increment: the rotation of the body.
+        change: the change of the momentum.
+        parts: numbers that the tangent reads as well, the same for a flight and for the flight back; or ().
+    """
+
+    increment: cp.Quaternion
+    change: cp.Vector
+    parts: Any = ()
 
 
 class Known(NamedTuple):
-    """The increment of a flight and the pose after it, where only the derivative of the flight is wanted."""
+    """What is known of a flight where only its derivative is wanted: its increment and parts, and the pose after it."""
 
     increment: cp.Quaternion
+    parts: Any
     pose: Any
 
 
@@ -38,20 +51,27 @@ class ExactFlight(Flight):
 
     @abstractmethod
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        """The increment and the change of the momentum, by formulas that are never differentiated."""
+        """The flight, by formulas that are never differentiated."""
 
     @abstractmethod
     def tangent(
-        self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion, changes: Changes
-    ) -> tuple[cp.Vector, cp.Vector]:
-        """The tangent of the change of the momentum, and chi; `changes` are the tangents of the arguments."""
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
+    ) -> tuple[cp.Vector, cp.Vector, Any]:
+        """The tangent of the change of the momentum, chi, and the tangents of the parts.
+
+        Args:
+            inertia, h, momentum: as for `formula`.
+            flown: what `formula` returns.
+            changes: the tangents of the first three.
+        """
 
     @abstractmethod
     def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
         """Whether the flight is short enough for the formulas, and the body one for which they hold."""
 
     def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
-        return *self.fly(inertia, h, momentum), self.within_reach(inertia, h, momentum)
+        increment, change, _ = self.fly(inertia, h, momentum)
+        return increment, change, self.within_reach(inertia, h, momentum)
 
     def fly(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """`formula`, with its derivative."""
@@ -67,24 +87,23 @@ class ExactFlight(Flight):
         no_step: Array,
         t: Array,
         known: Known | None = None,
-    ) -> tuple[cp.Quaternion, cp.Vector, Any]:
+    ) -> tuple[Flown, Any]:
         """`fly`, and with it the pose after the flight, `kind.turn`, whose derivative is shorter than that of both."""
         return _carry(self, kind, inertia, h, momentum, known, pose, no_step, t)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, known: cp.Quaternion | None) -> Flown:
+def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, known: Known | None) -> Flown:
     if known is None:
         return flight.formula(inertia, h, momentum)
-    return known, cp.rotation_change(cp.conjugate(known), momentum)
+    return Flown(known.increment, cp.rotation_change(cp.conjugate(known.increment), momentum), known.parts)
 
 
 def _tangent(flight: ExactFlight, primals: Any, tangents: Any) -> tuple[Flown, Flown]:
     inertia, h, momentum, _ = primals
-    changes = Changes.of(inertia, *tangents[:3])
-    increment, change = _fly(flight, *primals)
-    change_dot, chi = flight.tangent(inertia, h, momentum, increment, changes)
-    return (increment, change), (_turned(chi, increment), change_dot)
+    flown = _fly(flight, *primals)
+    change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
+    return flown, Flown(_turned(chi, flown.increment), change, parts)
 
 
 _fly.defjvp(_tangent, symbolic_zeros=True)
@@ -107,19 +126,19 @@ def _carry(
     pose: Any,
     no_step: Array,
     t: Array,
-) -> tuple[cp.Quaternion, cp.Vector, Any]:
-    increment, change = _fly(flight, inertia, h, momentum, None if known is None else known.increment)
-    return increment, change, kind.turn(pose, increment, no_step, t) if known is None else known.pose
+) -> tuple[Flown, Any]:
+    flown = _fly(flight, inertia, h, momentum, known)
+    return flown, kind.turn(pose, flown.increment, no_step, t) if known is None else known.pose
 
 
 def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The pose at the start turns by chi and by its own change, and both are carried along by the flight."""
     inertia, h, momentum, _, pose, no_step, t = primals
-    increment, change, end = _carry(flight, kind, *primals)
-    change_dot, chi = flight.tangent(inertia, h, momentum, increment, Changes.of(inertia, *tangents[:3]))
+    flown, end = _carry(flight, kind, *primals)
+    change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
-    _, end_dot = jax.jvp(lambda pose: kind.turn(pose, increment, no_step, t), (pose,), (both,))
-    return (increment, change, end), (_turned(chi, increment), change_dot, end_dot)
+    _, end_dot = jax.jvp(lambda pose: kind.turn(pose, flown.increment, no_step, t), (pose,), (both,))
+    return (flown, end), (Flown(_turned(chi, flown.increment), change, parts), end_dot)
 
 
 _carry.defjvp(_carry_tangent, symbolic_zeros=True)

@@ -80,11 +80,11 @@ class Jacobi(ExactFlight):
         closed_form = _turn(inertia, spins, _select(at_rest, cp.times(inertia.middle, inertia.relative), y))
         series = cp.square(series)
         increment = (jnp.where(at_rest, series[0], closed_form[0]), *_select(at_rest, series[1:], closed_form[1:]))
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum)
+        return Flown(increment, cp.rotation_change(cp.conjugate(increment), momentum))
 
     def tangent(
-        self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion, changes: Changes
-    ) -> tuple[cp.Vector, cp.Vector]:
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
+    ) -> tuple[cp.Vector, cp.Vector, Any]:
         """By differentiating the rational function; chi follows from it (`turn_tangent`)."""
         varying: dict[str, Any] = {"momentum": (momentum, changes.momentum)}
         if changes.h is not None:
@@ -99,7 +99,7 @@ class Jacobi(ExactFlight):
         at, along = ({name: pair[place] for name, pair in varying.items()} for place in (0, 1))
         _, tangent = jax.jvp(change_with, (at,), (along,))
         integral = None if changes.spins is None else lag(inertia, h, momentum, LARGEST_TURN)
-        return tangent, turn_of(inertia, h, momentum, increment, changes, tangent, integral)
+        return tangent, turn_of(inertia, h, momentum, flown.increment, changes, tangent, integral), ()
 
     def momentum_change(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Vector, Array]:
         """The change of the momentum as a rational function, without the angle of the body about the momentum."""

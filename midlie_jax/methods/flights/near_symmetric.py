@@ -49,7 +49,7 @@ class NearSymmetric(Flight):
         before_square, before = about_first(momentum)
         turned = cp.rotate_back_about(0, *before, momentum)
         _, b, c = inertia.inverses
-        increment, about_third = symmetric_turn(h, b, c, turned)
+        increment, about_third, _ = symmetric_turn(h, b, c, turned)
         ok = within_reach(h, b, c, turned)
         turned = cp.rotate_back_about(2, *about_third, turned)
         after_square, after = about_first(turned)

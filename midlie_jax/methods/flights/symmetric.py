@@ -14,10 +14,10 @@ import numpy as np
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, spin
+from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, cosine_and_sinc, half_angle
 from ..inertia import Inertia
 from .exact import ExactFlight, Flown
-from .symmetric_tangent import Turning
+from .symmetric_tangent import Functions, Turning
 from .turn_tangent import Changes, is_zero, with_zeros
 
 _EQUALITY_TOLERANCE = 8  # units of eps by which inverse moments may differ and still count as equal
@@ -69,25 +69,25 @@ class Symmetric(ExactFlight):
         numbering = _Numbering.of(inertia.inverses, self.axis)
         a, _, c = numbering.renumbered(inertia.inverses)
         renumbered = numbering.renumbered(momentum)
-        (w, *u), about_third = symmetric_turn(h, a, c, renumbered)
+        (w, *u), about_third, functions = symmetric_turn(h, a, c, renumbered)
         change = cp.rotation_change_about(2, *about_third, renumbered)
-        return (w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change)
+        return Flown((w, *numbering.restored((u[0], u[1], u[2]))), numbering.restored(change), functions)
 
     def tangent(
-        self, inertia: Inertia, h: Array, momentum: cp.Vector, increment: cp.Quaternion, changes: Changes
-    ) -> tuple[cp.Vector, cp.Vector]:
+        self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
+    ) -> tuple[cp.Vector, cp.Vector, Functions]:
         """With first derivatives that allow the moments to become unequal."""
         inertia = _first_derivatives_only(inertia)
         numbering = _Numbering.of(inertia.inverses, self.axis)
         spin, gap = numbering.renumbered(inertia.spins)[0], numbering.renumbered(inertia.gaps)[0]
-        flight = Turning.of(h, spin, gap, inertia.per_unit, numbering.renumbered(momentum))
+        flight = Turning.of(h, spin, gap, inertia.per_unit, numbering.renumbered(momentum), flown.parts)
         renumbered = changes._replace(
             spins=None if changes.spins is None else numbering.renumbered(changes.spins),
             momentum=numbering.renumbered(changes.momentum),
         )
-        w, *u = increment
-        change, chi = flight.tangent(renumbered, (w, *numbering.renumbered((u[0], u[1], u[2]))))
-        return numbering.restored(change), numbering.restored(chi)
+        w, *u = flown.increment
+        change, chi, functions = flight.tangent(renumbered, (w, *numbering.renumbered((u[0], u[1], u[2]))))
+        return numbering.restored(change), numbering.restored(chi), functions
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
         """The larger rate of the two rotations."""
@@ -142,16 +142,21 @@ def _rotations(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Ve
     return cp.scale(h / 2, cp.scale(a, momentum)), h / 2 * ((c - a) * momentum[2])
 
 
-def symmetric_turn(h: Array, a: Array, c: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, tuple[Array, Array]]:
+def symmetric_turn(
+    h: Array, a: Array, c: Array, momentum: cp.Vector
+) -> tuple[cp.Quaternion, tuple[Array, Array], Functions]:
     """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
 
     Returns:
         The increment, and the cosine and sine of half the angle b; in the body frame, the momentum turns by -b about
-        axis 3.
+        axis 3. And the functions of both angles.
     """
     turn, angle = _rotations(h, a, c, momentum)
-    cosine, sine = spin(angle)
-    return cp.multiply_about(cp.square(half_turn(turn)), 2, cosine, sine), (cosine, sine)
+    cosine, sinc = cosine_and_sinc(angle)
+    sine = angle * sinc
+    w, s = half_angle(cp.dot(turn, turn))  # the cosine of |v|/4, and its sine over |v|/2
+    increment = cp.multiply_about(cp.square((w, *cp.scale(s, turn))), 2, cosine, sine)
+    return increment, (cosine, sine), Functions(cosine, sinc, 2 * (w * s) * (w * s))
 
 
 def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:

@@ -17,11 +17,33 @@ with the derivative of the exponential, and with exp(v) e3 = Q e3, because the s
 
 from typing import NamedTuple
 
+import jax
 from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.short_series import cosine_and_sinc, stumpff
 from .turn_tangent import Changes
+
+
+class Functions(NamedTuple):
+    """Functions of the two angles of a flight, which both its value and its tangent read.
+
+    Attributes:
+        cosine, sinc: of b/2.
+        two: (1 - cos |v|)/|v|^2.
+    """
+
+    cosine: Array
+    sinc: Array
+    two: Array
+
+    def tangent(self, half: Array, square: Array, half_change: Array, square_change: Array) -> "Functions":
+        """The tangents, for tangents of half = b/2 and of square = |v|^2."""
+
+        def functions(half: Array, square: Array) -> Functions:
+            return Functions(*cosine_and_sinc(half), stumpff(square)[0])
+
+        return jax.jvp(functions, (half, square), (half_change, square_change))[1]
 
 
 class Turning(NamedTuple):
@@ -33,7 +55,7 @@ class Turning(NamedTuple):
         per_unit: 1 / the largest moment.
         momentum, scaled: the momentum at the start, and in units of the largest moment.
         angle: b.
-        cosine, sinc: of b/2.
+        functions: of its angles.
     """
 
     h: Array
@@ -43,17 +65,20 @@ class Turning(NamedTuple):
     momentum: cp.Vector
     scaled: cp.Vector
     angle: Array
-    cosine: Array
-    sinc: Array
+    functions: Functions
 
     @classmethod
-    def of(cls, h: Array, spin: Array, gap: Array, per_unit: Array, momentum: cp.Vector) -> "Turning":
+    def of(
+        cls, h: Array, spin: Array, gap: Array, per_unit: Array, momentum: cp.Vector, functions: Functions
+    ) -> "Turning":
         scaled = cp.scale(per_unit, momentum)
-        angle = h * (gap * scaled[2])
-        return cls(h, spin, gap, per_unit, momentum, scaled, angle, *cosine_and_sinc(angle / 2))
+        return cls(h, spin, gap, per_unit, momentum, scaled, h * (gap * scaled[2]), functions)
 
-    def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector]:
-        """The tangent of the change of the momentum, and chi; the increment is that of the flight."""
+    def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector, Functions]:
+        """The tangent of the change of the momentum, chi, and the tangents of the functions.
+
+        The increment is that of the flight.
+        """
         start, shift, flow, along = changes.momentum, None, None, self.scaled[2]
         if changes.spins is not None:
             a, b, _ = changes.spins
@@ -69,13 +94,18 @@ class Turning(NamedTuple):
         x, y, _ = self._turned(self.momentum)
         u, v, w = self._turned(start)
         change = u - start[0] + angle * y, v - start[1] - angle * x, w - start[2]
-        chi = self._chi(changes, start, angle, increment)
+        chi, functions = self._chi(changes, start, angle, increment)
         if shift is None or flow is None:
-            return change, chi
-        return cp.add(change, shift), cp.add(chi, flow)
+            return change, chi, functions
+        return cp.add(change, shift), cp.add(chi, flow), functions
 
-    def _chi(self, changes: Changes, start: cp.Vector, angle: Array, increment: cp.Quaternion) -> cp.Vector:
-        """The chi of the two rotations, for tangents of the momentum at their start and of the angle b."""
+    def _chi(
+        self, changes: Changes, start: cp.Vector, angle: Array, increment: cp.Quaternion
+    ) -> tuple[cp.Vector, Functions]:
+        """The chi of the two rotations and the tangents of the functions.
+
+        They follow from the tangents of the momentum at the start of the rotations and of the angle b.
+        """
         turn = cp.scale(self.h * self.spin, self.scaled)
         change = cp.scale(self.h * self.spin * self.per_unit, start)
         rate = None if changes.h is None else changes.h * self.spin
@@ -84,20 +114,22 @@ class Turning(NamedTuple):
             rate = more if rate is None else rate + more
         if rate is not None:
             change = cp.add(change, cp.scale(rate, self.scaled))
-        square = cp.dot(turn, turn)
-        two, three, _, _ = stumpff(square)
-        across, along = cp.scale(two, cp.cross(turn, change)), cp.scale(three * cp.dot(turn, change), turn)
+        square, growth = cp.dot(turn, turn), cp.dot(turn, change)
+        _, three, _, _ = stumpff(square)
+        across, along = cp.scale(self.functions.two, cp.cross(turn, change)), cp.scale(three * growth, turn)
         third = cp.scale(angle, _third_axis(increment))
-        return cp.add(cp.add(cp.scale(1 - three * square, change), across), cp.add(along, third))
+        chi = cp.add(cp.add(cp.scale(1 - three * square, change), across), cp.add(along, third))
+        return chi, self.functions.tangent(self.angle / 2, square, angle / 2, 2 * growth)
 
     def _turned(self, vector: cp.Vector) -> cp.Vector:
         """The vector, turned by -b."""
-        return cp.rotate_back_about(2, self.cosine, self.angle / 2 * self.sinc, vector)
+        return cp.rotate_back_about(2, self.functions.cosine, self.angle / 2 * self.functions.sinc, vector)
 
     def _whole_angle(self) -> tuple[Array, Array, Array]:
         """sin(b)/b, (1 - cos b)/b^2 and (b - sin b)/b^3."""
         _, three, _, _ = stumpff(self.angle * self.angle)
-        return self.cosine * self.sinc, 0.5 * self.sinc * self.sinc, three
+        cosine, sinc, _ = self.functions
+        return cosine * sinc, 0.5 * sinc * sinc, three
 
     def _gradient(self) -> cp.Vector:
         """The gradient of K with respect to the momentum."""
