@@ -74,8 +74,17 @@ class Inertia(NamedTuple):
         Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. From the difference of the inverse moments it is
         exactly zero where I_j = I_k; as a difference of products it would be so only up to rounding.
         """
-        scaled = cp.scale(-self.per_unit, self.gaps)
-        return cp.times(cp.times(scaled, (force[1], force[2], force[0])), (force[2], force[0], force[1]))
+        return self.gyroscopic(-1, force)
+
+    def gyroscopic(self, h: Array | int, momentum: cp.Vector) -> cp.Vector:
+        """h Pi x I^-1 Pi, the change of the momentum by Euler's equations in a short time h, from the gaps.
+
+        h comes first, so that nothing overflows or underflows that the change itself would not.
+        """
+        scaled = cp.scale(h * self.per_unit, self.gaps)
+        return cp.times(
+            cp.times(scaled, (momentum[1], momentum[2], momentum[0])), (momentum[2], momentum[0], momentum[1])
+        )
 
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
         """h times the momentum, in units of the largest moment: the turn of a ball with that moment."""

@@ -125,12 +125,13 @@ class System(NamedTuple):
         """h times the right-hand side of a body's equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
 
         A Runge-Kutta method spends nearly all its time here, so the operations are as few as possible: the products of
-        h and the inverse moments are computed once a step, and h multiplies the sum of the two terms of Pi', not each.
+        h with the inverse moments and their gaps are computed once a step.
         """
-        gyroscopic = cp.scale(-1, self.inertia.commutator(motion.momentum))
-        torque = gyroscopic if force is None else cp.add(gyroscopic, force)
+        change = self.inertia.gyroscopic(h, motion.momentum)
+        if force is not None:
+            change = cp.add(change, cp.scale(h, force))
         turn = cp.times(cp.scale(h, self.inertia.inverses), motion.momentum)
-        return Motion(cp.scale(h, torque), self.kind.rate(motion.pose, turn))
+        return Motion(change, self.kind.rate(motion.pose, turn))
 
     def pushed(self, motion: Motion[P, Q], change: P, t: Array) -> Motion[P, Q]:
         """The motion after the momentum changes by `change`, in a step that starts at time t."""
