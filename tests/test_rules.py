@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import quick
-from jax import lax
-from jax.ad_checkpoint import checkpoint_name
+from jax import ad_checkpoint, lax
 from test_scalars import FUNCTIONS
 
 from midlie_jax._kernel.replay import Packed, by_components
@@ -72,7 +71,7 @@ ROWS = lax.ScatterDimensionNumbers((1,), (0,), (0,))
 
 
 CASES = {
-    "checkpoint_name": lambda t, p, q: checkpoint_name(p, "p") * t,
+    "checkpoint_name": lambda t, p, q: ad_checkpoint.checkpoint_name(p, "p") * t,
     # Moving entries.
     "ravel_by_columns": lambda t, p, q: jnp.outer(p, q).ravel(order="F")[3:6],
     "reshape_by_columns": lambda t, p, q: jnp.reshape(table(p, q), (2, 6), order="F"),

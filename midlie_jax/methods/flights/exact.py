@@ -100,10 +100,15 @@ def _fly(flight: ExactFlight, inertia: Inertia, h: Array, momentum: cp.Vector, k
 
 
 def _tangent(flight: ExactFlight, primals: Any, tangents: Any) -> tuple[Flown, Flown]:
-    inertia, h, momentum, _ = primals
     flown = _fly(flight, *primals)
+    return flown, _flown_tangent(flight, primals, tangents, flown)[0]
+
+
+def _flown_tangent(flight: ExactFlight, primals: Any, tangents: Any, flown: Flown) -> tuple[Flown, cp.Vector]:
+    """The tangent of a flight, and chi; of primals and tangents, the first three are those of inertia, h, momentum."""
+    inertia, h, momentum = primals[:3]
     change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
-    return flown, Flown(_turned(chi, flown.increment), change, parts)
+    return Flown(_turned(chi, flown.increment), change, parts), chi
 
 
 _fly.defjvp(_tangent, symbolic_zeros=True)
@@ -133,12 +138,12 @@ def _carry(
 
 def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The pose at the start turns by chi and by its own change, and both are carried along by the flight."""
-    inertia, h, momentum, _, pose, no_step, t = primals
+    *_, pose, no_step, t = primals
     flown, end = _carry(flight, kind, *primals)
-    change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
+    flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
     _, end_dot = jax.jvp(lambda pose: kind.turn(pose, flown.increment, no_step, t), (pose,), (both,))
-    return (flown, end), (Flown(_turned(chi, flown.increment), change, parts), end_dot)
+    return (flown, end), (flown_dot, end_dot)
 
 
 _carry.defjvp(_carry_tangent, symbolic_zeros=True)
