@@ -34,6 +34,8 @@ import lowering  # noqa: E402
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
+from midlie_jax.drivers.arguments import as_method  # noqa: E402
+from midlie_jax.methods.base import Method  # noqa: E402
 
 CARD = Path(__file__).with_name("h200.txtpb")
 BEGIN, END = "<!-- kernels -->", "<!-- /kernels -->"
@@ -109,15 +111,16 @@ def missing() -> str:
     return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."
 
 
-def compiled(name: str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> Compiled:
+def compiled(method: Method | str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> Compiled:
     """A method on heavy tops, compiled for the card.
 
     Args:
+        method: the method, or its name.
         outputs: how outputs leave a step, a key of `OUTPUTS`.
         unroll: steps in a turn of the loop; by default those of the method on a GPU.
     """
-    method = ml.method(name)
-    moments = jnp.array((5.0, 5.0, 1.0) if name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
+    method = as_method(method)
+    moments = jnp.array((5.0, 5.0, 1.0) if method.name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
     torque = ml.torques.HeavyTop(jnp.asarray(20.0, dtype))
     card = SingleDeviceSharding(_card())
 
