@@ -48,10 +48,14 @@ def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
 
 
 def _product(a: Polynomial, b: Polynomial) -> Polynomial:
+    """a b, without powers of time above `_DEGREE`."""
     total: dict[tuple[int, int, int], Fraction] = defaultdict(Fraction)
+    weighted = [(powers, y, _weight(powers)) for powers, y in b.items()]
     for (i, j, k), x in a.items():
-        for (p, q, r), y in b.items():
-            total[i + p, j + q, k + r] += x * y
+        room = _DEGREE - _weight((i, j, k))
+        for (p, q, r), y, weight in weighted:
+            if weight <= room:
+                total[i + p, j + q, k + r] += x * y
     return {powers: c for powers, c in total.items() if c}
 
 
@@ -97,7 +101,6 @@ def coefficients() -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
     )
     s = _sum(*((1, pair.even) for pair in sigma))
     w = _product(_product(s, s), _sum(*((1, c) for c in laurent.values())))
-    w = _short(w)
 
     shift, wp = {}, _Pair({(1, 0, 0): Fraction(1)}, _ZERO)
     for n in range(2, _DEGREE + 1):
@@ -126,11 +129,6 @@ def _weight(powers: tuple[int, int, int]) -> int:
     return 2 * powers[0] + 4 * powers[1] + 6 * powers[2]
 
 
-def _short(polynomial: Polynomial) -> Polynomial:
-    """The polynomial without powers of time above `_DEGREE`."""
-    return {powers: c for powers, c in polynomial.items() if _weight(powers) <= _DEGREE}
-
-
 def _slope(polynomial: Polynomial, shift: int = 0) -> Polynomial:
     """(d/dt + shift) of the polynomial at time one."""
     return {powers: (shift + _weight(powers)) * c for powers, c in polynomial.items()}
@@ -153,7 +151,7 @@ def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
     fourth = _product(squared, squared)
     z = _slope(s, 1)
     v = _sum((1, _product(_slope(w, -2), s)), (-2, _product(w, _slope(s))))
-    a = _short(_sum((2, _product(squared, w)), (2, _product(_product(squared, s), z))))
+    a = _sum((2, _product(squared, w)), (2, _product(_product(squared, s), z)))
     b = _sum(
         (2, _product(w, w)),
         (Fraction(-1, 2), _product(_G2, fourth)),
@@ -166,7 +164,6 @@ def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
         (1, _quotient(_sum((2, _product(z, _product(w, w))), (1, _product(v, w))), s)),
         (Fraction(1, 12), _product(_G2, a)),
     )
-    b, c = _short(b), _short(c)
     g2_squared = _product(_G2, _G2)
     first = _sum((Fraction(1, 2), _product(g2_squared, b)), (-9, _product(_G3, c)))
     second = _sum((1, _product(_G2, c)), (Fraction(-3, 2), _product(_G3, b)))
@@ -175,7 +172,7 @@ def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
 
 def _over_discriminant(polynomial: Polynomial) -> Polynomial:
     """polynomial / (g2^3 - 27 g3^2), of a polynomial that this divides."""
-    rest, total = _short(polynomial), {}
+    rest, total = polynomial, {}
     while rest:
         powers = max(rest, key=lambda powers: powers[1])
         _, j, k = powers

@@ -1,7 +1,5 @@
 """`LieInterpolation`, dense output on the group: states between the ends of a step."""
 
-import math
-from collections.abc import Callable
 from typing import Any
 
 import diffrax
@@ -11,24 +9,26 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.fusion import begin, fuse
-from .._kernel.replay import Packed, by_components
-from ..model import so3
+from .._kernel.fusion import begin, fuse, split
+from .._kernel.short_series import LARGEST_SQUARE, half_turn
 from ..model.states import DirectionState, RigidState
 from .term import ambient_rate, like
 
-_LARGEST = 16  # entries of a vector that is split into its entries
+_HALVINGS = 3  # of the angle of a turn, until the polynomials for its sine and cosine are exact
+LARGEST_TURN = 2**_HALVINGS * LARGEST_SQUARE**0.5  # radians, within a step
+_LEAST_COSINE = 0.5**0.5  # of half the rest of a turn
 
 
 class LieInterpolation(diffrax.AbstractLocalInterpolation):
     """Interpolation between the ends of a step, on the group, with a local error of fourth order if the ends are exact.
 
-    For a `RigidState` the attitude is R0 exp(c(s)), a unit quaternion to rounding, where c is the cubic that matches
-    both attitudes and both angular velocities. The spatial momentum is the cubic that matches momentum and spatial
-    torque at both ends, and is then rotated to the body frame, so that a free body's spatial momentum is constant
-    between steps as well. If a step turns by more than pi, its ends do not determine the direction of the turn, and the
-    result inside the step is NaN. For a state without attitude, each array is interpolated by a cubic, and a direction
-    is scaled back to unit length.
+    For a `RigidState` the attitude is R0 exp(s W) P(s), normalised, where W is h times the mean of both angular
+    velocities, and P the cubic quaternion, near one, that matches both attitudes and both angular velocities. It is a
+    unit quaternion to rounding, and exact for a steady spin. The spatial momentum is the cubic that matches momentum
+    and spatial torque at both ends, and is then rotated to the body frame, so that a free body's spatial momentum is
+    constant between steps as well. The result inside a step is NaN if |W| exceeds 9.7 radians, or if the turn of the
+    step differs from W by more than a quarter of a turn. For a state without attitude, each array is interpolated by a
+    cubic, and a direction is scaled back to unit length.
 
     Args:
         t0, t1: times of the ends.
@@ -64,80 +64,77 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
     Reverse mode computes it again, so that XLA finds nothing in its derivative that it could compute ahead, entry by
     entry, for all times of a step.
     """
-    return _by_scalars(_state_of_arrays, dense.y0, _by_scalars(_cubics, dense), dense.t0, dense.t1, t)
-
-
-def _cubics(dense: LieInterpolation) -> tuple[Any, Any]:
-    """The cubics of the step.
-
-    Returns:
-        The cubic of the rotation vector, None for a state without attitude; and the cubics of all other arrays, for a
-        `RigidState` of R0^T times the spatial momentum.
-    """
-    y0, y1, h = dense.y0, dense.y1, dense.h
-    velocity0, velocity1, torque0, torque1 = dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
-    if isinstance(y0, RigidState):
-        turned = so3.multiply(so3.conjugate(y0.attitude), y1.attitude)
-        angle = so3.log(turned)
-        # h times the mean angular velocity approximates the turn. If the logarithm is far from this value, the true
-        # turn is longer than pi: turns that differ by 2 pi have the same logarithm.
-        deviation = angle - h / 2 * (velocity0 + velocity1)
-        angle = jnp.where(jnp.sum(deviation**2) < jnp.pi**2, angle, jnp.nan)
-        turn = _cubic(jnp.zeros_like(angle), angle, h * velocity0, h * so3.dexp_inverse(-angle, velocity1))
-        momentum, torque = so3.rotate(turned, y1.momentum), so3.rotate(turned, torque1)
-        return turn, _cubic(y0.momentum, momentum, h * torque0, h * torque)
-    slope0 = ambient_rate(y0, y0.unpack(velocity0), y0.unpack(torque0))
-    slope1 = ambient_rate(y1, y1.unpack(velocity1), y1.unpack(torque1))
-    ends = zip(*map(jax.tree.leaves, (y0, y1, slope0, slope1)), strict=True)
-    return None, [_cubic(a, b, h * da, h * db) for a, b, da, db in ends]
-
-
-def _state_of_arrays(y0: Any, cubics: tuple[Any, Any], t0: Any, t1: Any, t: Any) -> Any:
-    """The state at the time t; `y0`, at t0, tells the class of the state, and for a `RigidState` the attitude."""
-    length = t1 - t0
+    length = dense.t1 - dense.t0
     no_step = length == 0
-    s = jnp.where(no_step, jnp.zeros_like(length), t - t0) / jnp.where(no_step, jnp.ones_like(length), length)
-    s = s.astype(y0.momentum.dtype)
-    turn, rest = cubics
-    if isinstance(y0, RigidState):
-        turn = so3.exp(_at(turn, s))
-        momentum = so3.rotate(so3.conjugate(turn), _at(rest, s))
-        attitude = RigidState.turn(cp.quaternion(y0.attitude), cp.quaternion(turn), jnp.array(False), s)
-        return like(y0, momentum, cp.pack(attitude))
-    leaves = [_at(cubic, s) for cubic in rest]
+    s = jnp.where(no_step, jnp.zeros_like(length), t - dense.t0) / jnp.where(no_step, jnp.ones_like(length), length)
+    s = s.astype(dense.y0.momentum.dtype)
+    return _rigid_state_at(dense, s) if isinstance(dense.y0, RigidState) else _arrays_at(dense, s)
+
+
+def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
+    """The state of a rigid body at the part s of the step.
+
+    It is written on components, with neither division nor root, so that it is two loops and its derivative compiles in
+    little time.
+    """
+    vectors = dense.y0.momentum, dense.y1.momentum, dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
+    poses = dense.y0.attitude, dense.y1.attitude
+    vectors, poses, h, s = begin(jax.lax.optimization_barrier((tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), dense.h, s)))
+    momentum0, momentum1, velocity0, velocity1, torque0, torque1 = vectors
+    turned = cp.multiply(cp.conjugate(poses[0]), poses[1])
+    mean = cp.scale(h / 2, cp.add(velocity0, velocity1))
+    rest = cp.multiply(cp.conjugate(_exponential(mean)), turned)
+    rest = _scaled(jnp.where(rest[0] < 0, -jnp.ones_like(h), jnp.ones_like(h)), rest)
+    valid = (cp.dot(mean, mean) <= LARGEST_TURN**2) & (rest[0] >= _LEAST_COSINE)
+    momentum1, torque1 = cp.rotate(turned, momentum1), cp.rotate(turned, torque1)
+    mean, rest, momentum1, torque1 = split((mean, rest, momentum1, torque1))
+
+    # With q = q0 exp(s W) p, the rate of p is (p h Omega - W p) / 2.
+    zero = jnp.zeros_like(h)
+    slope0 = zero, *cp.scale(h / 4, cp.subtract(velocity0, velocity1))
+    faster, slower = cp.multiply(rest, (zero, *cp.scale(h, velocity1))), cp.multiply((zero, *mean), rest)
+    slope1 = [(a - b) / 2 for a, b in zip(faster, slower, strict=True)]
+    p = _hermite((1 + zero, zero, zero, zero), rest, slope0, slope1, s)
+    steady = _exponential(cp.scale(s, mean))
+    spatial = _hermite(momentum0, momentum1, cp.scale(h, torque0), cp.scale(h, torque1), s)
+    turn = cp.multiply(steady, (p[0], p[1], p[2], p[3]))
+    turn = _scaled(cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:])), turn)
+    attitude = cp.multiply(poses[0], turn)
+    attitude = _scaled(1 + cp.norm_defect(attitude) / 2, attitude)
+    momentum = cp.rotate_back(turn, (spatial[0], spatial[1], spatial[2]))
+    momentum, attitude = fuse(jax.tree.map(lambda x: jnp.where(valid, x, jnp.nan), (momentum, attitude)))
+    return like(dense.y0, cp.pack(momentum), cp.pack(attitude))
+
+
+def _exponential(turn: cp.Vector) -> cp.Quaternion:
+    """The quaternion of a rotation vector of at most `LARGEST_TURN`."""
+    q = half_turn(cp.scale(0.5**_HALVINGS, turn))
+    for _ in range(_HALVINGS):
+        q = cp.square(q)
+    return q
+
+
+def _scaled(factor: Array, q: cp.Quaternion) -> cp.Quaternion:
+    return (factor * q[0], factor * q[1], factor * q[2], factor * q[3])
+
+
+def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
+    """The state at the part s of the step; each array is a cubic."""
+    y0, y1, h = dense.y0, dense.y1, dense.h
+    rate0 = ambient_rate(y0, y0.unpack(dense.velocity0), y0.unpack(dense.torque0))
+    rate1 = ambient_rate(y1, y1.unpack(dense.velocity1), y1.unpack(dense.torque1))
+    slopes = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
+    leaves = _hermite(*map(jax.tree.leaves, (y0, y1, *slopes)), s)
     if isinstance(y0, DirectionState):
         leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
     return like(y0, *leaves)
 
 
-def _by_scalars(function: Callable[..., Any], *arguments: Any) -> Any:
-    """The function of pytrees of small vectors, evaluated on their entries in one loop: its derivative compiles faster.
-
-    A function of larger arrays, as particles may have, is evaluated as it is.
-    """
-    leaves, structure = jax.tree.flatten(begin(arguments))
-    leaves = [jnp.asarray(leaf) for leaf in leaves]
-    if any(leaf.ndim > 1 or leaf.size > _LARGEST for leaf in leaves):
-        return function(*arguments)
-    result = jax.eval_shape(function, *arguments)
-    shapes, result_structure = jax.tree.flatten(result)
-
-    def joined(leaves: list[Array]) -> Array:
-        results = jax.tree.leaves(function(*jax.tree.unflatten(structure, leaves)))
-        return jnp.concatenate([jnp.ravel(x) for x in results])
-
-    entries, _ = by_components(joined, [Packed(tuple(x[i] for i in range(len(x)))) if x.ndim else x for x in leaves])
-    found = iter(fuse(entries))
-    packed = [jnp.stack([next(found) for _ in range(math.prod(x.shape))]).reshape(x.shape) for x in shapes]
-    return jax.tree.unflatten(result_structure, packed)
-
-
-def _cubic(start: Array, end: Array, slope0: Array, slope1: Array) -> tuple[Array, Array, Array, Array]:
-    """Coefficients, lowest first, of the cubic on [0, 1] with these values and slopes at its ends."""
-    change = end - start
-    return start, slope0, 3 * change - 2 * slope0 - slope1, slope0 + slope1 - 2 * change
-
-
-def _at(cubic: tuple[Array, Array, Array, Array], s: Array) -> Array:
-    a, b, c, d = cubic
-    return a + s * (b + s * (c + s * d))
+def _hermite(starts: Any, ends: Any, slopes0: Any, slopes1: Any, s: Array) -> list[Any]:
+    """At s, the cubics on [0, 1] with these values and slopes at their ends."""
+    cubics = []
+    for start, end, slope0, slope1 in zip(starts, ends, slopes0, slopes1, strict=True):
+        change = end - start
+        second, third = 3 * change - 2 * slope0 - slope1, slope0 + slope1 - 2 * change
+        cubics.append(start + s * (slope0 + s * (second + s * third)))
+    return cubics
