@@ -61,8 +61,7 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
 def _state_at(dense: LieInterpolation, t: Any) -> Any:
     """The state at the time t.
 
-    Reverse mode computes it again, so that XLA finds nothing in its derivative that it could compute ahead, entry by
-    entry, for all times of a step.
+    Reverse mode computes it again: what it would keep otherwise, diffrax hands on entry by entry.
     """
     length = dense.t1 - dense.t0
     no_step = length == 0
@@ -79,7 +78,9 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     """
     vectors = dense.y0.momentum, dense.y1.momentum, dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
     poses = dense.y0.attitude, dense.y1.attitude
-    vectors, poses, h, s = begin(jax.lax.optimization_barrier((tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), dense.h, s)))
+    parts = tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), dense.h, s
+    # Without the barrier, XLA would compute what does not depend on s ahead, entry by entry, for all times of a step.
+    vectors, poses, h, s = begin(jax.lax.optimization_barrier(parts))
     momentum0, momentum1, velocity0, velocity1, torque0, torque1 = vectors
     turned = cp.multiply(cp.conjugate(poses[0]), poses[1])
     mean = cp.scale(h / 2, cp.add(velocity0, velocity1))
@@ -90,17 +91,17 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     mean, rest, momentum1, torque1 = split((mean, rest, momentum1, torque1))
 
     # With q = q0 exp(s W) p, the rate of p is (p h Omega - W p) / 2.
-    zero = jnp.zeros_like(h)
+    zero, last = jnp.zeros_like(h), cp.scale(h, velocity1)
     slope0 = zero, *cp.scale(h / 4, cp.subtract(velocity0, velocity1))
-    faster, slower = cp.multiply(rest, (zero, *cp.scale(h, velocity1))), cp.multiply((zero, *mean), rest)
-    slope1 = [(a - b) / 2 for a, b in zip(faster, slower, strict=True)]
+    difference, vector = cp.scale(0.5, cp.subtract(last, mean)), rest[1:]
+    change = cp.add(cp.scale(rest[0], difference), cp.cross(vector, cp.scale(0.5, cp.add(last, mean))))
+    slope1 = -cp.dot(vector, difference), *change
     p = _hermite((1 + zero, zero, zero, zero), rest, slope0, slope1, s)
-    steady = _exponential(cp.scale(s, mean))
-    spatial = _hermite(momentum0, momentum1, cp.scale(h, torque0), cp.scale(h, torque1), s)
-    turn = cp.multiply(steady, (p[0], p[1], p[2], p[3]))
+    turn = cp.multiply(_exponential(cp.scale(s, mean)), (p[0], p[1], p[2], p[3]))
     turn = _scaled(cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:])), turn)
     attitude = cp.multiply(poses[0], turn)
     attitude = _scaled(1 + cp.norm_defect(attitude) / 2, attitude)
+    spatial = _hermite(momentum0, momentum1, cp.scale(h, torque0), cp.scale(h, torque1), s)
     momentum = cp.rotate_back(turn, (spatial[0], spatial[1], spatial[2]))
     momentum, attitude = fuse(jax.tree.map(lambda x: jnp.where(valid, x, jnp.nan), (momentum, attitude)))
     return like(dense.y0, cp.pack(momentum), cp.pack(attitude))
@@ -123,8 +124,9 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
     y0, y1, h = dense.y0, dense.y1, dense.h
     rate0 = ambient_rate(y0, y0.unpack(dense.velocity0), y0.unpack(dense.torque0))
     rate1 = ambient_rate(y1, y1.unpack(dense.velocity1), y1.unpack(dense.torque1))
-    slopes = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
-    leaves = _hermite(*map(jax.tree.leaves, (y0, y1, *slopes)), s)
+    scaled = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
+    start, end, slope0, slope1 = map(jax.tree.leaves, (y0, y1, *scaled))
+    leaves = _hermite(start, end, slope0, slope1, s)
     if isinstance(y0, DirectionState):
         leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
     return like(y0, *leaves)

@@ -110,6 +110,9 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
         system, clock = self._system(terms, t0, y0, args)
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
+        # With the barrier, what has a derivative with respect to one of them has one with respect to both: diffrax
+        # differentiates its loop for each set of arrays that vary, and would trace the step's derivative three times.
+        y0, solver_state = jax.lax.optimization_barrier((y0, solver_state))
         y1, error, dense, memory, ok = _step(self.method, system, start_time, end_time, h, y0, solver_state, made_jump)
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
