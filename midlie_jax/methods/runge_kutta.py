@@ -89,8 +89,7 @@ class RungeKutta(Method):
 
         def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
             t = t0 if time == 0 else t1 if abs(time - 1) < 1e-12 else t0 + time * h
-            force = None if system.torque is None else system.force(t, motion)
-            return system.rates(motion, h if part == 1 else part * h, force)
+            return _rates(system, t, h if part == 1 else part * h, motion)
 
         longest = _LONGEST_LOOP if on_cpu() else _LONGEST_KERNEL
         in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
@@ -109,6 +108,12 @@ class RungeKutta(Method):
         ok = cp.dot(turn, turn) <= self.formula.reach**2
         end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0))
         return projected(system, t0, t1, h, motion, end) if self.projects else end, None, ok
+
+
+@eqx.filter_jit
+def _rates(system: System, t: Array, h: Array, motion: AnyMotion) -> AnyMotion:
+    """h times the rates of change at the time t, traced once for all evaluations of a step."""
+    return system.rates(motion, h, None if system.torque is None else system.force(t, motion))
 
 
 RK4 = RungeKutta("RK4", tableau.RK4)
