@@ -3,6 +3,7 @@
 `test_diffrax_matrix.py` holds them to `integrate`.
 """
 
+import re
 from functools import partial
 
 import diffrax
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
-from cases import AXIS, QUICK, epsilon, quick
+from cases import AXIS, QUICK, epsilon, quick, real
 from diffrax_cases import (
     ADJOINTS,
     ARGS,
@@ -435,6 +436,23 @@ def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
         return jax.vjp(lambda y, args: solver.step(TERM, FROM, FROM + DT, y, args, memory, False)[0], y, args)[1]
 
     assert len(jax.tree.leaves(jax.eval_shape(pullback, y0, ARGS))) < 60
+
+
+@pytest.mark.parametrize("name", ["LIEMID[EA]", "JACOBI[EA]"])
+def test_equal_steps_compute_neither_estimate_nor_dense_output(name):
+    """The compiler removes both where nothing uses them: of the loops that `fuse` makes, that of the step is left."""
+
+    def run(y, steps):
+        return diffrax.diffeqsolve(
+            TERM, ml.LieSolver(name), T0, T0 + DT * STEPS, DT, y, ARGS, stepsize_controller=steps, max_steps=None
+        )
+
+    def loops(controller):
+        program = real(lambda y: run(y, controller).ys).lower(start()).compile()
+        return len(re.findall(r"= \(.* reduce\(", program.as_text()))
+
+    assert loops(diffrax.ConstantStepSize()) == 1
+    assert loops(diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm())) > 1
 
 
 def test_bad_input_names_the_cure():

@@ -110,10 +110,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
         system, clock = self._system(terms, t0, y0, args)
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
-        # With the barrier, what has a derivative with respect to one of them has one with respect to both: diffrax
-        # differentiates its loop for each set of arrays that vary, and would trace the step's derivative three times.
-        y0, solver_state = jax.lax.optimization_barrier((y0, solver_state))
-        y1, error, dense, memory, ok = _step(self.method, system, start_time, end_time, h, y0, solver_state, made_jump)
+        y0, memory = _varying_together((y0, solver_state))
+        y1, error, dense, memory, ok = _step(self.method, system, start_time, end_time, h, y0, memory, made_jump)
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
@@ -178,9 +176,10 @@ def _step(
     # Controllers of diffrax handle NaN in y1, but not infinity.
     y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
-    # The compiler removes the following computations where nothing uses their results. They are loops of their own.
-    motion, end, stored_force, method_force = split((motion, end, stored_force, method_force))
-    end_torque = method_force if keeps_force else system.force(end_time, end)
+    # The compiler removes the following computations where nothing uses their results. They are loops of their own, so
+    # the torque that the next step needs must not pass through them.
+    motion, end, stored_force, end_torque = split((motion, end, stored_force, method_force))
+    end_torque = end_torque if keeps_force else system.force(end_time, end)
     start_torque = stored_force if begins_with_force else system.force(start_time, motion)
     dense = {"y0": y0, "y1": y1, "h": h}
     for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
@@ -196,7 +195,23 @@ def _step(
     error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
     # Derivatives do not pass through a torque that only the error estimate reads.
     next_force = end_torque if begins_with_force else jax.lax.stop_gradient(end_torque)
+    next_force = method_force if keeps_force else next_force
     return y1, error, dense, Memory.of(system, next_force, history), ok
+
+
+@jax.custom_jvp
+def _varying_together(tree: Any) -> Any:
+    """The tree unchanged; if one of its arrays has a tangent, all have one.
+
+    diffrax differentiates its loop anew for each set of arrays that vary, and would trace the derivative of a step
+    three times.
+    """
+    return tree
+
+
+@_varying_together.defjvp
+def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+    return primals[0], jax.lax.optimization_barrier(tangents[0])  # a tangent that is known to be zero is none
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
