@@ -210,7 +210,7 @@ def even_size(count: int, parts: int) -> int:
 def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
-    Without a mesh there is the least number of chunks, or up to a quarter more if all are then full, because that saves
+    Without a mesh there is the least number of chunks, or up to a third more if all are then full, because that saves
     a copy. On a mesh all chunks have the size `chunk` if there is work for all devices, so that the compiled program of
     a chunk, and its bits, do not depend on the number of devices.
     """
@@ -219,7 +219,7 @@ def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
             return 1, count
         most = chunk if chunk <= _VECTOR else chunk - chunk % _VECTOR
         least = -(-count // most)
-        chunks = next((n for n in range(least, least + least // 4 + 1) if count % (n * _VECTOR) == 0), least)
+        chunks = next((n for n in range(least, least + least // 3 + 1) if count % (n * _VECTOR) == 0), least)
         return chunks, even_size(count, chunks)
     size = min(chunk, -(-count // devices))
     return devices * -(-count // (devices * size)), size
