@@ -211,7 +211,7 @@ def _varying_together(tree: Any) -> Any:
 
 @_varying_together.defjvp
 def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-    return primals[0], jax.lax.optimization_barrier(tangents[0])  # a tangent that is known to be zero is none
+    return primals[0], jax.lax.optimization_barrier(tangents[0])  # or JAX drops the tangents that it knows are zero
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
