@@ -176,10 +176,11 @@ def _step(
     # Controllers of diffrax handle NaN in y1, but not infinity.
     y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
-    # The compiler removes the following computations where nothing uses their results. They are loops of their own, so
-    # the torque that the next step needs must not pass through them.
-    motion, end, stored_force, end_torque = split((motion, end, stored_force, method_force))
-    end_torque = end_torque if keeps_force else system.force(end_time, end)
+    # The compiler removes what follows the split where nothing uses the results. It is loops of its own, so a torque
+    # that the next step needs must not pass through it.
+    next_force = method_force if keeps_force else system.force(end_time, end) if begins_with_force else None
+    motion, end, stored_force, end_torque = split((motion, end, stored_force, next_force))
+    end_torque = end_torque if begins_with_force else system.force(end_time, end)
     start_torque = stored_force if begins_with_force else system.force(start_time, motion)
     dense = {"y0": y0, "y1": y1, "h": h}
     for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
@@ -194,8 +195,7 @@ def _step(
     error = jax.tree.map(jnp.subtract, y1, like(y1, y1.pack(user_target.momentum), y1.pack_pose(user_target.pose)))
     error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
     # Derivatives do not pass through a torque that only the error estimate reads.
-    next_force = end_torque if begins_with_force else jax.lax.stop_gradient(end_torque)
-    next_force = method_force if keeps_force else next_force
+    next_force = next_force if begins_with_force else jax.lax.stop_gradient(end_torque)
     return y1, error, dense, Memory.of(system, next_force, history), ok
 
 
