@@ -129,7 +129,7 @@ _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "bitcast_convert_type": lambda x, new_dtype: _elementwise(partial(_bits, dtype=new_dtype))(x),
 }
 _CALLS = {"jit": "jaxpr", "remat2": "jaxpr", "custom_jvp_call": "call_jaxpr"}
-_AS_IT_IS = {"fuse", "stop_gradient"}
+_AS_IT_IS = {"fuse", "name", "stop_gradient"}
 
 
 def _scan(body: Callable[..., list[Any]], count: int, carried: int, order: range, *values: Any) -> list[Any]:
