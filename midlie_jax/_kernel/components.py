@@ -305,6 +305,12 @@ def _inverse_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Ar
     return result, -0.5 * result * result * result * tangents[0]
 
 
+def normalised(q: Quaternion) -> Quaternion:
+    """q / |q|, of a quaternion of any length but zero."""
+    factor = inverse_root(q[0] * q[0] + dot(q[1:], q[1:]))
+    return factor * q[0], factor * q[1], factor * q[2], factor * q[3]
+
+
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
     """The polynomial with these coefficients, lowest first, at x.
 

@@ -85,7 +85,8 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     turned = cp.multiply(cp.conjugate(poses[0]), poses[1])
     mean = cp.scale(h / 2, cp.add(velocity0, velocity1))
     rest = cp.multiply(cp.conjugate(_exponential(mean)), turned)
-    rest = _scaled(jnp.where(rest[0] < 0, -jnp.ones_like(h), jnp.ones_like(h)), rest)
+    opposite = rest[0] < 0  # q and -q are the same rotation
+    rest = jax.tree.map(lambda x: jnp.where(opposite, -x, x), rest)
     valid = (cp.dot(mean, mean) <= LARGEST_TURN**2) & (rest[0] >= _LEAST_COSINE)
     momentum1, torque1 = cp.rotate(turned, momentum1), cp.rotate(turned, torque1)
     mean, rest, momentum1, torque1 = split((mean, rest, momentum1, torque1))
@@ -97,12 +98,10 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     change = cp.add(cp.scale(rest[0], difference), cp.cross(vector, cp.scale(0.5, cp.add(last, mean))))
     slope1 = -cp.dot(vector, difference), *change
     p = _hermite((1 + zero, zero, zero, zero), rest, slope0, slope1, s)
-    turn = cp.multiply(_exponential(cp.scale(s, mean)), (p[0], p[1], p[2], p[3]))
-    turn = _scaled(cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:])), turn)
-    attitude = cp.multiply(poses[0], turn)
-    attitude = _scaled(1 + cp.norm_defect(attitude) / 2, attitude)
+    turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean)), p))
+    attitude = RigidState.turn(poses[0], turn, jnp.array(False), s)
     spatial = _hermite(momentum0, momentum1, cp.scale(h, torque0), cp.scale(h, torque1), s)
-    momentum = cp.rotate_back(turn, (spatial[0], spatial[1], spatial[2]))
+    momentum = cp.rotate_back(turn, spatial)
     momentum, attitude = fuse(jax.tree.map(lambda x: jnp.where(valid, x, jnp.nan), (momentum, attitude)))
     return like(dense.y0, cp.pack(momentum), cp.pack(attitude))
 
@@ -115,10 +114,6 @@ def _exponential(turn: cp.Vector) -> cp.Quaternion:
     return q
 
 
-def _scaled(factor: Array, q: cp.Quaternion) -> cp.Quaternion:
-    return (factor * q[0], factor * q[1], factor * q[2], factor * q[3])
-
-
 def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
     """The state at the part s of the step; each array is a cubic."""
     y0, y1, h = dense.y0, dense.y1, dense.h
@@ -126,17 +121,17 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
     rate1 = ambient_rate(y1, y1.unpack(dense.velocity1), y1.unpack(dense.torque1))
     scaled = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
     start, end, slope0, slope1 = map(jax.tree.leaves, (y0, y1, *scaled))
-    leaves = _hermite(start, end, slope0, slope1, s)
+    leaves = list(_hermite(start, end, slope0, slope1, s))
     if isinstance(y0, DirectionState):
         leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
     return like(y0, *leaves)
 
 
-def _hermite(starts: Any, ends: Any, slopes0: Any, slopes1: Any, s: Array) -> list[Any]:
+def _hermite(starts: Any, ends: Any, slopes0: Any, slopes1: Any, s: Array) -> Any:
     """At s, the cubics on [0, 1] with these values and slopes at their ends."""
     cubics = []
     for start, end, slope0, slope1 in zip(starts, ends, slopes0, slopes1, strict=True):
         change = end - start
         second, third = 3 * change - 2 * slope0 - slope1, slope0 + slope1 - 2 * change
         cubics.append(start + s * (slope0 + s * (second + s * third)))
-    return cubics
+    return tuple(cubics)

@@ -147,9 +147,8 @@ class Orbit(NamedTuple):
         across, along = self.levers
         last = half_angle_of(along * point.sn * y * moved[1], 1 + self.n - across * point.cn * x * moved[0])
         about = cp.multiply_about(cp.conjugate(_to_third(self.momentum)), 2, *product(half_angle, last))
-        turn = cp.multiply(about, _to_third(moved))
-        factor = cp.inverse_root(turn[0] * turn[0] + cp.dot(turn[1:], turn[1:]))
-        turn = factor * turn[0], *self.labels.back(cp.scale(factor, turn[1:]))
+        turn = cp.normalised(cp.multiply(about, _to_third(moved)))
+        turn = turn[0], *self.labels.back(turn[1:])
         # A long lever magnifies rounding errors where the momentum passes the first axis.
         return momentum, turn, ok & flight_ok & (1 + self.n <= _LARGEST_LEVER**2)
 

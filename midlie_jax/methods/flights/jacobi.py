@@ -144,9 +144,7 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:
 
     across = _across(a, y, differences, e, s)
     x = cp.add(cp.scale(cosine * per_total, across), cp.scale(sine, cp.add(cp.scale(d, y), n)))
-    scalar = cosine * M
-    factor = cp.inverse_root(scalar * scalar + cp.dot(x, x))
-    return factor * scalar, factor * x[0], factor * x[1], factor * x[2]
+    return cp.normalised((cosine * M, *x))
 
 
 def _across(a: cp.Vector, y: cp.Vector, differences: cp.Vector, e: cp.Vector, s: Array) -> cp.Vector:
