@@ -5,7 +5,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cases import AXIS, PARTICLE, setup
+from cases import AXIS, PARTICLE, QUICK, setup
 
 import midlie_jax as ml
 
@@ -55,6 +55,23 @@ def problem(name):
 def solve(solver, y0, args=ARGS, *, term=TERM, t0=T0, t1=T0 + DT * STEPS, dt0=DT, throw=False, **options):
     solver = ml.LieSolver(solver) if isinstance(solver, str) else solver
     return diffrax.diffeqsolve(term, solver, t0, t1, dt0, y0, args, throw=throw, **options)
+
+
+def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
+    """The solution at t1; compiled once a solver, for all times, steps and torques."""
+    options = {"stepsize_controller": controller or diffrax.ConstantStepSize()}
+    options["adjoint"] = adjoint or diffrax.RecursiveCheckpointAdjoint()
+    return solve(solver, y0, args, term=term, t0=t0, t1=t1, dt0=dt, **options)
+
+
+end = eqx.filter_jit(solve_to_the_end, compiler_options=QUICK)
+
+
+FROM, TO = jnp.array(T0), jnp.array(T0 + 1)
+
+
+def truth(t1=TO, args=ARGS, term=TERM):
+    return end(diffrax.Dopri8(), start(), args, FROM, t1, (t1 - FROM) / 32, term=term).ys
 
 
 CONTROLLERS = {

@@ -1,6 +1,6 @@
-"""The methods inside diffrax: their orders, error estimates, dense output, events, failures and messages.
+"""The methods inside diffrax: their orders, error estimates, events, failures and messages.
 
-`test_diffrax_matrix.py` holds them to `integrate`.
+`test_dense_output.py` has the states between the steps, and `test_diffrax_matrix.py` holds all to `integrate`.
 """
 
 import re
@@ -23,48 +23,37 @@ from diffrax_cases import (
     DOTS,
     DT,
     FACTORS,
+    FROM,
     SIZES,
     SPRINGS,
     STEPS,
     T0,
     TERM,
+    TO,
     TS,
     WEIGHTS,
+    end,
     forces,
     problem,
     pull,
     row,
     solve,
+    solve_to_the_end,
     start,
+    truth,
 )
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.bench import oracles
-from midlie_jax.diffrax.interpolation import LARGEST_TURN
-
-
-def solve_to_the_end(solver, y0, args, t0, t1, dt, controller=None, adjoint=None, term=TERM):
-    """The solution at t1; compiled once a solver, for all times, steps and torques."""
-    options = {"stepsize_controller": controller or diffrax.ConstantStepSize()}
-    options["adjoint"] = adjoint or diffrax.RecursiveCheckpointAdjoint()
-    return solve(solver, y0, args, term=term, t0=t0, t1=t1, dt0=dt, **options)
-
-
-end = eqx.filter_jit(solve_to_the_end, compiler_options=QUICK)
 
 
 def numbers(state):
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state)])
 
 
-FROM, TO = jnp.array(T0), jnp.array(T0 + 1)
 FREE = (jnp.array(0.0), jnp.array(0.0))
-
-
-def truth(t1=TO, args=ARGS, term=TERM):
-    return end(diffrax.Dopri8(), start(), args, FROM, t1, (t1 - FROM) / 32, term=term).ys
 
 
 def test_one_term_under_six_solvers_agrees_at_their_orders():
@@ -321,92 +310,6 @@ def test_float32():
     assert np.max(np.abs(numbers(jax.tree.map(lambda x: x[-1], y)) - numbers(exact))) < 1e-5
     with pytest.raises(ValueError, match="give t0, t1 and dt0 as"):
         diffrax.diffeqsolve(term, ml.LieSolver(), T0, T0 + 1, DT, cast(start()), cast(ARGS))
-
-
-INSIDE = np.linspace(0.05, 0.95, 7)
-
-
-def test_dense_output_is_on_the_group_and_of_third_order_inside_a_step():
-    @eqx.filter_jit(compiler_options=QUICK)
-    def step(h):
-        solution = solve(
-            "LIEMID[EA]", start(), t0=FROM, t1=FROM + h, dt0=h, saveat=diffrax.SaveAt(dense=True), max_steps=1
-        )
-        times = FROM + h * INSIDE
-        return jax.vmap(solution.evaluate)(times), jax.vmap(solution.derivative)(times)
-
-    def exact(times):
-        y = jax.tree.map(lambda *x: jnp.concatenate(x), *[truth(t) for t in times])
-        return y, quick(jax.vmap(lambda t, y: TERM.vf(t, y, ARGS).ambient))(times, y)
-
-    errors = []
-    for h in (1 / 8, 1 / 16, 1 / 32):
-        got = step(jnp.array(h))
-        assert np.max(np.abs(np.linalg.norm(got[0].attitude, axis=-1) - 1)) < 4 * epsilon("float64")
-        gaps = jax.tree.map(lambda a, b: np.max(np.abs(a - b)), got, exact(FROM + h * INSIDE))
-        errors.append(jax.tree.leaves(gaps))
-    slopes = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    print("order of momentum, attitude and their derivatives inside a step:", slopes)
-    assert np.all(slopes[:, :2] > 2.8)
-    assert np.all(slopes[:, 2:] > 1.8)
-
-
-def spun(turn):
-    """A steady spin: the state after a turn about the third axis, and its angular velocity."""
-    return ml.RigidState(jnp.array([0.0, 0.0, 2.5]), ml.so3.exp(jnp.array([0.0, 0.0, turn]))), jnp.array(
-        [0.0, 0.0, 1.0]
-    )
-
-
-def test_dense_output_of_a_long_turn_is_right_or_nan():
-    """Up to 9.7 radians the attitude of a steady spin is the true one, above there is none; a controller keeps below.
-
-    Nor is there one where the ends differ from a steady turn by more than a quarter of a turn.
-    """
-    for turn in (0.0, 3.1, -3.1, 3.2, 6.0, 2 * np.pi, -9.7, 9.9):
-        (y0, spin), (y1, _) = spun(0.0), spun(turn)
-        for gap in (0.0, 1.5, -1.5, 1.6, -1.6):
-            velocities = {"velocity0": spin, "velocity1": spin, "torque0": 0 * spin, "torque1": 0 * spin}
-            times = {"t0": jnp.array(0.0), "t1": jnp.array(1.0), "h": jnp.array(turn + gap)}
-            inside = ml.LieInterpolation(**times, y0=y0, y1=y1, **velocities).evaluate(0.3)
-            if abs(turn + gap) > LARGEST_TURN or abs(gap) > np.pi / 2:
-                assert np.all(np.isnan(inside.attitude))
-            elif gap == 0:
-                np.testing.assert_allclose(inside.attitude, spun(0.3 * turn)[0].attitude, atol=4e-15)
-                np.testing.assert_allclose(inside.momentum, y0.momentum, atol=4e-15)
-            else:
-                np.testing.assert_allclose(np.linalg.norm(inside.attitude), 1, atol=4e-16)
-
-    times = T0 + jnp.linspace(0.0, 20.0, 41)
-    controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm())
-    options = {"t1": times[-1], "stepsize_controller": controller, "saveat": diffrax.SaveAt(ts=times)}
-    found = quick(lambda y: solve("LIEMID[EA]", y, term=ml.RigidBodyTerm(BODY), **options))(spun(0.0)[0])
-    assert found.stats["num_accepted_steps"] < 20
-    for time, matrix in zip(times, jax.vmap(ml.so3.to_matrix)(found.ys.attitude), strict=True):
-        np.testing.assert_allclose(matrix, ml.so3.to_matrix(spun(time - T0)[0].attitude), atol=1e-13)
-
-
-def only_the_top(weight):
-    return ml.torques.HeavyTop(weight, AXIS)
-
-
-@pytest.mark.parametrize("state", [ml.DirectionState, ml.MomentumState])
-def test_states_without_attitude(state):
-    """Agree with the full state, between steps too."""
-    weight = ARGS[0] if state is ml.DirectionState else jnp.array(0.0)
-    top = ml.RigidBodyTerm(BODY, torque_of_args=only_the_top)
-    up = ml.so3.to_matrix(start().attitude)[2]
-    few, term = (state(start().momentum, up), top) if weight else (state(start().momentum), ml.RigidBodyTerm(BODY))
-    saveat = diffrax.SaveAt(ts=jnp.linspace(T0, T0 + DT * STEPS, 23))
-    less, full = quick(
-        lambda weight: (
-            solve("LIEMID[EA]", few, weight, term=term, saveat=saveat).ys,
-            solve("LIEMID[EA]", start(), weight, term=top, saveat=saveat).ys,
-        )
-    )(weight)
-    assert np.max(np.abs(less.momentum - full.momentum)) < 1e-7  # two cubics that differ in the fourth order
-    if state is ml.DirectionState:
-        assert np.max(np.abs(less.direction - jax.vmap(ml.so3.to_matrix)(full.attitude)[:, 2])) < 1e-7
 
 
 def test_kept_torque_is_renewed_after_a_jump(capfd):
