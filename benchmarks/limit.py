@@ -79,15 +79,16 @@ def _extra_flags(compiler: str) -> tuple[str, ...]:
 def header(dtype: str) -> str:
     """The constants of midlie_jax in this precision, as C."""
     rough = short_series.FEW_ARCTANGENT[dtype]
-    terms = short_series.TERMS[dtype]
+    cosine, sine = short_series.half_angle_polynomials(dtype)
+    spin_terms = short_series.SPIN_TERMS[dtype]
     tables = {
         "ARCTANGENT": short_series.ARCTANGENT[dtype],
         "ROUGH_ARCTANGENT": rough,
         "ROUGH_SLOPE": tuple(n * c for n, c in enumerate(rough) if n),
-        "COSINE": short_series.taylor(0, 0.5, terms),
-        "SPIN_COSINE": short_series.taylor(0, 1.0, short_series.SPIN_TERMS[dtype]),
-        "SPIN_SINE": short_series.taylor(1, 1.0, short_series.SPIN_TERMS[dtype]),
-        "SINE": tuple(0.5 * c for c in short_series.taylor(1, 0.5, terms)),
+        "COSINE": cosine,
+        "SPIN_COSINE": short_series.economised(0, spin_terms),
+        "SPIN_SINE": short_series.economised(1, spin_terms),
+        "SINE": sine,
     }
     epsilon = float(jnp.finfo(dtype).eps)
     first, more = lie_midpoint.STEPS[dtype]

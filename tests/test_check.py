@@ -53,7 +53,7 @@ def test_each_reason_is_named():
         assert ml.check(EA, BODY, torque, state, found.suggested * (1 - 1e-6)).sane
         return found
 
-    turns = why(None, SPINNING, 0.9)
+    turns = why(None, SPINNING, 1.4)
     assert turns.turn > turns.reach
     assert not turns.solved
     assert "FAILS" in str(turns)
@@ -73,12 +73,17 @@ def test_a_batch_is_judged_by_its_worst_body():
     states = ml.RigidState(momenta, jnp.tile(SPINNING.attitude, (3, 1)))
     weights = jnp.array([5.0, 1.0, 0.2])
     together = ml.check(EA, BODY, HeavyTop(weights), states, 0.05)
-    each = [
-        ml.check(EA, BODY, HeavyTop(w), jax.tree.map(lambda x, i=i: x[i], states), 0.05) for i, w in enumerate(weights)
-    ]
+
+    def alone(i, dt):
+        return ml.check(EA, BODY, HeavyTop(weights[i]), jax.tree.map(lambda x: x[i], states), dt)
+
+    each = [alone(i, 0.05) for i in range(3)]
     for name in ("turn", "rate", "stiffness"):
         assert getattr(together, name) == pytest.approx(max(getattr(one, name) for one in each))
-    assert together.suggested == pytest.approx(min(one.suggested for one in each))
+    # The longest step of the worst body, or somewhat less where that step is in a resonance of another body.
+    longest = min(one.suggested for one in each)
+    assert 0.9 * longest <= together.suggested <= longest * (1 + 1e-6)
+    assert all(alone(i, together.suggested * (1 - 1e-6)).sane for i in range(3))
 
 
 def test_decay_and_what_is_not_finite():

@@ -9,7 +9,7 @@ from typing import ClassVar
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, spin
+from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, spin
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
 from .base import Flight
@@ -20,7 +20,7 @@ class NearSymmetric(Flight):
     """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
 
     The error is proportional to the difference of the first two moments: order the axes so that these two are closest.
-    The flight reports False in `ok` where one of its parts turned by more than 2.4 radians.
+    The flight reports False in `ok` where one of its parts turned by more than 4.4 radians.
     """
 
     name: ClassVar[str] = "NEARSYM"
@@ -30,7 +30,7 @@ class NearSymmetric(Flight):
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 2
-    reach: ClassVar[float] = LARGEST_TURN
+    reach: ClassVar[float] = WIDEST_TURN
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
         """The larger rate of the two rotations of the symmetric flight."""
@@ -58,5 +58,5 @@ class NearSymmetric(Flight):
         return (
             increment,
             cp.rotation_change(cp.conjugate(increment), momentum),
-            ok & (before_square + after_square <= LARGEST_SQUARE),
+            ok & (before_square + after_square <= WIDEST_SQUARE),
         )

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from ..._kernel import components as cp
-from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, cosine_and_sinc, half_angle
+from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle
 from ..inertia import Inertia
 from .exact import ExactFlight, Flown
 from .symmetric_tangent import Functions, Turning
@@ -27,7 +27,7 @@ class Symmetric(ExactFlight):
     """The exact flight of bodies with two equal moments; symplectic; conserves energy and spatial momentum to rounding.
 
     The flight reports False in `ok` where no two inverse moments agree to 8 eps, and where one of its rotations exceeds
-    2.4 radians. Its derivatives with respect to the moments allow the moments to become unequal. They exist to first
+    4.4 radians. Its derivatives with respect to the moments allow the moments to become unequal. They exist to first
     order only; a second derivative with respect to the moments raises a ValueError (use JACOBI).
 
     Attributes:
@@ -41,7 +41,7 @@ class Symmetric(ExactFlight):
     equal_moments: ClassVar[bool] = True
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 4
-    reach: ClassVar[float] = LARGEST_TURN
+    reach: ClassVar[float] = WIDEST_TURN
 
     def fitted(self, moments: Array) -> "Symmetric":
         """This flight with the axis of symmetry fixed, if all bodies with these moments, (..., 3), share an axis.
@@ -165,9 +165,9 @@ def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
 
 
 def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:
-    """Whether both rotations of `symmetric_turn` are at most 2.4 radians."""
+    """Whether both rotations of `symmetric_turn` are at most 4.4 radians."""
     turn, angle = _rotations(h, a, c, momentum)
-    return (cp.dot(turn, turn) <= LARGEST_SQUARE) & (angle * angle <= LARGEST_SQUARE)
+    return (cp.dot(turn, turn) <= WIDEST_SQUARE) & (angle * angle <= WIDEST_SQUARE)
 
 
 @jax.custom_jvp
