@@ -11,6 +11,7 @@ The polynomials are Taylor polynomials, economised: a Chebyshev polynomial takes
 from fractions import Fraction
 from functools import cache
 from math import factorial
+from operator import mul
 
 from jax import Array
 
@@ -71,15 +72,17 @@ def cosine_and_sinc(w: Array) -> tuple[Array, Array]:
     return cp.polynomial(economised(0, terms), x), cp.polynomial(economised(1, terms), x)
 
 
-def half_angle(x: Array) -> tuple[Array, Array]:
-    """cos(a/2) and sin(a/2)/a, where a^2 = x <= WIDEST_SQUARE."""
+def half_angle(x: Array, part: float = 1.0) -> tuple[Array, Array]:
+    """cos(part a/2) and sin(part a/2) / (part a), where a^2 = x <= WIDEST_SQUARE / part^2."""
     cosine, sine = half_angle_polynomials(str(x.dtype))
+    powers = [part ** (2 * n) for n in range(len(cosine))]
+    cosine, sine = (tuple(map(mul, terms, powers)) for terms in (cosine, sine))
     return cp.polynomial(cosine, x), cp.polynomial(sine, x)
 
 
 @cache
 def half_angle_polynomials(dtype: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The coefficients of both in x."""
+    """The coefficients in x of both functions of `half_angle`, for the whole angle."""
     terms = TERMS[dtype]
     cosine, sine = (economised(shift, terms, WIDEST_SQUARE / 4) for shift in (0, 1))
     return tuple(c / 4**n for n, c in enumerate(cosine)), tuple(c / (2 * 4**n) for n, c in enumerate(sine))

@@ -10,12 +10,12 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.fusion import begin, fuse, split
-from .._kernel.short_series import LARGEST_SQUARE, half_turn
+from .._kernel.short_series import WIDEST_SQUARE, half_angle
 from ..model.states import DirectionState, RigidState
 from .term import ambient_rate, like
 
-_HALVINGS = 3  # of the angle of a turn, until the polynomials for its sine and cosine are exact
-LARGEST_TURN = 2**_HALVINGS * LARGEST_SQUARE**0.5  # radians, within a step
+_HALVINGS = 2  # of the angle of a turn, until the polynomials for its sine and cosine are exact
+LARGEST_TURN = 2**_HALVINGS * WIDEST_SQUARE**0.5  # radians, within a step
 _LEAST_COSINE = 0.5**0.5  # of half the rest of a turn
 
 
@@ -26,7 +26,7 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
     velocities, and P the cubic quaternion, near one, that matches both attitudes and both angular velocities. It is a
     unit quaternion to rounding, and exact for a steady spin. The spatial momentum is the cubic that matches momentum
     and spatial torque at both ends, and is then rotated to the body frame, so that a free body's spatial momentum is
-    constant between steps as well. The result inside a step is NaN if |W| exceeds 9.7 radians, or if the turn of the
+    constant between steps as well. The result inside a step is NaN if |W| exceeds 8.8 radians, or if the turn of the
     step differs from W by more than a quarter of a turn. For a state without attitude, each array is interpolated by a
     cubic, and a direction is scaled back to unit length.
 
@@ -78,40 +78,49 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     """
     vectors = dense.y0.momentum, dense.y1.momentum, dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
     poses = dense.y0.attitude, dense.y1.attitude
-    parts = tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), dense.h, s
     # Without the barrier, XLA would compute what does not depend on s ahead, entry by entry, for all times of a step.
-    vectors, poses, h, s = begin(jax.lax.optimization_barrier(parts))
+    vectors, poses, h, s = jax.lax.optimization_barrier((vectors, poses, dense.h, s))
+    vectors, poses, h, s = begin((tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), h, s))
     momentum0, momentum1, velocity0, velocity1, torque0, torque1 = vectors
+    end, slope0, slope1 = _weights(s)
     turned = cp.multiply(cp.conjugate(poses[0]), poses[1])
-    mean = cp.scale(h / 2, cp.add(velocity0, velocity1))
-    rest = cp.multiply(cp.conjugate(_exponential(mean)), turned)
-    opposite = rest[0] < 0  # q and -q are the same rotation
-    rest = jax.tree.map(lambda x: jnp.where(opposite, -x, x), rest)
-    valid = (cp.dot(mean, mean) <= LARGEST_TURN**2) & (rest[0] >= _LEAST_COSINE)
-    momentum1, torque1 = cp.rotate(turned, momentum1), cp.rotate(turned, torque1)
-    mean, rest, momentum1, torque1 = split((mean, rest, momentum1, torque1))
+    mean, difference = cp.scale(h / 2, cp.add(velocity0, velocity1)), cp.scale(h / 4, cp.subtract(velocity1, velocity0))
+    square = cp.dot(mean, mean)
+    rest = cp.multiply(cp.conjugate(_exponential(mean, square)), turned)
+    sign = jnp.where(rest[0] < 0, -1.0, 1.0).astype(h.dtype)  # q and -q are the same rotation
+    rest = sign * rest[0], *cp.scale(sign, rest[1:])
+    valid = (square <= LARGEST_TURN**2) & (rest[0] >= _LEAST_COSINE)
+    # The spatial momentum, in the body frame at the start. The cubic is linear in what belongs to the end.
+    spatial = _rotated(turned, cp.add(cp.scale(end, momentum1), cp.scale(slope1 * h, torque1)))
+    spatial = cp.add(spatial, cp.add(cp.scale(1 - end, momentum0), cp.scale(slope0 * h, torque0)))
+    mean, difference, square, rest, spatial = split((mean, difference, square, rest, spatial))
 
     # With q = q0 exp(s W) p, the rate of p is (p h Omega - W p) / 2.
-    zero, last = jnp.zeros_like(h), cp.scale(h, velocity1)
-    slope0 = zero, *cp.scale(h / 4, cp.subtract(velocity0, velocity1))
-    difference, vector = cp.scale(0.5, cp.subtract(last, mean)), rest[1:]
-    change = cp.add(cp.scale(rest[0], difference), cp.cross(vector, cp.scale(0.5, cp.add(last, mean))))
-    slope1 = -cp.dot(vector, difference), *change
-    p = _hermite((1 + zero, zero, zero, zero), rest, slope0, slope1, s)
-    turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean)), p))
+    vector = rest[1:]
+    change = cp.add(cp.scale(rest[0], difference), cp.cross(vector, cp.add(mean, difference)))
+    cubic = cp.add(cp.scale(end, vector), cp.subtract(cp.scale(slope1, change), cp.scale(slope0, difference)))
+    p = 1 - end + end * rest[0] - slope1 * cp.dot(vector, difference), *cubic
+    turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean), s * s * square), p))
     attitude = RigidState.turn(poses[0], turn, jnp.array(False), s)
-    spatial = _hermite(momentum0, momentum1, cp.scale(h, torque0), cp.scale(h, torque1), s)
-    momentum = cp.rotate_back(turn, spatial)
-    momentum, attitude = fuse(jax.tree.map(lambda x: jnp.where(valid, x, jnp.nan), (momentum, attitude)))
+    momentum = _rotated(cp.conjugate(turn), spatial)
+    invalid = jnp.where(valid, 0.0, jnp.nan).astype(h.dtype)
+    momentum, attitude = fuse(jax.tree.map(lambda x: x + invalid, (momentum, attitude)))
     return like(dense.y0, cp.pack(momentum), cp.pack(attitude))
 
 
-def _exponential(turn: cp.Vector) -> cp.Quaternion:
-    """The quaternion of a rotation vector of at most `LARGEST_TURN`."""
-    q = half_turn(cp.scale(0.5**_HALVINGS, turn))
-    for _ in range(_HALVINGS):
-        q = cp.square(q)
-    return q
+def _rotated(q: cp.Quaternion, v: cp.Vector) -> cp.Vector:
+    """q v q* for a unit quaternion q."""
+    return cp.add(v, cp.unit_rotation_change(q, v))
+
+
+def _exponential(turn: cp.Vector, square: Array) -> cp.Quaternion:
+    """The quaternion of a rotation vector of at most `LARGEST_TURN`, and of this squared length."""
+    part = 0.5**_HALVINGS
+    cosine, sine = half_angle(square, part)
+    # The sine is one of part of the angle, divided by as large a part of it, so that no step doubles it.
+    for n in range(_HALVINGS):
+        cosine, sine = cosine * cosine - (part * 2**n) ** 2 * square * sine * sine, cosine * sine
+    return cosine, *cp.scale(sine, turn)
 
 
 def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
@@ -121,17 +130,17 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
     rate1 = ambient_rate(y1, y1.unpack(dense.velocity1), y1.unpack(dense.torque1))
     scaled = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
     start, end, slope0, slope1 = map(jax.tree.leaves, (y0, y1, *scaled))
-    leaves = list(_hermite(start, end, slope0, slope1, s))
+    weights = _weights(s)
+    leaves = [
+        a + weights[0] * (b - a) + weights[1] * c + weights[2] * d
+        for a, b, c, d in zip(start, end, slope0, slope1, strict=True)
+    ]
     if isinstance(y0, DirectionState):
         leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
     return like(y0, *leaves)
 
 
-def _hermite(starts: Any, ends: Any, slopes0: Any, slopes1: Any, s: Array) -> Any:
-    """At s, the cubics on [0, 1] with these values and slopes at their ends."""
-    cubics = []
-    for start, end, slope0, slope1 in zip(starts, ends, slopes0, slopes1, strict=True):
-        change = end - start
-        second, third = 3 * change - 2 * slope0 - slope1, slope0 + slope1 - 2 * change
-        cubics.append(start + s * (slope0 + s * (second + s * third)))
-    return tuple(cubics)
+def _weights(s: Array) -> tuple[Array, Array, Array]:
+    """The weights at s, in a cubic on [0, 1], of the value at 1 and of the slopes at 0 and 1; that of 0 makes one."""
+    rest = 1 - s
+    return s * s * (3 - 2 * s), s * rest * rest, -s * s * rest
