@@ -48,11 +48,11 @@ def spun(turn):
 
 
 def test_dense_output_of_a_long_turn_is_right_or_nan():
-    """Up to 9.7 radians the attitude of a steady spin is the true one, above there is none; a controller keeps below.
+    """Up to 8.8 radians the attitude of a steady spin is the true one, above there is none; a controller keeps below.
 
     Nor is there one where the ends differ from a steady turn by more than a quarter of a turn.
     """
-    for turn in (0.0, 3.1, -3.1, 3.2, 6.0, 2 * np.pi, -9.7, 9.9):
+    for turn in (0.0, 3.1, -3.1, 3.2, 6.0, 2 * np.pi, -8.7, 8.9):
         (y0, spin), (y1, _) = spun(0.0), spun(turn)
         for gap in (0.0, 1.5, -1.5, 1.6, -1.6):
             velocities = {"velocity0": spin, "velocity1": spin, "torque0": 0 * spin, "torque1": 0 * spin}

@@ -93,7 +93,8 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     # The spatial momentum, in the body frame at the start. The cubic is linear in what belongs to the end.
     spatial = _rotated(turned, cp.add(cp.scale(end, momentum1), cp.scale(slope1 * h, torque1)))
     spatial = cp.add(spatial, cp.add(cp.scale(1 - end, momentum0), cp.scale(slope0 * h, torque0)))
-    mean, difference, square, rest, spatial = split((mean, difference, square, rest, spatial))
+    invalid = jnp.where(valid, 0.0, jnp.nan).astype(h.dtype)
+    mean, difference, square, rest, spatial, invalid = split((mean, difference, square, rest, spatial, invalid))
 
     # With q = q0 exp(s W) p, the rate of p is (p h Omega - W p) / 2.
     vector = rest[1:]
@@ -103,7 +104,6 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean), s * s * square), p))
     attitude = RigidState.turn(poses[0], turn, jnp.array(False), s)
     momentum = _rotated(cp.conjugate(turn), spatial)
-    invalid = jnp.where(valid, 0.0, jnp.nan).astype(h.dtype)
     momentum, attitude = fuse(jax.tree.map(lambda x: x + invalid, (momentum, attitude)))
     return like(dense.y0, cp.pack(momentum), cp.pack(attitude))
 
