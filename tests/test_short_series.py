@@ -16,12 +16,12 @@ WIDEST = short_series.WIDEST_SQUARE
 
 def exactly(shift, x):
     """The sum of (-x)^n / (2n + shift)!, in extended precision."""
-    return sum((-x) ** n / np.longdouble(factorial(2 * n + shift)) for n in range(30))
+    return np.sum([(-x) ** n / np.longdouble(factorial(2 * n + shift)) for n in range(30)], axis=0)
 
 
 def value(coefficients, x, dtype):
     """The polynomial with coefficients rounded to `dtype`, in extended precision."""
-    return sum(np.longdouble(np.dtype(dtype).type(c)) * x**n for n, c in enumerate(coefficients))
+    return np.sum([np.longdouble(np.dtype(dtype).type(c)) * x**n for n, c in enumerate(coefficients)], axis=0)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
