@@ -117,7 +117,7 @@ def _exponential(turn: cp.Vector, square: Array) -> cp.Quaternion:
     """The quaternion of a rotation vector of at most `LARGEST_TURN`, and of this squared length."""
     part = 0.5**_HALVINGS
     cosine, sine = half_angle(square, part)
-    # The sine is one of part of the angle, divided by as large a part of it, so that no step doubles it.
+    # Of the angle a, these are cos(p a/2) and sin(p a/2) / (p a), with p = part 2^n; twice p needs no factor 2.
     for n in range(_HALVINGS):
         cosine, sine = cosine * cosine - (part * 2**n) ** 2 * square * sine * sine, cosine * sine
     return cosine, *cp.scale(sine, turn)
