@@ -1,4 +1,5 @@
-# Each target makes what it needs in .venv first; a second call finds it there.
+# Each target makes what it needs in .venv first, with the newest Python of this machine; a second call finds it there.
+# PYTHON=python3.11 chooses another Python for a new .venv.
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
 #   make test               as many of the tests as 5 minutes on two cores allow, of each law something first
 #   make test-all           all laws for one method of each kind: half an hour; PART=2/3 runs the second of three parts
@@ -20,7 +21,12 @@
 #   make test-release       runs all that README and docs say, with the wheel in an empty environment
 #   make test-lowest        some tests with the least versions of what the package depends on
 
-PYTHON ?= $(shell python3.11 --version >/dev/null 2>&1 && echo python3.11 || echo python3)
+# The newest and the oldest of these Pythons that the machine has, in PATH or among pyenv's; else python3.
+VERSIONS = 3.13 3.12 3.11
+first = $(shell for v in $(1); do for python in "python$$v" "$$(pyenv root 2>/dev/null)"/versions/$$v.*/bin/python; do \
+	"$$python" -c "" 2>/dev/null && echo "$$python" && exit; done; done; echo python3)
+PYTHON ?= $(call first,$(VERSIONS))
+OLDEST ?= $(call first,3.11 3.12 3.13)
 SCENE ?= P1
 MINUTES ?= 5
 BUDGET ?= 300
@@ -66,11 +72,12 @@ notebooks: .venv/.notebooks
 notebooks-write: .venv/.notebooks
 	.venv/bin/python benchmarks/notebooks.py --write
 
+# Left alone, pyright takes the version of the first python in PATH for that of .venv.
 lint: .venv/.lint
 	.venv/bin/ruff format --check
 	.venv/bin/ruff check
-	.venv/bin/pyright
-	.venv/bin/pyright -p tests
+	.venv/bin/pyright --pythonpath .venv/bin/python
+	.venv/bin/pyright --pythonpath .venv/bin/python -p tests
 
 fuzz: .venv/.fuzz
 	.venv/bin/python tests/fuzz.py --minutes $(MINUTES)
@@ -110,7 +117,7 @@ test-lowest: .venv-lowest/.lowest
 # XLA's CUDA compiler, which needs no GPU, apart from .venv: there JAX would look for a GPU at every start.
 .venv-cuda/.compiler: pyproject.toml
 	@echo "installing midlie_jax[test] and XLA's CUDA compiler into .venv-cuda"
-	$(PYTHON) -m venv .venv-cuda
+	$(OLDEST) -m venv .venv-cuda
 	.venv-cuda/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	.venv-cuda/bin/python -m pip install --quiet --disable-pip-version-check \
 		"jax-cuda12-plugin==$$(.venv-cuda/bin/python -c 'import jax; print(jax.__version__)')"
@@ -119,7 +126,7 @@ test-lowest: .venv-lowest/.lowest
 # The least versions that pyproject.toml allows, of direct dependencies; of theirs the newest that fit.
 .venv-lowest/.lowest: pyproject.toml
 	@echo "installing the least versions of what midlie_jax[test] depends on into .venv-lowest"
-	$(PYTHON) -m venv --clear .venv-lowest
+	$(OLDEST) -m venv --clear .venv-lowest
 	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check uv
 	.venv-lowest/bin/uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct -e '.[test]'
 	@touch $@

@@ -16,7 +16,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-COMMANDS = ("chart", "run", "inspect", "view", "fit", "stability", "claims", "methods", "scenes")
+_OWN = "; MODULE:NAME is one of your own, of a module in this folder"
+COMMANDS = ("chart", "run", "inspect", "view", "export", "fit", "stability", "claims", "methods", "scenes")
 _MOST_STEPS = 2**31 - 1  # steps are counted in 32 bits
 
 
@@ -104,8 +105,6 @@ def _only_with_store(run: argparse.ArgumentParser, options: argparse.Namespace, 
     wrong = [name for name, value in given.items() if value and not store]
     if wrong:
         run.error(f"{' and '.join(wrong)} must be given with --out and a name that ends in .zarr")
-    if store and options.plot:
-        run.error("--plot draws no .zarr; draw it afterwards with midlie inspect --plot")
 
 
 def _choice(name: str, known: Sequence[str]) -> str:
@@ -123,11 +122,12 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     _add_run(commands.add_parser("run", help="integrate one scene, or many perturbed copies of it"))
     _add_inspect(commands.add_parser("inspect", help="check a run that was saved as .zarr, and draw it"))
     _add_view(commands.add_parser("view", help="turn a saved run into a moving picture: HTML or GIF"))
+    _add_export(commands.add_parser("export", help="write the attitudes of one body of a saved run as CSV"))
     _add_fit(commands.add_parser("fit", help="moments and initial rates of a body from measured angular velocities"))
     _add_stability(commands.add_parser("stability", help="maps of where methods fail on a scene"))
     _add_claims(commands.add_parser("claims", help="measure what is claimed of the methods, and say what holds"))
-    commands.add_parser("methods", help="list the methods")
-    commands.add_parser("scenes", help="list the scenes")
+    _add_names(commands.add_parser("methods", help="list the methods"), "any FLIGHT[SCHEME]; by default all methods")
+    _add_names(commands.add_parser("scenes", help="list the scenes"), "by default a line on each scene")
     return parser, dict(commands.choices)
 
 
@@ -136,9 +136,11 @@ def _add_chart(chart: argparse.ArgumentParser) -> None:
         "Runs every method over a ladder of steps and writes the errors and the times as a table and a picture. "
         "The command runs on one core, so times are those of one core."
     )
-    chart.add_argument("scene", nargs="?", default="P1", metavar="SCENE", help="see `midlie scenes` (default: P1)")
+    chart.add_argument(
+        "scene", nargs="?", default="P1", metavar="SCENE", help=f"see `midlie scenes` (default: P1){_OWN}"
+    )
     chart.add_argument("--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: chart-SCENE.png)")
-    chart.add_argument("--methods", nargs="+", metavar="NAME", help="methods (default: those of the paper)")
+    chart.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: those of the paper){_OWN}")
     chart.add_argument(
         "--steps", type=_whole(1, _MOST_STEPS), metavar="N", help="steps on the coarsest rung of the ladder"
     )
@@ -148,6 +150,7 @@ def _add_chart(chart: argparse.ArgumentParser) -> None:
         action="store_true",
         help="instead, draw error against cost, also of other programs (needs the extra bench)",
     )
+    chart.add_argument("--quick", action="store_true", help="with --rivals: time fewer and shorter runs")
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
@@ -155,9 +158,9 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         "Integrates a scene and prints the errors of energy and momentum and the run time. --out saves the states in a "
         "file, --plot draws them."
     )
-    run.add_argument("scene", metavar="SCENE", help="see `midlie scenes`")
+    run.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`{_OWN}")
     run.add_argument(
-        "--method", default="JACOBI[EA]", metavar="NAME", help="see `midlie methods` (default: JACOBI[EA])"
+        "--method", default="JACOBI[EA]", metavar="NAME", help=f"see `midlie methods` (default: JACOBI[EA]){_OWN}"
     )
     run.add_argument("--dt", type=_number, metavar="H", help="step (default: the scene's)")
     run.add_argument(
@@ -194,16 +197,19 @@ def _add_inspect(inspect: argparse.ArgumentParser) -> None:
         "momentum."
     )
     inspect.add_argument("store", metavar="RUN.zarr", help="the folder")
-    inspect.add_argument("--plot", type=_file(".png"), metavar="FILE", help="draw the run of a scene, as a PNG")
+    inspect.add_argument("--plot", type=_file(".png"), metavar="FILE", help="draw the run, as a PNG")
 
 
 def _add_view(view: argparse.ArgumentParser) -> None:
     view.description = (
-        "Shows one body of a run that `midlie run --out` or midlie_jax.simulate has written: as an HTML file, in which "
-        "the body can be turned with the mouse, played and set to any time, and which needs no network; or as a GIF."
+        "Shows bodies of runs that `midlie run --out` or midlie_jax.simulate has written: as an HTML file, in which a "
+        "body can be turned with the mouse, played and set to any time, and which needs no network; or as a GIF. "
+        "Several bodies, or several runs, stand side by side at the same times."
     )
-    view.add_argument("run", metavar="RUN", help="the .npz or .zarr")
-    view.add_argument("--body", type=_whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
+    view.add_argument("runs", nargs="+", metavar="RUN", help="the .npz or .zarr; several of them side by side")
+    view.add_argument(
+        "--body", nargs="+", type=_whole(0), default=[0], metavar="K", help="which bodies, from 0 (default: 0)"
+    )
     view.add_argument(
         "--out",
         type=_file(".html", ".gif"),
@@ -212,16 +218,48 @@ def _add_view(view: argparse.ArgumentParser) -> None:
         help="the .html or .gif to write (default: view.html)",
     )
     view.add_argument(
-        "--axis", type=int, choices=(1, 2, 3), default=3, help="the axis of the body that is traced (default: 3)"
+        "--axis",
+        type=_axis,
+        default="e3",
+        metavar="AXIS",
+        help="the axis of the body that is traced: e1, e2 or e3, or a direction such as 1,0,1 (default: e3)",
     )
+    view.add_argument("--frames", type=_whole(2), metavar="N", help="evenly spaced times (default: HTML 200, GIF 72)")
+    view.add_argument("--title", metavar="TEXT", help="the line above (default: HTML what the run says, GIF none)")
+    gif = view.add_argument_group("of a GIF alone")
+    gif.add_argument("--rate", type=_positive, metavar="F", help="frames a second, at most 50 (default: 20)")
+    gif.add_argument("--size", type=_whole(64, 2000), metavar="PIXELS", help="of the picture of a body (default: 320)")
+    gif.add_argument("--elevation", type=_number, metavar="DEG", help="of the viewer above the xy plane (default: 22)")
+    gif.add_argument("--azimuth", type=_number, metavar="DEG", help="of the viewer around z from x (default: -55)")
+    gif.add_argument("--background", metavar="COLOUR", help="any colour of matplotlib (default: white)")
     view.add_argument("--open", action="store_true", help="open it in the browser")
+
+
+def _add_export(export: argparse.ArgumentParser) -> None:
+    export.description = (
+        "Writes the attitudes of one body of a run that `midlie run --out` or midlie_jax.simulate has written, as CSV: "
+        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit."
+    )
+    export.add_argument("run", metavar="RUN", help="the .npz or .zarr")
+    export.add_argument("--body", type=_whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
+    export.add_argument(
+        "--euler",
+        type=_sequence,
+        metavar="ABC",
+        help="Euler angles instead: first about the body's axis A, then about its axes B and C where they are by then; "
+        "ZYX is yaw, pitch and roll, ZXZ precession, nutation and spin",
+    )
+    export.add_argument("--radians", action="store_true", help="angles in radians (default: degrees)")
+    export.add_argument("--csv", action="store_true", help="write CSV; there is no other format yet")
+    export.add_argument("--out", type=_file(".csv"), metavar="FILE", help="the .csv to write (default: the terminal)")
 
 
 def _add_fit(fit: argparse.ArgumentParser) -> None:
     fit.description = (
         "Fits the moments of inertia of a body under no torque, up to their sum, and its initial angular velocity to "
-        "the angular velocities in a CSV file with a header: time in seconds, then the rates about the three principal "
-        "axes. Empty cells are missing values. Prints the estimates with 95 % intervals."
+        "the angular velocities in a CSV file with a header: time, then the rates about the three principal axes. "
+        "Empty cells are missing values. Prints the estimates with 95 % intervals. The exit code is 2 if the fit is "
+        "not ok: if it did not converge, or if its residuals are not noise of the size of sigma."
     )
     fit.add_argument("data", metavar="DATA.csv", help="the measurements")
     fit.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
@@ -236,11 +274,28 @@ def _add_fit(fit: argparse.ArgumentParser) -> None:
         "--sigma", type=_positive, metavar="S", help="their standard deviation, in this unit (default: from the fit)"
     )
     fit.add_argument(
+        "--bias", action="store_true", help="also find the bias of the gyroscope, what it adds to the rates"
+    )
+    fit.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s)")
+    fit.add_argument(
+        "--magnetometer",
+        nargs=3,
+        metavar="NAME",
+        help="the columns of a magnetometer, along the same axes, in any unit; the field must be constant in space",
+    )
+    fit.add_argument(
+        "--magnetometer-sigma", type=_positive, metavar="DEG", help="the standard deviation of its direction, degrees"
+    )
+    fit.add_argument("--hard-iron", action="store_true", help="also find what the magnetometer adds to the field")
+    fit.add_argument(
+        "--starts", type=_whole(1), default=1, metavar="N", help="starts: the guess and N - 1 around it (default: 1)"
+    )
+    fit.add_argument(
         "--moments",
         nargs=3,
         type=_positive,
         metavar="I",
-        help="a guess; the fit keeps its sum (default: each order of three different moments, with the sum 5.5)",
+        help="a guess; the fit keeps its sum (default: from the rates by Euler's equations, with the sum 5.5)",
     )
     fit.add_argument(
         "--out", type=_file(".png"), metavar="FILE", help="draw the fitted curves and the residuals, as a PNG"
@@ -252,13 +307,19 @@ def _add_stability(stability: argparse.ArgumentParser) -> None:
         "Runs every method over a grid of steps and of spins, shapes of the body and strengths of the field, and draws "
         "the worst energy error, where solves fail, where runs blow up, and the limits that theory gives."
     )
-    stability.add_argument("scene", metavar="SCENE", help="see `midlie scenes`; its energy must be constant")
-    stability.add_argument("--methods", nargs="+", metavar="NAME", help="methods (default: one of each kind)")
+    stability.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`; its energy must be constant{_OWN}")
+    stability.add_argument("--methods", nargs="+", metavar="NAME", help=f"methods (default: one of each kind){_OWN}")
     stability.add_argument(
         "--steps", type=_whole(1, _MOST_STEPS), default=10_000, metavar="N", help="steps of each run (default: 1e4)"
     )
     stability.add_argument(
         "--grid", type=_whole(2, 500), default=32, metavar="N", help="points along each side of a map (default: 32)"
+    )
+    stability.add_argument(
+        "--sweeps",
+        nargs="+",
+        choices=("spin", "anisotropy", "stiffness"),
+        help="what is varied, a row of maps each (default: all that the scene has)",
     )
     stability.add_argument(
         "--out", type=_file(".png"), metavar="FILE", help="the PNG to write (default: stability-SCENE.png)"
@@ -273,7 +334,7 @@ def _add_claims(claims: argparse.ArgumentParser) -> None:
         "on two cores."
     )
     which = claims.add_mutually_exclusive_group()
-    which.add_argument("--methods", nargs="+", metavar="NAME", help="only these methods")
+    which.add_argument("--methods", nargs="+", metavar="NAME", help=f"only these methods{_OWN}")
     which.add_argument("--all", action="store_true", help="every method, and every flight with every scheme: hours")
     claims.add_argument(
         "--steps", type=_whole(8, _MOST_STEPS), metavar="N", help="steps of the long run (default: 1e6)"
@@ -282,6 +343,10 @@ def _add_claims(claims: argparse.ArgumentParser) -> None:
     claims.add_argument(
         "--out", type=_file(".png"), metavar="FILE", help="draw the energy over the long runs, as a PNG"
     )
+
+
+def _add_names(command: argparse.ArgumentParser, what: str) -> None:
+    command.add_argument("names", nargs="*", metavar="NAME", help=f"only these, {what}{_OWN}")
 
 
 def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
@@ -318,11 +383,35 @@ def _number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"must be a number, got {text!r}; write for example 0.005 or 5e-3") from None
 
 
+def _axis(text: str) -> Any:
+    """An axis of the body: its name, or a direction as a unit vector.
+
+    A single number is refused: 1 meant e1 here once, where Python's axis=1 is e2.
+    """
+    if text in ("e1", "e2", "e3"):
+        return text
+    parts = [_number(part) for part in text.split(",")] if "," in text else []
+    length = math.hypot(*parts)
+    if len(parts) != 3 or not 0 < length < math.inf:
+        hint = "; Python's axis=0, 1, 2 are e1, e2, e3" if text.isdigit() else ""
+        raise argparse.ArgumentTypeError(f"must be e1, e2 or e3, or a direction such as 1,0,1, got {text!r}{hint}")
+    return [part / length for part in parts]
+
+
 def _positive(text: str) -> float:
     number = _number(text)
     if not (math.isfinite(number) and number > 0):
         raise argparse.ArgumentTypeError(f"must be positive, got {text!r}")
     return number
+
+
+def _sequence(text: str) -> str:
+    """The axes of Euler angles."""
+    if len(text) != 3 or set(text) - set("XYZ") or text[1] in (text[0], text[2]):
+        raise argparse.ArgumentTypeError(
+            f"must be three of the letters X, Y, Z, no neighbours the same, got {text!r}; write for example ZYX or ZXZ"
+        )
+    return text
 
 
 def _file_or_store(text: str) -> str:

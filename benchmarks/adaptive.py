@@ -18,6 +18,7 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
+from midlie_jax._kernel.verdict import is_fine  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed  # noqa: E402
 from midlie_jax.methods.system import Motion, System  # noqa: E402  (for a step control that is not in the package)
@@ -122,7 +123,7 @@ def density_at_start(method, case, dt, steps, every):
         t, motion, force, ok = carry
         h = dt / density(t, type(start).join(motion.momentum, motion.pose))
         motion, force, step_ok = method.step(system, t, t + h, h, motion, force)
-        return (t + h, motion, force, ok & step_ok), None
+        return (t + h, motion, force, ok & is_fine(step_ok)), None
 
     def save_interval(carry, _):
         carry, _ = jax.lax.scan(advance, carry, length=every)
@@ -231,7 +232,7 @@ def cost(count=2048, steps=128):
             steps=1024,
             save_every=1024,
             t1=2.0,
-            reverse=reverse,
+            adjoint=ml.Checkpointed() if reverse else None,
         )
         return path.taken, path.ok
 
@@ -243,7 +244,7 @@ def cost(count=2048, steps=128):
     for label, batch, reverse in (
         ("all equal (.4)", jnp.full(count, 0.4), False),
         ("all in one batch", eccentricities, False),
-        ("all in one batch, reverse=True, of 1024", eccentricities, True),
+        ("all in one batch, adjoint=Checkpointed(), of 1024", eccentricities, True),
     ):
         run = jax.jit(jax.vmap(lambda e, reverse=reverse: run_to_t1(e, reverse)))
         batch_seconds = seconds(run, batch)

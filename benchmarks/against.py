@@ -85,7 +85,7 @@ def main():
     print("| method | dtype | before | after, M body-steps/s | time after / before |\n|---|---|---|---|---|")
     for name in named():
         for dtype in ("float64", "float32"):
-            old, new, ratio = asked_in_turn(before, after, (name, dtype), REPEATS)
+            old, new, ratio = asked_in_turn((before, after), (name, dtype), REPEATS)
             print(f"| {name} | {dtype} | {1e-6 / old:.1f} | {1e-6 / new:.1f} | {ratio:.2f} |", flush=True)
 
 

@@ -1,15 +1,17 @@
 """Measures the integrators through diffrax: a table for each name.
 
-    python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32] [adjoints] [--write]
+    python benchmarks/diffrax_pipeline.py [solvers] [energy] [float32] [events] [adjoints] [--write]
 
 solvers  one term with five solvers of diffrax and two of ours: error, order, drift of a free body's spatial momentum
 energy   energy error of an asymmetric top over a long time, with a constant step and with a PIDController
 float32  1e5 steps in float32: the torque itself, against the torque recovered from the derivative of the arrays
+events   a crossing of the fast top P1 by both kinds of dense output, against the closed form
 adjoints  first call and later calls of the derivatives that optimisers need; --write puts it into docs/diffrax.md
 """
 
 import sys
 import time
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -17,13 +19,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
+from scipy.optimize import brentq
 
 jax.config.update("jax_enable_x64", True)
 
 from pages import put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.bench import oracles, scenes  # noqa: E402
 
 MOMENTS, WEIGHT, AXIS = (1.0, 2.0, 2.5), 2.0, (0.48, 0.6, 0.64)
 
@@ -151,6 +154,50 @@ def float32(steps=100_000, dt=0.005, count=64):
         print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
 
 
+def events(dt=0.01):
+    """Prints errors and costs of the moment at which the axis of the top first falls through the plane x = 0."""
+    scene = scenes.scene("P1")
+    moments, weight = np.asarray(scene.body.moments), float(scene.torque.weight)
+    term = ml.RigidBodyTerm(scene.body, scene.torque)
+
+    def east(t, y, args, **kwargs):
+        del t, args, kwargs
+        return ml.so3.to_matrix(y.attitude)[0, 2]
+
+    def exact(t):
+        begun = np.asarray(scene.start.momentum), np.asarray(scene.start.attitude)
+        (momentum,), (attitude,) = oracles.lagrange_top(moments, weight, *begun, [t])
+        return ml.RigidState(jnp.asarray(momentum), jnp.asarray(attitude))
+
+    event = diffrax.Event(east, optimistix.Newton(1e-13, 1e-13), direction=False)
+    print(f"an event of the fast top P1, steps of {dt}")
+    heads = f"{'method':22} {'dense':6} {'error of time':>13} {'of Pi':>8} {'of attitude':>11}"
+    print(f"{heads} {'first call':>10} {'later':>8}")
+    for name in ("SYMMETRIC[EA]", "SYMMETRIC[SRKN6b]", "SYMMETRIC[SRKN14a]"):
+        for dense in ("cubic", "step"):
+
+            @jax.jit
+            def crossing(y, name=name, dense=dense):
+                solver = ml.LieSolver(name, dense=dense)
+                options = {"event": event, "adjoint": diffrax.ForwardMode(), "max_steps": None}
+                found = diffrax.diffeqsolve(term, solver, 0.0, 10.0, dt, y, **options)
+                return found.ts[0], jax.tree.map(lambda x: x[0], found.ys)
+
+            seconds = []
+            for _ in range(10):
+                began = time.process_time()
+                moment, state = jax.block_until_ready(crossing(scene.start))
+                seconds.append(time.process_time() - began)
+            near = float(moment)
+            crossed: Any = brentq(lambda t: float(east(t, exact(t), None)), near - dt / 9, near + dt / 9, xtol=1e-15)
+            true = float(crossed)
+            turn = ml.so3.multiply(ml.so3.conjugate(exact(true).attitude), state.attitude)
+            errors = abs(near - true), jnp.linalg.norm(state.momentum - exact(true).momentum)
+            figures = f"{errors[0]:13.1e} {errors[1]:8.1e} {2 * jnp.linalg.norm(turn[1:]):11.1e}"
+            costs = f"{seconds[0]:8.1f} s {1e3 * np.median(seconds[1:]):5.2f} ms"
+            print(f"{name:22} {dense:6} {figures} {costs}", flush=True)
+
+
 BEGIN, END = "<!-- adjoints -->", "<!-- /adjoints -->"
 LENGTH, STEPS, SAVED = 1.0, 200, 11  # of the run that is differentiated
 
@@ -210,7 +257,7 @@ def adjoints(write=False):
         put("diffrax.md", BEGIN, END, lines)
 
 
-TABLES = {"solvers": solvers, "energy": energy, "float32": float32, "adjoints": adjoints}
+TABLES = {"solvers": solvers, "energy": energy, "float32": float32, "events": events, "adjoints": adjoints}
 
 if __name__ == "__main__":
     names = [name for name in sys.argv[1:] if name != "--write"]

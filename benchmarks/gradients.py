@@ -5,7 +5,9 @@
 1000 fast tops P1 take 128 steps in float64 on one core; the gradient is that of |Pi|^2 at the end with respect to the
 three moments and the weight, for each top. Times are medians of processor time, of programs that take turns; first
 calls include tracing and compiling. The memory is what the compiled gradient needs besides arguments and results, for
-one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint.
+one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint. Our programs have the options
+of the compiler that docs/performance.md recommends for many bodies; Tsit5, which is faster without the second of them,
+has the first.
 """
 
 import time
@@ -23,6 +25,7 @@ jax.config.update("jax_enable_x64", True)
 from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
+from midlie_jax._kernel.compiler import compiler_options, vector_width_options  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed_in_turn  # noqa: E402
 
@@ -64,10 +67,10 @@ def tsit5(parameters, start):
     return jnp.sum(found.ys[-1, :3] ** 2)
 
 
-def compiled(function):
+def compiled(function, options):
     """The compiled function of the starts, and the seconds of a first call without the run."""
     began = time.process_time()
-    program = jax.jit(jax.vmap(function)).lower(STARTS).compile()
+    program = jax.jit(jax.vmap(function)).lower(STARTS).compile(compiler_options=options)
     return program, time.process_time() - began
 
 
@@ -78,9 +81,9 @@ def memory(name, adjoint, steps):
     return analysis.temp_size_in_bytes
 
 
-def row(label, adjoint, end, value_of=None):
-    value, _ = compiled(lambda start: (value_of or end)(PARAMETERS, start))
-    gradient, seconds = compiled(lambda start: jax.value_and_grad(end)(PARAMETERS, start))
+def row(label, adjoint, end, options):
+    value, _ = compiled(lambda start: end(PARAMETERS, start), options)
+    gradient, seconds = compiled(lambda start: jax.value_and_grad(end)(PARAMETERS, start), options)
     calls = [lambda: jax.block_until_ready(value(STARTS)), lambda: jax.block_until_ready(gradient(STARTS))]
     (_, one), (_, both) = timed_in_turn(calls, least=31, most=61)
     nanoseconds = 1e9 * both.seconds / BODIES / STEPS
@@ -95,8 +98,8 @@ def rows():
     for name in METHODS:
         for label, adjoint in ADJOINTS.items():
             sizes = [f"{memory(name, adjoint, steps) / 1e3:.0f} kB" for steps in LONG]
-            yield [*row(name, label, ours(name, adjoint, STEPS)), *sizes]
-    yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5), *("" for _ in LONG)]
+            yield [*row(name, label, ours(name, adjoint, STEPS), compiler_options(BODIES)), *sizes]
+    yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5, vector_width_options()), *("" for _ in LONG)]
 
 
 if __name__ == "__main__":

@@ -35,8 +35,8 @@ def nutation(axes: Any) -> None:
     axes.view_init(35, -60)
 
 
-def brick_path(momentum: Any, last: float, count: int) -> Any:
-    return ml.free_motion(BRICK, ml.RigidState(momentum, UPRIGHT), jnp.linspace(0.0, last, count))
+def brick_path(momentum: Any, last: float, count: int, body: ml.RigidBody = BRICK) -> Any:
+    return ml.free_motion(body, ml.RigidState(momentum, UPRIGHT), jnp.linspace(0.0, last, count))
 
 
 def turning_over(axes: Any) -> None:
@@ -91,7 +91,7 @@ def started(theta: float, q: float) -> ml.DirectionState | None:
 
 
 def sections(axes: Any) -> None:
-    panel(axes, "poincare", "angle of the vertical from axis 3 towards axis 2  [rad]", "Π across  [kg m²/s]")
+    panel(axes, "poincare", "angle of the vertical from e3 towards e2  [rad]", "Π across  [kg m²/s]")
     body, torque = ml.RigidBody(MOMENTS), ml.torques.HeavyTop(WEIGHT)
     colours = (BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE, GREY, "black")
     for start, colour in zip(STARTS, colours, strict=True):
@@ -119,9 +119,15 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=DOCS)
     folder = parser.parse_args().folder
     write(motion(), str(folder / "motion.png"))
-    flip = brick_path([0.01, 2.0, 0.01], 18.0, 361)
-    ml.plot.animate(BRICK, flip, folder / "flip.gif", axis=1, frames=48, size=240, rate=16.0, azimuth=50.0)
-    for name in ("motion.png", "flip.gif"):
+    spun = [0.01, 2.0, 0.01], 18.0, 361
+    flip = brick_path(*spun)
+    seen: Any = {"axis": "e2", "frames": 48, "size": 240, "rate": 16.0, "azimuth": 50.0}
+    ml.plot.animate(BRICK, flip, folder / "flip.gif", **seen)
+    shapes = ([1.0, 2.0, 2.5], [0.3, 2.0, 2.1], [1.0, 1.2, 2.1])
+    bodies = [ml.RigidBody(moments) for moments in shapes]
+    paths = {f"moments {', '.join(map(str, m))}": brick_path(*spun, b) for m, b in zip(shapes, bodies, strict=True)}
+    ml.plot.animate(bodies, paths, folder / "bodies.gif", **seen)
+    for name in ("motion.png", "flip.gif", "bodies.gif"):
         print(f"{name}: {(folder / name).stat().st_size / 1000:.0f} kB")
 
 

@@ -34,7 +34,7 @@ jax.config.update("jax_enable_x64", True)
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel.width import vector_width_options  # noqa: E402
+from midlie_jax._kernel.compiler import compiler_options, vector_width_options  # noqa: E402
 from midlie_jax.bench import scenes  # noqa: E402
 from midlie_jax.bench.rivals.problem import rates  # noqa: E402
 from midlie_jax.drivers.timing import timed, user_clock  # noqa: E402
@@ -54,20 +54,22 @@ def starts(scene, batch):
     return scenes.perturbed(scene, batch, 1e-3)
 
 
-def compiled(function, argument):
-    """The function compiled as `ml.ensemble` compiles it at once, and the seconds of tracing and compiling."""
+def compiled(function, argument, options=None):
+    """The function compiled, by default as `ml.ensemble` compiles it, and the seconds of tracing and compiling."""
     begin = time.perf_counter()
-    program = jax.jit(function, compiler_options=vector_width_options()).lower(argument).compile()
+    first = jax.tree.leaves(argument)[0]
+    options = compiler_options(first.shape[0] if first.ndim > 1 else 1) if options is None else options
+    program = jax.jit(function, compiler_options=options).lower(argument).compile()
     return program, time.perf_counter() - begin
 
 
-def body_step(run, scene, batch, steps):
+def body_step(run, scene, batch, steps, options=None):
     """Seconds a body-step of `run(start)` over a batch of starts (without vmap for 1), and seconds of compiling."""
     many = starts(scene, batch)
     if batch == 1:
-        program, compiling = compiled(run, jax.tree.map(lambda x: x[0], many))
+        program, compiling = compiled(run, jax.tree.map(lambda x: x[0], many), options)
         return median_seconds(lambda: program(jax.tree.map(lambda x: x[0], many))) / steps, compiling
-    program, compiling = compiled(jax.vmap(run), many)
+    program, compiling = compiled(jax.vmap(run), many, options)
     return median_seconds(lambda: program(many)) / (steps * batch), compiling
 
 
@@ -180,12 +182,13 @@ def limits(scene, batch, steps):
         rivals = {method: "of the same arithmetic in C"}
         if method == "LIEMID":
             rivals["LIEMID_EARLY"] = "of C that stops a solve early"
+        digits = jnp.dtype(dtype).name
         for rival, words in rivals.items():
-            kind = limit.best(rival, dtype.__name__)
-            pairs = [(limit.limit(rival, dtype.__name__), median_seconds(call) / (batch * steps)) for _ in range(3)]
+            kind = limit.best(rival, digits)
+            pairs = [(limit.limit(rival, digits), median_seconds(call) / (batch * steps)) for _ in range(3)]
             share = statistics.median(c / cost for c, cost in pairs)
             speed = f"limit {1e-6 / min(c for c, _ in pairs):.1f} M/s by {Path(kind.compiler).name}: {kind.form}"
-            yield f"{name}, {dtype.__name__}, {words}", speed, f"{share:.2f} of it", ""
+            yield f"{name}, {digits}, {words}", speed, f"{share:.2f} of it", ""
 
 
 def sizes(scene, name, reference):
@@ -299,7 +302,7 @@ def rows(scene, quick):
     yield from flight_rows(scene, batch, steps)
     yield from state_rows(batch, steps)
     yield from free_motion_row(batch)
-    cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps)
+    cost, compiling = body_step(tsit5_run(scene, 0.005, steps), scene, batch, steps, vector_width_options())
     yield "diffrax Tsit5, vmapped, constant step", "", f"{reference / cost:.2f}", f"{compiling:.1f} s"
     liemid, tsit5 = equal_time_errors(scene, reference / cost)
     yield "error of Pi at equal time, T = 1", f"LIEMID[EA] {liemid:.1e}, Tsit5 {tsit5:.1e}", "", ""

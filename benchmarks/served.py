@@ -3,7 +3,7 @@
 import statistics
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 
@@ -28,13 +28,13 @@ def requests() -> Iterator[tuple[str, ...]]:
     return (tuple(line.rstrip("\n").split("\t")) for line in sys.stdin)
 
 
-def asked_in_turn(first: Served, second: Served, words: tuple[str, ...], repeats: int) -> tuple[float, float, float]:
-    """The medians of both answers, and of their ratio, second over first; after one answer each, which compiles.
+def asked_in_turn(processes: Sequence[Served], words: tuple[str, ...], repeats: int) -> tuple[float, ...]:
+    """The medians of the answers, and of the ratio of the last to the first; after one answer each, which compiles.
 
-    The processes take turns, so that a change of the speed of the machine affects both.
+    The processes take turns, so that a change of the speed of the machine affects all.
     """
-    for process in (first, second):
+    for process in processes:
         process.ask(*words)
-    pairs = [(first.ask(*words), second.ask(*words)) for _ in range(repeats)]
-    one, other = (statistics.median(column) for column in zip(*pairs, strict=True))
-    return one, other, statistics.median(b / a for a, b in pairs)
+    rounds = [[process.ask(*words) for process in processes] for _ in range(repeats)]
+    medians = (statistics.median(column) for column in zip(*rounds, strict=True))
+    return *medians, statistics.median(answers[-1] / answers[0] for answers in rounds)

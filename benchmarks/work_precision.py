@@ -22,7 +22,7 @@ import times_faster
 from pages import put, shown
 
 from midlie_jax.bench import frontier, rivals, work_precision
-from midlie_jax.bench.families import CONSERVING, FAMILIES, GENERAL
+from midlie_jax.bench.families import FAMILIES
 from midlie_jax.bench.frontier_chart import work_precision_chart
 from midlie_jax.drivers.timing import cost_clock, pin
 
@@ -32,16 +32,6 @@ pin()
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
-# Largest wanted ratio of our time to heyoka's at each error, for some families of each scene.
-TARGETS = {
-    "P1": {GENERAL: 0.1},
-    "asymmetric-top": {GENERAL: 0.25, CONSERVING: 0.6},
-    "bruls-cardona": {GENERAL: 0.15},
-    "gravity-gradient-10": {GENERAL: 0.35},
-    "tumbling-brick": {GENERAL: 0.15},
-}
-# The same for our time to diffrax's best.
-OVER_DIFFRAX = dict.fromkeys(work_precision.SCENES, 0.05) | {"P1": 0.01, "bruls-cardona": 0.01}
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 HEAD = """# Error against time
 
@@ -128,7 +118,7 @@ def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
     problem, rows = comparison.problem, comparison.ratios
     picture = out / f"work-precision-{name}.png"
     work_precision_chart(
-        *(comparison.ours, comparison.rivals, work_precision.families_of(comparison.ours), str(picture)),
+        *(comparison.ours, comparison.rivals, comparison.families, str(picture)),
         title=work_precision.title(problem),
         note=work_precision.note(comparison),
         clock=cost_clock().name,
@@ -156,22 +146,17 @@ Drawn by `python benchmarks/work_precision.py --scene {name}`.
 
 </details>
 """
-    summary = _row([name, *_verdicts(rows, TARGETS[name], OVER_DIFFRAX[name])])
+    summary = _row([name, *_spans(rows)])
     if comparison.in_steps:
-        summary += "\n" + _row([f"{name}, in steps", *_verdicts(comparison.in_steps)])
+        summary += "\n" + _row([f"{name}, in steps", *_spans(comparison.in_steps)])
     print(section + "\n" + summary, flush=True)
     return section, summary
 
 
-def _verdicts(rows: list[frontier.Ratio], wanted: dict[str, float] | None = None, over_diffrax: float | None = None):
-    """The spans of the ratios to heyoka by family, and of the ratio to diffrax, with what is wanted of them."""
-    return [
-        *(
-            frontier.verdict([(r.error, r.families[family].over_heyoka) for r in rows], (wanted or {}).get(family))
-            for family in FAMILIES
-        ),
-        frontier.verdict([(r.error, r.over_diffrax) for r in rows], over_diffrax),
-    ]
+def _spans(rows: list[frontier.Ratio]) -> list[str]:
+    """The spans of the ratios to heyoka by family, and of the ratio to diffrax."""
+    over_heyoka = [frontier.span([row.families[family].over_heyoka for row in rows]) for family in FAMILIES]
+    return [*over_heyoka, frontier.span([row.over_diffrax for row in rows])]
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -1,8 +1,9 @@
 """What mkdocs does before it renders a page: it writes out the names of the API pages.
 
-The line `<!-- api: midlie_jax.torques -->` becomes an entry for each public name of that module, with what its
-docstring says. So a new name is on its page without a change of the page. `tests/test_api_pages.py` calls the same
-functions.
+What stands between `<!-- api: midlie_jax.torques -->` and `<!-- /api -->` becomes an entry for each public name of that
+module, with all that its docstring says. The marker may also list single names, as in
+`<!-- api: midlie_jax.energy, midlie_jax.kinetic_energy -->`. In the Markdown of the repository signatures and first
+sentences stand there, which `benchmarks/api_pages.py` writes. `tests/test_api_pages.py` calls the same functions.
 """
 
 import ast
@@ -15,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-LINE = re.compile(r"^<!-- api: ([\w.]+) -->$", re.MULTILINE)
+MARKED = re.compile(r"^<!-- api: ([\w., ]+) -->$.*?^<!-- /api -->$", re.MULTILINE | re.DOTALL)
 ENTRY = re.compile(r"^::: ([\w.]+)$", re.MULTILINE)
 
 
@@ -53,9 +54,16 @@ def _has_entry(value: Any) -> bool:
     return callable(value) and not isinstance(value, ModuleType) and ours
 
 
+def entries_of(marker: str) -> list[str]:
+    """The dotted names that a marker stands for: those of modules, and single ones."""
+    names = [name.strip() for name in marker.split(",")]
+    modules = {name: isinstance(module_of(name), ModuleType) for name in names}
+    return [entry for name in names for entry in (entries(name) if modules[name] else [name])]
+
+
 def written_out(markdown: str) -> str:
-    """The page with an entry for each public name in the place of each line `<!-- api: ... -->`."""
-    return LINE.sub(lambda line: "\n\n".join(f"::: {entry}" for entry in entries(line[1])), markdown)
+    """The page with an entry for each public name in the place of what the markers enclose."""
+    return MARKED.sub(lambda found: "\n\n".join(f"::: {entry}" for entry in entries_of(found[1])), markdown)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -142,7 +142,7 @@ print(f"largest torque {np.max(np.abs(theirs)):.1e} N m; largest difference {np.
 #
 # We let go of the satellite at rest in the orbital frame, a few degrees off. `ml.recommend` tries the methods on this
 # motion, here for ten orbits, and returns the fastest one whose attitude at the end is right within a tolerance.
-# `ml.check` looks at a single step: how far it turns the body, and how near the limit of the method is.
+# `ml.check` tries a step: how far it turns the body, and how near the limit of the method is.
 
 
 # %%
@@ -154,9 +154,9 @@ def released(*degrees):
 
 
 start = released(6.0, 4.0, 5.0)
-found = ml.recommend(body, gravity, start, 1e-8, duration=10 * PERIOD)
+found = ml.recommend(body, gravity, start, tolerance=1e-8, duration=10 * PERIOD)
 print(f"{found.method}, dt = {found.dt:.1f} s: error {found.error:.1e} after ten orbits\n")
-print(ml.check(found.method, body, gravity, start, found.dt))
+print(ml.check(found.method, body, gravity, start, dt=found.dt))
 
 # %% [markdown]
 # Who prefers to stay in the frame of the drawing gives the tensor to `ml.TensorBody`. Then state and torque are in the

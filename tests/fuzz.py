@@ -5,6 +5,8 @@ finds. Every run is held against the method's own equations in extended precisio
 by more than its bound while `ok` is True, and nothing may be raised from inside jit.
 
 A program is compiled once for each method, dtype, kind of torque and batch; all else is data, many bodies at a time.
+Arguments that make no sense (`fuzz_arguments.py`) and runs that are changed between stop and resumption
+(`fuzz_resume.py`) get a tenth of the time each.
 """
 
 import argparse
@@ -17,11 +19,14 @@ from typing import Any, NamedTuple
 
 import conftest  # noqa: F401  (float64 on, strict promotion)
 import extended
+import fuzz_resume
 import jax
 import jax.numpy as jnp
 import numpy as np
 from extended import Motion
 from fuzz_arguments import calls, check_call
+from fuzz_csv import check_damage, damages
+from fuzz_rows import check_rows, drawn
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
@@ -278,14 +283,16 @@ def check(case: Case) -> None:
         )
 
 
-def rounds(minutes: float, first: int, strategy: st.SearchStrategy, test: Callable[[Any], None]) -> int:
+def rounds(
+    minutes: float, first: int, strategy: st.SearchStrategy, test: Callable[[Any], None], examples: int = 100
+) -> int:
     """Rounds of hypothesis until the time is up; the number of failures, each of which is printed."""
     end, failures, turn = time.monotonic() + 60 * minutes, 0, first
     while time.monotonic() < end:
 
         @seed(turn)
         @settings(
-            max_examples=100,
+            max_examples=examples,
             deadline=None,
             database=None,
             report_multiple_bugs=False,
@@ -312,13 +319,51 @@ def counted(call: Any) -> None:
     check_call(call)
 
 
+def rows_counted(case: Any) -> None:
+    TALLY[check_rows(case)] += 1
+
+
+def resumed(case: fuzz_resume.Case) -> None:
+    TALLY["resumed"] += 1
+    fuzz_resume.check(case)
+
+
+def counted_file(damage: Any) -> None:
+    TALLY["files"] += 1
+    TALLY[f"files {check_damage(damage)}"] += 1
+
+
+class Search(NamedTuple):
+    """A class of search: its share of the time, how its cases are drawn, the test, and how many cases a round has."""
+
+    share: float
+    cases: Callable[[], st.SearchStrategy]
+    test: Callable[[Any], None]
+    examples: int = 100
+
+
+CLASSES = {
+    "arguments": Search(0.1, calls, counted),
+    "rows": Search(0.1, drawn, rows_counted),
+    "resume": Search(0.1, lambda: fuzz_resume.CASES, resumed, examples=10),
+    "files": Search(0.1, damages, counted_file, examples=10),
+    "motion": Search(0.6, lambda: CASES, check),
+}
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--minutes", type=float, default=5.0, help="a tenth of it for arguments that make no sense")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of all classes together")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--methods", nargs="+", choices=METHODS)
+    parser.add_argument("--only", choices=CLASSES, help="all of the time for this class")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, help="of the class motion")
     chosen = parser.parse_args()
-    cases = CASES.filter(lambda case: chosen.methods is None or case.method in chosen.methods)
-    failures = rounds(chosen.minutes / 10, chosen.seed, calls(), counted)
-    failures += rounds(chosen.minutes * 9 / 10, chosen.seed, cases, check)
+    failures = 0
+    for name in [chosen.only] if chosen.only else CLASSES:
+        search = CLASSES[name]
+        strategy = search.cases()
+        if name == "motion" and chosen.methods:
+            strategy = strategy.filter(lambda case: case.method in chosen.methods)
+        minutes = chosen.minutes * (1 if chosen.only else search.share)
+        failures += rounds(minutes, chosen.seed, strategy, search.test, search.examples)
     sys.exit(failures > 0)

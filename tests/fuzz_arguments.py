@@ -1,4 +1,4 @@
-"""The other half of `make fuzz`: arguments that make no sense, of which every one must get a ValueError or be accepted.
+"""The part of `make fuzz`: arguments that make no sense, of which every one must get a ValueError or be accepted.
 
 One to three arguments of a sensible call are replaced by something else: another type, shape or dtype, a number out of
 range, a name that does not exist. Whatever is raised that is no ValueError, or from inside XLA, is a failure. What a
@@ -48,7 +48,7 @@ ANYTHING = st.sampled_from([*NUMBERS, *ARRAYS, *OBJECTS, *STATES, *TORQUES, *BOD
 
 CALLS = {
     "integrate": (ml.integrate, {"start": STATES[0]}),
-    "ensemble": (ml.ensemble, {"start": STATES[1], "chunk": 1, "torque_axes": None}),
+    "ensemble": (ml.ensemble, {"start": STATES[1], "chunk": 1, "torque_axes": "auto"}),
 }
 SENSIBLE = {
     "method": "LIEMID[EA]",

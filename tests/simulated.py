@@ -1,8 +1,8 @@
 """The run of `test_simulate.py`; as a program, that run in a process of its own: to be killed, or one of several.
 
-    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P]
+    python tests/simulated.py OUT [--devices N] [--process I --processes N --port P] [--late]
 
-It prints a line for each part that it has written.
+It prints a line whenever it has written something. With `--late` it writes after each turn of its loop.
 """
 
 import argparse
@@ -17,6 +17,7 @@ if __name__ == "__main__":
     parser.add_argument("--process", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--port", type=int)
+    parser.add_argument("--late", action="store_true")
     options = parser.parse_args()
     os.environ["XLA_FLAGS"] = f"--xla_force_host_platform_device_count={options.devices}"  # and no others
 
@@ -26,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import midlie_jax as ml
+from midlie_jax.simulation import pace
 
 BODIES, STEPS, EVERY = 50, 240, 10  # 25 saved states
 # Groups of 16, 16, 16 and 2 bodies; segments of 8, 8, 8 and 1 saved states.
@@ -47,6 +49,8 @@ def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, **op
 
 
 def main():
+    if options.late:
+        pace.LEG = pace.KEPT = 0.0
     if options.processes > 1:
         jax.distributed.initialize(f"localhost:{options.port}", options.processes, options.process)
     mesh = jax.make_mesh((len(jax.devices()),), ("bodies",)) if len(jax.devices()) > 1 else None

@@ -88,10 +88,10 @@ def test_it_comes_home_by_the_same_steps(name, dtype):
     lengths = np.diff(out.times.astype(np.float64))
     assert np.all(lengths[[0, 3]].max(1) > 1.5 * lengths[[0, 3]].min(1))
     s = s._replace(momentum=out.states.momentum[:, -1], attitude=out.states.attitude[:, -1])
-    back = numbers(compiled(name)(s, -dt, out.times[:, -1], strength, out.densities[:, -1]))
+    back = numbers(compiled(name)(s, -dt, out.times[:, -1], strength, out.rho[:, -1]))
     assert back.ok.all()
-    there = jax.tree.map(lambda x: x[:, ::-1], (back.times, back.densities, back.states.momentum, back.states.attitude))
-    here = (out.times, out.densities, out.states.momentum, out.states.attitude)
+    there = jax.tree.map(lambda x: x[:, ::-1], (back.times, back.rho, back.states.momentum, back.states.attitude))
+    here = (out.times, out.rho, out.states.momentum, out.states.attitude)
     assert gap(there, here) <= 200 * epsilon(dtype)
 
 
@@ -99,7 +99,7 @@ def test_it_comes_home_by_the_same_steps(name, dtype):
 def test_rho_follows_the_density_and_the_motion_keeps_its_order(name):
     out = run(name)
     values = jax.vmap(lambda k, t, s: jax.vmap(partial(lively, k))(t, s))(asked()[3], out.times, out.states)
-    away = np.abs(out.densities / np.asarray(values) - 1)
+    away = np.abs(out.rho / np.asarray(values) - 1)
     errors = []
     for row in range(3):
         # After the same time of the control, and so after the same time but for errors of second order.
@@ -125,7 +125,7 @@ def test_a_body_that_has_arrived_waits_where_it_is():
     arrived = out.taken <= MOST // 2
     assert arrived.any()
     assert not arrived.all()
-    for kept in (out.times, out.states.momentum, out.states.attitude, out.densities):
+    for kept in (out.times, out.states.momentum, out.states.attitude, out.rho):
         assert np.all(kept[arrived, 1] == kept[arrived, 2])
     assert np.all(out.times[~arrived, 1] < T1)
 
@@ -135,7 +135,7 @@ def test_an_even_density_is_integrate():
     start, torque = ml.RigidState(s.momentum, s.attitude), jax.tree_util.Partial(beating, s.weight)
     path = ml.integrate(METHODS[0], ml.RigidBody(s.moments), torque, start, dt=dt, t0=t0, steps=STEPS, save_every=EVERY)
     out = run(METHODS[0])
-    assert np.all(out.densities[4] == 1)
+    assert np.all(out.rho[4] == 1)
     ours = (out.times[4], out.states.momentum[4], out.states.attitude[4])
     assert gap(ours, (path.times, path.states.momentum, path.states.attitude)) <= 64 * epsilon("float64")
 
@@ -146,8 +146,8 @@ def test_mapped_is_alone():
     alone = numbers(jax.jit(partial(integrate, METHODS[0]))(s, dt, t0, strength))
     assert alone.ok
     assert alone.taken == out.taken[3] == STEPS
-    mapped = (out.times[3], out.densities[3], out.states.momentum[3], out.states.attitude[3])
-    assert gap((alone.times, alone.densities, alone.states.momentum, alone.states.attitude), mapped) <= 1e-13
+    mapped = (out.times[3], out.rho[3], out.states.momentum[3], out.states.attitude[3])
+    assert gap((alone.times, alone.rho, alone.states.momentum, alone.states.attitude), mapped) <= 1e-13
 
 
 def test_a_rigid_derivative_equals_differences():
@@ -231,7 +231,7 @@ def test_gradients_equal_differences():
 
     def measured(x):
         fixed = jax.grad(end)(x)
-        reverse = jax.grad(partial(end, t1=2.0, reverse=True))(x)
+        reverse = jax.grad(partial(end, t1=2.0, adjoint=ml.Checkpointed()))(x)
         forward = jax.vmap(lambda d: jax.jvp(partial(end, t1=2.0), (x,), (d,)))(jnp.eye(2))
         return fixed, reverse, forward[1], jnp.stack([end(x), forward[0][0]])
 

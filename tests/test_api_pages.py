@@ -2,9 +2,11 @@
 
 import importlib.util
 import inspect
+import re
 from pathlib import Path
 
 import pytest
+from cases import benchmark
 
 import midlie_jax as ml
 
@@ -16,6 +18,8 @@ assert _spec
 assert _spec.loader
 hooks = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(hooks)
+
+pages = benchmark("api_pages")
 
 # What `ml` reaches besides classes and functions, with `fitting` and `plot`, which it imports when they are asked for.
 MODULES = [name for name in hooks.public_names("midlie_jax") if inspect.ismodule(getattr(ml, name))] + [
@@ -60,10 +64,40 @@ def test_every_public_name_has_a_docstring_of_its_own(module):
         assert vars(found).get("__doc__") if inspect.isclass(found) else found.__doc__, entry
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_markdown_has_the_signatures_of_now(page):
+    """Also for those who read the pages in the repository."""
+    assert pages.filled(page.read_text()) == page.read_text(), "write them anew: python benchmarks/api_pages.py"
+
+
+def test_every_entry_has_its_signature_and_a_sentence():
+    for page in PAGES:
+        text = page.read_text()
+        for entry in hooks.ENTRY.findall(hooks.written_out(text)):
+            name = entry.rpartition(".")[2]
+            found = re.search(rf"^### {name}\n\n```py\n{name}([(.].*?)\n```\n\n(.+)$", text, re.MULTILINE | re.DOTALL)
+            assert found, entry
+            members = found[1].startswith(".")  # of an enumeration
+            compile(f"{name}{found[1]}" if members else f"def {name}{found[1]}: ...", page.name, "exec")  # it is Python
+            assert found[2].split("\n\n")[0].endswith("."), entry
+
+
+def test_a_signature_is_as_the_source_has_it():
+    """Of functions, of classes with an `__init__` of their own or by inheritance, and of those made of fields."""
+    axis = "axes: Any, path: AnyPath[RigidState], axis: str | int | ArrayLike = 2"
+    parameters = (axis, "*", "colour: str | None = None, label: str | None = None")
+    assert " ".join(pages.signature(ml.plot.axis_path).split()) == f"( {', '.join(parameters)}, ) -> np.ndarray"
+    assert pages.signature(ml.Particles) == "(mass: Any)"
+    assert pages.signature(ml.Checkpointed) == "(every: int = 1)"
+    assert pages.signature(ml.flights.Jacobi) == "()"
+    assert pages.signature(ml.torques.Sum) == "(*terms: TorqueLike | None)"
+    assert pages.signature(ml.scatter).endswith("**quantities: Any) -> dict[str, Any]")
+
+
 def test_a_new_name_is_on_its_page_by_itself(monkeypatch):
     """Without a change of the page; what is no class or function of the package has no entry."""
     source = "from .a import new as new\nfrom .b import hidden\nfrom typing import Any as Any\n_private = 1\n"
     monkeypatch.setattr(hooks.inspect, "getsource", lambda module: source)
     monkeypatch.setattr(ml.plot, "new", ml.plot.bands, raising=False)
     monkeypatch.setattr(ml.plot, "Any", int, raising=False)
-    assert hooks.written_out("<!-- api: midlie_jax.plot -->") == "::: midlie_jax.plot.new"
+    assert hooks.written_out("<!-- api: midlie_jax.plot -->\n\nold\n\n<!-- /api -->") == "::: midlie_jax.plot.new"

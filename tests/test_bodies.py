@@ -1,5 +1,6 @@
 """Bodies in frames of their own, and what is read off a motion."""
 
+import inspect
 from functools import partial
 
 import diffrax
@@ -171,7 +172,7 @@ def test_angular_velocities(dtype):
     many = jax.tree.map(lambda x: jnp.tile(x, (2, 4, 1)), start)
     assert ml.angular_velocity(body, many).shape == ml.spatial_angular_velocity(body, many).shape == (2, 4, 3)
     with pytest.raises(ValueError, match="needs the attitude"):
-        ml.spatial_angular_velocity(body, ml.MomentumState(start.momentum))
+        inspect.unwrap(ml.spatial_angular_velocity)(body, ml.MomentumState(start.momentum))
 
 
 def orbiting(eccentricity):
@@ -196,9 +197,63 @@ def test_energy_asks_for_the_time_that_it_depends_on():
     with pytest.raises(ValueError, match="a path has its own times"):
         ml.energy(body, torque, path, 0.0)
     with pytest.raises(ValueError, match="motion must be a state or a path, got an array"):
-        ml.energy(body, torque, jnp.ones(3))
+        inspect.unwrap(ml.energy)(body, torque, jnp.ones(3))
     with pytest.raises(ValueError, match="one body"):
-        ml.energy(ml.RigidBody(jnp.ones((5, 3))), None, path)
+        ml.energy(ml.RigidBody(jnp.ones((5, 3))), None, START)
+    with pytest.raises(ValueError, match="the bodies first"):
+        ml.energy(ml.RigidBody(jnp.ones((4, 3))), None, path)
+
+
+@pytest.mark.parametrize("kind", [ml.RigidBody, ml.TensorBody])
+def test_of_many_bodies_with_many_states_each_is_that_of_each_state(kind):
+    """Moments and weights have one row for each body, and there are as many saved states as bodies."""
+    moments, weights = jnp.asarray(MOMENTS)[None] * jnp.array([[1.0], [1.1], [1.2]]), jnp.array([1.0, 2.0, 3.0])
+    bodies = kind(moments if kind is ml.RigidBody else jax.vmap(jnp.diag)(moments))
+    torque = ml.torques.HeavyTop(weights, (0.0, 0.6, 0.8))
+    starts = jax.tree.map(lambda x: jnp.tile(x, (3, 1)), START)
+    path = ml.ensemble("JACOBI[EA]", bodies, torque, starts, dt=0.05, steps=4, save_every=2)
+    assert path.states.momentum.shape == (3, 3, 3)
+
+    def each(function):
+        """The function of one body, its weight and one of its states, for all of them."""
+
+        def of_one(n, k):
+            body = jax.tree.map(lambda x: x[n], bodies)
+            return function(body, weights[n], jax.tree.map(lambda x: x[n, k], path.states))
+
+        return np.array([[of_one(n, k) for k in range(3)] for n in range(3)])
+
+    def one_energy(body, weight, state):
+        return ml.energy(body, ml.torques.HeavyTop(weight, (0.0, 0.6, 0.8)), state)
+
+    expected = each(one_energy)
+    ends = jax.tree.map(lambda x: x[:, -1], path.states)
+    for motion, wanted in ((path, expected), (path.states, expected), (ends, expected[:, -1])):
+        for axes in ("auto", 0):
+            found = ml.energy(bodies, torque, motion, torque_axes=axes)
+            np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    for function in (ml.kinetic_energy, ml.angular_velocity, ml.spatial_angular_velocity):
+        found = function(bodies, path.states)
+        np.testing.assert_allclose(
+            found, each(lambda body, _, state, f=function: f(body, state)), rtol=1e-13, atol=1e-15
+        )
+    shared = ml.torques.HeavyTop(2.0, (0.0, 0.6, 0.8))
+    found = ml.energy(bodies, shared, path)
+    np.testing.assert_allclose(found, each(lambda body, _, state: ml.energy(body, shared, state)), rtol=1e-13)
+
+
+def test_energy_finds_the_arrays_of_a_torque_that_have_rows():
+    """One body under several torques; and a torque of one body stays one, whatever the number of states."""
+    body, weights = ml.RigidBody(jnp.asarray(MOMENTS)), jnp.array([1.0, 2.0])
+    states = jax.tree.map(lambda x: jnp.tile(x, (2, 5, 1)), START)
+    found = ml.energy(body, ml.torques.HeavyTop(weights), states)
+    expected = [ml.energy(body, ml.torques.HeavyTop(weight), START) for weight in weights]
+    np.testing.assert_allclose(found, np.tile(np.array(expected)[:, None], (1, 5)), rtol=1e-14)
+    dipole = ml.torques.DipoleInField([0.3, 1.0, -0.4], [0.0, 0.0, 1.5])
+    three = jax.tree.map(lambda x: jnp.tile(x, (3, 1)), START)
+    np.testing.assert_allclose(ml.energy(body, dipole, three), [ml.energy(body, dipole, START)] * 3, rtol=1e-14)
+    with pytest.raises(ValueError, match=r"torque\.weight has 2 rows, but there are 3 bodies"):
+        ml.energy(body, ml.torques.HeavyTop(weights), three, torque_axes=0)
 
 
 def test_energy_of_an_ensemble_and_of_particles():

@@ -59,6 +59,24 @@ def test_scenes_lists_every_scene():
     assert [line.split()[0] for line in outcome.out.splitlines()[2:]] == scenes.scenes()
 
 
+def test_methods_and_scenes_that_are_named_are_described():
+    outcome = midlie("methods", "JACOBI[S4]", "RK4")
+    assert outcome.code == 0, outcome.err
+    made, listed = outcome.out.splitlines()[2:]
+    method = ml.method("JACOBI[S4]")
+    assert made.split() == ["JACOBI[S4]", "RigidBody", "4", "yes", "yes", str(method.evaluations), "-"]
+    assert listed.startswith("RK4")
+    outcome = midlie("scenes", "P1", "gravity-gradient")
+    assert outcome.code == 0, outcome.err
+    scene = scenes.scene("P1")
+    told = outcome.out.partition("\n\n")[0]
+    assert "[5., 5., 1.]" in told
+    assert "HeavyTop(weight = 20., axis = [0., 0., 1.])" in told
+    assert f"{scene.dt:g} and {scene.duration:g}: {scene.steps} steps" in told
+    assert all(text in told for text in (scene.title, scene.source, scene.units))
+    assert "kg, m, s" in outcome.out
+
+
 def without_jax(*arguments: str) -> subprocess.CompletedProcess:
     """The command as it is installed, in a process of its own that fails if JAX or NumPy was imported at the end."""
     module, _, name = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["midlie"].partition(
@@ -132,7 +150,10 @@ def test_a_wrong_line_is_refused_without_jax(arguments):
         (["chart", "--out", "x.svg"], ["must end in .png", "see midlie chart --help"]),
         (["chart", "--levels", "40"], ["40 levels from 500 steps", "ask for fewer"]),
         (["chart", "--level", "no"], ["--levels", "a whole number", "see midlie chart --help"]),
-        (["methods", "all"], ["unrecognized arguments: all", "see midlie methods --help"]),
+        (["view", "run.npz", "--axis", "0,0,0"], ["--axis", "must be e1, e2 or e3, or a direction", "'0,0,0'"]),
+        (["methods", "all"], ["unknown method 'all'", "see midlie methods --help"]),
+        (["scenes", "p1-tited"], ["unknown scene 'p1-tited'", "Did you mean 'P1-tilted'?"]),
+        (["chart", "P1", "--quick"], ["--quick goes with --rivals alone"]),
         (["paint"], ["paint", "chart", "see midlie --help"]),
         (["chrat"], ["unknown command 'chrat'", "did you mean chart?"]),
         ([], ["COMMAND", "see midlie --help"]),

@@ -64,6 +64,7 @@ TABLES = (
     ("published_fits", "fitting"),
     ("scattered_tops", "scatter"),
     ("ensembles", "ensembles"),
+    ("observed", "api-observe"),
     ("diffrax_pipeline", "diffrax"),
     ("rounding", "rounding"),
     ("rounding_growth", "rounding"),
@@ -119,9 +120,10 @@ def test_files_and_commands_that_are_named_exist(page):
     text = page.read_text()
     files = re.findall(r"\]\((?!http)([^)#]+)\)", text)
     assert all((page.parent / file).exists() for file in files), files
+    text = re.sub(r"https?://\S+", "", text)  # the files of others
     paths = re.findall(r"`?((?:benchmarks|tests|midlie_jax|docs)/[\w/]+\.(?:py|c|md|png))", text)
     assert all((ROOT / path).exists() for path in paths), paths
-    named = set(re.findall(r"\b([a-z_]+\.py)\b", re.sub(r"https?://\S+", "", text)))
+    named = set(re.findall(r"\b([a-z_]+\.py)\b", text))
     assert all(any(ROOT.glob(f"[bmt]*/**/{name}")) for name in named), named
     targets = set(re.findall(r"`(?:make) (\w+)", text)) | set(re.findall(r"^make (\w+)", text, re.MULTILINE))
     known = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))

@@ -152,14 +152,17 @@ def unchecked(**arrays):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"torque": ml.torques.HeavyTop(jnp.ones(10))}, "acts on 10 bodies at once.*10 rows.*16 bodies"),
+        (
+            {"torque": ml.torques.HeavyTop(jnp.ones(10))},
+            r"shape \(10, 3\) instead of \(3,\), from its parameters weight \(10,\); there are 16 bodies",
+        ),
         ({"torque": ml.torques.HeavyTop(jnp.ones(10)), "torque_axes": 0}, "torque.weight has 10 rows.*16 bodies"),
         ({"torque": ml.torques.HeavyTop(jnp.ones(20)), "torque_axes": 0}, "torque.weight has 20 rows.*16 bodies"),
         ({"torque": ml.torques.HeavyTop(1.0), "torque_axes": 0}, "torque.weight has no rows.*16 bodies"),
-        ({"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": 1}, "torque_axes must be None, 0, or"),
+        ({"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": 1}, 'torque_axes must be "auto", None'),
         (
             {"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": False},
-            "torque_axes must be None, 0, or",
+            'torque_axes must be "auto", None',
         ),
         ({"torque": ml.torques.HeavyTop(jnp.ones(16)), "torque_axes": (0, 0)}, "torque_axes.*does not fit the torque"),
         ({"start": jax.tree.map(lambda x: x[:0], MANY)}, r"start holds no bodies.*\(0, 3\)"),
@@ -220,6 +223,66 @@ def test_parameters_with_a_row_a_body_are_found(name):
 def test_mixed_axes_may_be_said():
     torque = ml.torques.HeavyTop(2.0) + ml.torques.DipoleInField(FIELDS, FIELDS[1])
     axes = jax.tree.unflatten(jax.tree.structure(torque), [None, 0, None])  # weight, dipole moment, field
-    said = ml.ensemble(METHOD, BODY, torque, MANY, dt=0.02, steps=STEPS, torque_axes=axes)
     found = ml.ensemble(METHOD, BODY, torque, MANY, dt=0.02, steps=STEPS)
-    np.testing.assert_array_equal(said.states.momentum, found.states.momentum)
+    for said_axes in (axes, "terms[1].moment", ["terms[1].moment"]):
+        said = ml.ensemble(METHOD, BODY, torque, MANY, dt=0.02, steps=STEPS, torque_axes=said_axes)
+        np.testing.assert_array_equal(said.states.momentum, found.states.momentum)
+
+
+def spectrum(amplitudes, rates, own, t, state):
+    """A torque that all bodies share in time, with strengths of their own."""
+    return jnp.sum(amplitudes * jnp.cos(rates * t)) * sum(own) * state.attitude[1:]
+
+
+LINES = jax.tree_util.Partial(spectrum, FIELDS[0, 0] + TABLE[:8], TABLE[:8], [STRENGTHS[:8]] * 5)
+EIGHT = jax.tree.map(lambda x: x[:8], MANY)
+DRAG = ml.torques.Damping(FIELDS[0] ** 2)  # for each axis, or with three bodies one for each
+
+
+@pytest.mark.parametrize(
+    ("torque", "count", "words"),
+    [
+        (DRAG, 3, r"coefficient \(3,\) may be one value .* Write torque_axes=None, or torque_axes=0"),
+        (ml.torques.HeavyTop(STRENGTHS[:3]) + DRAG, 3, r"Write torque_axes=\['terms\[0\].weight'\], or torque_axes=0"),
+        (LINES, 8, "can be read in two ways.*Write torque_axes="),
+        (jax.tree_util.Partial(spectrum, TABLE[:8], TABLE[:8], [STRENGTHS[:8]] * 8), 8, "10 parameters .* have 8 rows"),
+    ],
+    ids=["for each axis", "beside another", "a spectrum", "too many to try"],
+)
+def test_what_can_be_read_in_two_ways_is_refused(torque, count, words):
+    start = jax.tree.map(lambda x: x[:count], MANY)
+    with pytest.raises(ValueError, match=words):
+        ml.ensemble(METHOD, BODY, torque, start, dt=0.02, steps=STEPS)
+
+
+def test_each_reading_is_taken_when_it_is_said():
+    """The shared spectrum and rows of its own strengths, and a drag for each axis, as one body alone has them."""
+    names = [name for name, leaf in named(LINES) if leaf is STRENGTHS or "[2]" in name]
+    for torque, start, axes, alone in (
+        (LINES, EIGHT, names, jax.tree_util.Partial(spectrum, *LINES.args[:2], [STRENGTHS[2]] * 5)),
+        (DRAG, jax.tree.map(lambda x: x[:3], MANY), None, DRAG),
+        (DRAG, jax.tree.map(lambda x: x[:3], MANY), 0, ml.torques.Damping(DRAG.coefficient[2])),
+    ):
+        path = ml.ensemble(METHOD, BODY, torque, start, dt=0.02, steps=STEPS, torque_axes=axes)
+        solo = ml.integrate(METHOD, BODY, alone, row(MANY, 2), dt=0.02, steps=STEPS, save_every=STEPS)
+        np.testing.assert_allclose(path.states.momentum[2], solo.states.momentum[-1], rtol=0, atol=1e-14)
+
+
+def named(torque):
+    leaves = jax.tree_util.tree_leaves_with_path(torque)
+    return [(jax.tree_util.keystr(path).removeprefix("."), leaf) for path, leaf in leaves]
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        (0, r"one body gets .*field \(\).* the torque cannot use that"),
+        ("mass", "torque_axes names 'mass', but the torque's parameters are terms"),
+        (["terms[1].moment"], r"terms\[1\].moment \(\).* cannot use that"),
+    ],
+)
+def test_axes_that_do_not_fit_are_named(axes, words):
+    torque = ml.torques.HeavyTop(STRENGTHS[:3]) + ml.torques.DipoleInField(FIELDS[0], FIELDS[1])
+    start = jax.tree.map(lambda x: x[:3], MANY)
+    with pytest.raises(ValueError, match=words):
+        ml.ensemble(METHOD, BODY, torque, start, dt=0.02, steps=STEPS, torque_axes=axes)

@@ -54,6 +54,14 @@ def test_a_flight_from_outside_keeps_the_laws_that_it_claims():
     np.testing.assert_allclose(many.states.attitude[0], path.states.attitude, atol=1e-13)
 
 
+def test_a_flight_from_outside_has_a_name_of_its_own():
+    class Other(Explicit):
+        name: ClassVar[str] = "JACOBI"
+
+    with pytest.raises(ValueError, match="flight 'JACOBI': midlie_jax has a flight of this name; choose another name"):
+        ml.method(Other(), "EA")
+
+
 def test_a_scheme_from_outside():
     """Verlet's method with the kick in two parts is the paper's."""
     kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT

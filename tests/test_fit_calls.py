@@ -123,7 +123,21 @@ def try_fit(measurements, model=still, guess=None, **changes):
 
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_said_before_anything_is_traced(name, monkeypatch):
-    monkeypatch.setattr(sys.modules[ml.fit.__module__], "_run", None)
+    monkeypatch.setattr(sys.modules[ml.fit.__module__], "solved", None)
     act, message = WRONG[name]
     with pytest.raises(ValueError, match=message):
         act()
+
+
+@pytest.mark.parametrize("options", [{"segments": 2}, {"segments": 2, "starts": 2}, {"first_span": 1.5}])
+def test_segments_starts_and_spans_end_at_the_same_estimate(options):
+    """They are ways to the optimum, which is the mean of the rates."""
+    found = ml.fit(still, {"rate": Free([0.0, 0.0, 0.0])}, spin(), method="RK4", dt=1.0, **options)
+    assert found.ok
+    np.testing.assert_allclose(found.coordinates, np.asarray(spin().values).mean(axis=0), rtol=1e-7)
+
+
+def test_a_span_that_is_none():
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="first_span must be a positive finite number"):
+            try_fit(spin(), first_span=wrong)

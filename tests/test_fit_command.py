@@ -3,10 +3,12 @@
 import contextlib
 import io
 import re
+import sys
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import midlie_command
 import midlie_jax as ml
@@ -48,6 +50,9 @@ def test_the_moments_and_rates_of_a_file_are_found_and_drawn(data, tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+GOOD = "t,x,y,z\n0,1,2,3\n1,1,2,3\n"
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
@@ -55,20 +60,119 @@ def test_the_moments_and_rates_of_a_file_are_found_and_drawn(data, tmp_path):
         ("t,x,y,z\n", [], "no rows of data"),
         ("t,x,y,z\n0,1,2,3\n1,1,two,3\n", [], "line 3: y must be a number, got 'two'"),
         ("t,x,y,z\n0,1,2,3\n", ["--columns", "t", "x", "y", "w"], "no column 'w'; it has t, x, y, z"),
-        ("t,x,y,z\n1,1,2,3\n0,1,2,3\n", [], "times must ascend"),
+        ("t,x,y,z\n1,1,2,3\n0,1,2,3\n", [], "line 3: times must ascend"),
         ("t,x,y,z\n0,,,\n1,,,\n", [], "NaN in every row"),
         ("t,x,y,z\n0,1,2,3\n", [], "two times"),
         ("t,x,y,z\n0,1,2,3\n", ["--sigma", "0"], "must be positive"),
-        ("t,x,y,z\n0,1,2,3\n1,1,2,3\n", ["--moments", "1", "1", "9"], "strict triangle"),
+        ("t,x,y,z\n0,.1,.2,.3\n1,.1,.2,.3\n", ["--moments", "1", "1", "9"], "strict triangle"),
+        ("0,1,2,3\n1,1,2,3\n", [], "line 1: there are numbers where the names of the columns should be"),
+        ("t,x,y,z\n0,1,2,3\n\n1,1,2", [], "line 4 has 3 cells and the header 4: the row was cut"),
+        ("t,x,y,z\n0,1.25,2.25,3.25\n1,1.25,2.25,3.2", [], "line 3: the last line has no line break"),
+        ("t,x,y,z\n0,1,5,2,3,1\n", [], "line 2 has 6 cells and the header 4; numbers with decimal commas"),
+        ("t;x;y;z\n0,5;1;2;3\n1,5;1;z;3\n", [], "line 3: y must be a number, got 'z'"),
+        ("\ufefft,x,y,z\r\n0,1,2,3\r\n1,1,inf,3\r\n", [], "line 3: y must be finite"),
+        ("t,x,y,z\n0,1,2,3\n,1,2,3\n", [], "line 3: t is missing"),
+        ("t,y,x,z\n0,1,2,3\n1,1,2,3\n", [], "the rates in the order y, x, z; name the columns"),
+        ("wx,wy,wz,time\n0,1,2,3\n1,1,2,3\n", [], "the time in column 'time', not in the first"),
+        ("t,x,x,z\n0,1,2,3\n1,1,2,3\n", [], "column 'x' stands twice"),
+        ("t_ms,x,y,z\n0,1,2,3\n1,1,2,3\n", [], "'t_ms' is in ms by its name; give --time-unit ms"),
+        ("t,wx [deg/s],wy,wz\n0,1,2,3\n1,1,2,3\n", [], "is in deg/s by its name; give --unit deg/s"),
+        ("t,x,y,z\n0,1,2,3\n10,1,2,3\n20,1,2,3\n", [], "turns 5.96 times between rows; check the unit of time"),
+        (
+            "t,x,y,z\n" + "".join(f"{k / 100},1,2,{3e3 if k == 40 else 3}\n" for k in range(40000)),
+            [],
+            "rate in line 42",
+        ),
+        ("t,x,y,z\n0,1,2,3\n1,125,2,3998\n2,1,2,3\n3,1,2,3\n", [], "line 3: the rate is 4e+03, and 3.74 in the usual"),
+        (GOOD, ["--magnetometer", "x", "y", "z"], "give --sigma and --magnetometer-sigma"),
+        (GOOD, ["--hard-iron"], "--hard-iron needs --magnetometer"),
     ],
 )
-def test_one_line_says_what_is_wrong_with_a_file(tmp_path, text, options, message):
+def test_one_line_says_what_is_wrong_with_a_file(tmp_path, monkeypatch, text, options, message):
+    """Before anything is compiled."""
+    from midlie_jax.fitting import fit
+
+    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
     file = tmp_path / "data.csv"
-    file.write_text(text)
+    file.write_text(text, encoding="utf-8", newline="")
     code, _, err = midlie_fit(file, "--unit", "rad/s", *options)
     assert code == 2
     assert message in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("data", [b"t,x,y,z\n\xff\xfe,1", b"t,x,y,z\n0,\x00,2,3\n"])
+def test_a_file_that_is_no_text(tmp_path, data):
+    file = tmp_path / "data.csv"
+    file.write_bytes(data)
+    code, _, err = midlie_fit(file, "--unit", "rad/s")
+    assert code == 2
+    assert "is not text" in err
+
+
+def log(tmp_path, bias=0.0, noise=0.01):
+    """A tumbling body with I1/I3 = .25, measured with a bias, about six turns with 400 rows."""
+    moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
+    body, times = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05)
+    start = ml.RigidState(body.momentum(jnp.asarray(rate)), [1.0, 0.0, 0.0, 0.0])
+    states = ml.free_motion(body, start, times).states
+    rng = np.random.default_rng(1)
+    values = np.asarray(states.momentum) / moments + bias * np.array([1.0, -0.8, 0.6])
+    values = values + noise * rng.standard_normal(values.shape)
+    field = Rotation.from_quat(np.asarray(states.attitude), scalar_first=True).inv().apply([30.0, 10.0, -35.0])
+    field = field + np.array([5.0, -8.0, 3.0]) + 0.3 * rng.standard_normal(field.shape)
+    file = tmp_path / "log.csv"
+    cells = [",".join(f"{x:.6f}" for x in row) for row in np.column_stack([times, values, field])]
+    file.write_text("\n".join(["t,wx,wy,wz,mx,my,mz", *cells]) + "\n")
+    return file
+
+
+def interval(out):
+    return [float(x) for x in re.search(r"moments\[0\] / moments\[2\] .*\[([\d.]+), ([\d.]+)\]", out).groups()]
+
+
+def test_a_bias_that_nobody_asked_for_is_not_ok_and_with_it_the_truth_is_found(tmp_path):
+    """A degree and a half per second."""
+    file = log(tmp_path, bias=np.deg2rad(1.5))
+    code, out, err = midlie_fit(file, "--unit", "rad/s")
+    assert code == 2
+    assert "neighbouring residuals are alike" in err
+    assert "try --bias" in err
+    assert "; ok" not in out
+    code, out, err = midlie_fit(file, "--unit", "rad/s", "--bias", "--sigma", "0.01")
+    assert (code, err) == (0, "")
+    low, high = interval(out)
+    assert low < 0.25 < high
+    assert high - low < 0.01
+    assert abs(float(re.search(r"bias\[0\] +(\S+)", out)[1]) - np.deg2rad(1.5)) < 2e-3
+
+
+def test_residuals_far_above_a_given_sigma_are_not_ok(tmp_path):
+    code, out, err = midlie_fit(log(tmp_path), "--unit", "rad/s", "--sigma", "0.003")
+    assert code == 2
+    assert "times the sigmas" in err
+    assert "NOT ok" in out
+
+
+def test_a_magnetometer_with_hard_iron_is_fitted_together_with_the_gyroscope(tmp_path):
+    options = ["--sigma", "0.01", "--magnetometer", "mx", "my", "mz", "--magnetometer-sigma", "0.4", "--hard-iron"]
+    code, out, err = midlie_fit(log(tmp_path), "--unit", "rad/s", *options)
+    assert (code, err) == (0, "")
+    low, high = interval(out)
+    assert low < 0.25 < high
+    iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
+    np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
+
+
+def test_a_value_that_is_wrong_is_named_by_its_line(tmp_path):
+    file = log(tmp_path)
+    rows = file.read_text().split("\n")
+    cells = rows[200].split(",")
+    rows[200] = ",".join([*cells[:3], "9.5", *cells[4:]])
+    file.write_text("\n".join(rows))
+    code, _, err = midlie_fit(file, "--unit", "rad/s")
+    assert code == 2
+    assert "line 201: Rates: the value at t = 9.95 is off by" in err
 
 
 def test_a_file_that_is_not_there_and_a_unit_that_is_not_said(tmp_path):

@@ -21,8 +21,9 @@ TENSOR = ml.TensorBody(np.diag([1.0, 2, 2.5]))
 ORBIT = ml.orbits.CircularOrbit([1.0, 0, 0], [0.0, 1, 0], 1.0)
 
 # The type checkers of the tests stand in front of the package's own checks; users do not have them.
-integrate, energy, kinetic_energy, angular_velocity, method = map(
-    inspect.unwrap, (ml.integrate, ml.energy, ml.kinetic_energy, ml.angular_velocity, ml.method)
+integrate, energy, kinetic_energy, angular_velocity, spatial_momentum, method = map(
+    inspect.unwrap,
+    (ml.integrate, ml.energy, ml.kinetic_energy, ml.angular_velocity, ml.spatial_momentum, ml.method),
 )
 
 
@@ -127,7 +128,7 @@ BAD = {
         lambda: ml.energy(BODY, ml.torques.VelocityDependent(returns(jnp.ones(3))), START),
         "VelocityDependent has no potential",
     ),
-    "spatial momentum": (lambda: ml.spatial_momentum(ml.MomentumState(jnp.ones(3))), "needs the attitude.*RigidState"),
+    "spatial momentum": (lambda: spatial_momentum(ml.MomentumState(jnp.ones(3))), "needs the attitude.*RigidState"),
     "axis of two numbers": (lambda: ml.torques.HeavyTop(1.0, (0.0, 1.0)), r"axis must have shape \(3,\)"),
     "sum of nothing": (lambda: ml.torques.Sum(None), "a sum of torques needs one at least"),
     "control without attitude": (
@@ -149,8 +150,8 @@ BAD = {
         "ParticleState belongs to a Particles, but body is RigidBody",
     ),
     "energies of paths of several bodies": (
-        lambda: kinetic_energy(ml.RigidBody(jnp.ones((4, 3))), ml.MomentumState(jnp.ones((4, 4, 3)))),
-        "are of several bodies.*vmap",
+        lambda: kinetic_energy(ml.RigidBody(jnp.ones((4, 3))), ml.MomentumState(jnp.ones((5, 4, 3)))),
+        "the bodies first; map over other axes with jax.vmap",
     ),
     # integrate
     "flight of no name": (lambda: method(5, "EA"), "name must be a name or a midlie_jax Flight, got int"),

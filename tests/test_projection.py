@@ -152,6 +152,59 @@ def test_the_order_remains(name):
     assert np.log2(errors[0] / errors[1]) > ml.method(name).order - 1, errors
 
 
+@pytest.mark.parametrize(("name", "dtype"), in_turns(KEEPING, DTYPES))
+def test_what_a_step_cannot_keep_it_says(name, dtype):
+    """One step of many bodies, from short to far too long: the energy is kept to rounding, or `ok` is False.
+
+    It is kept where the step itself errs by less than a hundred thousandth.
+    """
+    rng = np.random.default_rng(9)
+    count = 500
+    moments = np.sort(np.exp(rng.uniform(-1.5, 1.5, (count, 3))), axis=1)
+    moments[:, 2] = np.minimum(moments[:, 2], 0.95 * (moments[:, 0] + moments[:, 1]))
+    attitudes, momenta = (
+        rng.normal(size=(count, 4)),
+        rng.normal(size=(count, 3)) * np.exp(rng.uniform(-3, 1.5, (count, 1))),
+    )
+    attitudes /= np.linalg.norm(attitudes, axis=1)[:, None]
+    weights, steps = np.exp(rng.uniform(-2, 3, count)), np.exp(rng.uniform(-3, 1, count))
+    arrays = [jnp.asarray(x, dtype) for x in (moments, weights, momenta, attitudes, steps)]
+
+    def step(method, moments, weight, momentum, attitude, dt):
+        body, torque = ml.RigidBody(moments), ml.torques.HeavyTop(weight)
+        path = ml.integrate(method, body, torque, ml.RigidState(momentum, attitude), dt=dt, steps=1)
+        return path.states, path.ok
+
+    def energies(moments, weight, states):
+        kinetic = ml.kinetic_energy(ml.RigidBody(moments), states)
+        return kinetic, ml.energy(ml.RigidBody(moments), ml.torques.HeavyTop(weight), states)
+
+    errors, fine = {}, {}
+    for method in (plain(name), name):
+        states, fine[method] = numbers(quick(jax.vmap(partial(step, method)))(*arrays))
+        exact = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), (*arrays[:2], states))
+        kinetic, energy = numbers(jax.vmap(energies)(*exact))
+        errors[method] = np.abs(energy[:, 1] - energy[:, 0]) / (kinetic[:, 0] + weights)
+    kept = errors[name] <= 200 * epsilon(dtype)
+    assert np.all(kept | ~fine[name]), errors[name][fine[name]].max() / epsilon(dtype)
+    assert np.all(fine[name] | ~(errors[plain(name)] < 1e-5) | ~fine[plain(name)])
+    assert not np.all(fine[name] | ~fine[plain(name)])  # some of the steps are too long
+
+
+@pytest.mark.parametrize(("dtype", "swing"), [("float64", 1e-6), ("float64", 1e-2), ("float32", 1e-2)])
+def test_a_small_swing_is_no_failure(dtype, swing):
+    """Where the potential, 1 - cos, is a small difference of large terms, and the energy has few digits."""
+
+    def potential(t, state):
+        return 10 - 10 * ml.so3.to_matrix(state.attitude)[2, 2]
+
+    start = ml.RigidState(jnp.zeros(3, dtype), jnp.asarray(turn(swing, 0.0, 0.0), dtype))
+    body = ml.RigidBody(jnp.asarray([1.0, 2.0, 2.5], dtype))
+    run = partial(ml.integrate, "PGBS8", body, ml.torques.FromPotential(potential), dt=DT, steps=200, save_every=200)
+    path = quick(run)(start)
+    assert path.ok, path.result
+
+
 NOT_CONSERVED = {
     "a function": lambda t, s: 2 * jnp.cross(ml.so3.to_matrix(s.attitude)[2], jnp.array([0.0, 0.6, 0.8])),
     "a potential that changes": ml.torques.FromPotential(lambda t, s: jnp.cos(t) * ml.so3.to_matrix(s.attitude)[2, 2]),

@@ -1,5 +1,7 @@
 """A function replayed on scalars gives what the function itself gives: many ways to write one on arrays."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -140,7 +142,8 @@ def test_entries_are_moved_not_computed():
 
     scalars = [jnp.asarray(0.5)] * 7
     jaxpr = jax.make_jaxpr(step)(jnp.asarray(1.0), tuple(scalars[:3]), tuple(scalars[3:]))
-    assert {v.aval.shape for equation in jaxpr.eqns for v in equation.outvars} == {()}
+    types: list[Any] = [v.aval for equation in jaxpr.eqns for v in equation.outvars]
+    assert {type_.shape for type_ in types} == {()}
 
 
 def test_reports_shape_and_dtype_without_judging():

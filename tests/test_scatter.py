@@ -148,6 +148,18 @@ def test_normal_has_its_mean_and_covariance(dtype):
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
+def test_quantities_of_very_different_size_have_their_deviations_and_correlations(dtype):
+    """Together in one covariance, where the variances differ by 22 orders of magnitude; one of them may be zero."""
+    sizes = np.array([1.0, 1e-5, 1e6, 0.0])
+    correlations = np.where(np.eye(4) > 0, 1.0, 0.5)
+    mean = {"a": 0.0, "b": [0.0, 0.0], "fixed": 7.0}
+    drawn = ml.scatter(KEY, MANY, dtype=dtype, x=d.Joint(mean, correlations * np.outer(sizes, sizes)))["x"]
+    assert np.all(drawn["fixed"] == 7.0)
+    scaled = np.column_stack([drawn["a"], drawn["b"]]).astype(np.float64) / sizes[:3]
+    assert_moments(scaled, np.zeros(3), correlations[:3, :3])
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
 def test_numbers_follow_their_laws(dtype):
     moments = draws(EVERY["moments"], dtype)
     assert np.all(moments[:, 2] == 2.0)
@@ -236,6 +248,12 @@ def test_scattered_tops_run():
 # ---- what is said of bad input ----
 
 NORMAL = d.Normal(0.0, 1.0)
+
+
+def normal(covariance):
+    return d.Normal(np.zeros(len(covariance)), covariance=covariance)
+
+
 WRONG = {
     "neither": (lambda: d.Normal(0.0), "deviation or covariance must be given, got neither; pass one"),
     "both": (lambda: d.Normal([0.0], 1.0, covariance=[[1.0]]), "deviation or covariance .* got both"),
@@ -247,7 +265,19 @@ WRONG = {
     "mean no vector": (lambda: d.Normal([[0.0]], covariance=[[1.0]]), r"mean must be a vector \(d,\).*Joint"),
     "covariance shape": (lambda: d.Normal([0.0, 0.0], covariance=[1.0, 2.0]), r"covariance must have shape \(2, 2\)"),
     "asymmetric": (lambda: d.Normal([0.0, 0.0], covariance=[[1.0, 0.5], [0.0, 1.0]]), r"pass \(C \+ C.T\) / 2"),
-    "indefinite": (lambda: d.Normal([0.0, 0.0], covariance=[[1.0, 2.0], [2.0, 1.0]]), "semi-definite.*eigenvalue -1;"),
+    "correlation of 2": (lambda: normal([[1.0, 2.0], [2.0, 1.0]]), r"covariance\[0, 1\] .* a correlation of 2;"),
+    # These are small beside the largest entry of the covariance.
+    "correlation of 3.2": (
+        lambda: normal([[1.0, 3.2e-5, 0.0], [3.2e-5, 1e-10, 0.0], [0.0, 0.0, 1e12]]),
+        r"covariance\[0, 1\] .* a correlation of 3.2;",
+    ),
+    "asymmetric, small": (lambda: normal([[1e-10, 1e-11, 0], [0, 1e-10, 0], [0, 0, 1e6]]), "must be symmetric"),
+    "negative variance": (lambda: normal([[-1e-10, 0.0], [0.0, 1e6]]), r"covariance\[0, 0\] is a variance.*-1e-10"),
+    "no variance": (lambda: normal([[0.0, 1e-9], [1e-9, 1e6]]), r"covariance\[0, 1\] .* variance is zero"),
+    "indefinite": (
+        lambda: normal(np.array([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]) * 1e-6),
+        "(?s)semi-definite.*correlations .* eigenvalue -0.8;",
+    ),
     "median": (lambda: d.LogNormal([1.0, 0.0], 0.1), "median must be positive.*take Normal"),
     "log deviation": (lambda: d.LogNormal(1.0, -0.1), "deviation must not be negative"),
     "low": (lambda: d.Uniform(1.0, 0.0), "low must not exceed high, got low 1.0 and high 0.0; exchange"),

@@ -3,16 +3,18 @@
 Then some with flights of rigid bodies: the lower of the two orders, or the scheme's where steps are composed.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import typed
 from cases import at, rows, run, setup, true_motion, turn
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
+from midlie_jax.methods import as_typed, schemes
 from midlie_jax.methods.scheme_order import pendulums
 
 
@@ -49,14 +51,28 @@ def test_takahashi_imada_is_of_order_four_between_its_processors():
     np.testing.assert_allclose(end.astype(float), truth(), atol=1e-8)
 
 
-def test_a_table_whose_digits_are_wrong_shows_another_order():
-    """Declared of order 4 and consistent with order 2, which is all that can be checked by sums."""
+def test_a_table_whose_digits_are_wrong_is_refused():
+    """Declared of order 4, and consistent with order 2 by its sums."""
     shifted = tuple(
         (kind, x + (1e-3 if n in (0, len(stages) - 1) else -1e-3 if n in (2, len(stages) - 3) else 0))
         for stages in [schemes.BM4.stages]
         for n, (kind, x) in enumerate(stages)
     )
-    assert abs(schemes.measured_order(schemes.Scheme("shifted", 4, shifted)) - 2) < 0.1
+    with pytest.raises(ValueError, match=r"'shifted' is declared of order 4, but an order of 2\.0 is measured"):
+        schemes.Scheme("shifted", 4, shifted)
+    assert schemes.Scheme("shifted", 2, shifted).order == 2
+
+
+def test_a_scheme_made_of_one_of_the_package_is_measured_too():
+    assert replace(schemes.BM4, name="renamed").stages == schemes.BM4.stages
+    with pytest.raises(ValueError, match=r"'renamed' is declared of order 6, but an order of 4\.0 is measured"):
+        replace(schemes.BM4, name="renamed", order=6)
+
+
+@pytest.mark.parametrize("name", schemes.SCHEMES)
+def test_a_name_of_the_package_is_taken(name):
+    with pytest.raises(ValueError, match="midlie_jax has a scheme of this name; choose another name"):
+        replace(schemes.SCHEMES[name])
 
 
 K, F = schemes.KICK, schemes.FLIGHT
@@ -67,7 +83,13 @@ K, F = schemes.KICK, schemes.FLIGHT
     [
         ({"stages": ((K, 0.6), (F, 1.0), (K, 0.5))}, "coefficients of its kicks must sum to 1, got 1.1"),
         ({"stages": ((K, 0.5), (F, 1.1), (K, 0.5))}, "coefficients of its flights must sum to 1, got 1.1"),
-        ({"stages": ((K, 1.0), (F, 1.0))}, "declared of order 2.*sum to 0 where order 2 needs 0.5"),
+        ({"stages": ((K, 1.0), (F, 1.0))}, "declared of order 2, but an order of 1.0 is measured"),
+        ({"order": 4}, "declared of order 4, but an order of 2.0 is measured"),
+        ({"order": 1}, "declared of order 1, but an order of 2.0 is measured"),
+        ({"gradients": (np.nan, 0.0)}, "an order of nan is measured"),
+        ({"small": 4}, "declared with small=4, but its kicks do not integrate polynomials of degree 3"),
+        ({"stages": schemes.BM4.stages, "order": 4, "composed": True}, "declared composed, but not made of half kicks"),
+        ({"stages": schemes.CHIN4A.stages, "composed": True}, "declared composed, but not made of half kicks"),
         ({"stages": ((K, 0.5), ("flies", 1.0), (K, 0.5))}, "must be made of 'kick' and 'flight'"),
         ({"stages": ((K, 1.0),)}, "must be made of 'kick' and 'flight', got 'kick'"),
         ({"gradients": (0.1,)}, "2 kicks and 1 gradients"),
@@ -78,6 +100,12 @@ def test_a_table_that_cannot_be_right_is_refused(options, message):
     given = {"name": "made up", "order": 2, "stages": ((K, 0.5), (F, 1.0), (K, 0.5))} | options
     with pytest.raises(ValueError, match="scheme 'made up'.*" + message):
         schemes.Scheme(**given)
+
+
+@pytest.mark.parametrize("name", ["", "a]", "JACOBI[mine"])
+def test_a_name_that_cannot_stand_in_brackets_is_refused(name):
+    with pytest.raises(ValueError, match=r"scheme .*name must be text without brackets"):
+        schemes.Scheme(name, 2, schemes.EA.stages)
 
 
 @pytest.mark.parametrize("name", [name for name, scheme in schemes.SCHEMES.items() if scheme.small])
@@ -188,3 +216,21 @@ def test_force_gradient_refuses_a_torque_of_the_momentum():
     drag = ml.torques.VelocityDependent(lambda t, state: -state.momentum)
     with pytest.raises(ValueError, match="force gradients needs a torque from a potential"):
         ml.integrate("JACOBI[CHIN4A]", body, drag, start, dt=0.1, steps=1)
+
+
+@pytest.mark.parametrize("seen", [as_typed.flights, as_typed.schemes])
+def test_type_checkers_see_the_names_of_the_modules(seen):
+    """Those that a module defines or shows to others; see `typed.py` for what type checkers make of them."""
+    module = getattr(ml, seen.__name__)
+    shown = {name: value for name, value in vars(seen).items() if not name.startswith("_")}
+    for name, value in shown.items():
+        assert getattr(module, name) is (value.__func__ if isinstance(value, staticmethod) else value), name
+    public = {name: value for name, value in vars(module).items() if not name.startswith("_")}
+    tables = {name for name, value in public.items() if name.isupper() or isinstance(value, schemes.Scheme)}
+    kinds = {name for name, value in public.items() if isinstance(value, type) and issubclass(value, ml.flights.Flight)}
+    assert tables | kinds <= set(shown)
+
+
+def test_uses_that_type_checkers_accept_run():
+    assert typed.names == [*ml.flights(), *ml.schemes()]
+    assert [method.name for method in typed.methods] == ["JACOBI[SRKN6b]", "DLM[EA]"]

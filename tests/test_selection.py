@@ -35,9 +35,9 @@ def measured(found, torque, duration):
 @pytest.mark.parametrize(("tolerance", "duration"), [(1e-5, 2.0), (1e-5, 20.0), (0.5, 2.0)])
 def test_what_is_recommended_stays_within_the_tolerance(few, tolerance, duration):
     """Over the whole duration asked for, with a step no finer than it must be: one half as long again misses."""
-    found = ml.recommend(BODY, TOP, START, tolerance, duration=duration)
+    found = ml.recommend(BODY, TOP, START, tolerance=tolerance, duration=duration)
     assert found.steps * found.dt == pytest.approx(duration, rel=1e-14)
-    assert ml.check(found.method, BODY, TOP, START, found.dt).sane
+    assert ml.check(found.method, BODY, TOP, START, dt=found.dt, steps=found.steps).sane
     error = measured(found, TOP, duration)
     assert error <= tolerance
     assert error == pytest.approx(found.error, rel=0.01, abs=tolerance / 30)
@@ -47,7 +47,7 @@ def test_what_is_recommended_stays_within_the_tolerance(few, tolerance, duration
 
 
 def test_a_free_body_takes_the_largest_step_that_its_flight_reaches():
-    found = ml.recommend(BODY, None, START, 1e-6, duration=30.0)
+    found = ml.recommend(BODY, None, START, tolerance=1e-6, duration=30.0)
     assert found.method == "JACOBI[EA]"
     assert found.dt * np.linalg.norm(CASE.momentum / CASE.moments) > 0.5
     assert "reach" in found.note
@@ -57,11 +57,11 @@ def test_a_step_that_the_check_does_not_call_sane_is_not_recommended(monkeypatch
     """One step of the whole motion is accurate enough, but turns the body by more than 0.8 of the method's reach."""
     name, torque = "JACOBI[SRKN14a]", HeavyTop(1e-3, AXIS)
     monkeypatch.setattr(selection, "candidates", lambda *_, **__: [name])
-    one = ml.check(name, BODY, torque, START, 1.0)
-    found = ml.recommend(BODY, torque, START, 1e-2, duration=0.9 * one.reach / one.turn)
+    one = ml.check(name, BODY, torque, START, dt=1.0)
+    found = ml.recommend(BODY, torque, START, tolerance=1e-2, duration=0.9 * one.reach / one.turn)
     assert any(trial.ok and trial.error < 1e-2 for trial in found.tried if trial.steps == 1)
     assert found.steps == 2
-    assert ml.check(name, BODY, torque, START, found.dt).sane
+    assert ml.check(name, BODY, torque, START, dt=found.dt).sane
     assert "does not call it sane" in found.note
 
 
@@ -72,7 +72,7 @@ def test_a_torque_of_the_momentum_gets_methods_that_take_it():
         del t
         return -0.1 * state.momentum
 
-    found = ml.recommend(BODY, drag, START, 1e-4, duration=2.0)
+    found = ml.recommend(BODY, drag, START, tolerance=1e-4, duration=2.0)
     assert {trial.method for trial in found.tried} == {"JACOBI[EA]"}
 
 
@@ -92,9 +92,9 @@ def test_a_stiff_torque_is_called_stiff(coefficient):
     torque = TOP + Damping(coefficient)
     if coefficient > 1e6:
         with pytest.raises(ValueError, match=r"the torque is stiff.*1\.\de\+09 per unit of time.*Kvaerno5"):
-            ml.recommend(BODY, torque, START, 1e-3, duration=1.0)
+            ml.recommend(BODY, torque, START, tolerance=1e-3, duration=1.0)
     else:
-        found = ml.recommend(BODY, torque, START, 1e-3, duration=1.0)
+        found = ml.recommend(BODY, torque, START, tolerance=1e-3, duration=1.0)
         assert "the torque is stiff: larger steps are unstable" in found.note
         assert found.dt < 3 / coefficient
 
@@ -102,15 +102,15 @@ def test_a_stiff_torque_is_called_stiff(coefficient):
 def test_a_torque_that_is_not_finite_is_named():
     torque = BodyTorque(lambda t, state, body: state.momentum / jnp.zeros(3))
     with pytest.raises(ValueError, match="not finite at the start"):
-        ml.recommend(BODY, torque, START, 1e-3, duration=1.0)
+        ml.recommend(BODY, torque, START, tolerance=1e-3, duration=1.0)
 
 
 def test_progress_is_told_where_it_is_asked_for(few, capsys):
-    ml.recommend(BODY, TOP, START, 1e-2, duration=0.5, progress=True)
+    ml.recommend(BODY, TOP, START, tolerance=1e-2, duration=0.5, progress=True)
     told = capsys.readouterr().err
     assert "recommend: JACOBI[SRKN6b] (1 of 2)" in told
     assert "(2 of 2)" in told
-    ml.recommend(BODY, TOP, START, 1e-2, duration=0.5)
+    ml.recommend(BODY, TOP, START, tolerance=1e-2, duration=0.5)
     assert capsys.readouterr().err == ""
 
 

@@ -92,6 +92,43 @@ def momentum(t, state):
     return state.momentum
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_statistics_of_truths_and_whole_numbers_are_those_of_real_numbers(dtype):
+    """In the precision of the run, or of the edges where they have more digits."""
+    body, torque, start = jax.tree.map(lambda x: x.astype(dtype), (BODY, TORQUE, START))
+
+    def values(t, state):
+        first = state.momentum[0]
+        return {"sign": first > 0, "tenths": jnp.floor(10 * first).astype(jnp.int32), "large": jnp.int32(2**30)}
+
+    def run(observe):
+        return ml.ensemble("SYMMETRIC[EA]", body, torque, start, observe=observe, chunk=7, **RUN).states
+
+    seen = jax.tree.map(np.asarray, run(values))
+    mean = run(ml.observe.Mean(values))
+    for name, edges in {
+        "sign": [0.25, 0.75, 1.0],
+        "tenths": np.arange(-9.5, 9.0, 0.5),
+        "large": [0.1, 2.0**31],
+    }.items():
+        counts = run(ml.observe.Histogram(lambda t, state, name=name: values(t, state)[name], edges))
+        expected = [np.histogram(column, edges)[0] for column in seen[name].T.astype(np.float64)]
+        np.testing.assert_array_equal(counts, expected, err_msg=name)
+        numbers = seen[name].astype(np.float64)
+        assert mean[name].mean.dtype == mean[name].covariance.dtype == dtype
+        tolerance = 1e-12 if dtype == "float64" else 1e-5
+        np.testing.assert_allclose(mean[name].mean[:, 0], numbers.mean(axis=0), rtol=tolerance, err_msg=name)
+        np.testing.assert_allclose(mean[name].covariance[:, 0, 0], numbers.var(axis=0, ddof=1), rtol=10 * tolerance)
+
+
+def test_a_value_that_is_no_number_is_in_no_bin():
+    """Nor is one that is infinite, or that does not count; the upper edge of the last bin is in it."""
+    values = jnp.array([np.nan, np.inf, -np.inf, 0.0, 1.0, 2.0, 2.5, 0.5, -0.0, 1.0])
+    counted = jnp.arange(len(values)) != 9
+    histogram = ml.observe.Histogram(momentum, [0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(histogram.part(values, counted), [3, 2])
+
+
 def test_statistics_in_a_file_are_merged_over_groups(tmp_path):
     """Also of bodies that failed in an earlier segment."""
     momenta = MOMENTA.copy()
@@ -118,11 +155,21 @@ def test_statistics_in_a_file_are_merged_over_groups(tmp_path):
         ({}, "observe must be a function"),
         ({"energy": 3}, r"observe\['energy'\] must be"),
         (lambda t, state: None, "observe must return an array"),
+        (
+            ml.observe.Mean(lambda t, state: {"z": jax.lax.complex(t, t)}),
+            r"values of a statistic must be real.*\['z'\] is complex",
+        ),
     ],
 )
 def test_what_cannot_be_observed_is_named(observe, message):
     with pytest.raises(ValueError, match=message):
         ensemble(observe=observe)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
+def test_an_axis_must_have_a_direction(axis):
+    with pytest.raises(ValueError, match="axis must be three finite numbers, not all zero"):
+        ml.observe.Axis(axis)
 
 
 @pytest.mark.parametrize("edges", [[1.0], [0.0, 0.0], [1.0, 0.0], [[0.0, 1.0]]])

@@ -41,6 +41,8 @@ def test_the_command_measures_and_draws(tmp_path):
         (["pulsed-body"], "'pulsed-body' has no constant energy"),
         (["gravity-gradient"], "'gravity-gradient' has no constant energy"),
         (["P1", "--grid", "1"], "--grid"),
+        (["P1", "--sweeps", "colour"], "invalid choice: 'colour'"),
+        (["tumbling-brick", "--sweeps", "spin", "stiffness"], "has no stiffness to vary; it has spin, anisotropy"),
         (["P1", "--out", "maps.pdf"], "must end in .png"),
     ],
 )
@@ -49,6 +51,14 @@ def test_a_mistake_is_one_line(arguments, words):
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1
+
+
+def test_the_sweeps_that_are_asked_for_are_measured_alone(tmp_path):
+    options = ["--methods", "SYMMETRIC[EA]", "--grid", "2", "--steps", "20", "--out", str(tmp_path / "maps.png")]
+    code, out, err = midlie("compass", *options, "--sweeps", "stiffness")
+    assert (code, err) == (0, "")
+    assert [line.split()[1] for line in out.splitlines()[2:3]] == ["stiffness"]
+    assert out.count("SYMMETRIC[EA]") == 1
 
 
 @pytest.mark.parametrize("name", ["P1", "asymmetric-top", "tumbling-brick"])

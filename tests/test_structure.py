@@ -173,3 +173,12 @@ if __name__ == "__main__":
         names = sorted(name or PACKAGE for name in graph() if floor(name) == number)
         print(f"{number} {folder or PACKAGE}: {', '.join(names)}")
     print(f"arrows upward: {len(upward(graph()))}; circles: {len(circle(graph())) and 1}")
+
+
+def test_diffrax_is_imported_when_a_solver_is_asked_for():
+    code = (
+        "import sys, midlie_jax as ml; print('diffrax' in sys.modules, 'optimistix' in sys.modules); "
+        "ml.LieSolver, ml.LieInterpolation, ml.RigidBodyTerm, ml.RotationNorm; print('diffrax' in sys.modules)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert said.split() == ["False", "False", "True"]

@@ -121,7 +121,7 @@ def figure_of(page):
 
 @pytest.fixture(scope="module")
 def page(path, tmp_path_factory):
-    return ml.plot.view(BRICK, path, tmp_path_factory.mktemp("view") / "view.html", frames=26, title="a brick")
+    return ml.plot.view(BRICK, path, tmp_path_factory.mktemp("view") / "view.html", frames=26, title="a brick").file
 
 
 class Loads(HTMLParser):
@@ -150,7 +150,7 @@ def test_a_view_shows_the_path_and_loads_nothing(page, path):
         return np.array([trace[axis] for axis in "xyz"], float).T
 
     momenta = np.asarray(ml.spatial_momentum(path.states))
-    np.testing.assert_allclose(points(traces["path of axis 3"]), matrices(path)[:, :, 2], atol=1e-5)
+    np.testing.assert_allclose(points(traces["path of e3"]), matrices(path)[:, :, 2], atol=1e-5)
     np.testing.assert_allclose(
         points(traces["path of the angular momentum"]), momenta / np.linalg.norm(momenta[0]), atol=1e-5
     )
@@ -158,7 +158,7 @@ def test_a_view_shows_the_path_and_loads_nothing(page, path):
     assert len(frames) == len(layout["sliders"][0]["steps"]) == 26
     for frame, matrix in zip(frames, exact, strict=True):
         body, axis, momentum = frame["data"]
-        assert [data[i]["name"] for i in frame["traces"]] == ["body", "axis 3 of the body", "angular momentum"]
+        assert [data[i]["name"] for i in frame["traces"]] == ["body", "e3 of the body", "angular momentum"]
         np.testing.assert_allclose(points(body), box(BRICK) @ matrix.T, atol=1e-5)
         np.testing.assert_allclose(points(axis), [np.zeros(3), matrix[:, 2]], atol=1e-5)
         np.testing.assert_allclose(points(momentum)[1], momenta[0] / np.linalg.norm(momenta[0]), atol=1e-5)
@@ -255,7 +255,7 @@ def test_midlie_view_writes_what_is_asked_for(runs, tmp_path, monkeypatch):
     assert f"wrote {page}" in said
     assert opened == [page.as_uri()]
     assert figure_of(page.read_text())[1]["title"]["text"] == "3 bodies moved by JACOBI[EA]; body 2 of 3"
-    code, said = midlie("view", runs / "command.npz", "--out", tmp_path / "view.gif", "--axis", 1)
+    code, said = midlie("view", runs / "command.npz", "--out", tmp_path / "view.gif", "--axis", "e1")
     assert code == 0, said
     assert len(frames_of(tmp_path / "view.gif")) == 72
 

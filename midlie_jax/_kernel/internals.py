@@ -6,15 +6,19 @@ primitives; a primitive with a parameter that its rule does not know is replayed
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
-from jax.extend.core import ClosedJaxpr as ClosedJaxpr
 from jax.extend.core import Literal as Literal
 from jax.extend.core import Primitive as Primitive
 from jax.extend.core import take_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
+
+if TYPE_CHECKING:
+    ClosedJaxpr = Any  # its type cannot be imported from a public module since jax 0.12
+else:
+    from jax.extend.core import ClosedJaxpr as ClosedJaxpr
 
 
 def varying_axes(kind: Any) -> frozenset[str]:
@@ -22,13 +26,14 @@ def varying_axes(kind: Any) -> frozenset[str]:
     return kind.mat.varying if hasattr(kind, "mat") else frozenset()
 
 
-def runs_at_once() -> bool:
-    """Whether JAX executes operations now, at most with batch axes of `jax.vmap`, and does not record a program."""
+def bodies_at_once() -> int:
+    """The product of the batch axes of `jax.vmap` if JAX executes operations now; 0 if it records a program."""
     with take_current_trace() as innermost:
         trace: Any = innermost
+        size = 1
         while type(trace).__name__ == "BatchTrace":
-            trace = trace.parent_trace
-        return type(trace).__name__ == "EvalTrace"
+            size, trace = size * trace.axis_data.size, trace.parent_trace
+        return size if type(trace).__name__ == "EvalTrace" else 0
 
 
 def used_inputs(closed: ClosedJaxpr) -> list[bool]:

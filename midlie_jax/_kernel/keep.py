@@ -1,4 +1,4 @@
-"""What a reverse derivative that computes a function again keeps of it: its arguments, or values in the middle.
+"""Which values a reverse derivative keeps of a function that it computes again: the arguments, or values within it.
 
 A step that begins with a kick reads momentum, pose and force. All that follows the kick reads the momentum after it and
 the pose. With `kept` around these, `recomputed` keeps them and neither the force nor the momentum before: fewer arrays

@@ -4,7 +4,8 @@ A user's torque is written on (3,) and (4,) arrays: stacks, slices, cross produc
 the gradient of a potential. Inside a fused loop XLA evaluates each stacked array once for every entry that is read, and
 nested stacks multiply the cost: a torque of ten lines can run a thousand times slower than it should, or never finish
 compiling. So the function is traced once, and its operations are replayed on scalars: moving entries costs nothing, and
-products become sums of scalars. Operations without a rule (loops, solvers, large tables) are executed on arrays.
+products become sums of scalars. Operations without a rule (loops, solvers, large tables) are executed on arrays. So is
+a whole function that would become too many scalars, such as a neural network, in loops apart from the step.
 
 During the replay an array is represented by the places of its entries in a pool of scalars: an integer array of list
 indices. Operations that move entries become NumPy indexing of the places; only arithmetic adds scalars to the pool. The
@@ -19,9 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from .fusion import split
 from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, used_inputs
 from .mesh import axes_of, promoted
-from .rules import Pool, body_of, count_operations, fits, is_expensive, rule_for
+from .rules import Pool, body_of, count_operations, count_scalar_operations, fits, is_expensive, rule_for
+
+# A function is evaluated on arrays if it has more operations on scalars than the first number of a pair, and more for
+# each of its operations on arrays than the second.
+_ON_ARRAYS = ((100, 2.5), (30, 4.0))
 
 
 class Traits(NamedTuple):
@@ -44,6 +50,36 @@ def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     used = used_inputs(closed)
     reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
     return Traits(any(map(is_expensive, closed.jaxpr.eqns)), count_operations(closed), reads)
+
+
+def _suits_arrays(closed: ClosedJaxpr) -> bool:
+    """Whether a function is evaluated on arrays: many operations on scalars come from few on arrays, as in a network.
+
+    The limits come from `benchmarks/networks.py`. The reverse derivative of 1000 bodies under a network of width 2,
+    with 47 operations on scalars and 6 for each on arrays, took 10 s to compile on scalars and 5 s on arrays; of width
+    1, with 23, as long on both. Torques of the scenes have 1 to 1.3 entries an operation, and the value of a formula
+    with 2.1 took 1.8 times as long on arrays for one body. A function of vectors has up to 3: it stays on scalars
+    unless it is long. So does a long formula written entry by entry, because on arrays XLA would evaluate nested stacks
+    many times over.
+    """
+    scalars, arrays = count_scalar_operations(closed)
+    return any(scalars > least and scalars > entries * arrays for least, entries in _ON_ARRAYS)
+
+
+def _on_arrays(function: Callable[..., Array], arguments: Any) -> list[Any]:
+    """The entries of the result of a function that is evaluated on arrays, in loops of its own.
+
+    The borders are scalars: a loop that ended with the arrays would compute all before them once for each entry.
+    """
+
+    def is_vector(leaf: Any) -> bool:
+        return isinstance(leaf, Packed)
+
+    arrays = jax.tree.map(
+        lambda x: jnp.stack(x.entries) if is_vector(x) else jnp.asarray(x), split(arguments), is_leaf=is_vector
+    )
+    result = split(function(*arrays))
+    return split([result[i] for i in np.ndindex(result.shape)])
 
 
 class Packed(NamedTuple):
@@ -73,16 +109,20 @@ def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list
     """
     pool = Pool()
     leaves, structure = jax.tree.flatten(arguments, is_leaf=lambda x: isinstance(x, Packed))
-    inputs, avals = [], []
+    inputs: list[Any] = []
+    avals: list[Any] = []
     for leaf in leaves:
         vector = isinstance(leaf, Packed)
         # The full JAX type of the array, including weak typing and mesh axes.
-        (aval,) = jax.make_jaxpr(lambda x=leaf, v=vector: jnp.stack(x.entries) if v else jnp.asarray(x))().out_avals
+        traced = jax.make_jaxpr(lambda x=leaf, v=vector: jnp.stack(x.entries) if v else jnp.asarray(x))()
+        aval: Any = traced.out_avals[0]
         inputs.append(_Entries(pool.store(leaf.entries if vector else [leaf], aval.shape)))
         avals.append(aval)
     closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, avals))
     if not isinstance(out, jax.ShapeDtypeStruct):
         raise ValueError(f"the torque must return one array, got {type(out).__name__}; use jnp.stack([...]).")
+    if _suits_arrays(closed):
+        return _on_arrays(function, arguments), out
     (result,) = _replay(pool, closed, inputs)
     places = result.places if isinstance(result, _Entries) else _to_entries(pool, result).places
     return pool.at(places), out

@@ -99,6 +99,47 @@ def count_operations(closed: ClosedJaxpr) -> int:
     return sum(1 if body is None else count_operations(body) for _, body in bodies)
 
 
+def count_scalar_operations(closed: ClosedJaxpr) -> tuple[int, int]:
+    """How many operations on scalars replay a traced function, and how many of its operations they replay.
+
+    What moves entries is not counted. An operation on an array that is too large to split counts the entries that go
+    into it and come out of it.
+    """
+    scalars = operations = 0
+    for equation in closed.jaxpr.eqns:
+        body = body_of(equation)
+        if body is not None:
+            inner, number = count_scalar_operations(body)
+        elif equation.primitive.name in _MOVING and _all_fit(equation):
+            continue
+        else:
+            inner, number = _scalar_operations(equation), 1
+        scalars, operations = scalars + inner, operations + number
+    return scalars, operations
+
+
+_MOVING = {*MOVES, *INDEXED, "iota", "pvary"}
+
+
+def _all_fit(equation: Any) -> bool:
+    return all(fits(atom.aval) for atom in (*equation.invars, *equation.outvars))
+
+
+def _scalar_operations(equation: Any) -> int:
+    def entries(atoms: Any) -> int:
+        return sum(math.prod(atom.aval.shape) for atom in atoms if fits(atom.aval))
+
+    if not _all_fit(equation):
+        return entries(equation.invars) + entries(equation.outvars)
+    if equation.primitive.name == "dot_general":
+        (contracted, _), _ = equation.params["dimension_numbers"]
+        terms = math.prod(equation.invars[0].aval.shape[axis] for axis in contracted)
+        return 2 * terms * entries(equation.outvars)
+    if equation.primitive.name.startswith("reduce_"):
+        return entries(equation.invars)
+    return entries(equation.outvars)
+
+
 def fits(aval: Any) -> bool:
     """Whether values of this type are split into scalars: small arrays of numbers, but not keys or references."""
     return isinstance(aval, ShapedArray) and is_number(aval) and math.prod(aval.shape) <= _LARGEST_SIZE

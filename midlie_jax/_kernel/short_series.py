@@ -8,10 +8,11 @@ The polynomials are Taylor polynomials, economised: a Chebyshev polynomial takes
 (Lanczos, Applied Analysis, 1956, chapter VII), so that two or three terms fewer have the same error.
 """
 
+from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
+from itertools import islice
 from math import factorial
-from operator import mul
 
 from jax import Array
 
@@ -20,37 +21,40 @@ from . import components as cp
 # The polynomials below are exact to rounding for |w|^2 up to this bound, |w| <= 2.2.
 WIDEST_SQUARE = 4.84
 WIDEST_TURN = 2 * WIDEST_SQUARE**0.5  # radians; the quaternion of a turn is made from half the turn
-# The bound of the methods that solve an equation, |w| <= 1.22, and of those for which a longer turn is no use.
+# A shorter bound, |w| <= 1.22, for methods that solve an equation or whose longer turns would be far from accurate.
 LARGEST_SQUARE = 1.5
 LARGEST_TURN = 2 * LARGEST_SQUARE**0.5
 TERMS = {"float64": 9, "float32": 5}
 SPIN_TERMS = {"float64": 10, "float32": 7}
 STUMPFF_TERMS = {"float64": 11, "float32": 7}
+_ECONOMISED = 12  # terms of a series that its polynomial leaves out; those after them are far below rounding
 
 
 @cache
 def economised(shift: int, terms: int, bound: float = WIDEST_SQUARE) -> tuple[float, ...]:
-    """Coefficients of the sum of (-x)^n / (2n + shift)! for 0 <= x <= bound.
+    """Coefficients of an economised polynomial for the sum of (-x)^n / (2n + shift)!, 0 <= x <= bound.
 
     The first two coefficients are those of the series: for small x the error is far below rounding, so that it does not
     change the length of a vector that turns a million times by a small angle.
     """
-    exact = [(-1) ** n / factorial(2 * n + shift) for n in range(2)]
-    rest = [Fraction((-1) ** n, factorial(2 * n + shift)) for n in range(2, 2 * terms + 8)]
-    while len(rest) > terms - 2:
-        chebyshev = _chebyshev(len(rest) - 1, Fraction(bound))
+    # In powers of x / bound, so that the coefficients of the Chebyshev polynomials are integers.
+    unit = Fraction(bound)
+    series = [(-unit) ** n / factorial(2 * n + shift) for n in range(terms + _ECONOMISED)]
+    exact, rest = series[:2], series[2:]
+    for chebyshev in reversed(list(islice(_chebyshev(2, -1), terms - 2, len(rest)))):
         ratio = rest[-1] / chebyshev[-1]
         rest = [a - ratio * c for a, c in zip(rest, chebyshev, strict=True)][:-1]
-    return (*exact, *map(float, rest))
+    return tuple(float(c / unit**n) for n, c in enumerate(exact + rest))
 
 
-def _chebyshev(degree: int, bound: Fraction) -> list[Fraction]:
-    """The coefficients of the Chebyshev polynomial of this degree, 1 or more, on the interval from 0 to `bound`."""
-    before, last = [Fraction(1)], [Fraction(-1), 2 / bound]
-    for _ in range(degree - 1):
+def _chebyshev(slope: int, shift: int) -> Iterator[list[int]]:
+    """The coefficients in x, lowest first, of the Chebyshev polynomials T_0, T_1, ... of slope x + shift."""
+    before, last = [1], [shift, slope]
+    yield before
+    while True:
+        yield last
         powers = zip([0, *last], [*last, 0], [*before, 0, 0], strict=True)
-        before, last = last, [2 * (2 / bound * lower - same) - old for lower, same, old in powers]
-    return last
+        before, last = last, [2 * (slope * lower + shift * same) - old for lower, same, old in powers]
 
 
 def half_turn(w: cp.Vector) -> cp.Quaternion:
@@ -72,17 +76,15 @@ def cosine_and_sinc(w: Array) -> tuple[Array, Array]:
     return cp.polynomial(economised(0, terms), x), cp.polynomial(economised(1, terms), x)
 
 
-def half_angle(x: Array, part: float = 1.0) -> tuple[Array, Array]:
-    """cos(part a/2) and sin(part a/2) / (part a), where a^2 = x <= WIDEST_SQUARE / part^2."""
+def half_angle(x: Array) -> tuple[Array, Array]:
+    """cos(a/2) and sin(a/2)/a, where a^2 = x <= WIDEST_SQUARE."""
     cosine, sine = half_angle_polynomials(str(x.dtype))
-    powers = [part ** (2 * n) for n in range(len(cosine))]
-    cosine, sine = (tuple(map(mul, terms, powers)) for terms in (cosine, sine))
     return cp.polynomial(cosine, x), cp.polynomial(sine, x)
 
 
 @cache
 def half_angle_polynomials(dtype: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The coefficients in x of both functions of `half_angle`, for the whole angle."""
+    """The coefficients in x of both functions of `half_angle`."""
     terms = TERMS[dtype]
     cosine, sine = (economised(shift, terms, WIDEST_SQUARE / 4) for shift in (0, 1))
     return tuple(c / 4**n for n, c in enumerate(cosine)), tuple(c / (2 * 4**n) for n, c in enumerate(sine))
@@ -114,16 +116,10 @@ def _economised_arctangent(terms: int) -> tuple[float, ...]:
     a = Fraction(LARGEST_TANGENT_SQUARE**0.5)
     r = Fraction((1 + LARGEST_TANGENT_SQUARE) ** 0.5 - 1) / a
     total = [Fraction(0)] * (2 * terms)
-    previous, chebyshev = [1], [0, 1]
-    for degree in range(1, 2 * terms):
-        if degree % 2:
-            weight = 2 * (-1) ** (degree // 2) * r**degree / degree
-            for n, c in enumerate(chebyshev):
-                total[n] += weight * c
-        next_chebyshev = [0] + [2 * c for c in chebyshev]
-        for n, c in enumerate(previous):
-            next_chebyshev[n] -= c
-        previous, chebyshev = chebyshev, next_chebyshev
+    for degree, chebyshev in islice(enumerate(_chebyshev(1, 0)), 1, 2 * terms, 2):
+        weight = 2 * (-1) ** (degree // 2) * r**degree / degree
+        for n, c in enumerate(chebyshev):
+            total[n] += weight * c
     return tuple(float(total[n] / a**n) for n in range(1, 2 * terms, 2))
 
 

@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.arguments import as_method
 from ..drivers.program import Program
 from ..drivers.timing import Stopwatch
 from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model import so3
+from . import chosen
 from .closed_form import Numbering, exact_ends
 from .scenes import Scene
 
@@ -114,11 +114,11 @@ def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int],
 
     Args:
         scene: from `midlie_jax.bench.scenes.scene`.
-        methods: names, or methods made outside the package.
+        methods: names, also MODULE:NAME, or methods, also such as are made outside the package.
         rungs: from `ladder`.
         reference: from `find_reference`.
     """
-    for method in map(as_method, methods):
+    for method in chosen.methods(methods):
         yield from _Ladder(scene, method, rungs, reference).rows()
 
 
@@ -138,7 +138,7 @@ def survey(
     Returns:
         The rows, and the number of rounds, which is smaller if a round takes seconds.
     """
-    ladders = [_Ladder(scene, method, rungs, reference) for method in map(as_method, methods)]
+    ladders = [_Ladder(scene, method, rungs, reference) for method in chosen.methods(methods)]
     for measured in ladders:
         for row in measured.rows():
             report(row)

@@ -190,14 +190,10 @@ def markdown(rows: Sequence[Ratio]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(cells(row)) + " |" for row in rows)])
 
 
-def verdict(values: Sequence[tuple[float, float]], target: float | None = None) -> str:
-    """In words, the span of the ratios in (error, ratio) pairs, and whether they meet a target, the largest wanted."""
-    known = [(error, ratio) for error, ratio in values if math.isfinite(ratio)]
+def span(ratios: Sequence[float]) -> str:
+    """The least and the largest of the ratios, in words, and how many are not known (NaN)."""
+    known = [ratio for ratio in ratios if math.isfinite(ratio)]
     if not known:
         return "not compared: one of the two reaches none of these errors"
-    text = f"{min(r for _, r in known):.2g} to {max(r for _, r in known):.2g}"
-    if target is not None:
-        missed = [f"{error:.0e}" for error, ratio in known if ratio > target]
-        where = "throughout" if len(missed) == len(known) else f"at {', '.join(missed)}"
-        text += f"; wanted {target:g}: " + (f"missed {where}" if missed else "met")
-    return text + ("" if len(known) == len(values) else f" ({len(values) - len(known)} of {len(values)} not compared)")
+    text = f"{min(known):.2g} to {max(known):.2g}"
+    return text + ("" if len(known) == len(ratios) else f" ({len(ratios) - len(known)} of {len(ratios)} not compared)")

@@ -24,6 +24,7 @@ LEGEND = (
 )
 CLOSED = "free_motion is the closed form, which takes no steps; the bold lines are those of the methods."
 _LEAST = 1e-17  # an error of exactly zero has no logarithm: it is drawn below rounding
+_TOP = 10.0  # of the panels: a larger error of a rotation matrix has no meaning
 _MOST = 1.0  # at larger errors a method does not follow the motion, and the frontiers show nothing
 
 
@@ -87,7 +88,7 @@ def work_precision_figure(
     for axes in (left, right):
         axes.set(xscale="log", yscale="log")
     bottom = min(max(p.error, _LEAST) for p in (*ours, *rivals))
-    left.set_ylim(min(bottom, 1e-13) / 3, 10)  # an error above 10 has no meaning
+    left.set_ylim(min(bottom, 1e-13) / 3, _TOP)
     our_styles = _our_styles(families)
     # All rivals have a style, measured or not: the same on all charts.
     rival_styles = styles([*(rival.label for rival in RIVALS), *by_method(rivals)], WARM, SOLID, ours=False)
@@ -128,7 +129,7 @@ def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, St
     ends: list[End] = []
     for name, own in by_method(points).items():
         line = envelope([getattr(p, cost) for p in own], [max(p.error, _LEAST) for p in own])
-        if not line:
+        if not line or line[-1][1] > _TOP:  # all of it is above the panel, where no name could point to it
             continue
         style = line_styles[name]
         x, y = zip(*line, strict=True)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.width import vector_width_options
+from .._kernel.compiler import compiler_options
 from ..drivers.chunks import chunk_size
 from ..drivers.free_motion import free_motion
 from ..drivers.program import Program
@@ -55,7 +55,7 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
 
 
 def exact_point(case: Problem) -> Iterator[Point]:
-    """The one point of `free_motion` on a problem without torque, compiled for the widest vectors like `Program`."""
+    """The one point of `free_motion` on a problem without torque, compiled like `Program`."""
     starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
     times = jnp.asarray([case.scene.duration])
 
@@ -63,7 +63,7 @@ def exact_point(case: Problem) -> Iterator[Point]:
         path = free_motion(case.scene.body, start, times)
         return jax.tree.map(lambda leaf: leaf[0], path.states), path.ok
 
-    program = jax.jit(jax.vmap(end)).lower(starts).compile(compiler_options=vector_width_options())
+    program = jax.jit(jax.vmap(end)).lower(starts).compile(compiler_options=compiler_options(len(case.momentum)))
 
     def run() -> tuple[RigidState, Array]:
         return [jax.block_until_ready(program(starts)) for _ in range(_EVALUATIONS)][-1]

@@ -14,7 +14,8 @@ import numpy as np
 from jax import Array
 
 from .._kernel import components as cp
-from .._kernel.width import vector_width_options
+from .._kernel.compiler import compiler_options
+from .._kernel.verdict import FINE
 from ..drivers.clock import ends_of_step, time_of
 from ..methods.base import Method, Progress
 from ..methods.system import System
@@ -60,7 +61,7 @@ class Runner:
         """
         self.method, self._most = method.fitted(body), most
         rows = jax.vmap(partial(_path, self.method, most), in_axes=(0, None, None, None))
-        self._run = jax.jit(rows, compiler_options=vector_width_options())
+        self._run = jax.jit(rows, compiler_options=compiler_options(len(body.moments)))
 
     def run(self, rows: Rows, steps: int, first: int = 0) -> tuple[RigidState, Array]:
         """The states after `steps` steps, the first of which has the index `first`, and `ok` for each row."""
@@ -90,5 +91,5 @@ def _path(method: Method, most: int, row: Rows, first: Array, every: Array, coun
         return progress, jax.tree.map(lambda all, x: all.at[k].set(x), carry[1], system.state(progress.motion))
 
     saved = jax.tree.map(lambda x: jnp.zeros((most, *x.shape), x.dtype), row.start)
-    progress, saved = jax.lax.fori_loop(0, count, save, (Progress(motion, force, jnp.array(True)), saved))
+    progress, saved = jax.lax.fori_loop(0, count, save, (Progress(motion, force, jnp.asarray(FINE)), saved))
     return saved, progress.ok & cp.all_finite(progress.motion)

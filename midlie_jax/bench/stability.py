@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.width import vector_width_options
-from ..drivers.check import FAST, Facts, stability_limits
+from .._kernel.compiler import compiler_options
+from ..drivers.facts import FAST, Facts, stability_limits
 from ..drivers.integrate import integrate
 from ..methods.base import Method
 from ..methods.limits import resonance
@@ -26,6 +26,7 @@ from ..model.observables import energy, kinetic_energy
 from ..model.states import RigidState
 from ..model.torques import TorqueLike, on_body, potential_of
 from ..model.torques.base import Torque
+from . import chosen
 from .scenes import Scene
 
 METHODS = (DEFAULT, "JACOBI[SRKN6b]", "LIEMID[EA]", "LIEMID[I]", "AKW", "NMB", "DMV[EA]", "GBS12")
@@ -160,12 +161,21 @@ def _field_rate(scene: Scene) -> float:
     return float(np.max(np.abs(facts.rates)))
 
 
-def measure(method: Method, scene: Scene, steps: np.ndarray, varied: Sequence[Sweep], number: int = STEPS) -> list[Map]:
+def measure(
+    method: str | Method, scene: Scene, steps: np.ndarray, varied: Sequence[Sweep], number: int = STEPS
+) -> list[Map]:
     """The maps of a method, one for each sweep: `number` steps of each length for each value, as one batch.
+
+    Args:
+        method: a name, or a method, also one made outside the package.
+        scene: the scene that was varied.
+        steps, varied: from `sweeps`.
+        number: steps of each run.
 
     Raises:
         ValueError: the method does not move rigid bodies, or not those of the scene.
     """
+    (method,) = chosen.methods([method])
     rows = [
         np.concatenate([np.repeat(getattr(s, name), len(steps), axis=0) for s in varied])
         for name in ("moments", "momenta", "factors")
@@ -196,7 +206,8 @@ def runs(
     segment = min(_SEGMENT, number)
     one = partial(_run, method.fitted(RigidBody(moments)), torque, -(-number // segment), segment)
     arguments = moments, starts, factors, dt
-    compiled = jax.jit(jax.vmap(one)).lower(*arguments).compile(compiler_options=vector_width_options())
+    options = compiler_options(len(moments))
+    compiled = jax.jit(jax.vmap(one)).lower(*arguments).compile(compiler_options=options)
     worst, failed, blown_up = compiled(*arguments)
     return np.asarray(worst), np.asarray(failed), np.asarray(blown_up)
 
@@ -249,8 +260,9 @@ class Line(NamedTuple):
     steps: np.ndarray
 
 
-def lines(method: Method, scene: Scene, sweep: Sweep) -> list[Line]:
+def lines(method: str | Method, scene: Scene, sweep: Sweep) -> list[Line]:
     """The limits of `methods/limits.py` for each value of a sweep, from the state at the start."""
+    method = chosen.method(method)
     dtype = scene.start.momentum.dtype
 
     def facts(moments: Array, momentum: Array, factor: Array) -> Facts:

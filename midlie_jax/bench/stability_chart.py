@@ -121,7 +121,7 @@ def _legend(figure: Any, image: Any, drawn: Mapping[str, Any], width: float, hei
     from matplotlib.patches import Patch
 
     bar = figure.colorbar(
-        image, cax=figure.add_axes([0.75 / width, 0.36 / height, 2.6 / width, 0.13 / height]), orientation="horizontal"
+        image, cax=figure.add_axes([0.75 / width, 0.42 / height, 2.6 / width, 0.13 / height]), orientation="horizontal"
     )
     bar.set_label("worst energy error, of |K| + |V| at the start  [-]", fontsize=8.5, color=INK, labelpad=1)
     bar.ax.tick_params(labelsize=8, colors=INK)

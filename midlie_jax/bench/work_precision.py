@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..drivers.timing import Load, cost_clock, spread_in_words
+from ..methods.base import Method
 from ..methods.projection import steady_potential
 from ..methods.registry import ENTRIES, exact_flight
-from ..methods.registry import method as find_method
 from ..methods.schemes import SCHEMES
 from ..model.torques import on_body
-from . import scenes
+from . import chosen, scenes
 from .closed_form import axis_third, exact_ends
 from .families import SYMPLECTIC, family
 from .frontier import Ratio, ratios
@@ -54,13 +54,13 @@ def _steady(scene: Scene) -> bool:
     return steady_potential(on_body(scene.torque, scene.body), jnp.asarray(0.0), scene.start) is not None
 
 
-def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
+def problem(which: str | Scene, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
     """Perturbed copies of the body of a scene, and the reference ends of the first of them.
 
     The ends are from the closed form if there is one, otherwise from heyoka's Taylor series in 38 digits.
 
     Args:
-        name: name of a scene.
+        which: a scene or its name.
         bodies, judged: number of bodies moved, and number of these whose error is measured.
         quick: whether to time fewer and shorter runs.
 
@@ -68,7 +68,7 @@ def problem(name: str, bodies: int = BODIES, judged: int = JUDGED, *, quick: boo
         ValueError: the scene is unknown.
         ImportError: heyoka or mpmath is missing.
     """
-    scene = axis_third(scenes.scene(name, jnp.float64))
+    scene = axis_third(chosen.scene(which, jnp.float64))
     starts = scenes.perturbed(scene, bodies, SIZE)
     momentum, attitude = np.asarray(starts.momentum), np.asarray(starts.attitude)
     # Normalised to rounding, because programs differ in the rotation that they assign to other quaternions.
@@ -92,7 +92,11 @@ def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
 
 
 def measure(
-    case: Problem, ours: Sequence[str], rivals: Sequence[Rival] = RIVALS, *, said: Callable[[str], None] = print
+    case: Problem,
+    ours: Sequence[str | Method],
+    rivals: Sequence[Rival] = RIVALS,
+    *,
+    said: Callable[[str], None] = print,
 ) -> tuple[list[Point], list[Point]]:
     """The points of our methods and of the rivals on a problem.
 
@@ -100,8 +104,11 @@ def measure(
 
     Args:
         case: from `problem`.
-        ours: names of our methods, or `FREE_MOTION` for the closed form of a problem without torque.
+        ours: our methods, as for `chosen.methods`; `FREE_MOTION` is the closed form of a problem without torque.
         said: callback that is called with progress messages and failures.
+
+    Raises:
+        ValueError: one of our methods is unknown or does not move rigid bodies.
     """
 
     def attempt(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:
@@ -112,10 +119,10 @@ def measure(
             said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
             return []
 
-    def points_of(name: str) -> Iterator[Point]:
-        return exact_point(case) if name == FREE_MOTION else ladder(find_method(name), case)
-
-    our_points = [p for name in ours for p in attempt(name, lambda name=name: points_of(name))]
+    closed = [FREE_MOTION] if FREE_MOTION in ours else []
+    methods = chosen.methods([one for one in ours if one != FREE_MOTION])
+    our_points = [p for name in closed for p in attempt(name, lambda: exact_point(case))]
+    our_points += [p for method in methods for p in attempt(method.name, lambda method=method: ladder(method, case))]
     rival_points = [p for rival in rivals for p in attempt(rival.label, lambda rival=rival: rival.measure(case))]
     return our_points, rival_points
 
@@ -128,6 +135,7 @@ class Comparison(NamedTuple):
         ratios: times of our methods over those of the rivals.
         in_steps: the same of the methods alone, without the closed form; empty where there is none.
         ours, rivals: points of our methods and of the rivals.
+        families: the smallest family of each of our methods, by its name.
         warning: a warning if the machine was busy, else "".
     """
 
@@ -136,37 +144,47 @@ class Comparison(NamedTuple):
     in_steps: list[Ratio]
     ours: list[Point]
     rivals: list[Point]
+    families: dict[str, str]
     warning: str
 
 
 def compared(
-    name: str, ours: Sequence[str] | None = None, *, quick: bool = False, said: Callable[[str], None] = print
+    which: str | Scene,
+    ours: Sequence[str | Method] | None = None,
+    *,
+    quick: bool = False,
+    said: Callable[[str], None] = print,
 ) -> Comparison:
     """Measures our methods and the rivals on a scene.
 
     Args:
-        name: name of the scene.
-        ours: names of our methods; by default `methods_for` the scene.
+        which: a scene or its name.
+        ours: as for `measure`; by default `methods_for` the scene.
         quick: as for `problem`.
         said: as for `measure`.
     """
     load = Load()
-    case = problem(name, quick=quick)
-    names = methods_for(case.scene) if ours is None else ours
-    our_points, rival_points = measure(case, names, said=said)
-    families, methods = families_of(our_points), [p for p in our_points if p.method != FREE_MOTION]
+    case = problem(which, quick=quick)
+    methods = methods_for(case.scene) if ours is None else ours
+    our_points, rival_points = measure(case, methods, said=said)
+    families, in_steps = families_of(our_points, methods), [p for p in our_points if p.method != FREE_MOTION]
     our_ratios = ratios(our_points, rival_points, families)
-    in_steps = [] if len(methods) == len(our_points) else ratios(methods, rival_points, families)
-    return Comparison(case, our_ratios, in_steps, our_points, rival_points, load.warning())
+    ratios_in_steps = [] if len(in_steps) == len(our_points) else ratios(in_steps, rival_points, families)
+    return Comparison(case, our_ratios, ratios_in_steps, our_points, rival_points, families, load.warning())
 
 
-def families_of(points: Sequence[Point]) -> dict[str, str]:
+def families_of(points: Sequence[Point], ours: Sequence[str | Method] = ()) -> dict[str, str]:
     """The smallest family of each method of the points, by the name of the method.
 
     The closed form is exact to rounding, so it is symplectic and conserves what the body conserves.
+
+    Args:
+        points: from `measure`.
+        ours: the methods that were measured; needed for those that are not known by their names.
     """
+    known = {method.name: method for method in chosen.methods([one for one in ours if one != FREE_MOTION])}
     names = dict.fromkeys(point.method for point in points)
-    return {name: SYMPLECTIC if name == FREE_MOTION else family(find_method(name)) for name in names}
+    return {n: SYMPLECTIC if n == FREE_MOTION else family(known.get(n) or chosen.method(n)) for n in names}
 
 
 def title(case: Problem) -> str:

@@ -61,13 +61,19 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
 def _state_at(dense: LieInterpolation, t: Any) -> Any:
     """The state at the time t.
 
-    Reverse mode computes it again: what it would keep otherwise, diffrax hands on entry by entry.
+    Reverse mode computes it again. Otherwise it would keep intermediate results for every step, and diffrax would copy
+    each of these arrays entry by entry.
     """
-    length = dense.t1 - dense.t0
-    no_step = length == 0
-    s = jnp.where(no_step, jnp.zeros_like(length), t - dense.t0) / jnp.where(no_step, jnp.ones_like(length), length)
-    s = s.astype(dense.y0.momentum.dtype)
+    s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
     return _rigid_state_at(dense, s) if isinstance(dense.y0, RigidState) else _arrays_at(dense, s)
+
+
+def part_of_step(t0: Any, t1: Any, t: Any, dtype: Any) -> Array:
+    """(t - t0) / (t1 - t0); zero in a step of no length."""
+    length = t1 - t0
+    no_step = length == 0
+    s = jnp.where(no_step, jnp.zeros_like(length), t - t0) / jnp.where(no_step, jnp.ones_like(length), length)
+    return s.astype(dtype)
 
 
 def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
@@ -109,17 +115,17 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
 
 
 def _rotated(q: cp.Quaternion, v: cp.Vector) -> cp.Vector:
-    """q v q* for a unit quaternion q."""
+    """`cp.rotate` without the correction of the length of q, because no error adds up here."""
     return cp.add(v, cp.unit_rotation_change(q, v))
 
 
 def _exponential(turn: cp.Vector, square: Array) -> cp.Quaternion:
     """The quaternion of a rotation vector of at most `LARGEST_TURN`, and of this squared length."""
-    part = 0.5**_HALVINGS
-    cosine, sine = half_angle(square, part)
-    # Of the angle a, these are cos(p a/2) and sin(p a/2) / (p a), with p = part 2^n; twice p needs no factor 2.
+    square = square * 0.25**_HALVINGS
+    cosine, sine = half_angle(square)
+    # cos(a/2) and sin(a/2)/a of a part a of the angle; of twice this part the second is their product.
     for n in range(_HALVINGS):
-        cosine, sine = cosine * cosine - (part * 2**n) ** 2 * square * sine * sine, cosine * sine
+        cosine, sine = cosine * cosine - 4.0**n * square * sine * sine, cosine * sine
     return cosine, *cp.scale(sine, turn)
 
 

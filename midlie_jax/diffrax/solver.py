@@ -13,6 +13,7 @@ from jax import Array
 from .._kernel import components as cp
 from .._kernel.checks import described
 from .._kernel.fusion import fuse, is_stored, split
+from .._kernel.verdict import FINE, is_fine
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
@@ -22,6 +23,7 @@ from ..methods.system import AnyMotion, System
 from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
+from .shorter_step import ShorterStep, Start
 from .term import RigidBodyTerm, as_time, check, like
 
 
@@ -50,11 +52,21 @@ class Memory(NamedTuple):
 class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     """A method of this package as a solver for diffrax. It needs a `RigidBodyTerm` and a midlie_jax state.
 
-    Order: the order of the method. Interpolation: `LieInterpolation`. Torque evaluations: those of the method. An
-    adaptive controller and dense output (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step.
+    Order: the order of the method. Torque evaluations: those of the method. An adaptive controller and the dense output
+    `"cubic"` (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step.
     Methods that begin with a kick (E2, EA, SRKN6b, SRKN11b and the compositions TJ4 to KL8, under a torque that does
     not read the momentum), AKW, NMB, symplectic Euler and Verlet evaluate these torques anyway. For the other methods,
     an adaptive controller costs one more evaluation per step, and dense output two.
+
+    Dense output, the states between the ends of a step, by `dense`:
+
+    - `"cubic"`: `LieInterpolation`, of third order whatever the method. Cheap: one evaluation is a few polynomials.
+    - `"step"`: a shorter step of the method from the start of the step, of the order of the method. An event then has
+      the error of the method in its time and state. Each state costs a step of the method, as does each iteration of an
+      event's root finder, and the program holds a second copy of the step. `SaveAt(dense=True)` keeps the arrays of
+      body and torque for every step, so they must be numbers, not random keys. What is between two steps is continuous,
+      but its rate of change has small jumps at the steps. Take it for methods of order 4 and more, where the times of
+      events or the states between steps must be as exact as the steps.
 
     Error estimate: the step minus its companion (module `estimate`). It depends on the order p of the method:
 
@@ -78,17 +90,26 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     Attributes:
         method: a method from `midlie_jax.method`, or its name; by default JACOBI[EA], which moves rigid bodies.
+        dense: how the states between the ends of a step are computed, "cubic" or "step".
 
     Raises:
-        ValueError: the method is unknown; or, from `diffeqsolve`, the term, state, batch or dtype does not fit.
+        ValueError: the method or `dense` is unknown; or, from `diffeqsolve`, the term, state, batch or dtype does not
+            fit.
     """
 
     method: Method
+    dense: str = eqx.field(static=True)
     term_structure: ClassVar = diffrax.AbstractTerm
-    interpolation_cls: ClassVar = LieInterpolation
 
-    def __init__(self, method: Any = DEFAULT):
-        self.method = as_method(method)
+    def __init__(self, method: Any = DEFAULT, *, dense: str = "cubic"):
+        if dense not in ("cubic", "step"):
+            raise ValueError(f'dense must be "cubic" or "step", got {described(dense)}.')
+        self.method, self.dense = as_method(method), dense
+
+    @property
+    def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The class of the dense output."""
+        return ShorterStep if self.dense == "step" else LieInterpolation
 
     def order(self, terms: Any) -> int:
         """The order of the method; at most 2 for a FLIGHT[SCHEME] under a torque declared `VelocityDependent`."""
@@ -111,7 +132,11 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         system, clock = self._system(terms, t0, y0, args)
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
         y0, memory = _varying_together((y0, solver_state))
-        y1, error, dense, memory, ok = _step(self.method, system, start_time, end_time, h, y0, memory, made_jump)
+        y1, error, dense, force, memory, ok = _step(self.method, system, start_time, end_time, h, y0, memory, made_jump)
+        if self.dense == "step":
+            term, times = _single_term(terms), [start_time, end_time, h]
+            stored = force if _begins_with_force(self.method, system) else None
+            dense = {"start": Start.of(self.method, term.body, term.torque_at(args), y0, stored, times)}
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
@@ -161,16 +186,18 @@ def _step(
     entry.
 
     Returns:
-        The state at the end, its error, the data of the dense output, the memory, and whether the step succeeded.
+        The state at the end, its error, the data of the cubic dense output, the torque at the start as one array, the
+        memory, and whether the step succeeded.
     """
     motion = system.motion(y0)
     keeps_force, begins_with_force = method.keeps_force(system), _begins_with_force(method, system)
     if made_jump is not False:
         fresh = partial(_new_memory, system, start_time, motion, begins_with_force)
         memory = jax.lax.cond(made_jump, fresh, lambda kept=memory: kept)
+    force = memory.force
     stored_force, stored_history = memory.unpacked(system)
-    progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(True))
-    (end, method_force, ok), _ = method.advance(
+    progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(FINE))
+    (end, method_force, judged), _ = method.advance(
         system, (start_time, end_time), lambda clock: (*clock, None), h, progress
     )
     # Controllers of diffrax handle NaN in y1, but not infinity.
@@ -186,7 +213,7 @@ def _step(
     for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
         dense[f"velocity{i}"] = system.kind.pack(system.vector_in_user_axes(system.velocity(momentum)))
         dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
-    ok = ok & cp.all_finite(y1)
+    ok = is_fine(judged) & cp.all_finite(y1)
     stop = jax.lax.stop_gradient
     step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(stored_history)
     target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
@@ -196,7 +223,7 @@ def _step(
     error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
     # Derivatives do not pass through a torque that only the error estimate reads.
     next_force = next_force if begins_with_force else jax.lax.stop_gradient(end_torque)
-    return y1, error, dense, Memory.of(system, next_force, history), ok
+    return y1, error, dense, force, Memory.of(system, next_force, history), ok
 
 
 @jax.custom_jvp
@@ -211,7 +238,9 @@ def _varying_together(tree: Any) -> Any:
 
 @_varying_together.defjvp
 def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-    return primals[0], jax.lax.optimization_barrier(tangents[0])  # or JAX drops the tangents that it knows are zero
+    # Without the barrier JAX drops the tangents that it knows are zero. One for each: that of several, of which some do
+    # not depend on the input, has no transpose with jax 0.12.
+    return primals[0], jax.tree.map(jax.lax.optimization_barrier, tangents[0])
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:

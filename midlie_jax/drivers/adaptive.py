@@ -25,26 +25,30 @@ that has reached t1 or has failed takes such steps while the rest of the batch g
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float, Int
 
 from .._kernel import components as cp
 from .._kernel.checks import as_count, described, require_finite, same_dtype
+from .._kernel.compiler import tuned_jit
 from .._kernel.fusion import fuse
 from .._kernel.mesh import all_promoted, axes_of_run
-from .._kernel.width import wide_jit
+from .._kernel.verdict import FINE, UNFOLLOWED, earlier
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
 from ..model.bodies import Body
 from ..model.densities import DensityLike
-from ..model.state import AnyState
+from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
-from .arguments import as_method, as_scalar, check_saving, check_step, check_system
+from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
+from .arguments import as_method, as_saving, as_scalar, check_step, check_system
+from .observe import Observe, as_observe_of_one, observe_state
+from .path import AdaptivePath, end_alone, first_bad
+from .results import result_of
 
 # The last step may exceed dt / half by this fraction: otherwise rounding could leave one more step of length near zero.
 _SLACK = 1e-3
@@ -52,27 +56,6 @@ _SLACK = 1e-3
 _LARGEST_FACTOR = 2.0
 # At most so many steps are taken between two checks whether every body has reached t1.
 _BLOCK = 32
-
-
-class AdaptivePath(NamedTuple):
-    """A motion at the saved times.
-
-    Attributes:
-        times: (n,), the start first; n = 1 + steps / save_every.
-        states: the states at these times, of the class of the start, with a leading axis (n,).
-        densities: rho at these times, (n,), which is near the density: the next step is about dt / rho. To continue a
-            run from a saved state, or to run back from it, pass its entry as `rho`.
-        taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed before.
-        ok: (), False when a solve failed, a number was not finite, rho or the density was not positive, the two
-            differed by more than a factor of 2 (the density jumped, or the steps are too large to follow it), or t1
-            was not reached.
-    """
-
-    times: Float[Array, "*batch n"]
-    states: Any
-    densities: Float[Array, "*batch n"]
-    taken: Int[Array, "*batch"]
-    ok: Bool[Array, "*batch"]
 
 
 class _Clock(NamedTuple):
@@ -87,6 +70,7 @@ class _Clock(NamedTuple):
     taken: Array  # number of steps taken
 
 
+@overload  # what is observed takes the place of the states
 def integrate_adaptive(
     method: Method | str,
     body: Body,
@@ -96,12 +80,45 @@ def integrate_adaptive(
     density: DensityLike,
     dt: float | Array,
     steps: int,
-    save_every: int = 1,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    t1: float | Array | None = ...,
+    rho: float | Array | None = ...,
+    adjoint: Adjoint | None = ...,
+    observe: Any,
+) -> AdaptivePath[Any]: ...
+@overload
+def integrate_adaptive(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT,
+    *,
+    density: DensityLike,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    t1: float | Array | None = ...,
+    rho: float | Array | None = ...,
+    adjoint: Adjoint | None = ...,
+) -> AdaptivePath[StateT]: ...
+def integrate_adaptive(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT,
+    *,
+    density: DensityLike,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = 1,
     t0: float | Array = 0.0,
     t1: float | Array | None = None,
     rho: float | Array | None = None,
-    reverse: bool = False,
-) -> AdaptivePath:
+    adjoint: Adjoint | None = None,
+    observe: Any = None,
+) -> AdaptivePath[StateT]:
     """Integrates one body with steps of about dt / density, reversibly; map over any argument with `jax.vmap`.
 
     Without `t1` the run takes `steps` steps: the bodies of a batch end at different times, and no step is wasted. With
@@ -115,21 +132,22 @@ def integrate_adaptive(
     short to end there.
 
     Compiled on the first call for each method, torque, density function, shape and step count. Differentiable in
-    every array, forward and reverse; with `t1`, reverse mode needs `reverse=True`.
+    every array, forward and reverse; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
 
     Args:
         method: a symmetric method from `midlie_jax.method`, or its name. The run has the order of the method.
-        body, torque, start, t0: as for `midlie_jax.integrate`.
+        body, torque, start, t0, observe: as for `midlie_jax.integrate`.
         density: `density(t, state) -> ()`, positive and smooth, or one of `midlie_jax.densities`. Pass the same
             function object again to reuse what was compiled.
         dt: the step where the density is 1, (), may be negative.
         steps: number of steps; with `t1` the largest number.
         save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state
-            repeat.
+            repeat. None: the state at the end alone.
         t1: the exact end time, (); dt must point from t0 to t1.
         rho: the initial rho, (); by default the density at the start. To continue a run or to run it back, the entry
-            of `densities` of its path.
-        reverse: with `t1`, always run all of `steps`, as reverse-mode differentiation needs.
+            of `rho` of its path.
+        adjoint: `Checkpointed()`, the default without `t1`; or `Forward()`, the default with `t1`, which stops when all
+            bodies have reached t1. With `t1`, `Checkpointed()` always runs all of `steps`, as reverse mode needs.
 
     Returns:
         The path. A failure shows as False in `path.ok`, never as an exception; a body that failed does not move on.
@@ -138,8 +156,12 @@ def integrate_adaptive(
         ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the cure.
             Raised before anything is traced.
     """
-    steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
-    check_saving(steps, save_every)
+    steps = as_count("steps", steps)
+    save_every = as_saving(save_every, steps)
+    adjoint = (Checkpointed() if t1 is None else Forward()) if adjoint is None else as_adjoint(adjoint)
+    if isinstance(adjoint, Reversible):
+        raise ValueError("adjoint must be Checkpointed() or Forward(): variable steps are not taken back one by one.")
+    observe = as_observe_of_one(observe)
     method = check_system(as_method(method), body, torque, start)
     if not method.symmetric:
         raise ValueError(
@@ -157,15 +179,16 @@ def integrate_adaptive(
     if rho is not None:
         rho = as_scalar("rho", rho, dtype)
         if not cp.is_traced(rho) and rho <= 0:
-            raise ValueError(f"rho must be positive, got {rho}; pass an entry of `densities` of a path, or None.")
+            raise ValueError(f"rho must be positive, got {rho}; pass an entry of `rho` of a path, or None.")
     if t1 is not None:
         t1 = as_scalar("t1", t1, dtype)
         if not any(cp.is_traced(x) for x in (t0, t1, dt)) and (t1 - t0) * dt < 0:
             raise ValueError(f"dt must point from t0 = {t0} to t1 = {t1}, got {dt}; change its sign.")
-    return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, reverse)
+    all_steps = t1 is None or isinstance(adjoint, Checkpointed)
+    return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, all_steps, observe)
 
 
-@wide_jit
+@tuned_jit
 def _run(
     method: Method,
     body: Any,
@@ -177,9 +200,10 @@ def _run(
     t1: Array | None,
     rho: Array | None,
     steps: int,
-    save_every: int,
-    reverse: bool,
-) -> AdaptivePath:
+    save_every: int | None,
+    all_steps: bool,
+    observe: Observe | None,
+) -> AdaptivePath[Any]:
     arguments = (body, torque, start, density, dt, t0, t1, rho)
     axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
@@ -191,11 +215,12 @@ def _run(
         progress, (t_end, residue) = method.advance(system, (clock, t1), _ends_of_step, clock.h, progress, axes)
         value, slope = _density_and_slope(system, density, t_end, progress)
         clock, ok = _clock_after_step(clock, t_end, residue, dt, t1, value, slope, progress.ok)
-        return fuse(all_promoted((progress._replace(ok=ok), clock), axes)), None
+        judged = earlier(progress.verdict, jnp.where(ok, FINE, UNFOLLOWED))
+        return fuse(all_promoted((progress._replace(verdict=judged), clock), axes)), None
 
     motion = system.motion(start)
     force = system.force(t0, motion) if method.keeps_force(system) else None
-    progress = Progress(motion, force, jnp.ones((), bool))
+    progress = Progress(motion, force, jnp.asarray(FINE))
     value, slope = _density_and_slope(system, density, t0, progress)
     clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
     # Two checkpoints, because each order of reverse mode removes one: see `integrate`.
@@ -205,21 +230,30 @@ def _run(
         return jax.lax.scan(step, carry, length=count, unroll=method.unroll)[0]
 
     def save_interval(carry: Any, _: None) -> tuple[Any, Any]:
-        if t1 is None or reverse:
-            carry = take_steps(carry, save_every)
+        if all_steps:
+            carry = take_steps(carry, every)
         else:
-            take_block = partial(take_steps, count=_block(save_every))
-            carry = _while_any_moves(take_block, carry, save_every // _block(save_every))
+            take_block = partial(take_steps, count=_block(every))
+            carry = _while_any_moves(take_block, carry, every // _block(every))
         progress, clock = carry
-        return carry, (system.state(progress.motion), clock.t, clock.rho)
+        state = system.state(progress.motion)
+        seen = observe_state(observe, clock.t, state, body, torque)
+        return carry, (seen, clock.t, clock.rho, progress.ok & cp.all_finite((state, clock.rho)))
 
-    progress = progress._replace(ok=_follows(clock.rho, value) & (clock.half > 0))
+    follows = _follows(clock.rho, value) & (clock.half > 0)
+    progress = progress._replace(verdict=jnp.where(follows, FINE, UNFOLLOWED))
     begin = all_promoted((progress, clock), axes)
-    (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // save_every)
-    first = (start, t0, begin[1].rho)
-    states, times, densities = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, saved)
-    ok = progress.ok & cp.all_finite((progress.motion, clock.rho))
-    return AdaptivePath(times, states, densities, clock.taken, ok if t1 is None else ok & (clock.t == t1))
+    every = save_every or steps
+    (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // every)
+    first = (observe_state(observe, t0, start, body, torque), t0, begin[1].rho)
+    states, times, rhos = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, saved[:3])
+    finite = cp.all_finite((progress.motion, clock.rho))
+    reached = True if t1 is None else clock.t == t1
+    ok, result = progress.ok & finite & reached, result_of(progress.verdict, finite, reached)
+    bad = first_bad(start, saved[3])
+    bad = jnp.where(begin[0].ok, bad, jnp.zeros_like(bad))
+    path = AdaptivePath(times, states, ok, bad, result, rhos, clock.taken)
+    return path if save_every else end_alone(path)._replace(rho=rhos[-1])
 
 
 def _first_clock(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:

@@ -202,7 +202,7 @@ class _Perturbed(eqx.Module):
 def _run_reversibly(functions: _Functions, unroll: int, progress: Progress, inputs: Any, arrays: Any) -> Progress:
     """The progress after the steps with these inputs; each function reads its own arrays.
 
-    The derivative with respect to what the steps read is that with respect to the arrays of `take_again`.
+    Its derivative differentiates `take_again`, not `take`, so it is with respect to the arrays that `take_again` reads.
     """
 
     def take(progress: Progress, step: Any) -> tuple[Progress, None]:

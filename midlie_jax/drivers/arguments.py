@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import as_floats, described, require_finite, same_dtype, shown
+from .._kernel.checks import as_count, as_floats, described, require_finite, same_dtype, shown
 from .._kernel.components import is_traced
 from ..methods.base import Method
 from ..methods.registry import method as find_method
@@ -77,10 +77,14 @@ def check_step(dt: Array) -> None:
         raise ValueError(f"dt must be finite and not zero, got {dt}.")
 
 
-def check_saving(steps: int, save_every: int) -> None:
-    """Raises unless `save_every` divides `steps`."""
-    if steps % save_every:
-        raise ValueError(f"steps ({steps}) must be divisible by save_every ({save_every}); change one of them.")
+def as_saving(save_every: Any, steps: int) -> int | None:
+    """The steps between two saved states; None for the end alone. A ValueError unless it divides `steps`."""
+    if save_every is None:
+        return None
+    every = as_count("save_every", save_every)
+    if steps % every:
+        raise ValueError(f"steps ({steps}) must be divisible by save_every ({every}); change one of them.")
+    return every
 
 
 def as_first_step(first_step: Any, steps: int) -> Array:

@@ -1,8 +1,7 @@
-"""`check`: says before a run whether a step is sane for a method, a body, a torque and a state, and which would be.
+"""`check`: says before a run whether a step is sane for a method, a body, a torque and a start, and which would be.
 
-It takes one step from every state, and compares the angle of a step, the rates of the torque and the frequencies of the
-motion with the limits of `methods/limits.py`. All of these are of the start: a motion that speeds up needs a check of a
-later state.
+A trial of some thousand steps (`trials.py`) tells the angles of its steps, the rates of the torque that it meets, and
+whether it fails or loses the energy. `check` compares them with the limits of `methods/limits.py`.
 """
 
 import math
@@ -10,30 +9,26 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel import components as cp
+from .._kernel.checks import as_count
 from .._kernel.components import is_traced
 from ..methods.base import Method
 from ..methods.limits import resonance, resonance_half_width
 from ..methods.splitting import Splitting
-from ..methods.system import Motion, System
-from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.bodies import RigidBody, TensorBody
 from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from .arguments import as_method, as_scalar, check_step, check_system
-from .rows import count_rows, torque_rows
+from .arguments import as_method, as_scalar, check_system
+from .ensemble import as_batch
+from .facts import FAST
+from .trials import Trial, Trials
 
-_TURN_SHARE = 0.8  # a sane step turns the body by at most this share of the method's reach
-_RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps a period for LIEMID[EA]
-_HALVINGS = 20  # steps tried to find one whose equation is solved: dt, dt/2, dt/4, ...
 _ORDERS = (1, 2, 3)  # the k of the resonances at h omega = pi / k that are looked for
-_DIRECTIONS = 64  # between growth and decay, for stability limits
-FAST = 2.0  # a spin is fast if the frequency of its nutation exceeds that of the torque by this factor
 _OFF = 0.95  # by which a suggested step is shortened until it is off every resonance
+_SHORTER, _TRIALS = 0.7, 40  # by which a suggested step is shortened until its trial succeeds, and how often at most
 
 
 class Check(NamedTuple):
@@ -42,13 +37,18 @@ class Check(NamedTuple):
     Attributes:
         method: name of the method.
         dt: the step.
-        sane: whether `solved` holds, `turn` is at most 0.8 `reach`, `stiffness` is at most half of `limit`, and the
-            step is off every resonance.
-        solved: whether one step from each state succeeded, with finite numbers.
-        turn: the angle a step, in radians, that the reach bounds: |dt| times the rate at which the method turns the
-            body (|Omega|, except for the flights that are made of rotations about given axes), in root sum square with
-            the speed that an unstable torque can add.
-        reach: the largest `turn` of the method; infinity if it is not known.
+        sane: whether `solved` holds, `turn` is at most 0.8 `reach`, `stiffness` is at most half of `limit`, the step is
+            off every resonance, and `energy_error` is at most half, where it is defined.
+        steps: the number of steps of the trial.
+        solved: whether all steps of the trial succeeded, with finite numbers.
+        lasted: the number of steps after which the states were last seen to be good; `steps` if `solved`. The trial is
+            looked at some hundred times, so that the first bad step may come that much later.
+        energy_error: the largest change of a body's energy in the trial, over the sum of its kinetic energy at the
+            start and the range of its potential energy; NaN where the energy is not constant, or has no formula.
+        turn: the angle by which the method turns the body in a step, in radians, at most `reach`: |dt| times the speed
+            (|Omega|, except for the flights that are made of rotations about given axes), in root sum square with what
+            an unstable torque can add to it; the largest that is met in the trial, as are `rate` and `stiffness`.
+        reach: the largest `turn` that the method can take; infinity if it is not known.
         rate: the largest modulus |lambda| of the rates of the torque, per unit of time: the body under the linearised
             torque alone moves as exp(lambda t). For a field it is the frequency of small oscillations, or the rate at
             which the body falls away from an unstable direction.
@@ -58,15 +58,19 @@ class Check(NamedTuple):
             where kicks resonate with the motion. Infinity where this is not defined: without a torque or a fast spin,
             and for methods without kicks.
         order: this k; 0 if there is none.
-        resonant: whether a state is within the width of the resonance.
-        suggested: the longest step that is sane by these rules, with the sign of dt; infinity if any is. It is a step
-            that can be trusted, not one that is accurate: `midlie_jax.recommend` measures accuracy.
+        resonant: whether a body is, at the start, within the width of the resonance.
+        suggested: the longest step found, with the sign of dt, that is sane by a trial of its own. Infinity if nothing
+            turns the body; 0 if no sane step was found. No promise is made for what comes after the trial, nor that
+            the step is accurate: `midlie_jax.recommend` measures accuracy.
     """
 
     method: str
     dt: float
     sane: bool
+    steps: int
     solved: bool
+    lasted: int
+    energy_error: float
     turn: float
     reach: float
     rate: float
@@ -84,9 +88,11 @@ class Check(NamedTuple):
         if math.isinf(self.suggested):
             better = "any step is"
         elif self.suggested == 0:
-            better = "no step is: the torque or its derivative is not finite at the start"
+            better = "no sane step was found"
+            if not math.isfinite(self.rate):
+                better += ": the torque or its derivative is not finite"
         else:
-            better = f"steps up to {self.suggested:.2g} are"
+            better = f"a step of {self.suggested:.2g} is" + ("" if self.sane else ", by a trial of its own")
         reach = f"the method reaches {self.reach:.2g}" if math.isfinite(self.reach) else "no limit is known"
         parts = [("step", f"{verdict}; {better}"), ("turn a step", f"{self.turn:.2g} rad; {reach}")]
         if self.rate:
@@ -97,12 +103,15 @@ class Check(NamedTuple):
             text = f"{steps:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
             parts.append(("resonance", f"{text} {2 * self.order}"))
         if not self.solved:
-            parts.append(
-                (
-                    "first step",
-                    "FAILS: a solve does not succeed, the step is beyond the reach, or a number is not finite",
-                )
+            trial = (
+                f"FAILS after {self.lasted} of {self.steps} steps: a solve does not succeed, the step is beyond the "
             )
+            trial += "reach, or a number is not finite"
+        elif math.isnan(self.energy_error):
+            trial = f"{self.steps} steps succeed"
+        else:
+            trial = f"{self.steps} steps succeed; the energy changes by {self.energy_error:.1g} of its scale"
+        parts.append(("trial", trial))
         return parts
 
     def __str__(self) -> str:
@@ -115,20 +124,24 @@ def check(
     method: Method | str,
     body: RigidBody | TensorBody,
     torque: TorqueLike | None,
-    state: AnyState,
-    dt: float | Array,
+    start: AnyState,
     *,
+    dt: float | Array,
+    steps: int | None = None,
     t0: float | Array = 0.0,
-    torque_axes: Any = None,
+    torque_axes: Any = "auto",
 ) -> Check:
-    """Whether a step is sane, before a run, and which step would be. Takes a second, to compile one step.
+    """Whether a step is sane, before a run, and which step would be: by trials.
+
+    Compiles a run and what looks at it, which takes some seconds; more trials with the same torque function take none.
 
     Args:
         method: from `midlie_jax.method`, or its name; of rigid bodies.
-        body, torque, torque_axes: as for `integrate`, or, if the state has a leading axis, as for `ensemble`.
-        state: the state at the start, of one body, or with a leading axis (n,) of n bodies.
+        body, torque, torque_axes: as for `integrate`, or, if the start has a leading axis, as for `ensemble`.
+        start: the state of one body, or with a leading axis (n,) of n bodies.
         dt: the step, (), may be negative.
-        t0: the time, ().
+        steps: of each trial. By default 10,000, or as many as are 2 million of all bodies together, but 100 at least.
+        t0: the time at the start, ().
 
     Returns:
         The numbers and the verdict; `print` shows them in words.
@@ -136,162 +149,55 @@ def check(
     Raises:
         ValueError: an argument is invalid, as for `integrate`; it is traced; or the method or the body is of particles.
     """
-    if any(is_traced(leaf) for leaf in jax.tree.leaves((body, torque, state, dt, t0)) if eqx.is_array(leaf)):
+    if any(is_traced(leaf) for leaf in jax.tree.leaves((body, torque, start, dt, t0)) if eqx.is_array(leaf)):
         raise ValueError("check needs numbers, but an argument is traced; call it outside jit, vmap and grad.")
-    check_state("state", state)
+    check_state("start", start)
     method = as_method(method)
     if not issubclass(method.bodies, RigidBody):
         raise ValueError(f"check is for rigid bodies, but method {method.name!r} moves {method.bodies.__name__}.")
-    batch = state.momentum.ndim - 1
-    if batch not in (0, 1):
-        raise ValueError(f"state must be one state or have one leading axis, got momentum {state.momentum.shape}.")
-    method = check_system(method, body, torque, state, batch=batch)
-    dtype = state.momentum.dtype
+    dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    check_step(dt)
-    states = state if batch else jax.tree.map(lambda leaf: leaf[None], state)
-    count = len(states.momentum)
-    if not count:
-        raise ValueError("state holds no bodies; give one row a body.")
-    arguments = (body, torque, states)
-    own_body = bool(batch) and principal_of(body).moments.ndim == 2
-    torques = torque_rows(torque, torque_axes, body, own_body, states, count) if batch else None
-    rows = (
-        jax.tree.map(lambda _: own_body, body),
-        jax.tree.map(lambda _: False, torque) if torques is None else torques,
-        jax.tree.map(lambda _: True, states),
+    if start.momentum.ndim not in (1, 2):
+        raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
+    if start.momentum.ndim == 1:  # with one body nothing has rows
+        check_system(method, body, torque, start)
+        start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
+    batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
+    return _judged(
+        Trials(batch, steps if steps is None else as_count("steps", steps)),
+        float(dt),
+        kicked=torque is not None and isinstance(method, Splitting),
     )
-    count_rows(("body", "torque", "state"), arguments, rows, count)
-    facts, solved = jax.tree.map(np.asarray, _facts(method, *eqx.partition(arguments, rows), t0, dt))
-    return _judged(method, torque is not None, float(dt), facts, np.all(solved, axis=0))
 
 
-class Facts(NamedTuple):
-    """What is known of a body at the start; with a leading axis of many.
-
-    Attributes:
-        turn_rate: the angle per unit of time that the method's reach bounds, ().
-        linear: the body under the linearised torque alone, as a matrix of rotation vector and momentum, (6, 6).
-        nutation: |Pi| over the mean of the two moments that are nearest to each other, ().
-    """
-
-    turn_rate: Any
-    linear: Any
-    nutation: Any
-
-    @classmethod
-    def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
-        """The facts of one body; may be traced."""
-        system = System.of(body, torque, state, t)
-        motion = system.motion(state)
-        moments = jnp.sort(cp.pack(system.inertia.moments))
-        low_pair = moments[1] - moments[0] < moments[2] - moments[1]
-        mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
-        turn_rate = method.turn_rate(system.inertia, motion.momentum)
-        return cls(turn_rate, _linearised(system, t, motion), cp.norm(motion.momentum) / mean)
-
-    @property
-    def rates(self) -> Any:
-        """The rates lambda of the torque, (n, 6); infinite where the torque or its derivative is not."""
-        finite = np.all(np.isfinite(self.linear), axis=(-1, -2), keepdims=True)
-        values = np.linalg.eigvals(np.where(finite, np.asarray(self.linear, np.float64), 0))
-        return np.where(finite[..., 0], values, np.inf)
-
-    @property
-    def fastest_turn(self) -> Any:
-        """`turn_rate` in root sum square with twice the largest rate of growth, (n,).
-
-        The second is the speed of a body at rest that falls from an unstable direction of the field, I x'' = k sin x,
-        to the stable one: I x'^2 / 2 = 2 k.
-        """
-        growth = np.max(np.maximum(self.rates.real, 0), axis=-1)
-        return np.hypot(self.turn_rate, 2 * growth)
-
-
-@eqx.filter_jit
-def _facts(method: Method, mapped: Any, shared: Any, t0: Array, dt: Array) -> tuple[Facts, Array]:
-    """The facts of each body, and whether steps of dt, dt/2, dt/4, ... from its state succeed, (n, halvings)."""
-
-    def of_one(mapped: Any) -> tuple[Facts, Array]:
-        body, torque, state = eqx.combine(mapped, shared)
-        system = System.of(body, torque, state, t0)
-        motion = system.motion(state)
-        force = system.force(t0, motion) if method.keeps_force(system) else None
-
-        def succeeds(h: Array) -> Array:
-            after, _, ok = method.step(system, t0, t0 + h, h, motion, force)
-            return ok & cp.all_finite(after)
-
-        solved = jax.vmap(succeeds)(dt * 0.5 ** jnp.arange(_HALVINGS, dtype=dt.dtype))
-        return Facts.of(method, body, torque, state, t0), solved
-
-    return jax.vmap(of_one)(mapped)
-
-
-def _linearised(system: System, t: Array, motion: Any) -> Array:
-    """The matrix of (rotation vector, momentum) under the linearised torque alone, without the motion of the body."""
-    one, nil = jnp.ones_like(motion.momentum[0]), jnp.zeros_like(motion.momentum[0])
-    zero: cp.Vector = (nil, nil, nil)
-    units: list[cp.Vector] = [(one, nil, nil), (nil, one, nil), (nil, nil, one)]
-    still = jax.tree.map(jnp.zeros_like, motion.pose)
-
-    def change(momentum: Any, pose: Any) -> Any:
-        return jax.jvp(lambda m: system.force(t, m), (motion,), (Motion(momentum, pose),))[1]
-
-    by_turn = [change(zero, system.kind.rate(motion.pose, w)) for w in units]
-    by_momentum = [change(w, still) for w in units]
-    speeds = [system.velocity(w) for w in units]
-    columns = [(*zero, *turn) for turn in by_turn]
-    columns += [(*speed, *push) for speed, push in zip(speeds, by_momentum, strict=True)]
-    return jnp.stack([cp.pack(column) for column in columns], axis=-1)
-
-
-def _judged(method: Method, forced: bool, dt: float, facts: Facts, solved: np.ndarray) -> Check:
-    h, rates = abs(dt), facts.rates
-    sizes, limits = np.abs(rates), stability_limits(method, rates)
-    with np.errstate(invalid="ignore"):  # an infinite rate over no limit is NaN, which argmax takes for the largest
-        worst = np.unravel_index(np.argmax(sizes / limits), sizes.shape)
-    rate, limit = float(sizes[worst]), float(limits[worst])
-    turn_rate = float(np.max(facts.fastest_turn))
-    # Without a torque there are no kicks; other methods than splittings have none.
-    kicked = np.max(sizes, axis=-1) * (forced and isinstance(method, Splitting))
-    nearest, order, resonant = _nearest_resonance(h, facts.nutation, kicked)
-    turn, stiffness = h * turn_rate, h * rate
-    sane = bool(solved[0] and turn <= _TURN_SHARE * method.reach and stiffness <= _RATE_SHARE * limit and not resonant)
-    suggested = min(
-        _TURN_SHARE * method.reach / turn_rate if turn_rate > 0 else math.inf,
-        _RATE_SHARE * limit / rate if rate > 0 else math.inf,
-    )
-    if not solved[0]:
-        good = np.cumprod(solved[::-1])[::-1].astype(bool)  # this step and all shorter ones succeed
-        longest = h * 0.5 ** int(np.argmax(good)) if good[-1] else 0.0
-        # Where the reach explains why twice this step fails, the suggestion from the reach stands.
-        explained = good[-1] and 2 * longest * turn_rate > method.reach
-        suggested = suggested if explained else min(suggested, longest)
-    if not (math.isfinite(rate) and math.isfinite(turn_rate)):
-        suggested = 0.0
-    while 0 < suggested < math.inf and _nearest_resonance(suggested, facts.nutation, kicked)[2]:
-        suggested *= _OFF
-    # A sane step stays sane: the rules are of one step only, and between two resonances there may be longer ones.
-    suggested = max(suggested, h) if sane else suggested
+def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
+    """The verdict; `kicked` tells whether there are kicks, which can resonate with the motion."""
+    own, method = trials.run(dt), trials.batch.method
+    nearest, order, resonant = _nearest_resonance(own.h, own.nutation, own.rates * kicked)
+    bounds = own.bounds
+    sane = own.fine and own.h <= bounds.longest and not resonant
+    suggested = max(_suggested(trials, own, dt, kicked), own.h if sane else 0.0)
     return Check(
-        *(method.name, dt, sane, bool(solved[0]), turn, float(method.reach), rate, stiffness, limit),
+        *(method.name, dt, sane, own.steps, own.lasted == own.steps, own.lasted, own.energy_error),
+        *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
         *(nearest, order, resonant, math.copysign(suggested, dt)),
     )
 
 
-def stability_limits(method: Method, rates: np.ndarray) -> np.ndarray:
-    """The stability limit for each rate, whose direction is rounded, so that few limits are computed."""
-    turns = np.rint(np.abs(np.angle(rates)) / np.pi * _DIRECTIONS).astype(int)
-    turns = np.where(rates == 0, _DIRECTIONS // 2, turns)
-    known = {n: method.stability_limit(_direction(n)) for n in set(turns.ravel().tolist())}
-    return np.vectorize(known.__getitem__, otypes=[float])(turns)
-
-
-def _direction(n: int) -> complex:
-    """The direction number n from growth, 0, to decay, `_DIRECTIONS`."""
-    angle = math.pi * n / _DIRECTIONS
-    return complex(0 if 2 * n == _DIRECTIONS else math.cos(angle), math.sin(angle))
+def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
+    """The longest step found that is off every resonance, and that a trial of its own allows; 0 if there is none."""
+    h = min(own.longest_at_start, own.bounds.longest if own.fine else math.inf)
+    if h in (0, math.inf):
+        return h
+    for _ in range(_TRIALS):
+        while _nearest_resonance(h, own.nutation, own.rates * kicked)[2]:
+            h *= _OFF
+        trial = trials.run(math.copysign(h, dt))
+        if trial.fine and h <= trial.bounds.longest:
+            return h
+        # The motion may have met what asks for a shorter step; that of a run that failed says little.
+        h = max(trial.bounds.longest, _SHORTER * h) if trial.fine else _SHORTER * h
+    return 0.0
 
 
 def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tuple[float, int, bool]:

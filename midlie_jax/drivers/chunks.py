@@ -16,15 +16,16 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from .._kernel.compiler import tuned_jit
 from .._kernel.platform import on_cpu
-from .._kernel.width import wide_jit
 from ..methods.base import Method
 from ..methods.system import System
-from ..model.state import AnyState
 from . import shared_inputs
 from .adjoints import Adjoint, Reversible
-from .integrate import Path, run_of_body
+from .integrate import run_of_body
+from .legs import Leg
 from .observe import Observe, Statistic
+from .path import Path, end_alone
 from .shared_inputs import Rows, SharedInputs
 from .timing import cores
 
@@ -33,7 +34,13 @@ _VECTOR = 8  # bodies: chunks of other than multiples of this were measured to t
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
 
-@wide_jit
+def bodies_in(method: Method, run: Any, mapped: Any, *others: Any, **named: Any) -> int:
+    """The number of bodies, from the arguments of `run_ensemble` and of what is called like it."""
+    del method, run, others, named
+    return mapped[2].momentum.shape[0]
+
+
+@partial(tuned_jit, bodies=bodies_in)
 def run_ensemble(
     method: Method,
     adjoint: Adjoint,
@@ -47,8 +54,9 @@ def run_ensemble(
     mesh: Mesh | None = None,
     counted: Array | None = None,
     tables: tuple[Rows, Rows] | None = None,
-) -> tuple[Path, AnyState]:
-    """`ensemble` without the checks: the path of all bodies, and their states at its end.
+    leg: Leg | None = None,
+) -> tuple[Path[Any], Any]:
+    """`ensemble` without the checks: the path of all bodies, and their states at its end; of a leg also the progress.
 
     Args:
         method, adjoint, first, steps, save_every, chunk, observe, mesh: as for `ensemble`; `method` fitted.
@@ -56,6 +64,7 @@ def run_ensemble(
         shared: the same, with None for each leaf that has the axis.
         counted: (n,), whether a statistic may count a body; by default it counts all that can be trusted.
         tables: from `shared_tables`.
+        leg: which of the steps are taken, by default all; see `run_of_body`.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
@@ -63,27 +72,27 @@ def run_ensemble(
     count = mapped[2].momentum.shape[0]
     may_count = jnp.ones(count, bool) if counted is None else counted
 
-    def run_of_one(mapped: Any, shared: Any, first: Array, rows: Any) -> tuple[Path, AnyState]:
+    def run_of_one(own: Any, shared: Any, first: Array, rows: Any, ends: Any) -> tuple[Path[Any], Any]:
+        mapped, carried = own
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
-        every = save_every or steps
-        path, end = run_of_body(
-            method, adjoint, body, torque, start, dt, t0, first, steps, every, inputs, rows, observe
+        every, own_leg = save_every or steps, None if leg is None else Leg(ends[0], ends[1], carried)
+        path, end, progress = run_of_body(
+            method, adjoint, body, torque, start, dt, t0, first, steps, every, inputs, rows, observe, own_leg
         )
-        if save_every is not None:
-            return path, end
-        last = jax.tree.map(lambda x: x[-1], path.states)
-        return Path(path.times[-1], last, path.ok, path.ok.astype(jnp.int32)), end
+        return path if save_every else end_alone(path), end if leg is None else (end, progress)
 
-    out_axes: Any = (Path(0 if own_times else None, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
-    run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None), out_axes=out_axes)
+    out_axes: Any = (Path(0 if own_times else None, 0, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
+    run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None, None), out_axes=out_axes)
+    ends = None if leg is None else (leg.begin, leg.end)
+    mapped = mapped, None if leg is None else leg.carried
 
-    def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> tuple[Path, AnyState]:
+    def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> tuple[Path[Any], Any]:
         path, end = run_of_bodies(mapped, *common)
         if isinstance(observe, Statistic):
             path = path._replace(states=_parts(observe, path, counted))
         return path, end
 
-    def run_of_chunks(counted: Array, mapped: Any, *common: Any) -> tuple[Path, AnyState]:
+    def run_of_chunks(counted: Array, mapped: Any, *common: Any) -> tuple[Path[Any], Any]:
         """Of `counted` (chunks, bodies) and rows of bodies; what belongs to a body has one leading axis again."""
         if len(counted) == 1:
             path, end = run_of_chunk(counted[0], mapped, *common)
@@ -97,7 +106,7 @@ def run_ensemble(
         path, end = jax.lax.map(lambda chunk: run_of_chunk(*chunk, *common), (counted, rows))
         times = join(path.times) if own_times else path.times[0]
         seen = path.states if isinstance(observe, Statistic) else join(path.states)
-        return Path(times, seen, join(path.ok), join(path.first_bad)), join(end)
+        return Path(times, seen, *map(join, path[2:])), join(end)
 
     # The last chunks are filled with copies of the last body, so that one compiled program serves all chunks.
     chunks, size = _cut(count, chunk, None if mesh is None else mesh.size)
@@ -107,12 +116,12 @@ def run_ensemble(
         may_count = may_count[rows_of_all] & (jnp.arange(chunks * size) < count)
     arrays, others = eqx.partition(shared, eqx.is_array)
 
-    def run(counted: Array, mapped: Any, arrays: Any, first: Array, rows: Any) -> tuple[Path, AnyState]:
-        return run_of_chunks(counted, mapped, eqx.combine(arrays, others), first, rows)
+    def run(counted: Array, mapped: Any, arrays: Any, *common: Any) -> tuple[Path[Any], Any]:
+        return run_of_chunks(counted, mapped, eqx.combine(arrays, others), *common)
 
     if mesh is not None:
         run = _on_mesh(run, mesh, own_times)
-    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, tables)
+    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, tables, ends)
     if isinstance(observe, Statistic):
         parts = path.states
         if mesh is not None:  # every device merges the parts of all chunks, in the same order
@@ -124,20 +133,20 @@ def run_ensemble(
     cut = partial(jax.tree.map, lambda x: x[:count])
     times = cut(path.times) if own_times else path.times
     seen = path.states if isinstance(observe, Statistic) else cut(path.states)
-    return Path(times, seen, cut(path.ok), cut(path.first_bad)), cut(end)
+    return Path(times, seen, *map(cut, path[2:])), cut(end)
 
 
 def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
     """`run` on chunks that are spread over a mesh, each device with its own."""
     each, all_ = PartitionSpec(mesh.axis_names), PartitionSpec()
-    out: Any = (Path(each if own_times else all_, each, each, each), each)  # pyright: ignore[reportArgumentType]
+    out: Any = (Path(each if own_times else all_, each, each, each, each), each)  # pyright: ignore[reportArgumentType]
     mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
     # What varies from device to device is known here. JAX need not check it, and the step that was traced to prepare
     # the shared inputs, before the bodies were spread, could not pass that check.
-    return jax.shard_map(run, mesh=mesh, in_specs=(each, each, all_, all_, all_), out_specs=out, check_vma=False)
+    return jax.shard_map(run, mesh=mesh, in_specs=(each, each, all_, all_, all_, all_), out_specs=out, check_vma=False)
 
 
-def _parts(observe: Statistic, path: Path, counted: Array) -> Any:
+def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
     """The parts (k, ...) of a statistic at the saved times, from the observed values (bodies, k, ...) of a chunk.
 
     Args:
@@ -150,7 +159,7 @@ def _parts(observe: Statistic, path: Path, counted: Array) -> Any:
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
 
-@wide_jit
+@tuned_jit
 def shared_tables(
     method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int
 ) -> tuple[Rows, Rows] | None:

@@ -1,6 +1,6 @@
 """`ensemble`: the driver for many bodies: checks its arguments, and runs the bodies in chunks (`chunks.py`)."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import equinox as eqx
 import jax
@@ -11,16 +11,17 @@ from .._kernel.checks import as_count, as_floats, described, require_finite
 from ..methods.base import Method
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.compatibility import check_state
-from ..model.state import AnyState
+from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike
 from .adjoints import Adjoint, as_adjoint
-from .arguments import as_first_step, as_method, check_saving, check_step, check_system
+from .arguments import as_first_step, as_method, as_saving, check_step, check_system
 from .chunks import chunk_size, run_ensemble, shared_tables
-from .integrate import Path
 from .observe import Observe, Statistic, as_observe
+from .path import Path
 from .rows import count_rows, torque_rows
 
 
+@overload  # what is observed takes the place of the states
 def ensemble(
     method: Method | str,
     body: Body,
@@ -29,15 +30,49 @@ def ensemble(
     *,
     dt: float | Array,
     steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    torque_axes: Any = ...,
+    chunk: int | None = ...,
+    adjoint: Adjoint | None = ...,
+    mesh: Mesh | None = ...,
+    observe: Any,
+) -> Path[Any]: ...
+@overload
+def ensemble(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    torque_axes: Any = ...,
+    chunk: int | None = ...,
+    adjoint: Adjoint | None = ...,
+    mesh: Mesh | None = ...,
+) -> Path[StateT]: ...
+def ensemble(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT,
+    *,
+    dt: float | Array,
+    steps: int,
     save_every: int | None = None,
     t0: float | Array = 0.0,
     first_step: int | Array = 0,
-    torque_axes: Any = None,
+    torque_axes: Any = "auto",
     chunk: int | None = None,
     adjoint: Adjoint | None = None,
     mesh: Mesh | None = None,
     observe: Any = None,
-) -> Path:
+) -> Path[StateT]:
     """Integrates n bodies; the results are those of `integrate` for each body, up to a few units in the last place.
 
     Can be jitted and differentiated. Compiled once for each method, torque function and shape. What a torque computes
@@ -52,10 +87,11 @@ def ensemble(
         dt, t0: (), or (n,) with one value for each body.
         save_every: save the state every `save_every` steps, the start first, as `integrate` does; `None` returns only
             the state at the end and needs memory only for that.
-        torque_axes: which parameters of the torque have one row for each body. Needed only where shapes do not tell:
-            with three bodies, (3,) may be one vector for all or one number for each. 0 if all parameters have rows, or
-            a tree like the torque's with leaves 0 and None, like the `in_axes` of `jax.vmap`. To get such a tree, use
-            `jax.tree.map(lambda leaf: 0, torque)`.
+        torque_axes: which parameters of the torque have one row for each body. By default "auto": the only reading of
+            the shapes with which the torque acts on one body; if there are several, as for (3,) with three bodies, a
+            ValueError shows what to write. None: all bodies share every parameter. 0: every parameter has rows. A list
+            of names, such as ["weight"] or ["terms[1].field"]: these have rows. Or a tree like the torque's with
+            leaves 0 and None, like the `in_axes` of `jax.vmap`.
         chunk: number of bodies that are moved at once; by default the number that is fastest on this machine.
         adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
         mesh: devices over which the bodies are spread, along all axes of the mesh; `jax.make_mesh((4,), ("bodies",))`
@@ -76,8 +112,7 @@ def ensemble(
     """
     steps = as_count("steps", steps)
     chunk = chunk if chunk is None else as_count("chunk", chunk)
-    save_every = save_every if save_every is None else as_count("save_every", save_every)
-    check_saving(steps, save_every or steps)
+    save_every = as_saving(save_every, steps)
     first = as_first_step(first_step, steps)
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
     observe = as_observe(observe)
@@ -104,14 +139,16 @@ class Batch(NamedTuple):
 
 
 def as_batch(
-    method: Method | str, body: Any, torque: Any, start: Any, dt: Any, t0: Any, torque_axes: Any = None
+    method: Method | str, body: Any, torque: Any, start: Any, dt: Any, t0: Any, torque_axes: Any = "auto"
 ) -> Batch:
     """The checked arguments of `ensemble`; a ValueError that names an argument that does not fit the others."""
     check_state("start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     method = check_system(as_method(method), body, torque, start, batch=1)
     if count == 0:
-        raise ValueError(f"start holds no bodies: its momentum has shape {start.momentum.shape}; give one row a body.")
+        raise ValueError(
+            f"start holds no bodies: its momentum has shape {start.momentum.shape}; give it one row for each body."
+        )
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(dt)
     principal = principal_of(body)

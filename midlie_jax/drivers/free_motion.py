@@ -13,18 +13,20 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, require_finite
+from .._kernel.compiler import tuned_jit
 from .._kernel.fusion import begin, fuse
-from .._kernel.width import wide_jit
+from .._kernel.verdict import FINE, LOST
 from ..methods.system import Motion, System
 from ..model.bodies import Body, principal_of
-from ..model.state import AnyState
-from .arguments import as_method, check_system
+from ..model.state import StateT
+from .arguments import as_method, as_scalar, check_system
 from .free_orbit import Orbit
-from .integrate import Path
+from .path import Path
+from .results import result_of
 
 
-def free_motion(body: Body, start: AnyState, times: Any) -> Path:
-    """The states of one free body at any times after the start; map over bodies and states with `jax.vmap`.
+def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.0) -> Path[StateT]:
+    """The states of one free body at any times; map over bodies and states with `jax.vmap`.
 
     Nothing is integrated: in a batch whose longest time is a million turns, a state costs less than twice as much as
     in one whose longest time is a single turn. The error of momentum and attitude is a few eps (1 + Omega |t|),
@@ -39,8 +41,9 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
 
     Args:
         body: a `RigidBody`, or a `TensorBody` in a frame of your own.
-        start: the state at time 0: a `MomentumState`, `DirectionState` or `RigidState`.
-        times: (n,), of any sign, size and order, relative to the start.
+        start: the state at the time t0: a `MomentumState`, `DirectionState` or `RigidState`.
+        times: (n,), of any size and order, before and after t0.
+        t0: the time of the start, ().
 
     Returns:
         The path, with `times` and `states` as given by `times`. `ok` is False where a time is so long that no digit of
@@ -57,16 +60,17 @@ def free_motion(body: Body, start: AnyState, times: Any) -> Path:
         raise ValueError(f"times must have shape (n,), got {times.shape}; map over a batch with jax.vmap.")
     times = times.astype(start.momentum.dtype)
     require_finite("times", times)
-    return _run(body, start, times)
+    t0 = as_scalar("t0", t0, start.momentum.dtype)
+    return _run(body, start, times - t0)._replace(times=times)
 
 
-@wide_jit
-def _run(body: Any, start: AnyState, times: Array) -> Path:
+@tuned_jit
+def _run(body: Any, start: StateT, times: Array) -> Path[StateT]:
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
     orbit = fuse(Orbit.of(*begin((principal_of(body).moments, motion.momentum))))
 
-    def at(t: Array) -> tuple[AnyState, Array]:
+    def at(t: Array) -> tuple[Any, Array]:
         momentum, turn, ok = orbit.at(t, turns=system.kind.has_pose)
         moved = system.in_user_axes(Motion(momentum, system.kind.rotate(motion.pose, turn)))
         same = Motion(*start.parts())
@@ -76,4 +80,5 @@ def _run(body: Any, start: AnyState, times: Array) -> Path:
     states, ok = jax.vmap(at)(times)
     count = times.shape[0]
     first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
-    return Path(times, states, jnp.all(ok), first_bad)
+    judged = jnp.where(jnp.all(ok), FINE, LOST)
+    return Path(times, states, jnp.all(ok), first_bad, result_of(judged, cp.all_finite(states)))

@@ -2,48 +2,33 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, overload
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float, Int
 
 from .._kernel import components as cp
 from .._kernel.checks import as_count
+from .._kernel.compiler import tuned_jit
 from .._kernel.mesh import all_promoted, axes_of_run, promoted
-from .._kernel.width import wide_jit
+from .._kernel.verdict import FINE, UNCOUNTED
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
-from ..model.state import AnyState
+from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Steps, as_adjoint
-from .arguments import as_first_step, as_method, as_scalar, check_saving, check_step, check_system, counts
+from .arguments import as_first_step, as_method, as_saving, as_scalar, check_step, check_system, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
-from .observe import Observe, observe_state
+from .legs import Leg, in_leg
+from .observe import Observe, as_observe_of_one, observe_state
+from .path import Path, end_alone, first_bad
+from .results import result_of
 from .shared_inputs import Rows, SharedInputs
 
 
-class Path(NamedTuple):
-    """A motion at the saved times.
-
-    Attributes:
-        times: (n,), the start first; n = 1 + steps / save_every.
-        states: the states at these times, of the class of the start, with a leading axis (n,).
-        ok: (), False when a solve failed or a number was not finite.
-        first_bad: (), the index in `times` of the first saved state that cannot be trusted, because a solve failed or a
-            number stopped being finite at or before its time; n if there is none. So `states[:first_bad]` can be
-            trusted, and the first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`: with
-            `save_every` 1 it is step number `first_bad` of the run, counted from 1.
-    """
-
-    times: Float[Array, "*n"]
-    states: Any
-    ok: Bool[Array, "*batch"]
-    first_bad: Int[Array, "*batch"]
-
-
+@overload  # what is observed takes the place of the states
 def integrate(
     method: Method | str,
     body: Body,
@@ -52,11 +37,40 @@ def integrate(
     *,
     dt: float | Array,
     steps: int,
-    save_every: int = 1,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    adjoint: Adjoint | None = ...,
+    observe: Any,
+) -> Path[Any]: ...
+@overload
+def integrate(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    adjoint: Adjoint | None = ...,
+) -> Path[StateT]: ...
+def integrate(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = 1,
     t0: float | Array = 0.0,
     first_step: int | Array = 0,
     adjoint: Adjoint | None = None,
-) -> Path:
+    observe: Any = None,
+) -> Path[StateT]:
     """Integrates one body with a constant step; map over bodies, torques, states and steps with `jax.vmap`.
 
     Compiled on the first call for each method, torque function, shape and step count. Differentiable, forward and
@@ -70,7 +84,8 @@ def integrate(
         start: the state at the first time; its class decides what is integrated besides the momentum.
         dt: step, (), may be negative.
         steps: number of steps.
-        save_every: save the state every `save_every` steps; must divide `steps`.
+        save_every: save the state every `save_every` steps, the start first; must divide `steps`. None: the state at
+            the end alone, without a leading axis.
         t0: time of step 0, ().
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
             integer index. So a run continued from a saved state with the index of that state equals the uninterrupted
@@ -78,6 +93,8 @@ def integrate(
         adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
             each step and recomputes the rest. `Reversible()`: reverse mode takes the steps backwards, in memory that
             does not grow with their number. `Forward()`: forward mode alone.
+        observe: what the path holds in place of the states: a function of (t, state), an observable of
+            `midlie_jax.observe`, or a dict of these.
 
     Returns:
         The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception, and
@@ -87,14 +104,16 @@ def integrate(
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
             traced.
     """
-    steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
-    check_saving(steps, save_every)
+    steps, observe = as_count("steps", steps), as_observe_of_one(observe)
+    save_every = as_saving(save_every, steps)
     first = as_first_step(first_step, steps)
     method = check_system(as_method(method), body, torque, start)
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     check_step(dt)
-    return _run(method, as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every)
+    run = as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every or steps
+    path = _run(method, *run, observe=observe)
+    return path if save_every else end_alone(path)
 
 
 def run_of_body(
@@ -111,21 +130,24 @@ def run_of_body(
     shared: SharedInputs | None = None,
     rows: tuple[Rows, Rows] | None = None,
     observe: Observe | None = None,
-) -> tuple[Path, AnyState]:
-    """`integrate` without the checks: the path, and the state at its end, with which the run can be continued.
+    leg: Leg | None = None,
+) -> tuple[Path[Any], AnyState, Progress]:
+    """`integrate` without the checks: the path, and state and progress at its end, from which the run can go on.
 
     Args:
         method, adjoint, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
         shared: the step with prepared inputs, or None for the step of the method.
         rows: the prepared inputs of the steps of zero length before the run, and of the steps of the run.
         observe: what the path holds in place of the states.
+        leg: which of the steps are taken, by default all. The path is right where the leg has come; what it says of
+            failures is right where the leg has been. `adjoint` is not asked.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
     body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
     system = System.of(body, torque, start, t0)
     adjoint.check(method, system, save_every)
-    counted, first = counts(first, steps), first.astype(jnp.int32)
+    counted, first = leg is not None or counts(first, steps), first.astype(jnp.int32)
 
     if shared is not None:
         system = system._replace(costly=shared.costly)
@@ -148,15 +170,29 @@ def run_of_body(
         again = partial(method.step_again, known=known)
         return method.advance(system, (t0, dt), partial(ends_of_step, step[0]), dt, progress, axes, again)[0]
 
-    progress = Progress(system.motion(start), None, promoted(jnp.asarray(counted), axes))
-    if method.keeps_force(system):
-        progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
+    def begin() -> Progress:
+        progress = Progress(system.motion(start), None, promoted(jnp.where(counted, FINE, UNCOUNTED), axes))
+        if method.keeps_force(system):
+            progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
+        return progress
+
+    def move(progress: Progress, n: Array, rows: Any) -> Progress:
+        """Over the interval that begins with step n."""
+        if leg is not None:
+
+            def take(progress: Progress, k: Array) -> Progress:
+                return advance(dt, progress, (n + k, jax.tree.map(lambda x: x[k], rows)))
+
+            return in_leg(leg, n - first, save_every, method, take, progress)
+        indices = n + jnp.arange(save_every, dtype=jnp.int32)
+        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, method.unroll)
+        return adjoint.run(inputs, progress)
+
+    progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
 
     def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
         n, rows = interval
-        indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, method.unroll)
-        progress = adjoint.run(inputs, progress)
+        progress = move(progress, n, rows)
         state = system.state(progress.motion)
         if observe is None:
             return progress, (state, progress.ok)
@@ -169,28 +205,23 @@ def run_of_body(
     progress, (seen, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
     # After the loop over steps, which need not know of it.
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
+    if leg is not None:  # a failure in the leg does not concern what was saved before it
+        trusted = trusted | (interval_starts - first + save_every <= leg.begin)
     before = observe_state(observe, time_of(*uniform, first), start, body, torque)
     seen = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), before, seen)
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
-    ok = progress.ok & cp.all_finite(progress.motion)
-    return Path(times, seen, ok, _first_bad(start, trusted)), system.state(progress.motion)
+    finite = cp.all_finite(progress.motion)
+    result = result_of(progress.verdict, finite)
+    path = Path(times, seen, progress.ok & finite, first_bad(start, trusted), result)
+    return path, system.state(progress.motion), progress
 
 
-def path_of_body(*arguments: Any) -> Path:
+def path_of_body(*arguments: Any, **options: Any) -> Path[Any]:
     """The path alone of `run_of_body`."""
-    return run_of_body(*arguments)[0]
+    return run_of_body(*arguments, **options)[0]
 
 
-_run = wide_jit(path_of_body)
-
-
-def _first_bad(start: AnyState, trusted: Array) -> Array:
-    """`Path.first_bad`, from the start, and whether each state after it can be trusted, as far as these were checked.
-
-    What fails stays failed: the flag is never raised again, and what is not finite does not become finite. So the
-    states that can be trusted come first, and their number is the index of the next one.
-    """
-    return jnp.where(cp.all_finite(start), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)
+_run = tuned_jit(path_of_body)
 
 
 def _with_force(

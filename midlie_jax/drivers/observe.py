@@ -12,14 +12,15 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from .._kernel.checks import as_floats, described, require_finite
+from .._kernel.checks import as_floats, described, require_finite, shown
 from ..model import observables, so3
 from ..model.bodies import Body
 from ..model.state import AnyState
-from ..model.states import attitude_of
+from ..model.states import attitude_of, with_attitude
 from ..model.torques import TorqueLike, on_body
 
 
@@ -61,6 +62,10 @@ class Axis(Observable):
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
+    def __check_init__(self) -> None:
+        if not np.all(np.isfinite(self.axis)) or not np.any(self.axis):
+            raise ValueError(f"axis must be three finite numbers, not all zero, got {shown(self.axis)}.")
+
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         attitude = attitude_of(state)
         axis = jnp.asarray(self.axis, attitude.dtype)
@@ -71,7 +76,7 @@ class SpatialMomentum(Observable):
     """The angular momentum in the space frame, (3,)."""
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.spatial_momentum(state)
+        return observables.spatial_momentum(with_attitude(state))
 
 
 class AngularVelocity(Observable):
@@ -88,14 +93,14 @@ class Statistic(eqx.Module):
         observable: whose values are combined.
     """
 
-    observable: Observable
-
-    def __init__(self, observable: Any):
-        self.observable = as_observable("observable", observable)
+    observable: Observable = eqx.field(converter=lambda value: as_observable("observable", value))
 
     @abstractmethod
     def part(self, values: Any, good: Array) -> Any:
-        """The part of a group of bodies, from its values (bodies, ...); bodies that are not `good` do not count."""
+        """The part of a group of bodies, from its values (bodies, ...); bodies that are not `good` do not count.
+
+        The values have the dtype of the run, or one of more digits: so do integers and truth values that were observed.
+        """
 
     @abstractmethod
     def merged(self, parts: Any) -> Any:
@@ -133,8 +138,9 @@ class Moments(NamedTuple):
 class Mean(Statistic):
     """Mean and covariance of an observable over the bodies: `Moments` for each array that the observable returns.
 
-    An array is taken as a vector of all its numbers. Parts are merged by the formulas of Chan, Golub and LeVeque
-    (1983), which do not lose digits where the mean is much larger than the deviations.
+    An array is taken as a vector of all its numbers. A value that is not finite makes the mean so. Parts are merged by
+    the formulas of Chan, Golub and LeVeque (1983), which do not lose digits where the mean is much larger than the
+    deviations.
     """
 
     def part(self, values: Any, good: Array) -> Any:
@@ -179,7 +185,7 @@ class Histogram(Statistic):
     """How many bodies have a value in each bin: an integer array (bins,) for each number that the observable returns.
 
     A bin contains its lower edge, the last bin its upper edge too, as in `numpy.histogram`. Values outside all bins are
-    not counted.
+    not counted, nor is NaN. Values and edges are compared in the dtype of that which has more digits.
 
     Attributes:
         edges: (bins + 1,), increasing.
@@ -188,7 +194,7 @@ class Histogram(Statistic):
     edges: Array
 
     def __init__(self, observable: Any, edges: Any):
-        super().__init__(observable)
+        self.observable = observable
         self.edges = as_floats("edges", edges)
         require_finite("edges", self.edges)
         if self.edges.ndim != 1 or len(self.edges) < 2 or not bool(jnp.all(jnp.diff(self.edges) > 0)):
@@ -198,13 +204,14 @@ class Histogram(Statistic):
         bins = len(self.edges) - 1
 
         def of_numbers(x: Array) -> Array:
+            x = _promoted(x, self.edges.dtype)
             edges = self.edges.astype(x.dtype)
+            # A search and a count take a time that hardly depends on the number of bins.
             place = jnp.searchsorted(edges, x, side="right").astype(jnp.int32) - 1
             place = jnp.where(x == edges[-1], bins - 1, place)
-            inside = good & (place >= 0) & (place < bins)
-            return jnp.sum(
-                inside[:, None] & (place[:, None] == jnp.arange(bins, dtype=jnp.int32)[None]), axis=0, dtype=jnp.int32
-            )
+            inside = good & (place >= 0)
+            counts = jnp.zeros(bins, jnp.int32)
+            return counts.at[jnp.where(inside, place, bins)].add(1, mode="drop")  # a place behind the bins is dropped
 
         def of_array(x: Array) -> Array:
             columns = x.reshape(len(good), -1)
@@ -242,6 +249,13 @@ def as_observe(value: Any) -> Observe | None:
     return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
 
 
+def as_observe_of_one(value: Any) -> Observe | None:
+    """The checked argument `observe` of a driver of one body."""
+    if isinstance(value, Statistic):
+        raise ValueError("a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.")
+    return as_observe(value)
+
+
 def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
     """What is saved of one body at one time; the state itself where nothing is observed."""
     if observe is None:
@@ -251,4 +265,18 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
     value = jax.tree.map(jnp.asarray, observable.of(t, state, body, acting))
     if not jax.tree.leaves(value):
         raise ValueError("observe must return an array or a pytree of arrays, but returned none.")
-    return value
+    if not isinstance(observe, Statistic):
+        return value
+    for path, leaf in jax.tree_util.tree_leaves_with_path(value):
+        if jnp.iscomplexobj(leaf):
+            raise ValueError(
+                f"values of a statistic must be real, but observable{jax.tree_util.keystr(path)} is complex; return "
+                "its real and its imaginary part."
+            )
+    return jax.tree.map(lambda x: _promoted(x, state.momentum.dtype), value)
+
+
+def _promoted(x: Array, dtype: Any) -> Array:
+    """`x` as numbers of this dtype of real numbers, or of its own if that has more digits."""
+    own = jnp.issubdtype(x.dtype, jnp.floating) and x.dtype.itemsize > jnp.dtype(dtype).itemsize
+    return x if own else x.astype(dtype)

@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel.width import vector_width_options
+from .._kernel.compiler import compiler_options
+from .._kernel.verdict import FINE
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
@@ -40,6 +41,7 @@ class Program:
         *,
         chunk: int | None = None,
         unroll: int | None = None,
+        t0: float | Array = 0.0,
     ):
         """Compiles the program.
 
@@ -49,6 +51,7 @@ class Program:
             chunk: number of bodies moved at once, if it divides the number of bodies; otherwise, and by default, all
                 bodies are moved at once.
             unroll: by default `method.unroll`.
+            t0: the time at the start.
         """
         self.method = method.fitted(body)
         self.unroll = self.method.unroll if unroll is None else unroll
@@ -56,9 +59,10 @@ class Program:
         count = len(starts.momentum)
         size = chunk if chunk and count % chunk == 0 else count
 
-        run = partial(_run, self.method, body, torque, size, self.unroll)
+        start_time = jnp.asarray(t0, self._dtype)
+        run = partial(_run, self.method, body, torque, size, self.unroll, start_time)
         lowered = jax.jit(run).lower(starts, *self._arguments(0.0, 0))
-        self._compiled = lowered.compile(compiler_options=vector_width_options())
+        self._compiled = lowered.compile(compiler_options=compiler_options(size))
         self.run(0.0, 0)  # the first call takes longer than the others and must not be timed
 
     def run(self, dt: float, steps: int) -> tuple[Any, Array]:
@@ -79,6 +83,7 @@ def _run(
     torque: TorqueLike | None,
     size: int,
     unroll: int,
+    t0: Array,
     starts: AnyState,
     dt: Array,
     turns: Array,
@@ -89,22 +94,21 @@ def _run(
     Without such inputs all turns are one block.
     """
     count = len(starts.momentum)
-    zero = jnp.zeros((), dt.dtype)
     first = jax.tree.map(lambda leaf: leaf[0], starts)
     own = (*jax.tree.map(lambda _: False, (body, torque)), jax.tree.map(lambda _: True, first), False, False)
-    inputs = shared_inputs.find(method, (body, torque, first, dt, zero), own)
-    system = System.of(body, torque, first, zero)
+    inputs = shared_inputs.find(method, (body, torque, first, dt, t0), own)
+    system = System.of(body, torque, first, t0)
     if inputs is not None:
         system = system._replace(costly=inputs.costly)
 
     def begin(start: AnyState) -> Progress:
         motion = system.motion(start)
-        return Progress(motion, system.force(zero, motion) if method.keeps_force(system) else None, jnp.array(True))
+        return Progress(motion, system.force(t0, motion) if method.keeps_force(system) else None, jnp.asarray(FINE))
 
     def advance(progress: Progress, n: Array, row: Any) -> Progress:
         if inputs is not None:
-            return inputs.advance(system, zero, dt, dt, progress, n, row)
-        return method.advance(system, (zero, dt), partial(ends_of_step, n), dt, progress)[0]
+            return inputs.advance(system, t0, dt, dt, progress, n, row)
+        return method.advance(system, (t0, dt), partial(ends_of_step, n), dt, progress)[0]
 
     def take_block(block: Array, progress: Progress) -> Progress:
         before = block * shared_inputs.BLOCK
@@ -113,7 +117,7 @@ def _run(
         else:
             turns_in_block = jnp.minimum(turns - before, shared_inputs.BLOCK)
             indices = before * unroll + jnp.arange(shared_inputs.BLOCK * unroll, dtype=jnp.int32)
-            rows = inputs.table(system, zero, dt, jnp.broadcast_to(dt, indices.shape), indices)
+            rows = inputs.table(system, t0, dt, jnp.broadcast_to(dt, indices.shape), indices)
 
         def turn(i: Array, progress: Progress) -> Progress:
             for k in range(unroll):

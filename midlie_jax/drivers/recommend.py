@@ -35,6 +35,7 @@ from .arguments import as_scalar, check_system
 from .check import check
 from .program import Program
 from .timing import timed
+from .trials import MOST_STEPS
 
 _COPIES = 16  # copies of the body in each run: the time of a run is divided by this number
 _SAFETY = 0.9  # fraction of the step that interpolation between two errors gives for the tolerance
@@ -97,11 +98,12 @@ def recommend(
     body: RigidBody | TensorBody,
     torque: TorqueLike | None,
     start: RigidState,
-    tolerance: float,
     *,
+    tolerance: float,
     duration: float,
+    t0: float | Array = 0.0,
     symplectic: bool = True,
-    progress: bool | None = None,
+    progress: bool | Callable[[int], Any] | None = None,
 ) -> Recommendation:
     """The fastest method of this package, and its step, for a given error of the attitude at the end of a motion.
 
@@ -113,10 +115,12 @@ def recommend(
         body, torque, start: as for `integrate`.
         tolerance: largest error of the attitude at the end, Frobenius norm of the difference of rotation matrices; at
             most 1.
-        duration: duration of the motion, which starts at time 0; not zero, negative to integrate back in time.
+        duration: duration of the motion; not zero, negative to integrate back in time.
+        t0: the time of the start, ().
         symplectic: True to try only symplectic methods, which also keep the energy over long runs; False to try
             Runge-Kutta methods, too.
-        progress: whether to print the candidate being tried to stderr; by default only if that is a terminal.
+        progress: whether to print the candidate being tried to stderr; by default only if that is a terminal. Or a
+            function that is called with 1 after each candidate.
 
     Raises:
         ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
@@ -139,6 +143,7 @@ def recommend(
     span = float(as_scalar("duration", duration, start.momentum.dtype))
     if span == 0:
         raise ValueError("duration must not be zero; give the time for which the motion is to be integrated.")
+    t0 = as_scalar("t0", t0, start.momentum.dtype)
     check_system(find_method(DEFAULT), body, torque, start)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * _speed(body, start) / _FIRST_TURN))
@@ -147,27 +152,29 @@ def recommend(
     print_progress = _progress_printer(progress, len(names))
     for name in names:
         print_progress(name)
-        compiled[name] = _Candidate(name, body, torque, start, span)
+        compiled[name] = _Candidate(name, body, torque, start, span, t0)
         fastest = _fastest_seconds(runs, tolerance)
         runs[name] = dict(_ladder(compiled[name], guess, tolerance, fastest * _SLOWER))
+        if callable(progress):
+            progress(1)
     reference = min((end for ladder in runs.values() for end in _ends(ladder)), default=None, key=lambda end: end[0])
     if reference is None or reference[0] > tolerance / 3:
-        raise ValueError(_why_none(body, torque, start, span, tolerance, runs, reference))
+        raise ValueError(_why_none(body, torque, start, t0, span, tolerance, runs, reference))
     exact = reference[1]
     tried = {name: [_trial(name, span, n, run, exact) for n, run in sorted(runs[name].items())] for name in names}
     fits = sorted(fit for trials in tried.values() for fit in _fit(trials, tolerance))
     print_progress("")
     for _, name, steps in fits:
-        longest = abs(check(name, body, torque, start, span / steps).suggested)
+        longest = abs(check(name, body, torque, start, dt=span / steps, steps=min(steps, MOST_STEPS), t0=t0).suggested)
         fewest = math.ceil(abs(span) / longest) if longest > 0 else steps
         best = _confirmed(compiled[name], max(steps, fewest), exact, tolerance)
         if best is not None:
             every = (*(trial for trials in tried.values() for trial in trials), best)
-            note = _limit(body, torque, start, tried[name], best)
+            note = _limit(body, torque, start, t0, tried[name], best)
             if fewest > steps and not note:
                 note = "a larger step is accurate enough here, but `check` does not call it sane."
             return Recommendation(best.method, best.dt, best.steps, best.error, best.seconds, span, note, every)
-    raise ValueError(_why_none(body, torque, start, span, tolerance, runs, reference))
+    raise ValueError(_why_none(body, torque, start, t0, span, tolerance, runs, reference))
 
 
 def candidates(
@@ -203,10 +210,10 @@ class _Run(NamedTuple):
 class _Candidate:
     """A method compiled for the motion; runs and times it."""
 
-    def __init__(self, name: str, body: Any, torque: Any, start: RigidState, span: float):
+    def __init__(self, name: str, body: Any, torque: Any, start: RigidState, span: float, t0: Array):
         self.name, self.span = name, span
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
-        self.program = Program(find_method(name), body, torque, starts)
+        self.program = Program(find_method(name), body, torque, starts, t0=t0)
         self.dtype = start.momentum.dtype
         # The time of a call without steps, which is subtracted from that of every run.
         self.idle = 0.0
@@ -304,12 +311,12 @@ def _confirmed(candidate: _Candidate, steps: int, exact: np.ndarray, tolerance: 
     return None
 
 
-def _limit(body: Any, torque: Any, start: RigidState, trials: Sequence[Trial], best: Trial) -> str:
+def _limit(body: Any, torque: Any, start: RigidState, t0: Array, trials: Sequence[Trial], best: Trial) -> str:
     """What limits the step, if a run with a larger step failed instead of being inaccurate; "" otherwise."""
     failed = [t for t in trials if t.steps < best.steps and not t.ok]
     if not failed or failed[-1].steps < best.steps / 4:
         return ""
-    largest_rate, motion_rate = _rates(body, torque, start)
+    largest_rate, motion_rate = _rates(body, torque, start, t0)
     if largest_rate * abs(failed[-1].dt) > 1 and largest_rate > _STIFF * motion_rate:
         return f"the torque is stiff: larger steps are unstable. {_stiffness(largest_rate, motion_rate)}"
     return "larger steps turn the body beyond the reach of the flight's series."
@@ -319,6 +326,7 @@ def _why_none(
     body: Any,
     torque: Any,
     start: RigidState,
+    t0: Array,
     span: float,
     tolerance: float,
     runs: dict[str, dict[int, _Run]],
@@ -327,7 +335,7 @@ def _why_none(
     """The message if there is nothing to recommend."""
     most = max(max(ladder) for ladder in runs.values())
     tried = f"with up to {most} steps of {span / most:.1e}"
-    largest_rate, motion_rate = _rates(body, torque, start)
+    largest_rate, motion_rate = _rates(body, torque, start, t0)
     if not math.isfinite(largest_rate):
         return "the torque or its derivative is not finite at the start; check it for a division by zero."
     if largest_rate > _STIFF * motion_rate and not all(run.ok for ladder in runs.values() for run in ladder.values()):
@@ -355,21 +363,21 @@ def _speed(body: Any, start: RigidState) -> float:
     return float(np.linalg.norm(np.asarray(angular_velocity(body, start), np.float64)))
 
 
-def _rates(body: Any, torque: Any, start: RigidState) -> tuple[float, float]:
+def _rates(body: Any, torque: Any, start: RigidState, t0: Array) -> tuple[float, float]:
     """The largest rate of the equations of motion linearised at the start, and the rate of the motion itself.
 
     The largest rate is the largest modulus of an eigenvalue. The rate of the motion is the larger of |Omega| and the
     square root of |d Omega/dt|.
     """
     leaves, structure = jax.tree.flatten(start)
-    one, zero = jnp.ones((), start.momentum.dtype), jnp.zeros((), start.momentum.dtype)
+    one = jnp.ones((), start.momentum.dtype)
     # A `TensorBody` has the same eigenvalues in its principal axes as in the user's axes.
-    system = System.of(body, torque, start, zero)
+    system = System.of(body, torque, start, t0)
 
     def rates(flat: Array) -> Array:
         state = jax.tree.unflatten(structure, (flat[:3], flat[3:]))
         motion = system.motion(state)
-        rate = system.rates(motion, one, system.force(zero, motion))
+        rate = system.rates(motion, one, system.force(t0, motion))
         return jnp.concatenate([cp.pack(system.vector_in_user_axes(rate.momentum)), cp.pack(rate.pose)])
 
     flat = jnp.concatenate(leaves)
@@ -381,9 +389,9 @@ def _rates(body: Any, torque: Any, start: RigidState) -> tuple[float, float]:
     return float(np.abs(np.linalg.eigvals(slope)).max()), motion_rate
 
 
-def _progress_printer(progress: bool | None, count: int) -> Callable[[str], None]:
+def _progress_printer(progress: Any, count: int) -> Callable[[str], None]:
     """A function that prints the name of the candidate being tried over its last line; the name "" erases the line."""
-    if not (sys.stderr.isatty() if progress is None else progress):
+    if callable(progress) or not (sys.stderr.isatty() if progress is None else progress):
         return lambda name: None
     done = 0
 

@@ -1,8 +1,13 @@
-"""For `ensemble`: decides which arrays have one row for each body, and checks the number of rows."""
+"""For `ensemble`: decides which arrays have one row for each body, and checks the number of rows.
 
-from collections.abc import Sequence
+Of body, start, dt and t0 the number of axes tells. Of a torque's parameters it does not: with three bodies, (3,) may be
+one vector for all or one number for each. So every reading is tried on shapes, and if several work, the caller decides.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +16,13 @@ import jax.numpy as jnp
 from ..model.state import AnyState
 from ..model.torques import on_body
 
-_MOST_TRIED = 6  # with more parameters than this, not every subset is tried
+AUTO = "auto"
+RULE = (
+    'torque_axes must be "auto", None (all bodies share every parameter), 0 (every parameter has one row for each '
+    "body), the names of the parameters with rows, or a tree like the torque's with leaves 0 and None"
+)
+_MOST_TRIED = 8  # of more arrays not every subset is tried: 2^8 readings take about a second, once
+_KEPT = 64  # decisions remembered
 
 
 def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any], count: int) -> None:
@@ -23,8 +34,8 @@ def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any],
             if not shape or shape[0] != count:
                 size = f"{shape[0]} rows" if shape else "no rows"
                 raise ValueError(
-                    f"{name}{jax.tree_util.keystr(path)} has {size}, but there are {count} bodies in start; give one "
-                    "row a body, or one for all."
+                    f"{name}{jax.tree_util.keystr(path)} has {size}, but there are {count} bodies in start; give it "
+                    "one row for each body, or one value for all."
                 )
 
 
@@ -32,74 +43,201 @@ def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnySta
     """The torque's tree with True for each array that has one row for each body.
 
     Args:
-        axes: None, 0, or a prefix of the torque's tree with leaves None and 0. If it contains no 0, the smallest set of
-            arrays is chosen with which the torque has the shape of one body's momentum; only shapes are evaluated.
+        axes: "auto": the arrays with `count` rows are read in every way, and the only reading with which the torque has
+            the shape of one body's momentum is taken; only shapes are evaluated. Otherwise as `RULE` says.
         body, own_body: the body on which the torque acts, and whether its arrays have one row for each body.
 
     Raises:
-        ValueError: `axes` has other leaves, or does not fit the torque; or no choice fits and the torque acts on a
-            number of bodies that is not `count`.
+        ValueError: several readings work, or none does; `axes` is something else, or does not fit the torque; or the
+            torque does not act on one body with the parameters read as `axes` says.
     """
-    if jax.tree.leaves(axes):
-        return _marked_by_axes(torque, axes)
+    others = _Shapes.of(start, rows=True), _Shapes.of(body, rows=own_body)
+    shapes = _Shapes.of(torque)
+    if isinstance(axes, str) and axes == AUTO:
+        try:
+            chosen = _only_reading(shapes, others, count)
+        except TypeError:  # a part of the torque has no hash, and the decision cannot be remembered
+            chosen = _only_reading.__wrapped__(shapes, others, count)
+    else:
+        chosen = _marked_by_axes(torque, axes)
+        count_rows(("torque",), (torque,), (_marks(torque, chosen),), count)
+        if chosen:
+            _require_one_torque(shapes, chosen, others)
+    return _marks(torque, chosen)
+
+
+class _Shapes(NamedTuple):
+    """A tree with shapes in place of its arrays: all that a decision depends on, so that it can be remembered."""
+
+    leaves: tuple[Any, ...]
+    structure: Any
+
+    @classmethod
+    def of(cls, tree: Any, rows: bool = False) -> "_Shapes":
+        """The shapes of the arrays of a tree, or of one row of each."""
+        leaves, structure = jax.tree.flatten(tree)
+        return cls(tuple(_array_or_row(leaf, rows) for leaf in leaves), structure)
+
+    @property
+    def names(self) -> list[str]:
+        """The name of each leaf, as in torque_axes."""
+        paths = jax.tree_util.tree_leaves_with_path(self.structure.unflatten(self.leaves))
+        return [_name(path) for path, _ in paths]
+
+    def listed(self, chosen: Sequence[int]) -> str:
+        """For messages: the names and shapes of these leaves."""
+        names = self.names
+        return ", ".join(f"{names[i]} {self.leaves[i].shape}" for i in chosen)
+
+    def call(self, chosen: tuple[int, ...]) -> str:
+        """For messages: the argument that says that these leaves of a torque have rows."""
+        if not chosen:
+            return "torque_axes=None"
+        if set(chosen) == {i for i, leaf in enumerate(self.leaves) if _is_array(leaf)}:
+            return "torque_axes=0"
+        names = self.names
+        return f"torque_axes={[names[i] for i in chosen]}"
+
+
+def _array_or_row(leaf: Any, row: bool) -> Any:
+    """The shape and dtype of an array, or of one of its rows; anything else unchanged."""
+    return jax.ShapeDtypeStruct(leaf.shape[1:] if row else leaf.shape, leaf.dtype) if _is_array(leaf) else leaf
+
+
+def _is_array(leaf: Any) -> bool:
+    return isinstance(leaf, jax.ShapeDtypeStruct) or eqx.is_array(leaf)
+
+
+def _marks(torque: Any, chosen: tuple[int, ...]) -> Any:
     leaves, structure = jax.tree.flatten(torque)
-    candidates = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf) and leaf.ndim and leaf.shape[0] == count]
-    wanted = start.momentum.shape[1:]
-    others = start, jax.tree.map(lambda leaf: _array_or_row(leaf, own_body), body)
-    all_shared = _torque_shape(leaves, structure, (), *others)
-    for chosen in ((), *_choices(candidates)):
-        if (_torque_shape(leaves, structure, chosen, *others) if chosen else all_shared) == wanted:
-            return structure.unflatten([i in chosen for i in range(len(leaves))])
-    if all_shared is not None and all_shared[-len(wanted) :] == wanted:
-        sizes = sorted({leaf.shape[0] for leaf in leaves if eqx.is_array(leaf) and leaf.ndim})
+    return structure.unflatten([i in chosen for i in range(len(leaves))])
+
+
+@lru_cache(maxsize=_KEPT)
+def _only_reading(torque: _Shapes, others: tuple[_Shapes, ...], count: int) -> tuple[int, ...]:
+    """The numbers of the leaves with rows, in the one reading that works."""
+    leaves = torque.leaves
+    candidates = [i for i, leaf in enumerate(leaves) if _is_array(leaf) and leaf.shape and leaf.shape[0] == count]
+    if len(candidates) > _MOST_TRIED:
         raise ValueError(
-            f"the torque acts on {all_shared[0]} bodies at once, from parameters with {' and '.join(map(str, sizes))} "
-            f"rows, but there are {count} bodies in start; give one row a body, or one for all."
+            f"{len(candidates)} parameters of the torque have {count} rows, and so many are not read in every way: "
+            f"{torque.listed(candidates)}. If each of them has one row for each body, write "
+            f"{torque.call(tuple(candidates))}; if all bodies share them, write {torque.call(())}."
         )
-    return structure.unflatten([False] * len(leaves))
+    wanted = others[0].leaves[0].shape  # of one body's momentum, the first array of a state
+    found: list[tuple[int, ...]] = []
+    for chosen in _choices(candidates):
+        if _torque_shape(torque, chosen, others) == wanted:
+            found.append(chosen)
+        if len(found) > 1:
+            break
+    if len(found) > 1:
+        raise ValueError(_ambiguous(torque, found, count))
+    if not found:
+        _refuse(torque, candidates, others, count)
+    return found[0] if found else ()
 
 
-def _marked_by_axes(torque: Any, axes: Any) -> Any:
-    """The torque's tree with True for each array whose axis in `axes` is 0."""
-    rule = "torque_axes must be None, 0, or a prefix of the torque's tree with leaves None and 0"
+def _choices(candidates: list[int]) -> Iterator[tuple[int, ...]]:
+    """All subsets, the smallest first."""
+    for size in range(len(candidates) + 1):
+        yield from combinations(candidates, size)
+
+
+def _torque_shape(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> tuple[int, ...] | None:
+    """The shape of the torque on one body, with one row of each leaf in `chosen`; None if the torque refuses shapes."""
+    try:
+        return getattr(_evaluated(torque, chosen, others), "shape", None)
+    except (TypeError, ValueError, IndexError, AttributeError):
+        return None
+
+
+def _evaluated(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> Any:
+    """What the torque on one body returns, as shapes; raises what the torque raises."""
+    parts = torque.structure.unflatten([_array_or_row(leaf, i in chosen) for i, leaf in enumerate(torque.leaves)])
+    arguments = parts, *(other.structure.unflatten(other.leaves) for other in others)
+    arrays, rest = eqx.partition(arguments, _is_array)
+
+    def evaluated(arrays: Any) -> Any:
+        torque, state, body = eqx.combine(arrays, rest)
+        return on_body(torque, body)(jnp.zeros((), state.momentum.dtype), state)
+
+    return jax.eval_shape(evaluated, arrays)
+
+
+def _refuse(torque: _Shapes, candidates: list[int], others: tuple[_Shapes, ...], count: int) -> None:
+    """Raises if the torque acts on several bodies at once; other mistakes in a torque are reported by the run."""
+    momentum = others[0].leaves[0].shape
+    shape = _torque_shape(torque, (), others)
+    if shape is None or shape == momentum or shape[-len(momentum) :] != momentum:
+        return
+    with_rows = candidates or [i for i, leaf in enumerate(torque.leaves) if _is_array(leaf) and leaf.shape]
+    listed = f", from its parameters {torque.listed(with_rows)}" if with_rows else ""
+    raise ValueError(
+        f"the torque on one body has shape {shape} instead of {momentum}{listed}; there are {count} bodies in start: "
+        "give a parameter one row for each body, or one value for all."
+    )
+
+
+def _ambiguous(torque: _Shapes, found: list[tuple[int, ...]], count: int) -> str:
+    differing = sorted(set(found[0]) ^ set(found[1]))
+    return (
+        f"there are {count} bodies in start, and the torque can be read in two ways: {torque.listed(differing)} may "
+        f"be one value for all bodies or one row for each. Write {torque.call(found[0])}, or {torque.call(found[1])}: "
+        "None means that all bodies share every parameter, 0 that every parameter has rows, and names say which have."
+    )
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path).removeprefix(".")
+
+
+def _marked_by_axes(torque: Any, axes: Any) -> tuple[int, ...]:
+    """The numbers of the leaves with rows, as `axes` says."""
+    names = [axes] if isinstance(axes, str) else axes
+    if isinstance(names, (list, tuple)) and names and all(isinstance(name, str) for name in names):
+        return _named(torque, names)
     if any(isinstance(axis, bool) or axis != 0 for axis in jax.tree.leaves(axes)):
-        raise ValueError(f"{rule}, got {axes!r}.")
+        raise ValueError(f"{RULE}; got {axes!r}.")
 
     def marked(axis: Any, part: Any) -> Any:
         return jax.tree.map(lambda leaf: axis == 0 and eqx.is_array(leaf), part)
 
     try:
-        return jax.tree.map(marked, axes, torque, is_leaf=lambda axis: axis is None)
+        marks = jax.tree.map(marked, axes, torque, is_leaf=lambda axis: axis is None)
     except ValueError as error:
-        raise ValueError(f"{rule}; it does not fit the torque: {error}") from error
+        raise ValueError(f"{RULE}; it does not fit the torque: {error}") from error
+    return tuple(i for i, mark in enumerate(jax.tree.leaves(marks)) if mark)
 
 
-def _array_or_row(leaf: Any, row: bool) -> Any:
-    """The shape and dtype of an array, or of one of its rows; anything else unchanged."""
-    return jax.ShapeDtypeStruct(leaf.shape[1:] if row else leaf.shape, leaf.dtype) if eqx.is_array(leaf) else leaf
+def _named(torque: Any, names: Sequence[str]) -> tuple[int, ...]:
+    known = {
+        _name(path): i
+        for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(torque))
+        if eqx.is_array(leaf)
+    }
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"torque_axes names {name!r}, but the torque's parameters are {', '.join(known) or 'none'}."
+            )
+    return tuple(sorted(known[name] for name in names))
 
 
-def _choices(candidates: list[int]) -> list[tuple[int, ...]]:
-    """All nonempty subsets, the smallest first; only the full set if there are many candidates."""
-    few = len(candidates) <= _MOST_TRIED
-    some = [c for k in range(1, len(candidates)) for c in combinations(candidates, k)] if few else []
-    return [*some, tuple(candidates)] if candidates else []
-
-
-def _torque_shape(
-    leaves: list[Any], structure: Any, chosen: tuple[int, ...], start: AnyState, body: Any
-) -> tuple[int, ...] | None:
-    """The shape of the torque on one body, with one row of each leaf in `chosen`; None if the torque refuses shapes."""
-    parts = [_array_or_row(leaf, i in chosen) for i, leaf in enumerate(leaves)]
-    state = jax.tree.map(lambda leaf: _array_or_row(leaf, True), start)
-    arguments = structure.unflatten(parts), state, body
-    arrays, rest = eqx.partition(arguments, lambda x: isinstance(x, jax.ShapeDtypeStruct))
-
-    def evaluated(arrays: Any) -> Any:
-        torque, state, body = eqx.combine(arrays, rest)
-        return on_body(torque, body)(jnp.zeros((), start.momentum.dtype), state)
-
+def _require_one_torque(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, ...]) -> None:
+    """Raises if the torque does not act on one body when the arrays in `chosen` have one row for each."""
+    wanted = others[0].leaves[0].shape
+    names = torque.names
+    read = ", ".join(f"{names[i]} {torque.leaves[i].shape[1:]}" for i in chosen)
     try:
-        return getattr(jax.eval_shape(evaluated, arrays), "shape", None)
-    except (TypeError, ValueError, IndexError, AttributeError):
-        return None  # the torque does not accept these shapes; if it accepts none, the run raises its error
+        shape = getattr(_evaluated(torque, chosen, others), "shape", None)
+    except (TypeError, ValueError, IndexError, AttributeError) as error:
+        raise ValueError(
+            f"with these torque_axes one body gets {read}, and the torque cannot use that: {error}; name only the "
+            "parameters that have one row for each body, as in torque_axes=['weight']."
+        ) from error
+    if shape != wanted:
+        raise ValueError(
+            f"with these torque_axes one body gets {read}, and its torque has shape {shape} instead of {wanted}; name "
+            "only the parameters that have one row for each body, as in torque_axes=['weight']."
+        )

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._kernel.hoisting import Hoisted, depends, hoist
+from .._kernel.verdict import FINE
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.torques import on_body
@@ -86,7 +87,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     constants, other = eqx.partition(system_of(arrays, t0), eqx.is_array)
     motion = eqx.combine(constants, other).motion(start)
     force = jax.tree.map(jnp.zeros_like, motion.momentum) if method.keeps_force(eqx.combine(constants, other)) else None
-    progress = Progress(motion, force, jnp.array(True))
+    progress = Progress(motion, force, jnp.asarray(FINE))
     structure = jax.tree.structure(progress)
 
     def step(h: Array, n: Array, t0: Array, dt: Array, *leaves: Array) -> list[Array]:

@@ -15,7 +15,6 @@ optimistix solves the least-squares problem; only this folder imports it, and `i
 
 from .estimate import Estimate as Estimate
 from .fit import fit as fit
-from .fit import prepare as prepare
 from .measurements import Attitudes as Attitudes
 from .measurements import Directions as Directions
 from .measurements import Measurement as Measurement
@@ -27,7 +26,10 @@ from .parameters import Moments as Moments
 from .parameters import Parameter as Parameter
 from .parameters import Positive as Positive
 from .parameters import UnitQuaternion as UnitQuaternion
+from .parameters import UnitVector as UnitVector
+from .prepare import prepare as prepare
 from .report import Fit as Fit
+from .result import Result as Result
 from .sampling import states_at as states_at
 from .solve import Plan as Plan
 from .solve import fit_arrays as fit_arrays

@@ -11,9 +11,11 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit  # SciPy comes with JAX
 
 from .identifiability import Spectrum
-from .residuals import Data, Problem, jacobian_of
+from .residuals import Data
+from .result import code_of
 
 CONFIDENCE = 0.95
+_LARGEST_RMS = 1.5  # of residuals over known sigmas, when the degrees of freedom are many
 
 
 class Estimate(eqx.Module):
@@ -33,7 +35,8 @@ class Estimate(eqx.Module):
         spectrum: singular values and vectors of the Jacobian, see `Spectrum`.
         steps: the number of steps of the optimiser.
         converged: whether the optimiser converged and every step of the run was good.
-        ok: whether the optimiser converged, every step of the run was good, and all parameters are determined.
+        result: how the fit ended, the `code` of a `Result`.
+        ok: whether it ended as it should: `result` is 0.
     """
 
     vector: Float[Array, "*batch p"]
@@ -49,22 +52,29 @@ class Estimate(eqx.Module):
     spectrum: Spectrum
     steps: Int[Array, "*batch"]
     converged: Bool[Array, "*batch"]
+    result: Int[Array, "*batch"]
     ok: Bool[Array, "*batch"]
 
 
 def estimate_at(
-    problem: Problem, data: Data, vector: Float[Array, " p"], steps: Array, ok: Array, absolute_sigma: bool
+    data: Data,
+    vector: Float[Array, " p"],
+    residuals: tuple[Float[Array, " r"], Bool[Array, ""], Float[Array, "n p"]],
+    steps: Array,
+    converged: Array,
+    absolute_sigma: bool,
 ) -> Estimate:
     """The estimate for a vector at which the sum of squares is least.
 
     Args:
-        problem, data: of one segment.
+        data: of one segment.
         vector: (p,), the unconstrained numbers.
-        steps, ok: of the optimiser.
+        residuals: there, with whether every step of the run was good, and with the Jacobian or its factor R.
+        steps, converged: of the optimiser.
         absolute_sigma: whether the sigmas of the measurements are known; otherwise they are known up to a common
             factor, which is estimated from the residuals.
     """
-    found, good, jacobian = jacobian_of(vector, data, problem)
+    found, good, jacobian = residuals
     spectrum = Spectrum.of(jacobian)
     present = jnp.concatenate([m.present.reshape(-1) for m in data.measurements])
     count, squares = jnp.sum(present), jnp.sum(found**2)
@@ -76,7 +86,10 @@ def estimate_at(
     covariance = slopes @ unconstrained @ slopes.T
     unknown = spectrum.undetermined(slopes)
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
-    converged = ok & good & jnp.all(jnp.isfinite(found))
+    good = good & jnp.all(jnp.isfinite(found))
+    enough = jnp.maximum(dof, 1).astype(one.dtype)
+    fits = (squares <= enough * jnp.maximum(_LARGEST_RMS, 1 + 5 / jnp.sqrt(2 * enough)) ** 2) | (not absolute_sigma)
+    result = code_of(good, converged, jnp.all(spectrum.determined) & (dof >= 1), fits)
     quantile = one * ndtri(0.5 + CONFIDENCE / 2) if absolute_sigma else _quantile(dof, found.size, one)
     coordinates = data.layout.coordinates(vector)
     half = quantile * jnp.sqrt(jnp.diagonal(covariance))
@@ -93,8 +106,9 @@ def estimate_at(
         unconstrained=unconstrained,
         spectrum=spectrum,
         steps=steps,
-        converged=converged,
-        ok=converged & jnp.all(spectrum.determined) & (dof >= 1),
+        converged=converged & good,
+        result=result,
+        ok=result == 0,
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from .parameters import InertiaTensor, Moments, Parameter
+from .parameters import InertiaTensor, Moments, Parameter, UnitQuaternion
 
 _SHARE = 0.1  # a number belongs to a null vector if its entry is at least this share of the largest
 
@@ -109,19 +109,37 @@ def _linked(vectors: np.ndarray) -> np.ndarray:
     return (np.abs(projection) > _SHARE * np.outer(own, own)) & np.outer(inside, inside)
 
 
-def complaint(groups: list[list[str]], parameters: Sequence[Parameter]) -> str:
-    """What cannot be determined, and the cure; "" if everything is."""
+def complaint(groups: list[list[str]], named: Sequence[tuple[str, Parameter]]) -> str:
+    """What cannot be determined, and the cure; "" if everything is.
+
+    Args:
+        groups: from `confounded`.
+        named: the parameters with their names, from `Layout.named`.
+    """
     if not groups:
         return ""
     told = "; ".join(
         f"{group[0]} has no effect on them" if len(group) == 1 else f"{', '.join(group)} cannot be told apart"
         for group in groups
     )
-    scaled = any(isinstance(p, Moments | InertiaTensor) and p.scale == "free" for p in parameters)
-    cure = (
-        "Without a known torque that does not grow with the moments, data give their ratios only: fix the scale, such"
-        ' as Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the momentum.'
-        if scaled
-        else "Make one of them a known number inside the model, or add measurements that depend on them differently."
-    )
-    return f"the measurements do not determine all parameters: {told}. {cure}"
+    cures = dict.fromkeys(_cure(group, named) for group in groups)
+    return f"the measurements do not determine all parameters: {told}. {' '.join(cures)}"
+
+
+def _cure(group: list[str], named: Sequence[tuple[str, Parameter]]) -> str:
+    inside = [(name, p) for name, p in named if any(f"{name}{label}" in group for label in p.unconstrained_labels())]
+    attitudes = [name for name, p in inside if isinstance(p, UnitQuaternion)]
+    if attitudes:
+        return (
+            f"Angular velocities say nothing of where a body points, and one direction in space leaves a turn about it "
+            f"open. Fix {attitudes[0]}: make it a known quaternion inside the model; or, with one direction, start the "
+            "model from a DirectionState whose direction is a UnitVector; or add Attitudes, Positions, or Directions "
+            "with another reference."
+        )
+    if any(isinstance(p, Moments | InertiaTensor) and p.scale == "free" for _, p in inside):
+        return (
+            "Without a known torque that does not grow with the moments, data give their ratios only: fix the scale, "
+            'such as Moments(..., scale="fixed"), and make the initial angular velocity a parameter instead of the '
+            "momentum."
+        )
+    return "Make one of them a known number inside the model, or add measurements that depend on them differently."

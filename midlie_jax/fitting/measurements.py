@@ -63,12 +63,18 @@ class Measurement(eqx.Module):
         values: (n, ...), zero where missing.
         sigma: standard deviations of the residuals' entries, broadcast to their shape (n, ...).
         present: (n, ...), False where a value is missing.
+        clock: how far the clock of the instrument is ahead of the model's time, or None if it is not.
     """
 
     times: eqx.AbstractVar[Float[Array, " n"]]
     values: eqx.AbstractVar[Array]
     sigma: eqx.AbstractVar[Array]
     present: eqx.AbstractVar[Bool[Array, "..."]]
+    clock: eqx.AbstractVar[Source | None]
+
+    def times_of_model(self, parameters: Any) -> Float[Array, " n"]:
+        """The times of the model at which the values were measured."""
+        return self.times if self.clock is None else self.times - self.clock(parameters).reshape(())
 
     @abstractmethod
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
@@ -95,6 +101,8 @@ class Rates(Measurement):
         sigma: standard deviation in radians per unit of time: one number, (3,), or (n, 3).
         bias: what the gyroscope adds to the true rate: the name of a parameter (3,) of the guess, a function of the
             values of the parameters that returns (3,), or a known array (3,). None is no bias.
+        clock: how far the instrument's clock is ahead of the model's time, in the unit of time: the name of a parameter
+            (), a function of the values of the parameters, or a known number. None is not at all.
 
     Raises:
         ValueError: no rows, times not ascending, wrong shapes, no value present, infinite values, or a sigma that is
@@ -106,11 +114,14 @@ class Rates(Measurement):
     sigma: Float[Array, "n 3"]
     present: Bool[Array, "n 3"]
     bias: Source | None
+    clock: Source | None
 
-    def __init__(self, times: Any, values: Any, sigma: Any, bias: Part | None = None):
+    def __init__(
+        self, times: Any, values: Any, sigma: Any, bias: Part | Any = None, *, clock: Part | float | None = None
+    ):
         self.times, self.values, self.present = _rows(times, values, (3,))
         self.sigma = _deviations(sigma, self.values)
-        self.bias = None if bias is None else Source.of("bias", bias, (3,))
+        self.bias, self.clock = _source("bias", bias, (3,)), _source("clock", clock, ())
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         rates = velocities(body, states)
@@ -127,6 +138,7 @@ class Attitudes(Measurement):
         times: (n,), ascending.
         values: (n, 4), unit quaternions (w, x, y, z) from body to space; a row with a NaN is missing.
         sigma: standard deviation of the rotation about each body axis in radians: one number, (3,), or (n, 3).
+        clock: as for `Rates`.
 
     Raises:
         ValueError: as for `Rates`, or a quaternion whose length is not 1 to 1e-3.
@@ -136,8 +148,10 @@ class Attitudes(Measurement):
     values: Float[Array, "n 4"]
     sigma: Float[Array, "n 3"]
     present: Bool[Array, "n 3"]
+    clock: Source | None
 
-    def __init__(self, times: Any, values: Any, sigma: Any):
+    def __init__(self, times: Any, values: Any, sigma: Any, *, clock: Part | float | None = None):
+        self.clock = _source("clock", clock, ())
         self.times, numbers, present = _rows(times, values, (4,), whole=True)
         # What is missing must still be a rotation, because a derivative reads it.
         identity = jnp.eye(4, dtype=numbers.dtype)[:1]
@@ -155,13 +169,16 @@ class Directions(Measurement):
     """Directions known in the space frame and measured in the body frame, as a sun sensor or a magnetometer does.
 
     The residual is the angle from the measured direction to that of the model, as two components perpendicular to the
-    measured direction. Lengths do not matter.
+    measured direction. Lengths do not matter, except beside a bias.
 
     Args:
         times: (n,), ascending.
         values: (n, 3), body frame, of any length but zero; a row with a NaN is missing.
         sigma: standard deviation of each of the two angles in radians: one number, (2,), or (n, 2).
         reference: the known direction in the space frame, (3,), or (n, 3) if it changes with time.
+        bias: what the instrument adds to the vector, in the unit of `values`, such as the hard iron that a magnetometer
+            turns with: in the three forms of the bias of `Rates`. None is no bias.
+        clock: as for `Rates`.
 
     Raises:
         ValueError: as for `Rates`, or a direction of length zero.
@@ -172,10 +189,23 @@ class Directions(Measurement):
     sigma: Float[Array, "n 2"]
     present: Bool[Array, "n 2"]
     reference: Float[Array, "n 3"]
+    bias: Source | None
+    clock: Source | None
 
-    def __init__(self, times: Any, values: Any, sigma: Any, *, reference: Any):
+    def __init__(
+        self,
+        times: Any,
+        values: Any,
+        sigma: Any,
+        *,
+        reference: Any,
+        bias: Part | Any = None,
+        clock: Part | float | None = None,
+    ):
+        self.bias, self.clock = _source("bias", bias, (3,)), _source("clock", clock, ())
         self.times, numbers, present = _rows(times, values, (3,), whole=True)
-        self.values = _unit("values", jnp.where(present, numbers, jnp.eye(3, dtype=numbers.dtype)[:1]))
+        numbers = jnp.where(present, numbers, jnp.eye(3, dtype=numbers.dtype)[:1])
+        self.values = _unit("values", numbers) if bias is None else numbers
         self.present = present[:, :2]
         self.sigma = _deviations(sigma, self.values[:, :2])
         known = as_floats("reference", reference).astype(numbers.dtype)
@@ -185,11 +215,16 @@ class Directions(Measurement):
         self.reference = _unit("reference", jnp.broadcast_to(known, self.values.shape))
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        del parameters, body
+        del body
         expected = cp.pack(states.seen_from_body(cp.vector(self.reference)))
-        first, second = _perpendicular(self.values)
+        measured = self.values
+        if self.bias is not None:
+            measured = measured - self.bias(parameters)[None]
+            square = jnp.sum(measured**2, axis=-1, keepdims=True)
+            measured = measured / jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
+        first, second = _perpendicular(measured)
         x, y = jnp.sum(expected * first, axis=-1), jnp.sum(expected * second, axis=-1)
-        cosine, square = jnp.sum(expected * self.values, axis=-1), x * x + y * y
+        cosine, square = jnp.sum(expected * measured, axis=-1), x * x + y * y
         small = (square < _SMALL_ANGLE**2) & (cosine > 0)
         safe = jnp.where(small, jnp.ones_like(square), square)
         series = 1 + square / 6 + 3 * square**2 / 40
@@ -207,6 +242,7 @@ class Positions(Measurement):
         markers: body-frame coordinates of the markers, (3,) or (m, 3): a known array, the name of a parameter, or a
             function of the values of the parameters.
         origin: position in space of the point about which the body turns, (3,), in the same three forms.
+        clock: as for `Rates`.
 
     Raises:
         ValueError: as for `Rates`.
@@ -218,8 +254,19 @@ class Positions(Measurement):
     present: Bool[Array, "n m 3"]
     markers: Source
     origin: Source | None
+    clock: Source | None
 
-    def __init__(self, times: Any, values: Any, sigma: Any, *, markers: Part | Any, origin: Part | Any = None):
+    def __init__(
+        self,
+        times: Any,
+        values: Any,
+        sigma: Any,
+        *,
+        markers: Part | Any,
+        origin: Part | Any = None,
+        clock: Part | float | None = None,
+    ):
+        self.clock = _source("clock", clock, ())
         array = as_floats("values", values)
         shape = (1, 3) if array.ndim == 2 else array.shape[1:]
         if array.ndim not in (2, 3) or shape[-1] != 3:
@@ -227,7 +274,7 @@ class Positions(Measurement):
         self.times, self.values, self.present = _rows(times, array.reshape(array.shape[0], *shape), shape)
         self.sigma = _deviations(sigma, self.values)
         self.markers = Source.of("markers", markers, shape)
-        self.origin = None if origin is None else Source.of("origin", origin, (3,))
+        self.origin = _source("origin", origin, (3,))
 
     def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
         del body
@@ -236,6 +283,10 @@ class Positions(Measurement):
         if self.origin is not None:
             expected = expected + self.origin(parameters).reshape(1, 1, 3)
         return expected - self.values
+
+
+def _source(name: str, part: Any, shape: tuple[int, ...]) -> Source | None:
+    return None if part is None else Source.of(name, part, shape)
 
 
 def velocities(body: RigidBody | TensorBody, states: AnyState) -> Float[Array, "n 3"]:
@@ -293,11 +344,11 @@ def _perpendicular(directions: Float[Array, "n 3"]) -> tuple[Array, Array]:
 
 def check_parts(measurement: Measurement, names: set[str]) -> None:
     """Raises a ValueError for a `Part` that names no parameter."""
-    for field in ("bias", "markers", "origin"):
+    for field in ("bias", "markers", "origin", "clock"):
         source = getattr(measurement, field, None)
         rule = source.rule if isinstance(source, Source) else None
         if isinstance(rule, str) and rule not in names:
             raise ValueError(
                 f"{field} of {type(measurement).__name__} names the parameter {rule!r}, which is not in the guess; "
-                f"add it: guess = {{..., {rule!r}: Free([0.0, 0.0, 0.0])}}."
+                f"add it: guess = {{..., {rule!r}: Free({'0.0' if field == 'clock' else '[0.0, 0.0, 0.0]'})}}."
             )

@@ -18,6 +18,7 @@ from ..model import so3
 
 Scale = Literal["free", "fixed"]
 _CURE_OF_FLAT = "a flat body is the limit of a physical one: lower the largest moment by a millionth."
+_SMALL_TURN = 1e-4  # radians; below, sine and cosine are series, whose derivative at zero is finite
 _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
 
 
@@ -244,6 +245,52 @@ class UnitQuaternion(Parameter):
 
     def labels(self) -> list[str]:
         return [".x", ".y", ".z"]
+
+
+class UnitVector(Parameter):
+    """A direction, such as that of a field in the body frame: the guess turned by u, perpendicular to it.
+
+    u is in radians, with two components along fixed directions that are perpendicular to the guess and to each other;
+    the map is one-to-one for |u| < pi. The coordinates are the three components of the vector.
+
+    Args:
+        initial: the guess, a vector of length 1, (3,).
+
+    Raises:
+        ValueError: the guess is not of shape (3,) or its length is not 1 to 1e-3.
+    """
+
+    initial: Float[Array, "3"]
+
+    def __init__(self, initial: Any):
+        self.initial = _of_shape("initial", initial, (3,))
+        require("initial", self.initial, is_unit, "must be a vector of length 1", "divide it by its norm.")
+
+    def vector(self) -> Float[Array, " size"]:
+        return jnp.zeros_like(self.initial[:2])
+
+    def value(self, vector: Float[Array, " size"]) -> Array:
+        guess, first, second = self._frame()
+        square = jnp.sum(vector**2)
+        small = square < _SMALL_TURN**2
+        angle = jnp.sqrt(jnp.where(small, jnp.ones_like(square), square))
+        share = jnp.where(small, 1 - square / 6, jnp.sin(angle) / angle)
+        along = jnp.where(small, 1 - square / 2, jnp.cos(angle))
+        return along * guess + share * (vector[0] * first + vector[1] * second)
+
+    def unconstrained_labels(self) -> list[str]:
+        """Each is that of the component that it changes most and the other does not have."""
+        _, first, second = (np.abs(np.asarray(x)) for x in self._frame())
+        one = int(np.argmax(first))
+        return [f"[{one}]", f"[{int(np.argmax(np.where(np.arange(3) == one, -1.0, second)))}]"]
+
+    def _frame(self) -> tuple[Array, Array, Array]:
+        """The guess, of length one, and two directions perpendicular to it and to each other."""
+        guess = self.initial / jnp.linalg.norm(self.initial)
+        axis = jnp.eye(3, dtype=guess.dtype)[jnp.argmin(jnp.abs(guess))]
+        first = axis - jnp.sum(axis * guess) * guess
+        first = first / jnp.linalg.norm(first)
+        return guess, first, jnp.cross(guess, first)
 
 
 def flatness(value: Array) -> Float[Array, ""]:

@@ -6,10 +6,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from .doubts import doubts
 from .estimate import CONFIDENCE, Estimate
 from .layout import Layout
 from .measurements import Measurement
 from .parameters import InertiaTensor, Moments, flatness
+from .result import Result
 
 _FLAT = 1e-3  # of a share of I1 + I2 - I3 below this the optimum may not be reached, and the interval says nothing
 
@@ -28,7 +30,9 @@ class Fit:
         rank, condition: of the Jacobian with columns of length one.
         confounded: the groups of unconstrained numbers that cannot be told apart; empty if all are determined.
         flat: the names of the inertias that the data hardly tell from that of a flat body.
-        ok: whether the fit converged to determined parameters.
+        ok: whether the fit ended as it should: `result` is `Result.FITTED`.
+        result: how the fit ended, a `Result`.
+        message: what went wrong, with the time, the names or the numbers, and what would do.
     """
 
     def __init__(
@@ -37,9 +41,9 @@ class Fit:
         layout: Layout,
         measurements: tuple[Measurement, ...],
         confounded: list[list[str]],
-        complaint: str,
+        message: str,
     ):
-        self.estimate, self.confounded, self.complaint = estimate, confounded, complaint
+        self.estimate, self.confounded, self.message = estimate, confounded, message
         self._layout, self._measurements = layout, measurements
         self.values: Any = estimate.values
         self.names = layout.names()
@@ -48,7 +52,8 @@ class Fit:
         )
         self.rms, self.dof, self.steps = float(estimate.rms), int(estimate.dof), int(estimate.steps)
         self.rank, self.condition = int(estimate.spectrum.rank), float(estimate.spectrum.condition)
-        self.ok = bool(estimate.ok)
+        self.result = Result.of(int(estimate.result))
+        self.ok = self.result is Result.FITTED
 
     def residuals(self) -> list[np.ndarray]:
         """The residuals over sigma of each measurement, of the shape of its `present`; NaN where missing."""
@@ -59,6 +64,15 @@ class Fit:
             found.append(np.where(present, flat[begin : begin + present.size].reshape(present.shape), np.nan))
             begin += present.size
         return found
+
+    @property
+    def doubts(self) -> list[str]:
+        """What in the residuals does not look like noise; empty if all does.
+
+        Neighbours that are alike, values far off the others, residuals that are large beside what was measured. Then
+        the model leaves something out, or a value is wrong, and the intervals say too little, also where `ok` is True.
+        """
+        return [doubt.text for doubt in doubts(self.residuals(), self._measurements)]
 
     @property
     def flat(self) -> list[str]:
@@ -103,7 +117,8 @@ class Fit:
         lines.insert(1, "  ".join("-" * w for w in widths))
         if flat := self.flat:
             lines.append(f"{', '.join(flat)}: the data hardly tell this body from a flat one, see Fit.flat")
-        state = "ok" if self.ok else "NOT ok: " + (self.complaint or "the optimiser did not converge, or a run failed")
+        lines += [f"doubtful: {doubt}" for doubt in self.doubts]
+        state = "NOT ok: " + self.message if not self.ok else "doubtful" if self.doubts else "ok"
         lines.append(
             f"rms of residuals / sigma {self.rms:.4g}, {self.dof} degrees of freedom, {self.steps} steps, "
             f"rank {self.rank} of {self._layout.size}, condition {self.condition:.2g}; {state}"
@@ -119,10 +134,13 @@ def derived(estimate: Estimate, layout: Layout, function: Callable[[Any], Any]) 
     def flat(vector: jax.Array) -> jax.Array:
         return function(layout.values(vector)).reshape(-1)
 
-    shape = np.shape(function(estimate.values))
-    value, slopes = flat(estimate.vector), jax.jacfwd(flat)(estimate.vector)
-    variance = np.asarray(jax.numpy.sum((slopes @ estimate.unconstrained) * slopes, axis=-1))
-    unknown = np.asarray(estimate.spectrum.undetermined(slopes))
+    @jax.jit  # one small program instead of one for each operation
+    def both(vector: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return flat(vector), jax.jacfwd(flat)(vector)
+
+    shape = jax.eval_shape(function, estimate.values).shape
+    centre, slopes = (np.asarray(x) for x in both(estimate.vector))
+    variance = np.sum((slopes @ np.asarray(estimate.unconstrained)) * slopes, axis=-1)
+    unknown = np.asarray(estimate.spectrum.undetermined(jax.numpy.asarray(slopes)))
     half = np.where(unknown, np.inf, float(estimate.quantile) * np.sqrt(variance))
-    centre = np.asarray(value)
     return centre.reshape(shape), np.stack([centre - half, centre + half], axis=-1).reshape(*shape, 2)

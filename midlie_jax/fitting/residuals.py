@@ -9,6 +9,7 @@ Problems in Differential and Integral Equations (Birkhäuser 1983) 95.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -59,6 +60,10 @@ class Problem(eqx.Module):
     grid: Grid
     continuity: float = eqx.field(static=True)
 
+    def single(self) -> "Problem":
+        """The problem without multiple shooting."""
+        return replace(self, grid=self.grid.whole())
+
     def run(self, vector: Float[Array, " u"], data: Data) -> tuple[Any, Any, Any, AnyState]:
         """The values of the parameters, the body, the paths of the segments, and their starts (segments, ...)."""
         count = data.layout.size
@@ -73,7 +78,7 @@ class Problem(eqx.Module):
     def residuals(self, vector: Float[Array, " u"], data: Data) -> tuple[Float[Array, " r"], Bool[Array, ""]]:
         """All residuals over their standard deviations, and whether every step was good."""
         values, body, (torque, paths), starts = self.run(vector, data)
-        times = jnp.concatenate([m.times.astype(vector.dtype) for m in data.measurements])
+        times = jnp.concatenate([m.times_of_model(values).astype(vector.dtype) for m in data.measurements])
         states, ok = self.grid.sample(self.method, body, torque, paths, times)
         found: list[Array] = []
         begin = 0
@@ -93,8 +98,7 @@ class Problem(eqx.Module):
         Angular velocities are those of the nearest row of a `Rates`, attitudes those of the nearest row of an
         `Attitudes`; the rest is from the run of the guess.
         """
-        one = eqx.tree_at(lambda p: p.grid, self, self.grid.whole())
-        values, body, (_, path), _ = one.run(vector, data)
+        values, body, (_, path), _ = self.single().run(vector, data)
         places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
         states = jax.tree.map(lambda x: x[0, places], path.states)
         times = path.times[0, places]

@@ -19,11 +19,16 @@ from .._kernel.checks import require, require_finite
 from .._kernel.components import is_traced
 from ..drivers.arguments import as_method
 from ..drivers.clock import time_of
-from ..drivers.integrate import Path, integrate
+from ..drivers.integrate import integrate
+from ..drivers.path import Path
 from ..methods.base import Method
-from ..model.state import AnyState
+from ..model.state import StateT
 
-_ON_GRID = 1e-9  # a time is on the grid if it is off by less than this share of a step (float32: 1e-4)
+# A time is on the grid if it is off by less than this share of a step, plus what rounding makes of so late a time; but
+# never by more than the second: times that rounding blurs further are reached by a shorter step, which is always right.
+_ON_GRID, _MOST_OFF = {"float64": 1e-9, "float32": 1e-4}, 0.05
+
+_MARGIN, _LONGEST = 8, 2.0  # steps beyond the last time where a clock is fitted; the longest of the last steps
 
 
 class Grid(eqx.Module):
@@ -45,14 +50,19 @@ class Grid(eqx.Module):
     exact: bool = eqx.field(static=True)
 
     @classmethod
-    def of(cls, times: np.ndarray, dt: float, t0: float, segments: int = 1) -> "Grid":
-        """The grid that reaches the last of the times (n,), which are concrete."""
-        tolerance = _ON_GRID if times.dtype == np.float64 else 1e-4
+    def of(cls, times: np.ndarray, dt: float, t0: float, segments: int = 1, moving: bool = False) -> "Grid":
+        """The grid that reaches the last of the times (n,), which are concrete.
+
+        Args:
+            moving: whether the times may become a few steps earlier or later, as where a clock is fitted.
+        """
+        tolerance = _ON_GRID[times.dtype.name]
         offsets = (np.asarray(times, np.float64) - t0) / dt
-        least = max(1, math.ceil(float(offsets.max()) - tolerance))
+        least = max(1, math.ceil(float(offsets.max()) - tolerance)) + _MARGIN * moving
         steps = -(-least // segments)
         nearest = np.rint(offsets).astype(int)
-        exact = bool(np.all(np.abs(offsets - nearest) <= tolerance * np.maximum(1, offsets)))
+        blurred = tolerance + 2 * np.finfo(times.dtype).eps * (np.abs(offsets) + abs(t0 / dt))
+        exact = bool(np.all(np.abs(offsets - nearest) <= np.minimum(blurred, _MOST_OFF))) and not moving
         every = math.gcd(steps, *np.unique(nearest).tolist()) if exact else 1
         return cls(dt, t0, steps, segments, every, exact)
 
@@ -68,10 +78,10 @@ class Grid(eqx.Module):
         segment = jnp.minimum(index // self.steps, self.segments - 1)
         return segment, (index - segment * self.steps) // self.every
 
-    def run(self, method: Method, body: Any, torque: Any, starts: AnyState) -> Path:
+    def run(self, method: Method, body: Any, torque: Any, starts: StateT) -> Path[StateT]:
         """The paths of all segments, (segments, saved, ...), from their starts (segments, ...)."""
 
-        def segment(start: AnyState, first: Array) -> Path:
+        def segment(start: StateT, first: Array) -> Path[StateT]:
             every, t0 = self.every, self.t0
             return integrate(
                 method, body, torque, start, dt=self.dt, steps=self.steps, save_every=every, t0=t0, first_step=first
@@ -83,8 +93,8 @@ class Grid(eqx.Module):
         return jax.vmap(segment)(starts, first)
 
     def sample(
-        self, method: Method, body: Any, torque: Any, paths: Path, times: Float[Array, " n"]
-    ) -> tuple[AnyState, Array]:
+        self, method: Method, body: Any, torque: Any, paths: Path[StateT], times: Float[Array, " n"]
+    ) -> tuple[StateT, Array]:
         """The states (n, ...) at the times, and whether each can be trusted, (n,)."""
         segment, index = self.place(times)
         states = jax.tree.map(lambda x: x[segment, index], paths.states)
@@ -94,17 +104,19 @@ class Grid(eqx.Module):
         one = jnp.asarray(1, times.dtype)
         before = time_of(self.t0 * one, self.dt * one, (segment * self.steps + index).astype(jnp.int32))
 
-        def last_step(start: AnyState, t: Array, h: Array) -> tuple[AnyState, Array]:
+        def last_step(start: StateT, t: Array, h: Array) -> tuple[StateT, Array]:
             path = integrate(method, body, torque, start, dt=h, steps=1, t0=t)
             return jax.tree.map(lambda x: x[-1], path.states), path.ok
 
-        states, ok = jax.vmap(last_step)(states, before, times - before)
-        return states, on_grid & ok
+        rest = times - before
+        states, ok = jax.vmap(last_step)(states, before, rest)
+        # Beyond both ends of the run, where a fitted clock may bring the times, the last step is the longer.
+        return states, on_grid & ok & (jnp.abs(rest) <= _LONGEST * self.dt)
 
 
 def states_at(
-    method: Method | str, body: Any, torque: Any, start: AnyState, times: Any, *, dt: float, t0: float = 0.0
-) -> Path:
+    method: Method | str, body: Any, torque: Any, start: StateT, times: Any, *, dt: float, t0: float = 0.0
+) -> Path[StateT]:
     """The states of one run at any ascending times, accurate to the order of the method.
 
     The run takes steps of `dt`; a time between two of them is reached from the earlier one by one step of the remaining

@@ -1,9 +1,8 @@
 """`fit_arrays`: the whole fit as one pure function of arrays, to be compiled, and mapped over data sets."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,6 +16,7 @@ from .identifiability import lengths_of
 from .layout import Layout
 from .measurements import Measurement
 from .residuals import Data, Problem, jacobian_of, residuals, unknowns
+from .search import Search, look
 
 _TOLERANCE = {"float64": 1e-8, "float32": 1e-3}
 
@@ -30,7 +30,6 @@ class Plan(eqx.Module):
         starts: (s, p), what is added to the unconstrained numbers of the guess, one row for each start.
         max_steps: the most steps of the optimiser.
         absolute_sigma: see `estimate_at`.
-        show: called with the number and the loss of each step, or None.
     """
 
     problem: Problem
@@ -38,7 +37,22 @@ class Plan(eqx.Module):
     starts: Float[Array, "s p"]
     max_steps: int = eqx.field(static=True)
     absolute_sigma: bool = eqx.field(static=True)
-    show: Callable[[Any, Any], None] | None = eqx.field(static=True)
+
+
+class Optimum(NamedTuple):
+    """What the optimiser found: the vector, the residuals and a Jacobian there, or the factor R of it."""
+
+    vector: Float[Array, "*s u"]
+    residuals: Float[Array, "*s r"]
+    jacobian: Float[Array, "*s n u"]
+    good: Bool[Array, "*s"]
+    steps: Int[Array, "*s"]
+    converged: Bool[Array, "*s"]
+
+    @classmethod
+    def of(cls, search: Search) -> "Optimum":
+        jacobian = search.triangle * search.lengths[..., None, :]
+        return cls(search.vector, search.residuals, jacobian, search.good, search.steps, search.converged)
 
 
 def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Measurement]) -> Estimate:
@@ -55,45 +69,85 @@ def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Meas
     """
     several = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)
     data = Data(Layout(guess), several)
+    found = over_starts(plan.starts.shape[0] > 1, lambda vector: _optimum(plan, data, vector))(starts_of(plan, data))
+    return estimate_of(plan.absolute_sigma, data, found)
+
+
+def starts_of(plan: Plan, data: Data) -> Float[Array, "s p"]:
+    """The unconstrained numbers of all starts."""
     start = data.layout.start()
-    if plan.starts.shape[0] == 1:
-        vector, steps, ok = _best(plan, data, start + plan.starts[0].astype(start.dtype))[:3]
-    else:
-        one = jax.vmap(lambda offset: _best(plan, data, start + offset))
-        vectors, counts, good, losses = one(plan.starts.astype(start.dtype))
-        # A start that did not converge counts only if no other did.
-        losses = jnp.where(jnp.isnan(losses), jnp.full_like(losses, jnp.inf), losses)
-        order = jnp.lexsort((losses, ~good))
-        vector, steps, ok = vectors[order[0]], counts[order[0]], good[order[0]]
-    return estimate_at(_single(plan.problem), data, vector, steps, ok, plan.absolute_sigma)
+    return start[None] + plan.starts.astype(start.dtype)
 
 
-def _best(plan: Plan, data: Data, vector: Float[Array, " p"]) -> tuple[Array, Array, Array, Array]:
-    """From one start: the vector of the parameters, the number of steps, whether it converged, and the loss.
+def over_starts(several: bool, function: Any) -> Any:
+    """A function of one start as one of all; where there is one start, it is not mapped, which compiles faster."""
+    if several:
+        return jax.vmap(function)
+    return lambda *rows: jax.tree.map(lambda x: x[None], function(*jax.tree.map(lambda x: x[0], rows)))
+
+
+def estimate_of(absolute_sigma: bool, data: Data, found: Optimum) -> Estimate:
+    """The estimate from the best of the optima (s, ...); one that did not converge counts only if no other did."""
+    losses = jnp.sum(found.residuals**2, axis=-1)
+    losses = jnp.where(jnp.isnan(losses), jnp.full_like(losses, jnp.inf), losses)
+    best = jnp.lexsort((losses, ~found.converged))[0]
+    vector, residuals, jacobian, good, steps, converged = jax.tree.map(lambda x: x[best], found)
+    return estimate_at(data, vector, (residuals, good, jacobian), steps, converged, absolute_sigma)
+
+
+def _optimum(plan: Plan, data: Data, vector: Float[Array, " p"]) -> Optimum:
+    """The optimum near one start.
 
     With several segments the problem of multiple shooting is solved first; its parameters are the start of the problem
     with one segment, whose optimum is the estimate of maximum likelihood.
     """
-    before: Array = jnp.zeros((), int)
-    if plan.problem.grid.segments > 1:
-        anchored = plan.problem.anchored(data, vector)
-        many = jnp.concatenate([vector, unknowns(anchored)[vector.size :]])
-        found, before, _, _ = _minimised(plan, plan.problem, anchored, many)
-        vector = found[: vector.size]
-    found, steps, ok, loss = _minimised(plan, _single(plan.problem), data, vector)
-    return found, before + steps, ok, loss
+    *before, last = stages(plan)
+    taken: Array = jnp.zeros((), jnp.int32)
+    for problem in before:
+        stage, start = stage_of(problem, data, vector)
+        found = _minimised(plan, problem, stage, start)
+        vector, taken = found.vector[: vector.size], taken + found.steps
+    found = _minimised(plan, last, data, vector)
+    return found._replace(steps=found.steps + taken)
 
 
-def _minimised(
-    plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]
-) -> tuple[Float[Array, " u"], Int[Array, ""], Bool[Array, ""], Float[Array, ""]]:
-    """The least sum of squares near a start.
+def stages(plan: Plan) -> list[Problem]:
+    """The problems that are solved one after the other: with the segments, if there are several, and without."""
+    single = plan.problem.single()
+    return [single] if plan.problem.grid.segments == 1 else [plan.problem, single]
 
-    The unknowns are scaled such that a change by one changes the residuals by one standard deviation in all. So neither
-    the units nor the number of data matter to the tolerances, nor to the damping, which starts at the diagonal of
-    J^T J. A weaker damping saves steps near the optimum, and from guesses further off it ends in other minima.
 
-    The optimiser works in JAX's default dtype, which optimistix takes for its own numbers, the run in that of the data.
+def stage_of(problem: Problem, data: Data, vector: Float[Array, " p"]) -> tuple[Data, Float[Array, " u"]]:
+    """The data of a stage, and its unknowns at a vector of the parameters."""
+    if problem.grid.segments == 1:
+        return data, vector
+    anchored = problem.anchored(data, vector)
+    return anchored, jnp.concatenate([vector, unknowns(anchored)[vector.size :]])
+
+
+def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
+    """The search of a stage before its first step."""
+    count = sum(m.present.size for m in data.measurements) + start.size - data.layout.size
+    tolerance = _TOLERANCE[start.dtype.name]
+    return Search.begin(start, count, tolerance, _rounding(problem, data, tolerance))
+
+
+def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Optimum:
+    """The least sum of squares near a start."""
+    if plan.solver is not None:
+        return _by_optimistix(plan, problem, data, start)
+
+    def unfinished(search: Search) -> Array:
+        return ~search.finished & (search.steps < plan.max_steps)
+
+    search = begin(problem, data, start)
+    return Optimum.of(jax.lax.while_loop(unfinished, lambda s: look(s, data, problem), search))
+
+
+def _by_optimistix(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Optimum:
+    """The same by a solver of optimistix, which sees unknowns in the scale of `Search`.
+
+    It works in JAX's default dtype, which optimistix takes for its own numbers, the run in that of the data.
     """
     _, _, jacobian = jacobian_of(start, data, problem)
     lengths = lengths_of(jacobian)
@@ -102,26 +156,22 @@ def _minimised(
         start, lengths, data = args
         return residuals(start + z.astype(start.dtype) / lengths, data, problem)[0].astype(z.dtype)
 
-    solver = plan.solver
-    if solver is None:
-        tolerance = _TOLERANCE[start.dtype.name]
-        solver = optx.LevenbergMarquardt(tolerance, _rounding(problem, data, tolerance), verbose=_shown(plan.show))
     solution = optx.least_squares(
         scaled,
-        solver,
+        plan.solver,
         jnp.zeros(start.size),
         (start, lengths, data),
-        options={"jac": "fwd"} if isinstance(solver, optx.AbstractLeastSquaresSolver) else {},
+        options={"jac": "fwd"} if isinstance(plan.solver, optx.AbstractLeastSquaresSolver) else {},
         max_steps=plan.max_steps,
         throw=False,
     )
-    found = start + solution.value.astype(start.dtype) / lengths
-    loss = jnp.sum(problem.residuals(found, data)[0] ** 2)
-    ok = (solution.result == optx.RESULTS.successful) & jnp.all(jnp.isfinite(found))
-    return found, jnp.asarray(solution.stats["num_steps"], int), ok, loss
+    vector = start + solution.value.astype(start.dtype) / lengths
+    converged = (solution.result == optx.RESULTS.successful) & jnp.all(jnp.isfinite(vector))
+    found, good, jacobian = jacobian_of(vector, data, problem)
+    return Optimum(vector, found, jacobian, good, jnp.asarray(solution.stats["num_steps"], jnp.int32), converged)
 
 
-def _rounding(problem: Problem, data: Data, least: float) -> Any:
+def _rounding(problem: Problem, data: Data, least: float) -> Array:
     """The change of a residual that counts as none: `least`, or where it is more what rounding leaves in a run.
 
     With sigmas that are small beside the rounding of the measured values the optimiser would otherwise never end.
@@ -129,20 +179,4 @@ def _rounding(problem: Problem, data: Data, least: float) -> Any:
     noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
     sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]
     rounded = [noise * jnp.finfo(size.dtype).eps * size for size in sizes]
-    return jnp.maximum(jnp.max(jnp.stack(rounded)), least).astype(float)
-
-
-def _shown(show: Callable[[Any, Any], None] | None) -> Any:
-    """The argument `verbose` of an optimistix solver."""
-    if show is None:
-        return False
-
-    def report(**kwargs: tuple[str, Any]) -> None:
-        jax.debug.callback(show, kwargs["num_steps"][1], kwargs["loss_this_step"][1])
-
-    return report
-
-
-def _single(problem: Problem) -> Problem:
-    """The problem without multiple shooting."""
-    return replace(problem, grid=problem.grid.whole())
+    return jnp.maximum(jnp.max(jnp.stack(rounded)), least)

@@ -15,6 +15,7 @@ from jax import Array
 from .._kernel import components as cp
 from .._kernel.fusion import begin, fuse
 from .._kernel.mesh import NONE, Axes, all_promoted
+from .._kernel.verdict import earlier, is_fine
 from ..model.bodies import Body
 from .system import AnyMotion, System
 
@@ -25,12 +26,17 @@ class Progress(NamedTuple):
     Attributes:
         motion: momentum and pose.
         force: the torque at this motion if the method keeps the torque from step to step, else None.
-        ok: whether all solves succeeded so far, ().
+        verdict: of the first step that failed, or fine, (); see `_kernel.verdict`.
     """
 
     motion: AnyMotion
     force: Any
-    ok: Any
+    verdict: Any
+
+    @property
+    def ok(self) -> Any:
+        """Whether all steps so far succeeded, ()."""
+        return is_fine(self.verdict)
 
 
 class Method(eqx.Module):
@@ -119,7 +125,7 @@ class Method(eqx.Module):
             force: the force at t0 if `keeps_force`, else None.
 
         Returns:
-            The motion at t1, the force at t1 if `keeps_force`, else None, and whether all solves succeeded.
+            The motion at t1, the force at t1 if `keeps_force`, else None, and a verdict, or whether the step succeeded.
         """
 
     def step_back(
@@ -168,4 +174,4 @@ class Method(eqx.Module):
         t0, t1, rest = times(clock)
         motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)
         rest = (rest, *known) if known else rest
-        return fuse(all_promoted((Progress(motion, force, progress.ok & ok), rest), axes))
+        return fuse(all_promoted((Progress(motion, force, earlier(progress.verdict, ok)), rest), axes))

@@ -54,15 +54,15 @@ class Inertia(NamedTuple):
         inverses, relative = (1 / a, 1 / b, 1 / c), cp.scale(per_unit, moments)
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
-    def on_first_root(self, y: cp.Vector) -> Array:
-        """Whether h |Omega| at the start is small enough for the equation of a midpoint flight to have one small root.
+    def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
+        """(h |Omega|)^2 at the start, and the largest for which the equation of a midpoint flight has one small root.
 
         y is `travel(h, momentum)`. A slender body whose momentum lies close to its thin axis starts by spinning many
         turns per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search found
         such cases from 30 radians on.
         """
         turn = cp.times(self.spins, y)
-        return cp.dot(turn, turn) <= _LARGEST_START**2
+        return cp.dot(turn, turn), _LARGEST_START**2
 
     def velocity(self, momentum: cp.Vector) -> cp.Vector:
         """The angular velocity I^-1 Pi."""

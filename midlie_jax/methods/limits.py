@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .formula import Formula
-from .scheme import KICK, Scheme
+from .scheme import Scheme
+from .stages import KICK
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega

@@ -29,8 +29,11 @@ from ..model.torques import TorqueLike, potential_of
 from .inertia import Inertia
 from .system import AnyMotion, Motion, System
 
-OPERATIONS = 300  # about as many as the projection has for a simple torque
-_ITERATIONS = 3  # Newton steps, of which the last is needed where the step itself has two or three digits
+OPERATIONS = 800  # about as many as the projection has for a simple torque
+# Corrections along the gradients at the end of the step, and along those after the first: in units of the
+# energy the error falls to its second, fourth and sixth power.
+_CORRECTIONS = (1, 2)
+_ROUNDING = 64  # the largest change of the energy by rounding, in eps times the size of its terms
 
 
 class _Gradient(NamedTuple):
@@ -48,31 +51,52 @@ class _Gradient(NamedTuple):
 
 
 class _Invariant(NamedTuple):
-    """An invariant of a step.
+    """An invariant of a step, as functions of the motion.
 
     Attributes:
-        gradient: at the end.
-        change: how much the invariant has changed since the start, in a unit of momentum, as a function of the motion.
+        change: how much it has changed since the start, in a unit of momentum.
+        gradient: its derivative.
     """
 
-    gradient: _Gradient
     change: Callable[[AnyMotion], Array]
+    gradient: Callable[[AnyMotion], _Gradient]
 
 
-def projected(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion) -> AnyMotion:
-    """The end of a step of h from t0 to t1, changed so that the invariants are those of its start."""
-    energy = _energy(system, t0, t1, h, start, end)
+def projected(
+    system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion
+) -> tuple[AnyMotion, Array | bool]:
+    """The end of a step of h from t0 to t1, changed so that the invariants are those of its start.
+
+    Returns also whether it is: False where the energy is known and is not that of the start to rounding.
+    """
+    energy = _energy(system, t0, t1, h, start)
     if energy is None:
-        return end
-    second = (_square if system.torque is None else _about_axis)(system, t0, h, start, end)
+        return end, True
+    second = (_square if system.torque is None else _about_axis)(system, t0, h, start)
+    error, size = jnp.abs(energy.change(end)), _size_of_energy(system, t0, t1, h, end)
+    for corrections in _CORRECTIONS:
+        end = _corrected(system, t0, h, end, energy, second, corrections)
+    eps = float(jnp.finfo(h.dtype).eps)
+    # A potential whose terms are larger than their sum is rounded more coarsely than the last place of `size`. A change
+    # that is left is taken for that if corrections as small as the error of the step cannot fail.
+    small = eps ** (1 / 3) * size
+    return end, jnp.abs(energy.change(end)) <= jnp.where(error <= small, small, _ROUNDING * eps * size)
+
+
+def _corrected(
+    system: System, t0: Array, h: Array, end: AnyMotion, energy: _Invariant, second: _Invariant | None, corrections: int
+) -> AnyMotion:
+    """The end after some corrections along the gradients where it was."""
     inertia: Inertia = system.inertia
-    up = energy.gradient.raised(inertia)
-    a = energy.gradient.along(up)
+    slope = energy.gradient(end)
+    up = slope.raised(inertia)
+    a = slope.along(up)
     if second is None:
         side, b, c = None, jnp.zeros_like(a), jnp.ones_like(a)
     else:
-        side = second.gradient.raised(inertia)
-        b, c = second.gradient.along(up), second.gradient.along(side)
+        slope = second.gradient(end)
+        side = slope.raised(inertia)
+        b, c = slope.along(up), slope.along(side)
     determinant = a * c - b * b
     # The gradients are parallel in a steady motion. There the energy alone determines the change, along both.
     independent = determinant > float(jnp.finfo(h.dtype).eps) ** 0.4 * a * c
@@ -81,7 +105,7 @@ def projected(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, 
     solvable = determinant > 0  # false for a body at rest
     inverse = jnp.where(solvable, cp.reciprocal(jnp.where(solvable, determinant, jnp.ones_like(a))), jnp.zeros_like(a))
     unit = h * inertia.per_unit
-    for _ in range(_ITERATIONS):
+    for _ in range(corrections):
         e = energy.change(end)
         m = None if second is None else jnp.where(independent, second.change(end), jnp.zeros_like(a))
         x = unit * inverse * (-c * e if m is None else b * m - c * e)
@@ -106,31 +130,46 @@ def steady_potential(torque: TorqueLike, t: Array, state: AnyState) -> Callable[
     return None if depends_on_time else potential
 
 
-def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion) -> _Invariant | None:
+def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) -> _Invariant | None:
     """The energy; None where it changes with time or is not known, or where the torque is not that of a potential."""
     inertia: Inertia = system.inertia
-    potential = None if system.torque is None else steady_potential(system.torque, t0, system.state(start))
-    if system.reads_momentum or (system.torque is not None and potential is None):
+    if system.reads_momentum or (system.torque is not None and _potential(system, t0, start) is None):
         return None
-
-    def potential_energy(motion: AnyMotion) -> Array:
-        return jnp.zeros_like(h) if potential is None else system.number(potential, t0, motion)
-
-    at_start = potential_energy(start)
+    at_start = _potential_energy(system, t0, start)
 
     def change(motion: AnyMotion) -> Array:
         moved = inertia.travel(h, cp.subtract(motion.momentum, start.momentum))
         kinetic = 0.5 * cp.dot(cp.times(inertia.spins, moved), cp.add(motion.momentum, start.momentum))
-        return kinetic + h * (potential_energy(motion) - at_start)
+        return kinetic + h * (_potential_energy(system, t0, motion) - at_start)
 
-    turning = cp.times(inertia.spins, inertia.travel(h, end.momentum))
-    return _Invariant(_Gradient(turning, inertia.travel(-h, cp.scale(h, system.force(t1, end)))), change)
+    def gradient(motion: AnyMotion) -> _Gradient:
+        turning = cp.times(inertia.spins, inertia.travel(h, motion.momentum))
+        return _Gradient(turning, inertia.travel(-h, cp.scale(h, system.force(t1, motion))))
+
+    return _Invariant(change, gradient)
 
 
-def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion, end: AnyMotion) -> _Invariant | None:
+def _size_of_energy(system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion) -> Array:
+    """The sum of kinetic energy, potential energy and what the torque does in a turn of one radian, as in `change`."""
+    turning = cp.times(system.inertia.spins, system.inertia.travel(h, motion.momentum))
+    torque = sum(map(jnp.abs, system.force(t1, motion)), jnp.zeros_like(h))
+    potential = jnp.abs(_potential_energy(system, t0, motion))
+    return jnp.abs(cp.dot(turning, motion.momentum)) + jnp.abs(h) * (potential + torque)
+
+
+def _potential(system: System, t: Array, motion: AnyMotion) -> Callable[[Any, Any], Array] | None:
+    return None if system.torque is None else steady_potential(system.torque, t, system.state(motion))
+
+
+def _potential_energy(system: System, t: Array, motion: AnyMotion) -> Array:
+    potential = _potential(system, t, motion)
+    return jnp.zeros_like(t) if potential is None else system.number(potential, t, motion)
+
+
+def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invariant | None:
     """The momentum about the axis in space about which the torque has no component; None if there is none."""
-    before, now = system.fixed_axis(t0, start), system.fixed_axis(t0, end)
-    if before is None or now is None:
+    before = system.fixed_axis(t0, start)
+    if before is None:
         return None
 
     def change(motion: AnyMotion) -> Array:
@@ -138,10 +177,14 @@ def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion, end: AnyM
         moved, turned = cp.subtract(motion.momentum, start.momentum), cp.subtract(axis, before)
         return cp.dot(moved, axis) + cp.dot(start.momentum, turned)
 
-    return _Invariant(_Gradient(now, cp.cross(system.inertia.travel(h, end.momentum), now)), change)
+    def gradient(motion: AnyMotion) -> _Gradient:
+        axis = system.fixed_axis(t0, motion)
+        return _Gradient(axis, cp.cross(system.inertia.travel(h, motion.momentum), axis))
+
+    return _Invariant(change, gradient)
 
 
-def _square(system: System, t0: Array, h: Array, start: AnyMotion, end: AnyMotion) -> _Invariant:
+def _square(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invariant:
     """Half the square of the momentum."""
     del t0
     inertia: Inertia = system.inertia
@@ -150,5 +193,8 @@ def _square(system: System, t0: Array, h: Array, start: AnyMotion, end: AnyMotio
         moved = inertia.travel(h, cp.subtract(motion.momentum, start.momentum))
         return 0.5 * cp.dot(moved, cp.add(motion.momentum, start.momentum))
 
-    zero = jnp.zeros_like(h)
-    return _Invariant(_Gradient(inertia.travel(h, end.momentum), (zero, zero, zero)), change)
+    def gradient(motion: AnyMotion) -> _Gradient:
+        zero = jnp.zeros_like(h)
+        return _Gradient(inertia.travel(h, motion.momentum), (zero, zero, zero))
+
+    return _Invariant(change, gradient)

@@ -108,7 +108,8 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
 
     Raises:
         ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes
-            without a scheme, or an argument is neither a name nor a midlie_jax Flight or Scheme.
+            without a scheme, an argument is neither a name nor a midlie_jax Flight or Scheme, or a flight from
+            outside has the name of one of this package.
     """
     for what, value, kinds in (("name", name, (str, Flight)), ("scheme", scheme, (str, Scheme, type(None)))):
         if not isinstance(value, kinds):
@@ -129,6 +130,8 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         if isinstance(part, str) and part not in known:
             raise unknown(kind, part, known)
     flight = FLIGHTS[name] if isinstance(name, str) else name
+    if flight.name in FLIGHTS and type(flight) is not type(FLIGHTS[flight.name]):
+        raise ValueError(f"flight {flight.name!r}: midlie_jax has a flight of this name; choose another name.")
     table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
     splitting = Splitting(flight, table, f"{flight.name}[{table.name}]")
     known = ENTRIES.get(splitting.name)

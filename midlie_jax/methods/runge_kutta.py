@@ -17,6 +17,7 @@ from .._kernel import components as cp
 from .._kernel.fusion import cut
 from .._kernel.platform import on_cpu
 from .._kernel.rules import count_operations
+from .._kernel.verdict import verdict
 from ..model.bodies import RigidBody
 from . import tableau
 from .base import Method
@@ -35,7 +36,8 @@ _EVALUATIONS_IN_KERNEL = 16  # of a simple torque
 class RungeKutta(Method):
     """The Runge-Kutta method of a formula. Each step ends by scaling the pose back to unit length, by one Newton step.
 
-    A step reports False in `ok` where h |Omega| at its start exceeds the reach of the formula.
+    A step reports False in `ok` where h |Omega| at its start exceeds the reach of the formula, and where a projection
+    cannot restore the energy to rounding because the step is too long to have a few correct digits.
 
     Attributes:
         formula: what a step adds to momentum and pose.
@@ -105,9 +107,11 @@ class RungeKutta(Method):
         if self.projects:
             change = pause(change, OPERATIONS // per_evaluation)
         end = system.pushed(motion, change.momentum, t0)
-        ok = cp.dot(turn, turn) <= self.formula.reach**2
         end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0))
-        return projected(system, t0, t1, h, motion, end) if self.projects else end, None, ok
+        kept: Array | bool = True
+        if self.projects:
+            end, kept = projected(system, t0, t1, h, motion, end)
+        return end, None, verdict(kept, (cp.dot(turn, turn), self.formula.reach**2))
 
 
 @eqx.filter_jit

@@ -1,15 +1,14 @@
-"""`Scheme`, the table of kicks and flights that make a step, and `run`, the function that takes a step by a scheme.
+"""`Scheme`, the table of kicks and flights that make a step, checked when it is made."""
 
-Neither depends on the kind of body: the same tables drive rigid bodies and particles.
-"""
-
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any
 
-KICK, FLIGHT = "kick", "flight"
+from .scheme_order import measured_order
+from .stages import FLIGHT, KICK
+
 _ROUNDING = 1e-12  # tolerance for sums of coefficients, which are published with 14 digits or more
+_names: set[str] = set()  # of the package's own schemes
 
 
 @dataclass(frozen=True)
@@ -18,8 +17,8 @@ class Scheme:
 
     Attributes:
         name: the part in brackets of a method's name.
-        order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. Whether
-            the coefficients reach an order of 3 or more is not checked; `measured_order` measures it.
+        order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. It is
+            measured (`measured_order`, up to half a second) unless there are no kicks.
         stages: pairs (KICK | FLIGHT, coefficient), in the order in which they act. The coefficients of the kicks sum to
             1, and so do those of the flights.
         source: the publication of the table.
@@ -33,9 +32,14 @@ class Scheme:
         small: an exponent n for weak forces, as on a fast top: where the forces are of size e, the global error is of
             order e h^n + e^2 h^m, with m at least `order`.
 
+    Args:
+        known: whether to take the name and the order for granted, as of the schemes of this package: tests measure
+            their orders, so that an import need not.
+
     Raises:
-        ValueError: coefficients do not sum to 1, or violate the condition of order 2 where `order` is 2 or more; a
-            stage is neither a kick nor a flight; `gradients` is neither empty nor one number for each kick.
+        ValueError: the name is that of a scheme of this package, or cannot stand in brackets; coefficients do not sum
+            to 1; the order is not the measured one; a stage is neither a kick nor a flight; `gradients` is neither
+            empty nor one number for each kick; the scheme does not have the exponent `small`, or is not `composed`.
     """
 
     name: str
@@ -47,9 +51,14 @@ class Scheme:
     small: int | None = None
     use: str = ""
     leading: bool = False
+    known: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, known: bool) -> None:
         label = f"scheme {self.name!r}"
+        if not known and self.name in _names:
+            raise ValueError(f"{label}: midlie_jax has a scheme of this name; choose another name.")
+        if not isinstance(self.name, str) or not self.name or set("[]") & set(self.name):
+            raise ValueError(f"{label}: its name must be text without brackets, as it stands in those of a method.")
         if not isinstance(self.stages, tuple):
             raise ValueError(f"{label}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
         for stage in self.stages:
@@ -68,21 +77,41 @@ class Scheme:
             )
         if not isinstance(self.order, int) or self.order < 1:
             raise ValueError(f"{label}: its order must be at least 1 and a whole number, got {self.order!r}.")
-        if self.order > 1 and KICK in kinds and not abs(self._first_moment() - 0.5) <= _ROUNDING:
+        if self.composed and not self._is_composed():
             raise ValueError(
-                f"{label} is declared of order {self.order}, but its kicks, each times the flights before it, sum to "
-                f"{self._first_moment():.15g} where order 2 needs 0.5; check the coefficients or declare order=1."
+                f"{label} is declared composed, but not made of half kicks around flights: each of its kicks must be "
+                "half the sum of the flights beside it; leave out composed."
             )
+        if self.small is not None and not self._moments_are_exact(self.small):
+            raise ValueError(
+                f"{label} is declared with small={self.small}, but its kicks do not integrate polynomials of degree "
+                f"{self.small - 1} in time exactly; check the coefficients, or leave out small."
+            )
+        if not known and KICK in kinds:
+            measured = measured_order(self)
+            if not abs(measured - self.order) < 0.5:
+                raise ValueError(
+                    f"{label} is declared of order {self.order}, but an order of {measured:.1f} is measured; check the "
+                    "coefficients, or declare the measured order."
+                )
 
-    def _first_moment(self) -> float:
-        """The sum over the kicks of coefficient times elapsed time, in units of the step."""
-        elapsed, total = 0.0, 0.0
+    def _is_composed(self) -> bool:
+        """Whether the step consists of Verlet steps: half kick, flight, half kick, with adjacent kicks merged."""
+        if not self.alternates or self.stages[0][0] != KICK:
+            return False
+        kicks, flights, _ = self.columns()
+        ends = [0.0, *flights, 0.0]
+        return all(abs(kick - (a + b) / 2) <= _ROUNDING for kick, (a, b) in zip(kicks, pairwise(ends), strict=True))
+
+    def _moments_are_exact(self, count: int) -> bool:
+        """Whether the kicks, at their times, integrate the powers below `count` exactly over the step."""
+        time, rule = 0.0, list[tuple[float, float]]()
         for kind, coefficient in self.stages:
             if kind == FLIGHT:
-                elapsed += coefficient
+                time += coefficient
             else:
-                total += coefficient * elapsed
-        return total
+                rule.append((coefficient, time))
+        return all(abs(sum(b * c**k for b, c in rule) - 1 / (k + 1)) <= _ROUNDING for k in range(count))
 
     @property
     def symmetric(self) -> bool:
@@ -103,7 +132,7 @@ class Scheme:
                 stages[-1] = (kind, stages[-1][1] + coefficient)
             else:
                 stages.append((kind, coefficient))
-        return replace(self, stages=tuple(stages))
+        return replace(self, stages=tuple(stages), known=True)
 
     @property
     def flights(self) -> int:
@@ -128,38 +157,7 @@ class Scheme:
         return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force
 
 
-def run(
-    scheme: Scheme,
-    fly: Callable[[float, Any], Any],
-    kick: Callable[[float, float, Any, Any], Any],
-    evaluate: Callable[[float, float, Any], Any],
-    motion: Any,
-    force: Any = None,
-) -> tuple[Any, Any]:
-    """One step of h by a scheme.
-
-    Args:
-        fly: `fly(a, motion)`, the motion after a flight for the time a h.
-        kick: `kick(b, c, motion, force)`, the motion after an impulse b h force at the time c h after the start.
-        evaluate: `evaluate(c, g, motion)`, the force at the time c h after the start, with the weight g of
-            `Scheme.gradients`.
-        motion: the motion at the start, of any type.
-        force: the force at the start if the caller kept it from the last step (see `reuses_force`), else None.
-
-    Returns:
-        The new motion, and the force of the last kick (None where there was no kick).
-    """
-    elapsed, flights_left = 0.0, scheme.flights
-    weights = iter(scheme.gradients)
-    for kind, coefficient in scheme.stages:
-        if kind == FLIGHT:
-            motion = fly(coefficient, motion)
-            flights_left -= 1
-            # The coefficients are rounded, so their sum is not exactly 1; the time after the last flight is.
-            elapsed = elapsed + coefficient if flights_left else 1.0
-            force = None
-        else:
-            weight = next(weights, 0.0)
-            force = evaluate(elapsed, weight, motion) if force is None else force
-            motion = kick(coefficient, elapsed, motion, force)
-    return motion, force
+def own_scheme(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str, **options: Any) -> Scheme:
+    """A scheme of this package, whose name no other can have."""
+    _names.add(name)
+    return Scheme(name, order, stages, source, known=True, **options)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .scheme import FLIGHT, Scheme, run
+from .stages import FLIGHT, Table, run
 
 # Two pendulums of different mass joined by a spring; the potential is far from quadratic.
 _MASSES = np.array([1.0, 1.7], np.longdouble)
@@ -14,7 +14,7 @@ _DURATION, _FEWEST_STEPS, _MOST_STEPS = 3, 12, 1536
 
 
 def pendulums(
-    scheme: Scheme, count: int, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
+    scheme: Table, count: int, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
 ) -> np.ndarray:
     """Momenta and angles of two pendulums after `count` steps, in extended precision, (4,).
 
@@ -53,11 +53,11 @@ def pendulums(
 
 
 def measured_order(
-    scheme: Scheme, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
+    scheme: Table, before: tuple[tuple[str, float], ...] = (), after: tuple[tuple[str, float], ...] = ()
 ) -> float:
     """The order of a scheme on two pendulums: the slope of the error at the smallest steps not dominated by rounding.
 
-    Use it to check the digits of a table of your own. The error is estimated from differences of runs with steps h,
+    A `Scheme` is measured when it is made. The error is estimated from differences of runs with steps h,
     h/2 and h/4, in NumPy's longdouble and without JAX. The result is within about 0.1 of a whole number. Where rounding
     hides the error (order 8 and more if longdouble is plain double), it is the slope at the largest steps.
 

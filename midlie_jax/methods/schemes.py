@@ -1,6 +1,6 @@
 """The coefficient tables of all schemes, by name, each with its source.
 
-To add a scheme of your own, create a `midlie_jax.schemes.Scheme`, and check its digits with `measured_order`.
+To add a scheme of your own, create a `midlie_jax.schemes.Scheme`, which measures its order.
 """
 
 import sys
@@ -9,16 +9,17 @@ from types import ModuleType
 from typing import Any
 
 from .listing import Listing
-from .scheme import FLIGHT as FLIGHT
-from .scheme import KICK as KICK
 from .scheme import Scheme as Scheme
-from .scheme import run as run
+from .scheme import own_scheme
 from .scheme_order import measured_order as measured_order
+from .stages import FLIGHT as FLIGHT
+from .stages import KICK as KICK
+from .stages import run as run
 
 _KRYSL = "Krysl, Explicit time integrators for nonlinear dynamics derived from the midpoint rule, 2004"
-E1 = Scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL, use="the paper's first Euler method; EA costs no more")
-E2 = Scheme("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL, use="the paper's second Euler method; EA costs no more")
-EA = Scheme(
+E1 = own_scheme("E1", 1, ((FLIGHT, 1.0), (KICK, 1.0)), _KRYSL, use="the paper's first Euler method; EA costs no more")
+E2 = own_scheme("E2", 1, ((KICK, 1.0), (FLIGHT, 1.0)), _KRYSL, use="the paper's second Euler method; EA costs no more")
+EA = own_scheme(
     "EA",
     2,
     ((KICK, 0.5), (FLIGHT, 0.5), (FLIGHT, 0.5), (KICK, 0.5)),
@@ -26,7 +27,7 @@ EA = Scheme(
     use="up to three digits, any torque: the least work per step",
     leading=True,
 )
-EA_STAR = Scheme(
+EA_STAR = own_scheme(
     "EA*", 2, ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)), _KRYSL, use="like EA, with the torque at mid-step"
 )
 
@@ -56,7 +57,7 @@ def _alternating(
     stages = [(first, outer[0])]
     for a, b in zip(inner, outer[1:], strict=True):
         stages += [(second, a), (first, b)]
-    return Scheme(name, order, tuple(stages), source, **options)
+    return own_scheme(name, order, tuple(stages), source, **options)
 
 
 def _odd_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
@@ -197,7 +198,7 @@ SRKN14A = _alternating(
     leading=True,
 )
 # TI and CHIN4A use the gradient of T . I^-1 T, which costs one directional derivative of the torque.
-TAKAHASHI_IMADA = Scheme(
+TAKAHASHI_IMADA = own_scheme(
     "TI",
     2,
     ((FLIGHT, 0.5), (KICK, 1.0), (FLIGHT, 0.5)),
@@ -214,7 +215,7 @@ TAKAHASHI_IMADA_PROCESSOR = (
     *((FLIGHT, -_PROCESSOR_STEP), (KICK, _PROCESSOR_STEP), (FLIGHT, _PROCESSOR_STEP), (KICK, -_PROCESSOR_STEP)),
     *((FLIGHT, _PROCESSOR_STEP), (KICK, -_PROCESSOR_STEP), (FLIGHT, -_PROCESSOR_STEP), (KICK, _PROCESSOR_STEP)),
 )
-CHIN4A = Scheme(
+CHIN4A = own_scheme(
     "CHIN4A",
     4,
     ((KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)),

@@ -11,13 +11,15 @@ from .._kernel import components as cp
 from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
 from .._kernel.keep import kept
 from .._kernel.platform import on_cpu
+from .._kernel.verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
 from .limits import decay_limit, oscillator_limit
-from .scheme import FLIGHT, KICK, Scheme, run
+from .scheme import Scheme
+from .stages import FLIGHT, KICK, run
 from .system import AnyMotion, Motion, System, added
 
 
@@ -119,7 +121,7 @@ class Splitting(Method):
         def fly(a: float, motion: AnyMotion) -> AnyMotion:
             nonlocal ok
             motion, flight_ok = stages.fly(a, motion)
-            ok = ok & flight_ok
+            ok = earlier(ok, flight_ok)
             if self.scheme.flights > self.flight.per_loop:
                 return cut(motion)
             if self.scheme.flights > 1 and stages.system.kind.long_sums:
@@ -150,17 +152,17 @@ class Splitting(Method):
             force = stages.evaluate(end_time, 0.0, motion)
             if not kicks_first:
                 motion, force = stages.kick(kick, end_time, motion, force), None
-            return fuse((motion, force, ok & flight_ok)), None
+            return fuse((motion, force, earlier(ok, flight_ok))), None
 
         rows = [kicks, flights, times[:-1], times[1:]]
         count = min(len(kicks), len(flights))
         rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
-        start = motion, force, jnp.ones_like(stages.h, bool)
+        start = motion, force, jnp.full_like(stages.h, FINE, FINE.dtype)
         (motion, force, ok), _ = jax.lax.scan(iteration, start, rows, unroll=unroll)
         if kicks_first:
             return stages.kick(kicks[-1], 1.0, motion, force), force, ok
         motion, flight_ok = stages.fly(flights[-1], motion)
-        return motion, None, ok & flight_ok
+        return motion, None, earlier(ok, flight_ok)
 
 
 class _Stages(NamedTuple):
@@ -226,7 +228,12 @@ def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) 
     """
     if flight.long_derivative:
         inertia, h, momentum = fuse_derivative((inertia, h, momentum))
-    return flight(inertia, h, momentum) if has_pose else (None, *flight.momentum_change(inertia, h, momentum))
+    if has_pose:
+        return flight.judged(inertia, h, momentum)
+    change, ok = flight.momentum_change(inertia, h, momentum)
+    if isinstance(flight, ExactFlight):  # which solves nothing: it fails beyond its reach, or where nothing is finite
+        return None, change, jnp.where(ok, FINE, jnp.where(momentum[0] == momentum[0], BEYOND, NOT_FINITE))
+    return None, change, as_verdict(ok)
 
 
 @eqx.filter_jit
@@ -242,5 +249,5 @@ def _carry(
 ) -> tuple[Flown, Any, Array | bool]:
     """An exact flight of momentum and pose, traced once like `_fly`."""
     flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, t, known)
-    ok = True if known is not None else flight.within_reach(inertia, h, motion.momentum)
+    ok = True if known is not None else flight.verdict(inertia, h, motion.momentum)
     return flown, pose, ok

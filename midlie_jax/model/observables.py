@@ -1,4 +1,7 @@
-"""Observables: energies, momenta and angular velocities of one state, a batch of states, or the states of a path."""
+"""Observables: energies, momenta and angular velocities of one state, a batch of states, or the states of a path.
+
+Except for the energy, also of many bodies with many states each; what their torques share is up to the drivers.
+"""
 
 from typing import Any
 
@@ -12,19 +15,23 @@ from .._kernel.replay import traits
 from . import so3
 from .bodies import Body, Particles, RigidBody, TensorBody, principal_of
 from .compatibility import check_body, check_state, check_torque
-from .state import AnyState, State
-from .states import ParticleState, attitude_of
+from .state import AnyState, BodyState, State
+from .states import ParticleState, RigidState, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
     """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles.
 
+    Args:
+        body: one body for all states; or n bodies, whose states have the leading axis n, before that of times.
+        state: any state, which may have leading batch axes; of a path its `states`.
+
     Returns:
         (...) for momenta of shape (..., 3); () for particles.
 
     Raises:
-        ValueError: the state does not belong to the body, or there is a batch of bodies with several states of each.
+        ValueError: the state does not belong to the body, or the states of n bodies have another first axis than n.
     """
     products = state.momentum * _velocity(body, state)
     return jnp.sum(products, axis=None if isinstance(body, Particles) else -1) / 2
@@ -33,12 +40,13 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
 def energy(
     body: Body, torque: TorqueLike | None, motion: Any, t: float | Array | None = None
 ) -> Float[Array, "*batch"]:
-    """Kinetic plus potential energy.
+    """Kinetic plus potential energy of one body; `midlie_jax.energy` maps it over several.
 
     Args:
-        body: one body for all states; map over several bodies with `jax.vmap`.
+        body: one body for all states.
         torque: as for `integrate`: None, or a torque that has a potential.
-        motion: a state, which may have leading batch axes (except of particles), or a path, which contains its times.
+        motion: a state, which may have leading batch axes (except of particles); or a path of `drivers.path`, which
+            contains its times.
         t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
 
     Returns:
@@ -102,17 +110,25 @@ def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...
     return shape[: len(path_shape)] if isinstance(state, ParticleState) else shape[:-1]
 
 
-def angular_velocity(body: RigidBody | TensorBody, state: AnyState) -> Float[Array, "*batch 3"]:
+def angular_velocity(body: RigidBody | TensorBody, state: BodyState[Any]) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time, (..., 3) like the momentum.
 
+    Args:
+        body: one body for all states; or n bodies, whose states have the leading axis n, before that of times.
+        state: any state of a rigid body, which may have leading batch axes; of a path its `states`.
+
     Raises:
-        ValueError: the state does not belong to the body, or there is a batch of bodies with several states of each.
+        ValueError: the state does not belong to the body, or the states of n bodies have another first axis than n.
     """
     return _velocity(body, state)
 
 
-def spatial_angular_velocity(body: RigidBody | TensorBody, state: AnyState) -> Float[Array, "*batch 3"]:
+def spatial_angular_velocity(body: RigidBody | TensorBody, state: RigidState) -> Float[Array, "*batch 3"]:
     """The angular velocity R I^-1 Pi in the space frame, radians per unit of time, (..., 3).
+
+    Args:
+        body: as for `angular_velocity`.
+        state: a `RigidState` or `CompensatedState`, which may have leading batch axes; of a path its `states`.
 
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
@@ -120,8 +136,11 @@ def spatial_angular_velocity(body: RigidBody | TensorBody, state: AnyState) -> F
     return so3.rotate(attitude_of(state), _velocity(body, state))
 
 
-def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
+def spatial_momentum(state: RigidState) -> Float[Array, "*batch 3"]:
     """The angular momentum R Pi in the space frame, (..., 3); constant for a free body.
+
+    Args:
+        state: a `RigidState` or `CompensatedState`, which may have leading batch axes; of a path its `states`.
 
     Raises:
         ValueError: the state has no attitude.
@@ -130,13 +149,31 @@ def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
 
 
 def _velocity(body: Body, state: AnyState) -> Array:
-    """The velocity of each state: of any number of states of one body, or of one state of each body of a batch."""
+    """The velocity of each state of one body; or of n bodies, whose states have the leading axis n."""
     check_state("state", state)
     check_body(body, state)
+
+    def velocity(body: Body, momentum: Array) -> Array:
+        return body.velocity(momentum)
+
+    for _ in range(axes_of_bodies(body, state)):
+        velocity = jax.vmap(velocity)
+    return velocity(body, state.momentum)
+
+
+def axes_of_bodies(body: Body, state: AnyState) -> int:
+    """How many leading axes the body and the state share, each body with its own moments and states.
+
+    Raises:
+        ValueError: the states do not have one row for each body.
+    """
     principal = principal_of(body)
-    if isinstance(principal, RigidBody) and 1 < principal.moments.ndim < state.momentum.ndim:
+    if not isinstance(principal, RigidBody):
+        return 0
+    bodies, states = principal.moments.shape[:-1], state.momentum.shape[:-1]
+    if states and bodies != states[: len(bodies)]:
         raise ValueError(
-            f"moments {principal.moments.shape} are of several bodies, and momentum {state.momentum.shape} is of "
-            "several states of each; map over the bodies with jax.vmap."
+            f"moments {principal.moments.shape} and momentum {state.momentum.shape} do not fit; of n bodies give "
+            "moments (n, 3) and a momentum (n, 3) or (n, ..., 3), the bodies first; map over other axes with jax.vmap."
         )
-    return body.velocity(state.momentum)
+    return len(bodies) if states else 0

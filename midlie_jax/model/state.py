@@ -136,6 +136,7 @@ class State(eqx.Module, Generic[P, Q]):
 
 
 AnyState = State[Any, Any]
+StateT = TypeVar("StateT", bound=AnyState)  # the class of the states of a run
 
 
 class BodyState(State[cp.Vector, Q]):

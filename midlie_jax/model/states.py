@@ -14,7 +14,7 @@ from jaxtyping import Float
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, is_unit, require, require_finite
 from .bodies import Particles
-from .state import BodyState, State, Value
+from .state import AnyState, BodyState, State, Value
 
 
 class MomentumState(BodyState[tuple[()]]):
@@ -269,11 +269,16 @@ class ParticleState(State[Array, Array]):
         return array
 
 
-def attitude_of(state: State[Any, Any]) -> Array:
-    """The attitude (..., 4) of a `RigidState`; a ValueError for any other state."""
+def with_attitude(state: AnyState) -> RigidState:
+    """The state itself, if it is a `RigidState`; a ValueError for any other state."""
     if not isinstance(state, RigidState):
         raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
-    return state.attitude
+    return state
+
+
+def attitude_of(state: AnyState) -> Array:
+    """The attitude (..., 4) of a `RigidState`; a ValueError for any other state."""
+    return with_attitude(state).attitude
 
 
 @jax.custom_jvp

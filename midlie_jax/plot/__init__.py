@@ -4,8 +4,9 @@
 
 Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `polhode`, `conserved` and `poincare` (one
 path each); files `animate` (GIF) and `view` (HTML). Below them: `motion` (the part of a path that can be trusted),
-`turning` and `box` (the body at evenly spaced times), `conservation` (what the exact motion conserves), `ellipsoid` and
-`labels3d` (artists for 3-D axes), `edge` and `apart` (names that do not collide) and `style`. `bench` uses these, too.
+`several` (paths side by side), `turning` and `box` (the body at evenly spaced times), `conservation` (what the exact
+motion conserves), `ellipsoid` and `labels3d` (artists for 3-D axes), `edge`, `apart` and `room` (names that neither
+collide nor are cut off) and `style`. `bench` uses these, too.
 """
 
 from .animate import animate as animate
@@ -17,4 +18,5 @@ from .conserved import conserved as conserved
 from .poincare import Crossings as Crossings
 from .poincare import poincare as poincare
 from .polhode import polhode as polhode
+from .view import View as View
 from .view import view as view

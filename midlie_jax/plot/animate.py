@@ -1,15 +1,19 @@
-"""`animate`: a turning body as a GIF, by matplotlib and Pillow alone."""
+"""`animate`: turning bodies as a GIF, by matplotlib and Pillow alone."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._kernel.checks import as_count
+from .several import Bodies, Paths, grid, panels
 from .style import BLUE, GREY, ORANGE, SKY, new_figure
-from .turning import FACES, Turning, picture_file, turning
+from .turning import FACES, Turning, picture_file, turnings
 
 _DPI = 80
+_TEXT = 9  # font size, points
+_STRIP = 26  # height of the title above several pictures, pixels
 _COLOURS = 128  # of the palette, which all frames share
 _MOST_FRAMES = 400
 _LAMP = np.array([-0.3, 0.55, 0.78])  # towards the lamp, for the viewer: right, up, and out of the picture
@@ -17,11 +21,11 @@ _BOX = ORANGE
 
 
 def animate(
-    body: Any,
-    path: Any,
+    body: Bodies,
+    path: Paths,
     file: str | Path = "top.gif",
     *,
-    axis: Any = 2,
+    axis: str | int | ArrayLike = 2,
     frames: int = 72,
     rate: float = 20.0,
     size: int = 320,
@@ -32,18 +36,22 @@ def animate(
 ) -> Path:
     """Writes a GIF of a turning body: a box of its moments of inertia, an axis of the body, and the path of this axis.
 
-    The frames are evenly spaced in time. If the body turns by more than a quarter of a turn from one frame to the next,
-    the eye is misled, as by the wheels in a film: the picture then says how many turns there are, and a shorter path or
-    more frames help. A run that failed is shown up to its last good state, and the picture says so.
+    Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
+    spaced in time. If the body turns by more than a quarter of a turn from one frame to the next, the eye is misled, as
+    by the wheels in a film: the picture then says how many turns there are, and a shorter path or more frames help. A
+    run that failed is shown up to its last good state, and the picture says so.
 
     Args:
-        body: the body of the path, a `RigidBody` or a `TensorBody`.
-        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with `RigidState`s.
+        body: the body of the path, a `RigidBody` or a `TensorBody`; for several paths one body for all, a list with one
+            for each, or the bodies of an ensemble.
+        path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
+            `free_motion`. Or several, up to 12: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
+            path of `ensemble`.
         file: the GIF to write; an existing file is replaced.
-        axis: 0, 1 or 2 for an axis of the body frame, or a unit vector (3,) in that frame.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
         frames: number of frames, at most 400.
         rate: frames shown in a second, at most 50, which is what browsers show.
-        size: width and height, pixels.
+        size: width and height of the picture of one body, pixels.
         elevation, azimuth: where the viewer is, degrees above the xy plane, and around z from x.
         background: any colour of matplotlib; text is black or white, whichever stands out.
         title: a line above.
@@ -52,7 +60,7 @@ def animate(
         The path of the file.
 
     Raises:
-        ValueError: the path is not of one body with attitudes, or its first two states are bad; an argument is out of
+        ValueError: a path is not of one body with attitudes, or its first two states are bad; an argument is out of
             its range.
         ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
@@ -62,53 +70,104 @@ def animate(
         raise ValueError(f"size must be between 64 and 2000 pixels, got {pixels}.")
     if not 0 < rate <= 50:
         raise ValueError(f"rate must be above 0 and at most 50 frames a second, got {rate}.")
-    shown = turning(body, path, axis, frames, _MOST_FRAMES)
-    figure = new_figure(pixels / _DPI, pixels / _DPI)
-    scene = _Scene(figure, shown, (elevation, azimuth), background, title)
-    pictures = [scene.frame(k) for k in range(len(shown.times))]
-    _write(pictures, target, rate)
+    dark = _is_dark(background)
+    shown = panels(body, path)
+    turns = turnings([(panel.body, panel.path) for panel in shown], axis, frames, _MOST_FRAMES)
+    movie = _Movie([panel.name for panel in shown], turns, pixels, (elevation, azimuth), (background, dark), title)
+    _write([movie.frame(k) for k in range(len(turns[0].times))], target, rate)
     return target
 
 
-class _Scene:
-    """The artists of the animation, which each frame moves."""
+def _is_dark(background: str) -> bool:
+    from matplotlib.colors import is_color_like, to_rgb
 
-    def __init__(self, figure: Any, shown: Turning, view: tuple[float, float], background: str, title: str):
-        from matplotlib.colors import to_rgb
-        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    if not is_color_like(background):
+        raise ValueError(
+            f"background must be a colour of matplotlib, such as 'white' or '#111111', got {background!r}."
+        )
+    return float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(background))) < 0.4
 
-        from .ellipsoid import draw_ellipsoid
-        from .labels3d import towards_viewer
 
-        dark = float(np.dot([0.2126, 0.7152, 0.0722], to_rgb(background))) < 0.4
-        text = "white" if dark else "black"
-        figure.set_dpi(_DPI)
-        figure.set_facecolor(background)
-        self.figure, self.shown = figure, shown
-        self.axes = axes = figure.add_axes((0, 0, 1, 1), projection="3d", facecolor="none")
-        axes.view_init(*view)
-        out = towards_viewer(axes)
-        right = np.cross([0.0, 0.0, 1.0], out) / max(float(np.hypot(*out[:2])), 1e-9)
-        self.lamp = _LAMP @ np.stack([right, np.cross(out, right), out])
-        draw_ellipsoid(axes, np.ones(3))
-        axes.set_box_aspect((1, 1, 1), zoom=1.5)
-        for direction, letter in zip(np.eye(3), "xyz", strict=True):
-            axes.plot(*np.stack([0 * direction, 1.15 * direction]).T, color=GREY, linewidth=0.8)
-            axes.text(*(1.24 * direction), letter, color=text, fontsize=9, ha="center", va="center")
-        self.box = Poly3DCollection([shown.corners[0][list(face)] for face in FACES], linewidth=0.6, edgecolor=text)
-        axes.add_collection3d(self.box, autolim=False)
-        self.colour = SKY if dark else BLUE
-        (self.axis,) = axes.plot([], [], [], color=self.colour, linewidth=2.4)
-        self.trace: list[Any] = []
-        note = {"color": text, "fontsize": 9, "transform": figure.transFigure}
-        figure.text(0.03, 0.97, title, va="top", weight="bold", **note)
-        self.clock = figure.text(0.97, 0.03, "", ha="right", **note)
-        figure.text(0.03, 0.03, "\n".join(shown.remarks), **note)
+class _Movie:
+    """The figure of the animation, with a scene for each body, the title and the clock."""
+
+    def __init__(
+        self,
+        names: list[str],
+        turns: list[Turning],
+        pixels: int,
+        view: tuple[float, float],
+        ground: tuple[str, bool],
+        title: str,
+    ):
+        background, dark = ground
+        text, line = ("white", SKY) if dark else ("black", BLUE)
+        rows, columns = grid(len(turns))
+        # The title of a single picture stands in it; one of several stands above them.
+        strip = _STRIP if title and len(turns) > 1 else 0
+        width, height = columns * pixels, rows * pixels + strip
+        self.figure, self.times = new_figure(width / _DPI, height / _DPI), turns[0].times
+        self.figure.set_dpi(_DPI)
+        self.figure.set_facecolor(background)
+        note = {"color": text, "fontsize": _TEXT}
+        edge = 0.03 * pixels
+        self.scenes = []
+        for k, (name, shown) in enumerate(zip(names, turns, strict=True)):
+            x, y = k % columns * pixels, (rows - 1 - k // columns) * pixels
+            place = (x / width, y / height, pixels / width, pixels / height)
+            self.scenes.append(_Scene(self.figure, place, shown, view, text, line))
+            heading = name or (title if len(turns) == 1 else "")
+            self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
+            self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(shown.remarks), **note)
+        if strip:
+            self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
+        self.clock = self.figure.text(1 - edge / width, edge / height, "", ha="right", **note)
 
     def frame(self, k: int) -> Any:
         """The picture of frame k, as an RGB image of Pillow."""
         from PIL import Image
 
+        for scene in self.scenes:
+            scene.move(k)
+        self.clock.set_text(f"t = {self.times[k]:.4g}")
+        self.figure.canvas.draw()
+        return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
+
+
+class _Scene:
+    """The artists of one body, which each frame moves."""
+
+    def __init__(
+        self,
+        figure: Any,
+        place: tuple[float, float, float, float],
+        shown: Turning,
+        view: tuple[float, float],
+        text: str,
+        colour: str,
+    ):
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        from .ellipsoid import draw_ellipsoid
+        from .labels3d import towards_viewer
+
+        self.shown, self.colour = shown, colour
+        self.axes = axes = figure.add_axes(place, projection="3d", facecolor="none")
+        axes.view_init(*view)
+        out = towards_viewer(axes)
+        right = np.cross([0.0, 0.0, 1.0], out) / max(float(np.hypot(*out[:2])), 1e-9)
+        self.lamp = _LAMP @ np.stack([right, np.cross(out, right), out])
+        draw_ellipsoid(axes, np.ones(3))
+        for direction, letter in zip(np.eye(3), "xyz", strict=True):
+            axes.plot(*np.stack([0 * direction, 1.15 * direction]).T, color=GREY, linewidth=0.8)
+            axes.text(*(1.24 * direction), letter, color=text, fontsize=_TEXT, ha="center", va="center")
+        self.box = Poly3DCollection([shown.corners[0][list(face)] for face in FACES], linewidth=0.6, edgecolor=text)
+        axes.add_collection3d(self.box, autolim=False)
+        (self.axis,) = axes.plot([], [], [], color=colour, linewidth=2.4)
+        self.trace: list[Any] = []
+
+    def move(self, k: int) -> None:
+        """Moves the body, its axis and the path of the axis to frame k."""
         from .ellipsoid import BEHIND, IN_FRONT, draw_curve
         from .labels3d import towards_viewer
 
@@ -125,9 +184,6 @@ class _Scene:
             line.remove()
         whole = np.concatenate([shown.path_tips[past], tip[None]])
         self.trace = draw_curve(self.axes, whole, np.ones(3), color=self.colour, linewidth=1.3)
-        self.clock.set_text(f"t = {shown.times[k]:.4g}")
-        self.figure.canvas.draw()
-        return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
 
 
 def _lit(face: np.ndarray, lamp: np.ndarray) -> tuple[float, ...]:

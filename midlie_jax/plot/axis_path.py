@@ -4,21 +4,25 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._kernel.checks import as_floats, described, is_unit, shown
+from ..drivers.path import AnyPath
 from ..model import so3
+from ..model.states import RigidState
 from .edge import name_at_edge
 from .motion import Motion, motion_of
 from .style import BLUE, GREY, is_3d, remark
 
 _FAR = np.radians(30.0)  # saved directions that are further apart are remarked upon
-_NAMES = ("x", "y", "z")
+_NAMES = ("x", "y", "z")  # of the axes of space
+_BODY_AXES = ("e1", "e2", "e3")
 
 
 def axis_path(
     axes: Any,
-    path: Any,
-    axis: Any = 2,
+    path: AnyPath[RigidState],
+    axis: str | int | ArrayLike = 2,
     *,
     colour: str | None = None,
     label: str | None = None,
@@ -32,10 +36,11 @@ def axis_path(
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
-        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with `RigidState`s.
-        axis: 0, 1 or 2 for an axis of the body frame, or a unit vector (3,) in that frame.
+        path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
+            `free_motion`.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
         colour: of the path, any colour of matplotlib.
-        label: the name of the path; by default "axis 3" for `axis` 2.
+        label: the name of the path; by default that of the axis.
 
     Returns:
         The directions in space at the saved times that are drawn, (n, 3).
@@ -58,17 +63,21 @@ def axis_path(
 
 def as_axis(axis: Any) -> tuple[np.ndarray, str]:
     """An axis of the body as a unit vector (3,), and its name."""
+    if isinstance(axis, str) and axis in _BODY_AXES:
+        return np.eye(3)[_BODY_AXES.index(axis)], axis
+    wanted = 'axis must be "e1", "e2" or "e3", or its index 0, 1 or 2, or a unit vector (3,) in the body frame, got'
+    if isinstance(axis, str):
+        raise ValueError(f"{wanted} {axis!r}.")
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if axis not in (0, 1, 2):
-            raise ValueError(f"axis must be 0, 1 or 2, or a unit vector (3,) in the body frame, got {axis}.")
-        return np.eye(3)[axis], f"axis {axis + 1}"
+            raise ValueError(f"{wanted} {axis}.")
+        return np.eye(3)[axis], _BODY_AXES[axis]
     try:
         direction = np.asarray(as_floats("axis", axis), float)
     except ValueError:
         direction = np.zeros(0)
     if direction.shape != (3,) or not is_unit(direction):
-        got = shown(axis) if np.shape(axis) == (3,) else described(axis)
-        raise ValueError(f"axis must be 0, 1 or 2, or a unit vector (3,) in the body frame, got {got}.")
+        raise ValueError(f"{wanted} {shown(axis) if np.shape(axis) == (3,) else described(axis)}.")
     return direction / np.linalg.norm(direction), "axis"
 
 

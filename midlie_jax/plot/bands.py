@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._kernel.checks import described
 from .edge import name_at_edge
@@ -34,8 +35,8 @@ class Bands(NamedTuple):
 
 def bands(
     axes: Any,
-    times: Any,
-    values: Any,
+    times: ArrayLike,
+    values: ArrayLike,
     *,
     levels: Sequence[float] = (0.5, 0.9),
     label: str | None = None,
@@ -48,7 +49,7 @@ def bands(
     same axes moves the names of the first out of the way.
 
     Args:
-        axes: matplotlib's axes. A figure with layout="constrained" leaves room for long labels.
+        axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
         times: (n,), ascending, with any unit.
         values: (bodies, n). A body with a number that is not finite is left out altogether, because its run failed. The
             number of such bodies is written below the label.

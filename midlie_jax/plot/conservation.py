@@ -9,10 +9,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..model import torques
+from ..model.bodies import RigidBody, TensorBody
 from ..model.observables import energy, kinetic_energy, spatial_momentum
+from ..model.state import BodyState
 from ..model.states import DirectionState, RigidState
+from ..model.torques import TorqueLike
 
 
 class Change(NamedTuple):
@@ -40,7 +44,9 @@ class Change(NamedTuple):
         return f"{float(np.max(np.abs(self.values))):.2e}" + (f"  ({self.note})" if self.note else "")
 
 
-def energy_change(body: Any, torque: Any, times: Any, states: Any) -> Change:
+def energy_change(
+    body: RigidBody | TensorBody, torque: TorqueLike | None, times: ArrayLike, states: BodyState[Any]
+) -> Change:
     """(E(t) - E(0)) / |E(0)|; of the kinetic energy if the torque has no potential.
 
     Args:
@@ -69,7 +75,7 @@ def energy_change(body: Any, torque: Any, times: Any, states: Any) -> Change:
     return Change(_relative(energies - start, np.abs(start)), name, formula, reason=reason)
 
 
-def momentum_change(torque: Any, states: Any) -> Change:
+def momentum_change(torque: TorqueLike | None, states: BodyState[Any]) -> Change:
     """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, its change over |pi(0)|.
 
     Args:

@@ -5,7 +5,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from ..drivers.path import AnyPath
+from ..model.bodies import RigidBody, TensorBody
 from ..model.compatibility import check_body, check_torque
+from ..model.state import BodyState
+from ..model.torques import TorqueLike
 from .conservation import Change, energy_change, momentum_change
 from .edge import name_at_edge
 from .motion import motion_of
@@ -27,7 +31,13 @@ class Conserved(NamedTuple):
 
 
 def conserved(
-    axes: Any, body: Any, torque: Any, path: Any, *, colour: str | None = None, label: str | None = None
+    axes: Any,
+    body: RigidBody | TensorBody,
+    torque: TorqueLike | None,
+    path: AnyPath[BodyState[Any]],
+    *,
+    colour: str | None = None,
+    label: str | None = None,
 ) -> Conserved:
     """Draws by how much a run breaks the laws of conservation that hold for the exact motion.
 
@@ -43,10 +53,11 @@ def conserved(
     methods, each with a colour.
 
     Args:
-        axes: matplotlib's axes. A figure with layout="constrained" leaves room for the names at the right edge.
-        body: the body of the path.
+        axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
+        body: the body of the path, a `RigidBody` or a `TensorBody`.
         torque: as for `integrate`.
-        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
+            state of a rigid body.
         colour: of both lines, of which that of the momentum is dashed; by default blue and vermilion.
         label: put before the names "energy" and "momentum", for example the name of the method.
 

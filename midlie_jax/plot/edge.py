@@ -4,21 +4,22 @@ from collections.abc import Sequence
 from typing import Any
 
 from .apart import apart
+from .room import in_same_column, locate, narrowed, on_page, own_place
 from .style import SIZE, ink
 
 _MARK = "midlie_jax.plot.edge"  # the group of our texts on a panel
-_LINE = 1.3  # distance of two names, in font sizes
+_LINE, _NEXT_LINE = 1.3, 1.2  # distance of two names, and of two lines of one, in font sizes
 _LEADER, _FREE = 14.0, 2.0  # points from the edge of the panel to the names, and between leader and name
 
 
 def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> None:
     """Writes each name at its height, in the units of the data; names that are there already make room.
 
-    The limits of the axes must be set before, or autoscaled. Text has the colour of the axis labels, leaders have that
-    of the line.
+    Text has the colour of the axis labels, leaders have that of the line. On a figure without a layout engine the panel
+    becomes narrower by what the names need.
     """
     for name, height in named:
-        axes.annotate(
+        written = axes.annotate(
             name,
             (1.0, height),
             xycoords=axes.get_yaxis_transform(),
@@ -40,15 +41,52 @@ def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> 
                 "relpos": (0.0, 0.5),
             },
         )
+        written.words = name.split(" ")
+    axes.autoscale_view()
     _spread(axes)
+    locate(axes, _beside_names)
+    in_same_column(axes, _beside_names)  # those that are there already; later ones are found when they are drawn
 
 
 def _spread(axes: Any) -> None:
     """Moves our names on a panel up and down, as little as possible, so that none covers another."""
-    texts = [text for text in axes.texts if text.get_gid() == _MARK]
-    axes.autoscale_view()
+    texts = _names(axes)
+    lines = max((text.get_text().count("\n") + 1 for text in texts), default=1)
     points, to_pixels = 72 / axes.figure.dpi, axes.get_yaxis_transform()
     wanted = [to_pixels.transform(text.xy)[1] * points for text in texts]
     bottom, top = axes.bbox.y0 * points, axes.bbox.y1 * points
-    for text, before, after in zip(texts, wanted, apart(wanted, _LINE * SIZE, bottom, top), strict=True):
+    gap = SIZE * (_LINE + _NEXT_LINE * (lines - 1))
+    for text, before, after in zip(texts, wanted, apart(wanted, gap, bottom, top), strict=True):
         text.set_position((_LEADER, after - before))
+
+
+def _names(axes: Any) -> list[Any]:
+    return [text for text in axes.texts if text.get_gid() == _MARK]
+
+
+def _beside_names(axes: Any, renderer: Any) -> Any:
+    """The place of a panel that leaves room for its names; panels above one another have the same right edge.
+
+    Names that would take half of the panel are written a word a line.
+    """
+    column = [other for other in in_same_column(axes, _beside_names) if _names(other)]
+    own = own_place(axes)
+    right = own.x1
+    for between in (" ", "\n"):
+        for other in column:
+            for text in _names(other):
+                text.set_text(between.join(text.words))
+        right = min((narrowed(other, _width(other, renderer), renderer) for other in column), default=own.x1)
+        if right >= (own.x0 + own.x1) / 2:
+            break
+    _spread(axes)
+    return on_page(axes, own.x0, own.y0, right, own.y1)
+
+
+def _width(axes: Any, renderer: Any) -> float:
+    """The width in pixels of the names beside a panel, with their leaders."""
+    from matplotlib.text import Text
+
+    # Of the text alone: the extent of an annotation includes its leader.
+    widest = max(Text.get_window_extent(text, renderer).width for text in _names(axes))
+    return widest + _LEADER * axes.figure.dpi / 72

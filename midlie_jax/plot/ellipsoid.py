@@ -68,6 +68,7 @@ def draw_ellipsoid(axes: Any, semi_axes: np.ndarray) -> None:
     reach = _ROOM * float(np.max(semi_axes))
     axes.set_proj_type("ortho")
     axes.set_axis_off()
+    axes.patch.set_visible(False)  # it would cover names of the next panel
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
     axes.set_box_aspect((1, 1, 1), zoom=1.5)
     axes.add_collection3d(Shade(semi_axes), autolim=False)

@@ -13,6 +13,7 @@ from matplotlib.transforms import IdentityTransform
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from .apart import apart
+from .room import fitted, locate, on_page
 from .style import SIZE, ink
 
 _LINE = 1.35  # distance of two names, in font sizes
@@ -95,3 +96,23 @@ def _outline(axes: Any, anchors: np.ndarray) -> np.ndarray:
 def name_point(axes: Any, point: np.ndarray, text: str, colour: str) -> None:
     """Writes the name of a point beside the picture."""
     axes.add_artist(Name(axes, point, text, colour))
+    locate(axes, _beside_names)
+
+
+def _beside_names(axes: Any, renderer: Any) -> Any:
+    """The place of a panel from which its names do not run off the page or into the next panel."""
+    axes.apply_aspect(axes.get_position(original=True))
+    names = [text for text in axes.texts if isinstance(text, Name)]
+    anchors = pixels(axes, np.stack([name.point for name in names]))
+    centre = float(pixels(axes, np.zeros((1, 3)))[0, 0])
+    picture = float(np.max(np.abs(_outline(axes, anchors)[:, 0] - centre)))
+    beside = _BESIDE * axes.figure.dpi / 72
+    widths = [0.0, 0.0]  # of the columns to the left and to the right
+    for name, anchor in zip(names, anchors, strict=True):
+        side = int(anchor[0] >= centre)
+        widths[side] = max(widths[side], beside + Text.get_window_extent(name, renderer).width)
+    factor, shift = fitted(axes, centre, picture, widths[0], widths[1], renderer)
+    box = axes.bbox.frozen()
+    x, y = (box.x0 + box.x1) / 2 + shift, (box.y0 + box.y1) / 2
+    half = factor * box.width / 2, factor * box.height / 2
+    return on_page(axes, x - half[0], y - half[1], x + half[0], y + half[1])

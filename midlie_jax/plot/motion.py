@@ -6,6 +6,8 @@ import jax
 import numpy as np
 
 from .._kernel.checks import described
+from ..drivers.path import AdaptivePath, Path
+from ..model.bodies import RigidBody, TensorBody
 from ..model.observables import angular_velocity
 from ..model.state import BodyState
 from ..model.states import attitude_of
@@ -21,7 +23,7 @@ class Motion(NamedTuple):
     """
 
     times: np.ndarray
-    states: Any
+    states: BodyState[Any]
     failed: str
 
     @property
@@ -34,7 +36,7 @@ class Motion(NamedTuple):
         """The attitudes (n, 4); a ValueError for states without."""
         return np.asarray(attitude_of(self.states))
 
-    def turns_by(self, body: Any) -> np.ndarray:
+    def turns_by(self, body: RigidBody | TensorBody) -> np.ndarray:
         """By how many radians the body turns from each time to the next, about, (n - 1,)."""
         speeds = np.linalg.norm(np.asarray(angular_velocity(body, self.states)), axis=1)
         return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
@@ -44,17 +46,18 @@ def motion_of(path: Any) -> Motion:
     """The part of a path before it failed, without times that are repeated.
 
     Args:
-        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
 
     Raises:
         ValueError: it is not a path of one rigid body, or fewer than two of its states can be trusted.
     """
-    states, times = getattr(path, "states", None), np.asarray(getattr(path, "times", np.nan))
-    if not isinstance(states, BodyState):
+    states = getattr(path, "states", None)
+    if not isinstance(path, Path | AdaptivePath) or not isinstance(states, BodyState):
         raise ValueError(
             f"path must be a path of a rigid body with its states, got {described(path)} that holds "
             f"{described(states)}; integrate without observe=."
         )
+    times = np.asarray(path.times)
     if times.ndim != 1 or states.momentum.shape != (*times.shape, 3):
         raise ValueError(
             f"path must be of one body, with momenta (n, 3) at n times, got {states.momentum.shape} and times "
@@ -62,7 +65,7 @@ def motion_of(path: Any) -> Motion:
             "ml.Path(path.times, jax.tree.map(lambda x: x[k], path.states), path.ok[k], path.first_bad[k]), "
             "and integrate with save_every."
         )
-    good = _trusted(path, states)
+    good = int(path.first_bad)
     if good < 2:
         raise ValueError(
             f"path has {good} states that can be trusted, and a picture needs 2; see path.first_bad, and take a "
@@ -74,11 +77,3 @@ def motion_of(path: Any) -> Motion:
     kept = jax.tree.map(lambda leaf: leaf[keep], states)
     ok = good == len(times) and bool(path.ok)
     return Motion(times[keep], kept, "" if ok else f"FAILED after t = {times[good - 1]:.6g}")
-
-
-def _trusted(path: Any, states: Any) -> int:
-    """How many states there are before the first that cannot be trusted."""
-    if hasattr(path, "first_bad"):
-        return int(path.first_bad)
-    finite = [np.isfinite(leaf).all(axis=1) for leaf in map(np.asarray, jax.tree.leaves(states))]
-    return int(np.cumprod(np.all(finite, axis=0)).sum())

@@ -6,7 +6,7 @@ motion is regular, scattered over an area if it is chaotic (M. Henon, Physica D 
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,9 @@ import numpy as np
 from jax import Array
 
 from .._kernel.checks import described, require_function, shown
+from .._kernel.typed_by import TypedBy
+from ..drivers.path import AnyPath, States
+from ..model.state import BodyState
 from ..model.states import DirectionState, RigidState
 from .edge import name_at_edge
 from .motion import Motion, motion_of
@@ -25,8 +28,8 @@ _HALVINGS = 55  # of the interval between two saved states
 _JUMP = 1e-3  # a change of sign that leaves a larger share of the change of g is a jump of g, not a crossing
 
 
-class Crossings(NamedTuple):
-    """The crossings of a surface, in the order of the path.
+class Crossings(NamedTuple, TypedBy[States]):
+    """The crossings of a surface, in the order of the path; in annotations `Crossings[RigidState]`.
 
     Attributes:
         times: (k,).
@@ -35,25 +38,26 @@ class Crossings(NamedTuple):
     """
 
     times: np.ndarray
-    states: Any
+    states: States
     points: np.ndarray
 
 
 Function = Callable[[Any, Any], Any]
+BodyStateT = TypeVar("BodyStateT", bound=BodyState[Any])  # the class of the states of the path
 
 
 def poincare(
     axes: Any,
-    path: Any,
-    section: Any,
-    x: Any,
-    y: Any,
+    path: AnyPath[BodyStateT],
+    section: Callable[[Any, BodyStateT], Any],
+    x: Callable[[Any, BodyStateT], Any],
+    y: Callable[[Any, BodyStateT], Any],
     *,
     direction: int = 1,
     colour: str | None = None,
     label: str | None = None,
     size: float = 2.0,
-) -> Crossings:
+) -> Crossings[BodyStateT]:
     """Draws a dot wherever a motion crosses the surface `section` = 0.
 
     Between two saved states at which `section` has different signs, momentum and attitude are interpolated by a cubic
@@ -64,7 +68,8 @@ def poincare(
 
     Args:
         axes: matplotlib's axes; set their labels yourself.
-        path: of one body, with at least 4 saved states, from `integrate`, `integrate_adaptive` or `free_motion`.
+        path: a `Path` or `AdaptivePath` of one body, with at least 4 saved states, from `integrate`,
+            `integrate_adaptive` or `free_motion`, with any state of a rigid body.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.

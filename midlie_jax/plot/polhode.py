@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from .._kernel.checks import described
+from ..drivers.path import AnyPath
 from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.state import BodyState
 from .motion import Motion, motion_of
 from .style import BLUE, GREY, is_3d, remark
 
@@ -22,8 +24,8 @@ _FAMILY = (0.15, 0.5, 0.85)  # where, from an axis to the separatrix, other polh
 
 def polhode(
     axes: Any,
-    body: Any,
-    path: Any,
+    body: RigidBody | TensorBody,
+    path: AnyPath[BodyState[Any]],
     *,
     kind: str = "momentum",
     colour: str | None = None,
@@ -39,7 +41,8 @@ def polhode(
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
         body: the body of the path, a `RigidBody` or a `TensorBody`.
-        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any state.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
+            state of a rigid body.
         kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
         colour: of the path, any colour of matplotlib.
         label: the name of the path, written beside its start; by default "momentum" or "angular velocity".
@@ -82,7 +85,7 @@ def _moments(body: Any) -> np.ndarray:
     return moments
 
 
-def _in_principal_frame(body: Any, motion: Motion) -> np.ndarray:
+def _in_principal_frame(body: RigidBody | TensorBody, motion: Motion) -> np.ndarray:
     momenta = body.to_principal(motion.states.momentum) if isinstance(body, TensorBody) else motion.momenta
     return np.asarray(momenta, float)
 
@@ -118,7 +121,7 @@ def _background(axes: Any, semi_axes: np.ndarray, moments: np.ndarray) -> None:
     for number, (direction, size) in enumerate(zip(np.eye(3), semi_axes, strict=True)):
         tip = (size + reach) * direction
         axes.plot(*np.stack([size * direction, tip]).T, color=GREY, linewidth=1.2)
-        name_point(axes, tip, f"axis {number + 1}, moment {moments[number]:.4g}", GREY)
+        name_point(axes, tip, f"e{number + 1}, moment {moments[number]:.4g}", GREY)
 
 
 def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:

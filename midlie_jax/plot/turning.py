@@ -1,5 +1,6 @@
 """`Turning`: a body at the times of the frames of an animation, as a box that has its moments of inertia."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from .._kernel.checks import as_count, described
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from .axis_path import as_axis, directions
-from .motion import motion_of
+from .motion import Motion, motion_of
 
 _CORNER = 0.8  # distance of the corners from the middle; the drawn axis has length 1
 _THINNEST = 0.03  # of a flat body, relative to its longest side
@@ -60,37 +61,65 @@ def picture_file(file: str | Path, ending: str) -> Path:
 
 
 def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
-    """The body at evenly spaced times of its path, the first and the last among them.
+    """The body at evenly spaced times of its path, the first and the last among them; see `turnings`."""
+    return turnings([(body, path)], axis, frames, most)[0]
 
-    Between saved states the body turns at a constant rate. If it turns by more than a right angle between two saved
-    states, no attitude between them is known: then the frames show the saved states that are nearest.
+
+def turnings(moving: Sequence[tuple[Any, Any]], axis: Any, frames: Any, most: int) -> list[Turning]:
+    """Bodies at the same evenly spaced times, from the first of all their paths to the last.
+
+    Between saved states a body turns at a constant rate. If it turns by more than a right angle between two saved
+    states, no attitude between them is known: then the frames show the saved states that are nearest. A body whose path
+    ends before the others stands still from then on.
+
+    Args:
+        moving: pairs of a body and its path.
+        axis: the axis to draw, as for `axis_path`.
+        frames: number of frames.
+        most: largest number of frames.
 
     Raises:
-        ValueError: the body is not one rigid body; the path is not of one body with attitudes, or its first two states
-            are bad; the axis is neither a number nor a unit vector; there are fewer than two frames, or more than
-            `most`.
+        ValueError: a body is not one rigid body; a path is not of one body with attitudes, or its first two states are
+            bad; some paths go forward and others backward; the axis is neither a name, nor an index, nor a unit vector;
+            there are fewer than two frames, or more than `most`.
     """
     count = as_count("frames", frames)
     if count < 2:
         raise ValueError("frames must be at least 2, got 1.")
     if count > most:
         raise ValueError(f"frames must be at most {most}, got {count}; show a part of the path.")
-    corners = box(body)
+    boxes = [box(body) for body, _ in moving]
+    as_axis(axis)
+    motions = [motion_of(path) for _, path in moving]
+    signs = {bool(motion.times[-1] > motion.times[0]) for motion in motions}
+    if len(signs) > 1:
+        raise ValueError("some paths go forward in time and others backward; show them in pictures of their own.")
+    first, last = (min, max) if signs.pop() else (max, min)
+    times = np.linspace(first(m.times[0] for m in motions), last(m.times[-1] for m in motions), count)
+    return [
+        _turning(body, motion, corners, axis, times)
+        for (body, _), motion, corners in zip(moving, motions, boxes, strict=True)
+    ]
+
+
+def _turning(body: Any, motion: Motion, corners: np.ndarray, axis: Any, times: np.ndarray) -> Turning:
     direction, name = as_axis(axis)
-    motion = motion_of(path)
     attitudes = motion.attitudes  # raises before the body is compared with the states
     angles = motion.turns_by(body)
-    times = np.linspace(motion.times[0], motion.times[-1], count)
-    remarks = [motion.failed] if motion.failed else []
     # In the order of ascending times, because a run may go backwards.
     order = np.argsort(motion.times)
     ascending = motion.times[order]
-    place = np.clip(np.searchsorted(ascending, times, side="right") - 1, 0, len(order) - 2)
-    share = (times - ascending[place]) / np.diff(ascending)[place]
+    within = np.clip(times, ascending[0], ascending[-1])
+    place = np.clip(np.searchsorted(ascending, within, side="right") - 1, 0, len(order) - 2)
+    share = (within - ascending[place]) / np.diff(ascending)[place]
+    remarks = [motion.failed] if motion.failed else []
+    if not motion.failed and np.any(within != times):
+        remarks.append(f"from t = {motion.times[0]:.6g} to {motion.times[-1]:.6g}")
     if np.max(angles) > _RESOLVED:
         share = np.round(share)
         remarks.append("frames are saved states")
-    per_frame = float(np.sum(angles)) / (count - 1) / (2 * np.pi)
+    moving_frames = np.ptp(within) / (abs(times[-1] - times[0]) / (len(times) - 1))
+    per_frame = float(np.sum(angles)) / moving_frames / (2 * np.pi)
     if per_frame > 0.25:
         remarks.append(f"{per_frame:.2g} turns from frame to frame")
     before, after = (jnp.asarray(attitudes[order[i]]) for i in (place, place + 1))
@@ -99,7 +128,7 @@ def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
     whole = np.asarray(so3.to_matrix(jnp.asarray(attitudes)), float)
     momenta = np.einsum("nij,nj->ni", whole, motion.momenta.astype(float))
     momenta /= max(float(np.max(np.linalg.norm(momenta, axis=1))), np.finfo(float).tiny)
-    at_frames = np.stack([np.interp(times, ascending, momenta[order, i]) for i in range(3)], axis=1)
+    at_frames = np.stack([np.interp(within, ascending, momenta[order, i]) for i in range(3)], axis=1)
     return Turning(
         times=times,
         corners=np.einsum("kij,cj->kci", rotations, corners),

@@ -1,21 +1,28 @@
-"""`view`: a turning body in one HTML file that needs no network, made by plotly."""
+"""`view`: turning bodies in one HTML page that needs no network, made by plotly, for a notebook or a file."""
 
+from collections.abc import Sequence
+from html import escape
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .several import Bodies, Paths, grid, panels
 from .style import BLUE, GREEN, GREY, ORANGE, SKY
-from .turning import FACES, Turning, picture_file, turning
+from .turning import FACES, Turning, picture_file, turnings
 
 _MOST_FRAMES, _MOST_POINTS = 1000, 4000
 _DIGITS = 5  # of the coordinates, which are at most about 1
 _MILLISECONDS = 40  # for which a frame is shown
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # in the order of FACES
 _REACH = 1.25
+_HEIGHT = 560  # of a view in a notebook, pixels
 _PAGE: dict[str, Any] = {
     "validate": False,
     "default_height": "96vh",
+    "div_id": "midlie-view",  # the same page for the same motion
     "config": {"displaylogo": False, "responsive": True},
 }
 # The colours of page and text follow the browser, which is set to light or dark; the body is legible on both.
@@ -28,7 +35,7 @@ function follow() {
   document.body.style.background = paper;
   document.body.style.margin = '0';
   return Plotly.relayout(gd, {'paper_bgcolor': paper, 'font.color': ink, 'updatemenus[0].bgcolor': paper})
-    .then(() => Plotly.restyle(gd, {'textfont.color': ink}, [0]))
+    .then(() => Plotly.restyle(gd, {'textfont.color': ink}, LETTERS))
     .then(() => Plotly.restyle(gd, {'line.color': blue, 'marker.color': blue}, BLUE_LINES));
 }
 dark.addEventListener('change', follow);
@@ -36,79 +43,151 @@ follow().then(() => { document.body.dataset.drawn = 'yes'; });
 """
 
 
+class View:
+    """Turning bodies, to be looked at from all sides: shown in a notebook as the value of a cell, or in a browser.
+
+    Attributes:
+        file: the file that was written last; None if there is none.
+    """
+
+    def __init__(self, figure: dict[str, Any]):
+        self._figure = figure
+        self.file: Path | None = None
+
+    @property
+    def html(self) -> str:
+        """The whole page, some 5 MB, nearly all of it plotly."""
+        from plotly.io import to_html
+
+        data = self._figure["data"]
+        blue = [place for place, trace in enumerate(data) if trace.get("line", {}).get("color") == BLUE]
+        letters = [place for place, trace in enumerate(data) if "text" in trace]
+        follow = _FOLLOW.replace("BLUE_LINES", str(blue)).replace("LIGHT_BLUE", SKY).replace("BLUE", BLUE)
+        follow = follow.replace("LETTERS", str(letters))
+        return to_html(self._figure, include_plotlyjs=True, auto_play=False, post_script=follow, **_PAGE)
+
+    def write(self, file: str | Path) -> Path:
+        """Writes the page to a file .html, an existing one is replaced, and returns its path.
+
+        Raises:
+            ValueError: the name has another ending.
+            OSError: the file cannot be written.
+        """
+        target = picture_file(file, ".html")
+        target.write_text(self.html, encoding="utf-8")
+        self.file = target
+        return target
+
+    def _repr_html_(self) -> str:
+        """The page in a frame of its own, so that it and the notebook do not meddle with each other."""
+        return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
+
+    def __repr__(self) -> str:
+        where = f"written to {self.file}" if self.file else "shown in a notebook; .write('view.html') writes it"
+        return f"<View of {len(self._figure['frames'])} frames, {where}>"
+
+
 def view(
-    body: Any,
-    path: Any,
-    file: str | Path = "view.html",
+    body: Bodies,
+    path: Paths,
+    file: str | Path | None = None,
     *,
-    axis: Any = 2,
+    axis: str | int | ArrayLike = 2,
     frames: int = 200,
     title: str = "",
-) -> Path:
-    """Writes an HTML file with a turning body that can be looked at from all sides, played, and set to any time.
+) -> View:
+    """A turning body that can be looked at from all sides, played, and set to any time, in a notebook or a browser.
 
-    It shows a box of the body's moments of inertia, an axis of the body and its path on the unit sphere, and the
-    angular momentum and its path, over its largest length. All of it is in the space frame, whose axes x, y, z are
-    drawn. The file contains plotly, some 5 MB, and loads nothing: it works without a network. The page is light or dark
-    as the reader's browser is.
+    As the last value of a cell it shows itself in a notebook, which grows by 5 MB. It shows a box of the body's moments
+    of inertia, an axis of the body and its path on the unit sphere, and the angular momentum and its path, over its
+    largest length. All of it is in the space frame, whose axes x, y, z are drawn. Several bodies, or one body moved by
+    several methods, stand side by side at the same times. The page contains plotly, some 5 MB, and loads nothing: it
+    works without a network. It is light or dark as the reader's browser is.
 
     Args:
-        body: the body of the path, a `RigidBody` or a `TensorBody`.
-        path: of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with `RigidState`s. Of more than
-            4,000 saved states every so many are drawn.
-        file: the file to write; an existing one is replaced.
-        axis: 0, 1 or 2 for an axis of the body frame, or a unit vector (3,) in that frame.
+        body: the body of the path, a `RigidBody` or a `TensorBody`; for several paths one body for all, a list with one
+            for each, or the bodies of an ensemble.
+        path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
+            `free_motion`. Or several, up to 12: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
+            path of `ensemble`. Of more than 4,000 saved states every so many are drawn.
+        file: a file .html to write; an existing one is replaced. By default none is written.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
         frames: at how many evenly spaced times the body is shown, at most 1,000. If the body turns by more than a
             quarter of a turn from one to the next, the picture says by how many turns.
         title: a line above.
 
     Returns:
-        The path of the file.
+        The `View`, whose `file` is the file that was written.
 
     Raises:
-        ValueError: the path is not of one body with attitudes, or its first two states are bad; an argument is out of
+        ValueError: a path is not of one body with attitudes, or its first two states are bad; an argument is out of
             its range.
         ImportError: plotly is not installed.
         OSError: the file cannot be written.
     """
-    target = picture_file(file, ".html")
-    shown = turning(body, path, axis, frames, _MOST_FRAMES)
-    try:
-        from plotly.io import to_html
-    except ImportError as error:
-        raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.") from error
-    figure = _figure(shown, title)
-    blue = [place for place, trace in enumerate(figure["data"]) if trace.get("line", {}).get("color") == BLUE]
-    follow = _FOLLOW.replace("BLUE_LINES", str(blue)).replace("LIGHT_BLUE", SKY).replace("BLUE", BLUE)
-    page = to_html(figure, include_plotlyjs=True, auto_play=False, post_script=follow, **_PAGE)
-    target.write_text(page, encoding="utf-8")
-    return target
+    if file is not None:
+        picture_file(file, ".html")
+    shown = panels(body, path)
+    turns = turnings([(panel.body, panel.path) for panel in shown], axis, frames, _MOST_FRAMES)
+    if find_spec("plotly") is None:
+        raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.")
+    found = View(_figure([panel.name for panel in shown], turns, title))
+    if file is not None:
+        found.write(file)
+    return found
 
 
-def _figure(shown: Turning, title: str) -> dict[str, Any]:
+def _figure(names: Sequence[str], turns: Sequence[Turning], title: str) -> dict[str, Any]:
     """The picture as plotly's dictionary."""
-    still = [_space_axes(), _sphere(), *_paths(shown)]
-    moving = list(range(len(still), len(still) + 3))
+    still = [
+        trace for k, shown in enumerate(turns) for trace in _seen_in(k, [_space_axes(), _sphere(), *_paths(shown)])
+    ]
+    first = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, _moving(shown, 0))]
+    moving = list(range(len(still), len(still) + len(first)))
+    # The places alone: colours are those of the first frame, or of the reader's browser.
+    times = [float(t) for t in turns[0].times]
+    places = [
+        [{axis: trace[axis] for axis in "xyz"} for shown in turns for trace in _moving(shown, k)]
+        for k in range(len(times))
+    ]
+    frames = [{"name": str(k), "data": data, "traces": moving} for k, data in enumerate(places)]
+    return {"data": still + first, "layout": _layout(names, turns, title, times), "frames": frames}
+
+
+def _scene(k: int) -> str:
+    """Plotly's name of the part of the page in which body k is seen."""
+    return f"scene{k + 1}" if k else "scene"
+
+
+def _seen_in(k: int, traces: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The traces of body k; the legend has those of the first."""
+    return [trace | {"scene": _scene(k)} | ({"showlegend": False} if k else {}) for trace in traces]
+
+
+def _layout(names: Sequence[str], turns: Sequence[Turning], title: str, times: Sequence[float]) -> dict[str, Any]:
+    """Where the bodies are seen, their names, the buttons and the slider."""
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
-    steps = [
-        {"method": "animate", "label": f"{t:.4g}", "args": [[str(k)], stop]}
-        for k, t in enumerate(map(float, shown.times))
+    steps = [{"method": "animate", "label": f"{t:.4g}", "args": [[str(k)], stop]} for k, t in enumerate(times)]
+    rows, columns = grid(len(turns))
+    places = [
+        ((k % columns / columns, (k % columns + 1) / columns), (1 - (k // columns + 1) / rows, 1 - k // columns / rows))
+        for k in range(len(turns))
     ]
-    hidden = {"visible": False, "range": [-_REACH, _REACH]}
-    layout = {
-        "title": {"text": "<br>".join(filter(None, [title, *shown.remarks])), "x": 0.02, "font": {"size": 15}},
-        "margin": {"l": 0, "r": 0, "t": 50 if title or shown.remarks else 10, "b": 100},
+    words = [
+        "<br>".join(filter(None, [f"<b>{n}</b>" * bool(n), *t.remarks])) for n, t in zip(names, turns, strict=True)
+    ]
+    alone = len(turns) == 1
+    heading = "<br>".join(filter(None, [title, words[0]])) if alone else title
+    legend = {"x": 0.02, "y": 0.98} if alone else {"x": 0.02, "y": 1.0, "yanchor": "bottom", "orientation": "h"}
+    return {
+        "title": {"text": heading, "x": 0.02, "font": {"size": 15}},
+        "margin": {"l": 0, "r": 0, "t": (50 if heading else 10) + (0 if alone else 30), "b": 100},
         "template": {},
         "autosize": True,
-        "scene": {
-            **dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden),
-            "aspectmode": "cube",
-            "domain": {"x": [0, 1], "y": [0, 1]},
-            "camera": {"eye": {"x": 0.76, "y": -1.05, "z": 0.56}},
-            "dragmode": "orbit",
-        },
-        "legend": {"x": 0.02, "y": 0.98, "bgcolor": "rgba(0,0,0,0)"},
+        **{_scene(k): _seen(*place) for k, place in enumerate(places)},
+        "annotations": [] if alone else [_note(text, *place) for text, place in zip(words, places, strict=True)],
+        "legend": legend | {"bgcolor": "rgba(0,0,0,0)"},
         "updatemenus": [
             {
                 "type": "buttons",
@@ -140,10 +219,24 @@ def _figure(shown: Turning, title: str) -> dict[str, Any]:
             }
         ],
     }
-    # The places alone: colours are those of the first frame, or of the reader's browser.
-    places = [[{axis: trace[axis] for axis in "xyz"} for trace in _moving(shown, k)] for k in range(len(shown.times))]
-    frames = [{"name": str(k), "data": data, "traces": moving} for k, data in enumerate(places)]
-    return {"data": still + _moving(shown, 0), "layout": layout, "frames": frames}
+
+
+def _seen(x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
+    """The part of the page, as fractions, in which one body is seen, and from where."""
+    hidden = {"visible": False, "range": [-_REACH, _REACH]}
+    return {
+        **dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden),
+        "aspectmode": "cube",
+        "domain": {"x": list(x), "y": list(y)},
+        "camera": {"eye": {"x": 0.76, "y": -1.05, "z": 0.56}},
+        "dragmode": "orbit",
+    }
+
+
+def _note(text: str, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
+    """The name of one body, at the upper left of its part of the page."""
+    corner = {"x": x[0] + 0.02, "y": y[1] - 0.01, "xanchor": "left", "yanchor": "top"}
+    return {"text": text, "xref": "paper", "yref": "paper", "showarrow": False, "align": "left", **corner}
 
 
 def _numbers(values: np.ndarray) -> list[Any]:

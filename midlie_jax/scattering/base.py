@@ -10,8 +10,7 @@ from jax import Array
 from .._kernel.checks import described, require, require_finite, shown
 from .._kernel.components import is_traced
 
-_SYMMETRY = 1e-6  # of a covariance, relative to its largest entry: that of numbers rounded to float32
-_DEFINITENESS = 1e-6  # the least eigenvalue may be this negative, relative to the largest
+_ROUNDED = 1e-6  # how far correlations may be off: those of numbers rounded to float32 are
 
 
 class Distribution(eqx.Module):
@@ -86,28 +85,60 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
-    """The symmetric positive semi-definite matrix S with S S = covariance, which must be (size, size).
+    """A matrix S with S S^T = covariance, which must be (size, size): deviations times a root of the correlations.
 
-    This root is unique. Cholesky's method fails for a semi-definite matrix, and a root made of eigenvectors alone has
-    signs that depend on the program that finds them.
+    The covariance itself is not decomposed: its digits are relative to its largest entry, so that nothing would be left
+    of the small entries where the sizes of the quantities differ much. The root of the correlations is the symmetric
+    positive semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root made of
+    eigenvectors alone has signs that depend on the program that finds them.
 
     Raises:
-        ValueError: the covariance has another shape, is not symmetric, or has a negative eigenvalue.
+        ValueError: the covariance has another shape, is not symmetric, or has a negative variance, a correlation beyond
+            1, or correlations with a negative eigenvalue.
     """
     matrix = as_numbers("covariance", covariance)
     if matrix.shape != (size, size):
         raise ValueError(
             f"covariance must have shape ({size}, {size}), one row for each number of {of}, got {matrix.shape}."
         )
-    largest = np.abs(matrix).max()
-    if np.abs(matrix - matrix.T).max() > _SYMMETRY * largest:
+    deviations, correlations = _deviations_and_correlations(matrix)
+    values, vectors = np.linalg.eigh(correlations)
+    if values.min(initial=0.0) < -_ROUNDED * values.max(initial=0.0):
         raise ValueError(
-            f"covariance must be symmetric, got {shown(matrix)}; pass (C + C.T) / 2 if C differs by rounding."
+            f"covariance must be positive semi-definite, but its correlations {shown(correlations)} have the "
+            f"eigenvalue {values[0]:.3g}; check their signs."
         )
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-    if values[0] < -_DEFINITENESS * largest:
+    return deviations[:, None] * ((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)
+
+
+def _deviations_and_correlations(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The two factors of a covariance, (d,) and (d, d); the correlations of a number that does not vary are 0.
+
+    Raises:
+        ValueError: there are none, or they are not symmetric, as for `covariance_root`.
+    """
+    variances = np.diagonal(covariance)
+    for k in np.flatnonzero(variances < 0):
         raise ValueError(
-            f"covariance must be positive semi-definite, but has the eigenvalue {values[0]:.3g}; check the signs of "
-            "the correlations, and that none exceeds the product of its two deviations."
+            f"covariance[{k}, {k}] is a variance and must not be negative, got {variances[k]:.3g}; pass the squares of "
+            "the deviations."
         )
-    return (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T
+    deviations = np.sqrt(variances)
+    unit = np.where(deviations > 0, deviations, 1)  # of each number
+    correlations = covariance / unit[:, None] / unit
+    varies = (deviations > 0)[:, None] & (deviations > 0)
+    for i, k in np.argwhere(~varies & (covariance != 0)):
+        raise ValueError(
+            f"covariance[{i}, {k}] is {covariance[i, k]:.3g}, but a variance is zero there, and what does not vary "
+            "has no correlations; pass 0."
+        )
+    if np.any(np.abs(correlations - correlations.T) > _ROUNDED):
+        raise ValueError(
+            f"covariance must be symmetric, got {shown(covariance)}; pass (C + C.T) / 2 if C differs by rounding."
+        )
+    for i, k in np.argwhere(np.abs(correlations) > 1 + _ROUNDED):
+        raise ValueError(
+            f"covariance[{i}, {k}] is {covariance[i, k]:.3g}, a correlation of {correlations[i, k]:.3g}; it must not "
+            "exceed the product of its two deviations."
+        )
+    return deviations, (correlations + correlations.T) / 2

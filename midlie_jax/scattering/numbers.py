@@ -19,7 +19,7 @@ class Normal(Distribution):
     Attributes:
         mean: of any shape, which is the shape of a draw.
         deviation: standard deviations, of the shape of `mean`; None with a covariance.
-        root: symmetric square root of the covariance, (d, d); None with deviations.
+        root: a matrix S with S S^T = covariance, (d, d); None with deviations.
 
     Args:
         mean: numbers of any shape; with a covariance a vector (d,).

@@ -36,6 +36,7 @@ def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
         **({"dt": float(dt)} if not dt.ndim else {}),
         **({"t0": float(t0)} if not t0.ndim else {}),
         "steps": (plan.saves - 1) * plan.save_every,
+        "first_step": plan.begin,
         "save_every": plan.save_every,
         "parameters": parameters,
         "source": "midlie_jax",
@@ -46,8 +47,10 @@ def attributes_of(batch: Batch, plan: Plan) -> dict[str, Any]:
 def whole_variables(batch: Batch, plan: Plan) -> Whole:
     """The variables that are known before the run: the times, and parameters with many numbers."""
     *_, dt, t0 = eqx.combine(batch.mapped, batch.shared)
-    indices = plan.save_every * jnp.arange(plan.saves, dtype=jnp.int32)
-    times = np.asarray(jax.jit(time_of)(t0[..., None], dt[..., None], indices))
+    indices = plan.begin + plan.save_every * jnp.arange(plan.saves, dtype=jnp.int32)
+    if t0.ndim or dt.ndim:
+        t0, dt, indices = t0.reshape(-1, 1), dt.reshape(-1, 1), indices[None]
+    times = np.asarray(jax.jit(time_of)(t0, dt, indices))
     about = {"long_name": "time", "units": "time"}
     if times.ndim == 1:
         found: Whole = {"time": (Variable((TIME,), times.shape, times.dtype, about), times)}

@@ -1,8 +1,7 @@
 """What determines the numbers of a run, as text: a run is resumed only if nothing of it has changed."""
 
 import hashlib
-import re
-from collections.abc import Callable
+import os
 from typing import Any
 
 import equinox as eqx
@@ -10,26 +9,34 @@ import jax
 import numpy as np
 
 from .._kernel.platform import on_cpu
-from ..drivers.adjoints import as_adjoint
 from ..drivers.ensemble import Batch
-from ..drivers.integrate import run_of_body
 from ..drivers.observe import Observe
 from .names import named
 from .plan import Plan
+from .program import program, unseen
 from .versions import versions
 
 _NUMBERS_SHOWN = 4
+# Flags of XLA that do not change a number: how many devices there are, and how wide the vectors.
+_HARMLESS = ("--xla_force_host_platform_device_count", "--xla_cpu_prefer_vector_width", "--xla_dump")
+UNSEEN = "code that is not in the program"
 
 
 def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str]:
-    """Names and contents of all that determines the numbers of the run: what is long is represented by a hash."""
+    """Names and contents of all that determines the numbers of the run: what is long is represented by a hash.
+
+    Under the name `UNSEEN` it holds what nobody can compare, if there is any.
+    """
     arguments = eqx.combine(batch.mapped, batch.shared)
     body, torque, start, dt, t0 = arguments
+    lowered = program(batch, observe)
+    hidden = unseen(lowered)
     return {
         "method": batch.method.name,
         "dtype": str(start.momentum.dtype),
         "bodies": str(plan.bodies),
         "steps": str((plan.saves - 1) * plan.save_every),
+        "first_step": str(plan.begin),
         "save_every": str(plan.save_every),
         "bodies of a group": str(plan.group),
         "saved states of a segment": str(plan.segment),
@@ -39,10 +46,16 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str
         **_contents("torque.", torque),
         **_contents("start.", start),
         "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash(*_arrays(observe))}",
-        "program (the code of method, torque and observe)": _program(batch, observe),
+        "program (the code of method, torque and observe, and the numbers in it)": _hash(text=lowered),
+        **({UNSEEN: ", ".join(hidden)} if hidden else {}),
         **versions(),
-        "platform": "cpu" if on_cpu() else jax.default_backend(),
+        "platform": "cpu" if on_cpu() else f"{jax.default_backend()}, {jax.devices()[0].device_kind}",
+        "XLA_FLAGS": " ".join(flag for flag in _flags() if not flag.startswith(_HARMLESS)),
     }
+
+
+def _flags() -> list[str]:
+    return sorted(os.environ.get("XLA_FLAGS", "").split())
 
 
 def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
@@ -56,7 +69,7 @@ def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
 
 def _contents(prefix: str, tree: Any) -> dict[str, str]:
     arrays = eqx.filter(tree, eqx.is_array)
-    return {f"{prefix}{name}": _shown(np.asarray(leaf)) for name, leaf in named(arrays, ".").items()}
+    return {f"{prefix}{name}": _shown(_numbers(leaf)) for name, leaf in named(arrays, ".").items()}
 
 
 def _shown(array: np.ndarray) -> str:
@@ -67,26 +80,17 @@ def _shown(array: np.ndarray) -> str:
 
 def _hash(*arrays: Any, text: str = "") -> str:
     hashed = hashlib.sha256(text.encode())
-    for array in arrays:
-        hashed.update(np.asarray(array).tobytes())
+    for array in map(_numbers, arrays):
+        hashed.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
     return hashed.hexdigest()[:16]
-
-
-def _program(batch: Batch, observe: Observe | None) -> str:
-    """A hash of the traced computation of one body, with the constants that its functions close over."""
-    mapped, shared = jax.tree.map(lambda x: x[0], batch.mapped), batch.shared
-    arrays, functions = eqx.partition(eqx.combine(mapped, shared), eqx.is_array)
-
-    def run(arrays: Any) -> Any:
-        body, torque, start, dt, t0 = eqx.combine(arrays, functions)
-        first = jax.numpy.int32(0)
-        run_one: Callable[..., Any] = run_of_body
-        return run_one(batch.method, as_adjoint(None), body, torque, start, dt, t0, first, 2, 1, None, None, observe)
-
-    traced = jax.make_jaxpr(run)(arrays)
-    text = re.sub(r"0x[0-9a-f]+", "", str(traced))  # the addresses of functions differ from process to process
-    return _hash(*traced.consts, text=text)
 
 
 def _arrays(tree: Any) -> list[Any]:
     return jax.tree.leaves(eqx.filter(tree, eqx.is_array))
+
+
+def _numbers(array: Any) -> np.ndarray:
+    """The array in NumPy; of random keys their data."""
+    if isinstance(array, jax.Array) and jax.numpy.issubdtype(array.dtype, jax.dtypes.prng_key):
+        array = jax.random.key_data(array)
+    return np.asarray(array)

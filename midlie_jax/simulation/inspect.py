@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .plan import Part
-from .resume import whole_segments
+from .resume import kept_of, whole_segments
 from .store import Store
 from .summary import failures
 
@@ -42,7 +42,7 @@ class Inspection(NamedTuple):
             f"{size}; {said['method']}, {said['dtype']}",
             state,
             failures(self.first_bad, self.saves),
-            *(f"DAMAGED: {name}; resume the run to compute it again" for name in self.damaged),
+            *(f"DAMAGED: {name}; resume the run to mend it" for name in self.damaged),
         ]
         return "\n".join(lines)
 
@@ -54,10 +54,13 @@ def inspect(path: str | Path) -> Inspection:
         ValueError: the folder is not the store of a run, or its description is damaged.
     """
     store = Store(Path(path), read_only=True)
-    plan, damaged, done = store.plan, [], 0
+    plan, damaged, done = store.plan, [*store.lost_descriptions(), *store.damaged_whole()], 0
     for group in range(plan.groups):
         done += plan.work(Part(segment, group) for segment in range(store.committed(group)))
-        damaged += whole_segments(store, group)[1]
+        segments, found = whole_segments(store, group)
+        begun, lost = kept_of(store, Part(segments, group))
+        done += plan.bodies_in(group) * (begun.steps if begun else 0)
+        damaged += [*found, *lost]
     total = plan.work(plan.parts(range(plan.groups)))
     first_bad = store.first_bad()
     return Inspection(store.path, store.attributes, plan.bodies, plan.saves, done, total, tuple(damaged), first_bad)

@@ -8,7 +8,7 @@ import numpy as np
 
 from .names import parameter
 from .plan import Part, Plan
-from .sink import Arrays, Sink
+from .sink import Arrays, Begun, Sink
 from .variables import GROUP, Variable
 
 
@@ -29,6 +29,9 @@ class Memory(Sink):
         for name, values in seen.items():
             self._arrays[name][self.plan.place(part, name in self._of_groups)] = values
         self._first_bad[self.plan.bodies_of(part.group)] = first_bad
+
+    def keep(self, part: Part, begun: Begun) -> None:
+        """Nothing, because nothing is left of such a run that is stopped."""
 
     def first_bad(self) -> np.ndarray:
         return self._first_bad

@@ -1,8 +1,6 @@
-"""Computes the parts of a run, one after the other, while a thread writes those before."""
+"""Computes the parts of a run, each in one or more legs."""
 
-from collections import deque
-from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -11,86 +9,138 @@ import numpy as np
 from jax import Array
 from jax.sharding import Mesh
 
-from .._kernel.width import wide_jit
+from .._kernel.compiler import tuned_jit
 from ..drivers.adjoints import as_adjoint
-from ..drivers.chunks import run_ensemble, shared_tables
+from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.ensemble import Batch
+from ..drivers.legs import Leg, next_stop, nothing_carried, turn
 from ..drivers.observe import Observe, Statistic
 from ..methods.base import Method
 from ..model.state import AnyState
 from .names import named
 from .plan import Part, Plan
-from .sink import Arrays, Sink
-
-_AHEAD = 2  # parts that are being computed or written at the same time
+from .sink import Arrays, Begun
 
 
 class Progress(NamedTuple):
     """How far a group of bodies is.
 
     Attributes:
-        state: of all rows of the group, also of those that only fill it.
-        first_bad: `Simulation.first_bad` of these rows, as far as they have come.
+        start: the states of all rows of the group where its next part begins, also of those that only fill it.
+        first_bad: `Simulation.first_bad` of these rows, from the steps that are taken so far.
+        steps: how many steps of the part are taken. The other attributes are of what these left:
+        carried: the progress of all rows.
+        seen: what the part will write, piece after piece in time.
+        end: the states of all rows.
     """
 
-    state: AnyState
-    first_bad: Array
+    start: AnyState
+    first_bad: np.ndarray
+    steps: int = 0
+    carried: Any = None
+    seen: tuple[Arrays, ...] = ()
+    end: Any = None
+
+    def all_seen(self) -> Arrays:
+        """What the part will write, in one piece."""
+        if len(self.seen) == 1:
+            return self.seen[0]
+        names = self.seen[0] if self.seen else {}
+        return {name: np.concatenate([piece[name] for piece in self.seen], axis=1) for name in names}
+
+    def after(self) -> "Progress":
+        """The group at the beginning of the next part."""
+        return Progress(self.end, self.first_bad)
 
 
 class Computation(NamedTuple):
-    """A run, and the devices for it."""
+    """A run, and the devices for it.
+
+    Attributes:
+        batch, observe, plan, mesh: the run.
+        nothing: what is carried by a group before its first step of a part; nobody reads the numbers.
+    """
 
     batch: Batch
     observe: Observe | None
     plan: Plan
     mesh: Mesh
+    nothing: Any
+
+    @classmethod
+    def of(cls, batch: Batch, observe: Observe | None, plan: Plan, mesh: Mesh) -> "Computation":
+        nothing = jax.tree.map(np.asarray, nothing_carried(batch.method, batch.mapped, batch.shared, plan.group))
+        return cls(batch, observe, plan, mesh, nothing)
 
     def begin(self, group: int) -> Progress:
         """A group at the start of the run."""
         rows = self.rows(group)
-        start = jax.tree.map(lambda x: x[rows], self.batch.mapped[2])
-        return Progress(start, jnp.full(len(rows), self.plan.saves, jnp.int32))
+        start = jax.tree.map(lambda x: np.asarray(x[rows]), self.batch.mapped[2])
+        return Progress(start, np.full(len(rows), self.plan.saves, np.int32))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
         """A group at the end of a segment, with the states and `first_bad` that the segment left in a file."""
-        rows = self.rows(group) - self.plan.bodies_of(group).start
+        rows = self._rows_in(group)
         structure = jax.tree.structure(self.batch.mapped[2])
-        arrays = [jnp.asarray(state[name][rows]) for name in named(self.batch.mapped[2])]
-        return Progress(jax.tree.unflatten(structure, arrays), jnp.asarray(first_bad[rows]))
+        arrays = [state[name][rows] for name in named(self.batch.mapped[2])]
+        return Progress(jax.tree.unflatten(structure, arrays), first_bad[rows])
+
+    def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
+        """A group in the middle of a part, from its progress before the part and what is kept of the part."""
+        rows = self._rows_in(group)
+        carried = jax.tree.unflatten(jax.tree.structure(self.nothing), [x[rows] for x in begun.carried])
+        pieces = (begun.seen,) if begun.seen else ()
+        return Progress(before.start, begun.first_bad[rows], begun.steps, carried, pieces)
 
     def tables(self, segment: int) -> Any:
         """What all bodies share in a segment, computed once for all its groups."""
-        mapped = jax.tree.map(lambda x: x[:1], self.batch.mapped)
-        first, steps = jnp.int32(self.plan.first_step(segment)), self.plan.steps(segment)
+        mapped, plan = jax.tree.map(lambda x: x[:1], self.batch.mapped), self.plan
+        first, steps = jnp.int32(plan.first_step(segment)), plan.intervals * plan.save_every
         return shared_tables(self.batch.method, as_adjoint(None), mapped, self.batch.shared, first, steps)
 
-    def compute(self, part: Part, progress: Progress, tables: Any) -> tuple[dict[str, Array], Progress]:
-        """What a part writes, and the group at its end; does not wait for them."""
-        plan, rows = self.plan, self.rows(part.group)
+    def compute(self, part: Part, before: Progress, steps: int, tables: Any) -> Progress:
+        """The group after a leg of about so many steps in a part; waits for it."""
+        plan, rows, every = self.plan, self.rows(part.group), self.plan.save_every
+        stop = next_stop(before.steps, steps, turn(self.batch.method, every), every)
+        stop = min(stop, plan.steps(part.segment))
         body, torque, _, dt, t0 = self.batch.mapped
         body, torque, dt, t0 = jax.tree.map(lambda x: x[rows], (body, torque, dt, t0))
-        return _compute(
+        # From NumPy, because what comes from a mesh would be another argument to JAX, and compiled for anew.
+        start, first_bad, carried = jax.tree.map(
+            jnp.asarray, (before.start, before.first_bad, before.carried if before.steps else self.nothing)
+        )
+        found = _compute(
             self.batch.method,
             self.observe,
-            (body, torque, progress.state, dt, t0),
+            (body, torque, start, dt, t0),
             self.batch.shared,
-            progress.first_bad,
+            first_bad,
             jnp.asarray(np.arange(part.group * plan.group, part.group * plan.group + len(rows)) < plan.bodies),
             jnp.int32(plan.first_step(part.segment)),
-            plan.steps(part.segment),
             plan,
             self.mesh,
-            part.segment == 0,
             tables,
+            Leg(jnp.int32(before.steps), jnp.int32(stop), carried),
         )
+        seen, end, carried, first_bad = jax.tree.map(np.asarray, found)
+        # The state with which a part begins is written by the part before.
+        new = slice(before.steps // every + 1 if before.steps or part.segment else 0, stop // every + 1)
+        real = slice(None) if isinstance(self.observe, Statistic) else slice(plan.bodies_in(part.group))
+        piece = {name: values[real, new].copy() for name, values in seen.items()}
+        pieces = (*before.seen, piece) if new.stop > new.start else before.seen
+        return Progress(before.start, first_bad, stop, carried, pieces, end)
 
     def rows(self, group: int) -> np.ndarray:
         """The bodies of a group; the last group is filled with copies, so that one compiled program serves all."""
         first = group * self.plan.group
         return np.minimum(np.arange(first, first + self.plan.group), self.plan.bodies - 1)
 
+    def _rows_in(self, group: int) -> np.ndarray:
+        """The same, counted from the first body of the group."""
+        return self.rows(group) - self.plan.bodies_of(group).start
 
-@wide_jit
+
+@partial(tuned_jit, bodies=bodies_in)
 def _compute(
     method: Method,
     observe: Observe | None,
@@ -99,64 +149,22 @@ def _compute(
     first_bad: Array,
     real: Array,
     first: Array,
-    steps: int,
     plan: Plan,
     mesh: Mesh,
-    from_start: bool,
     tables: Any,
-) -> tuple[dict[str, Array], Progress]:
-    every = plan.save_every
+    leg: Leg,
+) -> tuple[dict[str, Array], AnyState, Any, Array]:
+    """What is seen in a segment, right where the leg has been; states and progress at its end; and `first_bad`.
+
+    One program for all segments and legs. So its results do not depend on where the legs begin and end.
+    """
     counted = real & (first_bad == plan.saves)
-    run = method, as_adjoint(None), mapped, shared, first, steps, every, plan.chunk
-    path, end = run_ensemble(*run, observe, mesh, counted, tables)
-    last = steps // every
+    every, last = plan.save_every, plan.intervals
+    run = method, as_adjoint(None), mapped, shared, first, last * every, every, plan.chunk
+    path, (end, carried) = run_ensemble(*run, observe, mesh, counted, tables, leg)
     local = jnp.where(path.ok, path.first_bad, jnp.minimum(path.first_bad, last))
-    found = jnp.where(local <= last, first // every + local, plan.saves)
+    found = jnp.where(local <= last, (first - plan.begin) // every + local, plan.saves)
     seen = path.states
     if isinstance(observe, Statistic):
         seen = jax.tree.map(lambda x: x[None], seen)
-    if not from_start:  # the segment before has saved the state with which this one begins
-        seen = jax.tree.map(lambda x: x[:, 1:], seen)
-    return named(seen), Progress(end, jnp.minimum(first_bad, found))
-
-
-def compute_and_write(
-    computation: Computation,
-    parts: Iterable[Part],
-    groups: dict[int, Progress],
-    sink: Sink,
-    written: Callable[[Part], Any],
-) -> None:
-    """Computes and writes the parts in turn; `written` is called in this thread after each.
-
-    After an error no further part is written. After an interruption (ctrl-C) those that are being computed still are.
-    """
-    plan, stopped = computation.plan, False
-
-    def write(part: Part, seen: dict[str, Array], progress: Progress) -> Part:
-        nonlocal stopped
-        if stopped:
-            return part
-        try:
-            real = slice(plan.bodies_of(part.group).stop - plan.bodies_of(part.group).start)
-            of_bodies = not isinstance(computation.observe, Statistic)
-            arrays = {name: np.asarray(x)[real] if of_bodies else np.asarray(x) for name, x in seen.items()}
-            state = {name: np.asarray(x)[real] for name, x in named(progress.state).items()}
-            sink.write(part, arrays, state, np.asarray(progress.first_bad)[real])
-        except Exception:  # `result()` raises it in the main thread; until then no later part may be written
-            stopped = True
-            raise
-        return part
-
-    waiting: deque[Future[Part]] = deque()
-    with ThreadPoolExecutor(1, "writer") as writer:
-        segment, tables = None, None
-        for part in parts:
-            if part.segment != segment:
-                segment, tables = part.segment, computation.tables(part.segment)
-            seen, groups[part.group] = computation.compute(part, groups[part.group], tables)
-            waiting.append(writer.submit(write, part, seen, groups[part.group]))
-            while len(waiting) >= _AHEAD:
-                written(waiting.popleft().result())
-        while waiting:
-            written(waiting.popleft().result())
+    return named(seen), end, carried, jnp.minimum(first_bad, found)

@@ -1,7 +1,7 @@
 """How a run is cut into parts: groups of bodies, and segments of time.
 
-A part is what is computed at once, written at once and committed at once. The cut depends on the run alone, not on the
-devices or processes that compute it, so that all of them compute the same bits.
+A part is what is written to the variables of the file at once. The cut depends on the run alone, not on the devices or
+processes that compute it or on the time that they take, so that all of them compute the same bits.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,7 +10,9 @@ from typing import NamedTuple
 from ..drivers.chunks import even_size
 
 _BYTES = 2**25  # of one part in the file, about
-_BODY_STEPS = 10**9  # of one part, at most, unless a single interval between saved states is longer
+# Of one part, at most, unless two saved states need more: then most runs write a part, which a reader of the file can
+# see, several times a minute. What a kill costs does not depend on it, see `pace.py`.
+_BODY_STEPS = 3 * 10**7
 GROUP = 2**15  # bodies of one group, by default
 
 
@@ -34,6 +36,7 @@ class Plan(NamedTuple):
         group: bodies of a group; the last group may be smaller.
         segment: saved states of a segment, at least 2; the last segment may be smaller.
         chunk: bodies that are moved at once on one device.
+        begin: the index of the first step of the run.
     """
 
     bodies: int
@@ -42,6 +45,7 @@ class Plan(NamedTuple):
     group: int
     segment: int
     chunk: int
+    begin: int = 0
 
     @property
     def groups(self) -> int:
@@ -58,17 +62,27 @@ class Plan(NamedTuple):
     def bodies_of(self, group: int) -> slice:
         return slice(group * self.group, min((group + 1) * self.group, self.bodies))
 
+    def bodies_in(self, group: int) -> int:
+        """How many bodies a group has."""
+        bodies = self.bodies_of(group)
+        return bodies.stop - bodies.start
+
     def saves_of(self, segment: int) -> slice:
         return slice(segment * self.segment, min((segment + 1) * self.segment, self.saves))
 
     def first_step(self, segment: int) -> int:
         """The index of the first step of a segment: its steps lead to the first of its saved states."""
-        return max(0, segment * self.segment - 1) * self.save_every
+        return self.begin + max(0, segment * self.segment - 1) * self.save_every
 
     def steps(self, segment: int) -> int:
         """The number of steps of a segment; the start, the first saved state of segment 0, needs none."""
         saved = self.saves_of(segment)
         return (saved.stop - saved.start - (segment == 0)) * self.save_every
+
+    @property
+    def intervals(self) -> int:
+        """The most intervals between saved states that a segment takes."""
+        return self.segment - (self.segments == 1)
 
     def place(self, part: Part, of_groups: bool) -> tuple[slice, slice]:
         """Where a part stands in a variable (body, time, ...), or in one (group, time, ...) of a statistic."""
@@ -77,8 +91,7 @@ class Plan(NamedTuple):
 
     def work(self, parts: Iterable[Part]) -> int:
         """The body-steps of parts."""
-        sizes = ((self.bodies_of(part.group), self.steps(part.segment)) for part in parts)
-        return sum((bodies.stop - bodies.start) * steps for bodies, steps in sizes)
+        return sum(self.bodies_in(part.group) * self.steps(part.segment) for part in parts)
 
     def groups_of(self, process: int, processes: int) -> range:
         """The groups that a process computes: neighbours, and as many for each process as possible."""

@@ -7,27 +7,24 @@ from typing import Any
 
 import jax
 
-from .plan import Part, Plan
-
 
 @contextmanager
-def reported(
-    progress: bool | Callable[[int], Any], plan: Plan, total: int, done: int
-) -> Generator[Callable[[Part], Any]]:
-    """A function that is to be called after each part; the first process shows a bar if the output is a terminal.
+def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int) -> Generator[Callable[[int], Any]]:
+    """A function that is to be called with the body-steps that are written; the first process shows a bar.
 
     Args:
         progress: see `simulate`.
         total, done: body-steps of this process in all, and those that need not be computed.
     """
     if callable(progress):
-        yield lambda part: progress(plan.work([part]))
+        yield progress
         return
-    if not progress or jax.process_index() or find_spec("tqdm") is None:
-        yield lambda part: None
+    if progress is False or jax.process_index() or find_spec("tqdm") is None:
+        yield lambda work: None
         return
     from tqdm import tqdm
 
-    shown: dict[str, Any] = {"unit": "body-steps", "unit_scale": True, "leave": False, "disable": None}
+    shown: dict[str, Any] = {"unit": "body-steps", "unit_scale": True, "leave": False}
+    shown["disable"] = None if progress is None else False  # None: unless stderr is a terminal
     with tqdm(total=total, initial=done, dynamic_ncols=True, **shown) as bar:
-        yield lambda part: bar.update(plan.work([part]))
+        yield bar.update

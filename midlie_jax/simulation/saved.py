@@ -2,6 +2,7 @@
 
 import zipfile
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path as File
 from typing import Any, NamedTuple
 
@@ -9,11 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.integrate import Path
+from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody
+from ..model.state import AnyState
 from ..model.states import RigidState
 from .names import parameter
+from .variables import STATES
 
 _MOMENTS, _PRINCIPAL, _AXES = "body.moments", "body.principal.moments", "body.axes"
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
@@ -30,7 +33,7 @@ class Saved(NamedTuple):
     """
 
     body: RigidBody | TensorBody
-    path: Path
+    path: Path[RigidState]
     title: str
     bodies: int
 
@@ -80,6 +83,26 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     return Saved(_body(source, arrays, body), path, title, bodies)
 
 
+def states_of(file: str | File) -> AnyState:
+    """The saved states of all bodies of a run of `simulate`, with leading axes (n, k), unchecked.
+
+    Raises:
+        ValueError: the file is not of such a run, or holds no states.
+        OSError: the file cannot be read.
+    """
+    source = File(file)
+    arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
+    kinds = {kind.__name__: kind for kind in STATES}
+    kind = kinds.get(str(arrays.get("state")))
+    names = [field.name for field in fields(kind)] if kind else []  # pyright: ignore[reportArgumentType]
+    if kind is None or any(name not in arrays for name in names):
+        raise ValueError(f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=.")
+    blank = object.__new__(kind)  # unchecked, as the states of a failed run must be
+    for name in names:
+        object.__setattr__(blank, name, 0.0)
+    return jax.tree.unflatten(jax.tree.structure(blank), [jnp.asarray(arrays[name][:]) for name in names])
+
+
 def _of_file(source: File) -> Mapping[str, Any]:
     try:
         with np.load(source, allow_pickle=False) as file:
@@ -101,7 +124,7 @@ def _of_store(source: File) -> Mapping[str, Any]:
     except Exception as error:  # whatever a reader of damaged files raises
         raise ValueError(f"{source} is not the store of a run ({type(error).__name__}: {error}).") from error
     found |= {parameter(name): np.asarray(value) for name, value in parameters.items()}
-    return found | {"title": root.attrs.get("title", source.name)}
+    return found | {"title": root.attrs.get("title", source.name), "state": root.attrs.get("state")}
 
 
 def _body(source: File, arrays: Mapping[str, Any], body: int) -> RigidBody | TensorBody:

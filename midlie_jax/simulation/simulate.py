@@ -13,19 +13,20 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._kernel.checks import as_count, described
-from ..drivers.arguments import as_first_step, check_saving
+from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import as_batch, check_spread
 from ..drivers.observe import Statistic, as_observe
 from ..methods.base import Method
 from ..model.bodies import Body
-from ..model.state import AnyState
+from ..model.state import StateT
 from ..model.torques import TorqueLike
 from . import processes
 from .describe import attributes_of, whole_variables
-from .identity import differences, identity
+from .identity import UNSEEN, differences, identity
 from .memory import Memory
-from .parts import Computation, compute_and_write
+from .parts import Computation
+from .pipeline import compute_and_write
 from .plan import GROUP, Plan, segment_of, sizes
 from .progress import reported
 from .resume import begun, repair_whole, resumed
@@ -40,47 +41,51 @@ def simulate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState,
+    start: StateT,
     *,
     out: str | Path,
     dt: float | Array,
     steps: int,
-    save_every: int,
+    save_every: int | None = None,
     t0: float | Array = 0.0,
-    torque_axes: Any = None,
+    first_step: int | Array = 0,
+    torque_axes: Any = "auto",
     observe: Any = None,
     resume: bool = False,
     mesh: Mesh | None = None,
     group: int | None = None,
     segment: int | None = None,
     chunk: int | None = None,
-    progress: bool | Callable[[int], Any] = True,
+    progress: bool | Callable[[int], Any] | None = None,
     attributes: dict[str, Any] | None = None,
-) -> Simulation:
+) -> Simulation[StateT]:
     """Integrates n bodies as `ensemble` does, in parts that fit memory, and writes the path to a file as it goes.
 
     A run that is stopped at any moment, by ctrl-C, a full disk or a lost machine, can be resumed, and ends with the
-    same bits as a run that was never stopped. A body that fails leaves the others untouched.
+    same bits as a run that was never stopped. About half a minute of work is lost at most, unless a single step of a
+    group takes longer. A body that fails leaves the others untouched.
 
     With `jax.distributed` every process calls `simulate` with the same arguments. Each computes and writes a share of
     the groups, on its own devices; `out` must be a folder that all of them see.
 
     Args:
-        method, body, torque, start, dt, steps, t0, torque_axes, observe: as for `ensemble`; `start` has a leading axis
-            (n,).
+        method, body, torque, start, dt, steps, t0, first_step, torque_axes, observe: as for `ensemble`; `start` has a
+            leading axis (n,). A run that begins with the last states of another one (`Simulation.states`) and with
+            `first_step` the number of its steps goes on with the same bits.
         out: a folder whose name ends in .zarr, for a Zarr store (needs the extra `io`); or a file whose name ends in
             .npz, for a small run that is kept in memory, written at its end, and cannot be resumed.
-        save_every: save a state, or what is observed, every `save_every` steps, and at the start.
+        save_every: save a state, or what is observed, every `save_every` steps, and at the start. `None` saves the
+            start and the end alone.
         resume: go on with the run in `out`, if there is one. What is damaged there is found, named in the result, and
             computed again.
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
             each takes those of its own devices that are in the mesh. The numbers do not depend on it.
         group: bodies that are computed at once and written to one chunk of the file; by default up to 32768.
-        segment: saved states of a body that are computed at once and written to one chunk, at least 2; by default as
-            many as fill 32 MB, or need 1e9 body-steps.
+        segment: saved states of a body that are written to one chunk, at least 2; by default as many as fill 32 MB, or
+            need 3e7 body-steps.
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
-        progress: whether to show a bar, if the output is a terminal and tqdm is installed; or a function that is called
-            with the number of body-steps of each part that has been written.
+        progress: whether to show a bar, if tqdm is installed; by default only if stderr is a terminal. Or a function
+            that is called with a number of body-steps whenever so many more have been written.
         attributes: what the file is to say about the run besides what `simulate` knows: names with texts, numbers, or
             lists of these. In a run that is resumed they are those of its beginning.
 
@@ -89,14 +94,15 @@ def simulate(
 
     Raises:
         ValueError: as for `ensemble`; `out` exists and `resume` is False; the run in `out` is another one, and the
-            message says what has changed; another process writes to `out`.
+            message says what has changed; the torque or `observe` calls code outside the compiled program, such as
+            that of `jax.pure_callback`, so that nobody can say whether it is the same; another process writes to `out`.
         ImportError: the extra `io` is not installed.
         OSError: a part cannot be written. What was written before is kept, and the run can be resumed.
     """
     began = time.perf_counter()
-    steps, save_every = as_count("steps", steps), as_count("save_every", save_every)
-    check_saving(steps, save_every)
-    as_first_step(0, steps)
+    steps = as_count("steps", steps)
+    save_every = as_saving(save_every, steps) or steps
+    begin = int(as_first_step(first_step, steps))
     cut = {"group": group, "segment": segment, "chunk": chunk}
     cut = {name: as_count(name, size) for name, size in cut.items() if size is not None}
     if cut.get("segment", 2) < 2:
@@ -110,7 +116,8 @@ def simulate(
         before = existing.plan
         cut = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **cut}
     plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **cut)
-    computation = Computation(batch, observe, plan, _local(mesh))
+    plan = plan._replace(begin=begin)
+    computation = Computation.of(batch, observe, plan, _local(mesh))
     described_by = {**attributes_of(batch, plan), **(attributes or {})}
     if path.suffix == ".npz":
         first_bad, computed, repaired = _in_memory(computation, path, seen, progress, described_by)
@@ -162,10 +169,10 @@ def _in_memory(
     computation: Computation, path: Path, seen: Any, progress: Any, attributes: dict[str, Any]
 ) -> tuple[np.ndarray, int, Repaired]:
     """Computes all parts and writes the file; returns `first_bad`, the body-steps computed, and what was repaired."""
-    batch, observe, plan, _ = computation
+    batch, observe, plan, *_ = computation
     sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
     total = plan.work(parts)
-    with reported(progress, plan, total, 0) as written:
+    with reported(progress, total, 0) as written:
         compute_and_write(computation, parts, begun(computation, range(plan.groups)).groups, sink, written)
     whole = whole_variables(batch, plan)
     if isinstance(observe, Statistic):
@@ -178,11 +185,17 @@ def _in_store(
     computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any, attributes: dict[str, Any]
 ) -> tuple[np.ndarray, int, Repaired]:
     """The same for a store, of which this process computes its share of the parts that are missing."""
-    batch, observe, plan, _ = computation
+    batch, observe, plan, *_ = computation
     now, first = identity(batch, observe, plan), jax.process_index() == 0
 
     def check_or_create() -> None:
         if existing is not None:
+            if UNSEEN in now:
+                raise ValueError(
+                    f"{path} cannot be resumed: the torque or observe calls {now[UNSEEN]}, outside the compiled "
+                    "program, and nobody can see whether that code or its numbers have changed. Write it in JAX "
+                    "instead of a callback, or compute the run anew under another name."
+                )
             changed = differences(existing.identity, now)
             if changed:
                 raise ValueError(
@@ -201,10 +214,12 @@ def _in_store(
         found = begun(computation, groups) if existing is None else resumed(computation, store, groups)
         repaired = found.repaired + (repair_whole(computation, store) if first and existing is not None else ())
         todo = [part for part in plan.parts(groups) if part.segment >= found.segments[part.group]]
-        total, missing = plan.work(plan.parts(groups)), plan.work(todo)
-        with reported(progress, plan, total, total - missing) as written:
+        total, missing = plan.work(plan.parts(groups)), found.missing(plan)
+        with reported(progress, total, total - missing) as written:
             processes.all_succeed(lambda: compute_and_write(computation, todo, found.groups, store, written))
         if isinstance(observe, Statistic) and first:
-            store.add(merged_statistic(observe, seen, store))
+            merged = merged_statistic(observe, seen, store)
+            repaired += tuple(name for name in store.damaged_whole() if name in merged)
+            store.add(merged)
         processes.wait(str(path))
         return store.first_bad(), missing, repaired

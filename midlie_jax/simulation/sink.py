@@ -1,12 +1,28 @@
 """Where the parts of a run are written: a store on disk, or memory."""
 
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from .plan import Part
 
 Arrays = dict[str, np.ndarray]
+
+
+class Begun(NamedTuple):
+    """A part of which some steps are computed.
+
+    Attributes:
+        steps: how many.
+        seen: what the part will write, as far as it is saved.
+        carried: the arrays of the progress of its bodies, (bodies, ...).
+        first_bad: (bodies,), from the steps that are taken so far.
+    """
+
+    steps: int
+    seen: Arrays
+    carried: list[np.ndarray]
+    first_bad: np.ndarray
 
 
 @runtime_checkable
@@ -21,6 +37,10 @@ class Sink(Protocol):
             state: the arrays of the states at the end of the part, (bodies, ...).
             first_bad: (bodies,).
         """
+        ...
+
+    def keep(self, part: Part, begun: Begun) -> None:
+        """Keeps what is computed of a part until there is more of it, or the part is written."""
         ...
 
     def read(self, name: str) -> np.ndarray:

@@ -6,7 +6,7 @@ The group `parts` holds what a statistic has of each group of bodies, before the
 The group `checkpoint` holds what a resumed run needs: the state of each body at the end of the last two segments (in
 one slot for even and one for odd segments), and for each part a commit: the checksums of all that the part wrote. The
 commit is the last that a part writes, in one atomic operation. What a process wrote before it was killed, but did not
-commit, is written again by the resumed run.
+commit, is written again by the resumed run. A part that takes long has a file with its progress there, too (`kept.py`).
 """
 
 import os
@@ -14,18 +14,20 @@ import shutil
 import sys
 import warnings
 import zlib
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from . import description
+from .description import ATTRIBUTE
+from .kept import Kept
 from .plan import Part, Plan
-from .sink import Arrays, Sink
+from .sink import Arrays, Begun, Sink
 from .variables import BODY, COORDINATES, GROUP, Variable
 
-ATTRIBUTE = "midlie_jax"
 PARTS = "parts"  # the group with what a statistic has of each group of bodies
 _FIRST_BAD = "first_bad"
 
@@ -46,25 +48,19 @@ class Store(Sink):
         Raises:
             ValueError: the folder is not the store of a run, or its description is damaged.
         """
-        import zarr
-
         self.path = path
-        try:
-            self._root: Any = zarr.open_group(path, mode="r" if read_only else "r+", use_consolidated=False)
-            self.attributes: dict[str, Any] = dict(self._root.attrs)
-            described_run: Any = self.attributes[ATTRIBUTE]
-            self.plan, self.identity = Plan(**described_run["plan"]), dict(described_run["identity"])
-            places = dict(described_run["variables"])
-            self._seen: list[str] = sorted(places)  # in the order of the checksums; attributes keep none
-            self._arrays = {name: self._root[places[name]] for name in self._seen}
-            self._checkpoint: Any = self._root["checkpoint"]
-            self._states: list[str] = sorted(described_run["state"])
-            self._commits: Any = self._checkpoint["commit"]
-        except Exception as error:  # whatever a reader of damaged files raises
-            raise ValueError(
-                f"{path} is not the store of a run, or its description is damaged ({type(error).__name__}: {error}); "
-                "delete the folder or choose another one."
-            ) from error
+        self._described = description.read(path)
+        self.attributes: dict[str, Any] = self._described["attributes"]
+        own = self.attributes[ATTRIBUTE]
+        self.plan, self.identity = Plan(**own["plan"]), dict(own["identity"])
+        self._root: Any = _opened(path, "r" if read_only else "r+")
+        places = dict(own["variables"])
+        self._seen: list[str] = sorted(places)  # in the order of the checksums; attributes keep none
+        self._arrays = {name: self._root[places[name]] for name in self._seen}
+        self._checkpoint: Any = self._root["checkpoint"]
+        self._states: list[str] = sorted(own["state"])
+        self._commits: Any = self._checkpoint["commit"]
+        self._kept = Kept(path / "checkpoint")
 
     @contextmanager
     def locked(self) -> Generator[None]:
@@ -103,6 +99,22 @@ class Store(Sink):
         written = *(seen[name] for name in self._seen), *(state[name] for name in self._states), first_bad
         sums = [checksum(values) for values in written]
         self._commits[part.segment, part.group] = _sealed(sums)
+        self._kept.remove(part.group)
+
+    def keep(self, part: Part, begun: Begun) -> None:
+        self._kept.write(part, begun)
+
+    def begun(self, part: Part) -> Begun | None:
+        """What is kept of a part that is not committed, if anything is.
+
+        Raises:
+            ValueError: it is damaged.
+        """
+        return self._kept.read(part)
+
+    def forget_begun(self, group: int) -> None:
+        """Forgets what is kept of a group."""
+        self._kept.remove(group)
 
     def state(self, part: Part) -> tuple[Arrays, np.ndarray]:
         """The states at the end of a committed part, and `first_bad` of its bodies."""
@@ -126,19 +138,57 @@ class Store(Sink):
                     found.append(f"{name} of {part}")
         return found
 
+    def torn(self, group: int) -> list[str]:
+        """Names what is damaged of a group without taking a committed segment with it."""
+        segments, bodies = self.committed(group), self.plan.bodies_of(group)
+        found: list[str] = []
+        if segments < self.plan.segments:
+            part = Part(segments, group)
+            commit = _or_none(lambda: self._commits[part.segment, part.group])
+            if commit is None or commit.any():
+                found.append(f"the commit of {part}")
+        now = _read(lambda: self._root[_FIRST_BAD][bodies])
+        if segments == self.plan.segments:  # before, it may be ahead of the last commit
+            slot = (segments - 1) % 2
+            then = _read(lambda: self._checkpoint[_FIRST_BAD][slot, bodies])
+        else:
+            then = now
+        if now is None or now != (then or now):
+            found.append(f"{_FIRST_BAD} of group {group}")
+        return found
+
     def whole_state(self, part: Part) -> bool:
         """Whether the states at the end of a committed part are what was written."""
         bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
-        expected = self._sums(part)[len(self._seen) :]
         names = (*self._states, _FIRST_BAD)
-        return expected == [_read(lambda name=name: self._checkpoint[name][slot, bodies]) for name in names]
+        return self._sums_of_state(part) == [
+            _read(lambda name=name: self._checkpoint[name][slot, bodies]) for name in names
+        ]
+
+    def given_up(self, part: Part) -> bool:
+        """Whether the states at the end of a committed part are known to be lost."""
+        return not any(self._sums_of_state(part))
+
+    def give_up(self, part: Part) -> None:
+        """Says in the commit of a part that the states at its end are lost."""
+        sums = self._sums(part)
+        self._commits[part.segment, part.group] = _sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
 
     def forget(self, group: int, segments: int) -> None:
         """Takes back the commits of a group after its first `segments` segments."""
         self._commits[segments:, group] = 0
 
     def first_bad(self) -> np.ndarray:
-        return self._root[_FIRST_BAD][:]
+        """(bodies,); of a group where it is damaged, what the last commit says."""
+        found = np.full(self.plan.bodies, self.plan.saves, np.int32)
+        for group in range(self.plan.groups):
+            bodies, slot = self.plan.bodies_of(group), (self.committed(group) - 1) % 2
+            values = _or_none(lambda bodies=bodies: self._root[_FIRST_BAD][bodies])
+            if values is None:
+                values = _or_none(lambda bodies=bodies, slot=slot: self._checkpoint[_FIRST_BAD][slot, bodies])
+            if values is not None:
+                found[bodies] = values
+        return found
 
     def write_first_bad(self, group: int, first_bad: np.ndarray) -> None:
         """Writes what a killed process may have left half written, or ahead of its last commit."""
@@ -148,20 +198,47 @@ class Store(Sink):
         """Whether a variable of the root can be read and has these values."""
         return name in self._root and _read(lambda: self._root[name][...]) == checksum(values)
 
+    def damaged_whole(self) -> list[str]:
+        """Names the variables of the root that no part writes and that are not what was written."""
+        whole: dict[str, int] = self.attributes[ATTRIBUTE]["whole"]
+        return [name for name, expected in whole.items() if _read(lambda name=name: self._root[name][...]) != expected]
+
+    def lost_descriptions(self) -> list[str]:
+        """The files with descriptions of arrays that are not what was written."""
+        return description.lost(self.path, self._described)
+
+    def restore(self) -> list[str]:
+        """Writes the descriptions of arrays, and the names of components, again where they are damaged; names these."""
+        lost = self.lost_descriptions()
+        description.restore(self.path, self._described, lost)
+        names = [name for name in self.damaged_whole() if name in COORDINATES]
+        for name in names:
+            self._root[name][:] = np.array(COORDINATES[name], dtype=object)
+        return lost + names
+
     def read(self, name: str) -> np.ndarray:
         return self._arrays[name][:]
 
     def add(self, variables: dict[str, tuple[Variable, np.ndarray]]) -> None:
         """Adds whole variables to the root, or overwrites them."""
+        whole = self.attributes[ATTRIBUTE]["whole"]
         for name, (variable, values) in variables.items():
-            if name not in self._root:
-                _create(self._root, name, variable, variable.shape)
-            self._root[name][...] = values
+            if name in self._root:
+                array = self._root[name]
+            else:  # also where a killed process has created it, but not described it in the root
+                array = _create(self._root, name, variable, variable.shape, overwrite=True)
+                description.add_copy(self.path, self._described, name)
+            array[...] = values
+            whole[name] = checksum(values)
         if variables:
-            _consolidate(self.path)
+            description.write(self.path, self._described)
+            self._root = _opened(self.path, "r+")
 
     def _place(self, name: str, part: Part) -> tuple[slice, slice]:
         return self.plan.place(part, self._arrays[name].metadata.dimension_names[0] == GROUP)
+
+    def _sums_of_state(self, part: Part) -> list[int]:
+        return self._sums(part)[len(self._seen) :]
 
     def _sums(self, part: Part) -> list[int]:
         """The checksums of a committed part; an empty list if the part is not committed."""
@@ -196,15 +273,21 @@ def create(
     """
     import zarr
 
-    description = {
+    used = {dim for variable in seen.values() for dim in variable.dims}
+    coordinates = {dim: np.array(names, dtype=object) for dim, names in COORDINATES.items() if dim in used}
+    described = {
         "plan": plan._asdict(),
         "identity": identity,
         "variables": {name: f"{PARTS}/{name}" if v.dims[0] == GROUP else name for name, v in seen.items()},
         "state": list(state),
+        "whole": {
+            **{name: checksum(values) for name, (_, values) in whole.items()},
+            **{name: checksum(values) for name, values in coordinates.items()},
+        },
     }
     unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
     try:
-        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes={**attributes, ATTRIBUTE: description})
+        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes={**attributes, ATTRIBUTE: described})
         for name, variable in seen.items():
             of_groups = variable.dims[0] == GROUP
             place = root.require_group(PARTS) if of_groups else root
@@ -213,9 +296,7 @@ def create(
         _create(root, _FIRST_BAD, first_bad, (plan.group,), missing=plan.saves)
         for name, (variable, values) in whole.items():
             _create(root, name, variable, variable.shape)[...] = values
-        used = {dim for variable in seen.values() for dim in variable.dims}
-        for dim in used & COORDINATES.keys():
-            names = np.array(COORDINATES[dim], dtype=object)
+        for dim, names in coordinates.items():
             root.create_array(dim, shape=names.shape, dtype="str", dimension_names=(dim,))[:] = names
         checkpoint = root.create_group("checkpoint")
         for name, variable in {**state, _FIRST_BAD: first_bad}.items():
@@ -225,6 +306,7 @@ def create(
         commit = Variable(("segment", GROUP, "checksum"), (plan.segments, plan.groups, sums), np.dtype(np.uint32), {})
         _create(checkpoint, "commit", commit, (1, 1, sums))
         _consolidate(unfinished)
+        description.seal(unfinished)
         if path.exists():
             raise ValueError(f"another run has just created {path}; choose another name.")
         os.rename(unfinished, path)
@@ -233,6 +315,8 @@ def create(
 
 
 def checksum(values: np.ndarray) -> int:
+    if values.dtype.kind not in "biufc":  # texts
+        return zlib.crc32(repr([str(value) for value in values.ravel()]).encode())
     return zlib.crc32(np.ascontiguousarray(values).data)
 
 
@@ -248,15 +332,29 @@ def _sealed(sums: list[int]) -> list[int]:
     return [*sums, zlib.crc32(np.array(sums, np.uint32).tobytes()) or 1]
 
 
-def _read(read: Any) -> int | None:
+def _read(read: Callable[[], Any]) -> int | None:
     """The checksum of what is read; None if it cannot be read."""
+    values = _or_none(read)
+    return None if values is None else checksum(np.asarray(values))
+
+
+def _or_none(read: Callable[[], Any]) -> Any:
     try:
-        return checksum(read())
+        return read()
     except Exception:  # whatever a reader of damaged files raises
         return None
 
 
-def _create(group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0) -> Any:
+def _opened(path: Path, mode: Any) -> Any:
+    """The root; the copies in its description open the arrays, also where their own descriptions are damaged."""
+    import zarr
+
+    return zarr.open_group(path, mode=mode, use_consolidated=True)
+
+
+def _create(
+    group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0, overwrite: bool = False
+) -> Any:
     """An array without compression, because the digits of numbers of a motion are as good as random.
 
     Where nothing is written yet, its integers are `missing`, and its floating-point numbers NaN.
@@ -273,6 +371,7 @@ def _create(group: Any, name: str, variable: Variable, chunks: tuple[int, ...], 
         dimension_names=variable.dims,
         attributes=variable.attributes,
         config={"write_empty_chunks": True},
+        overwrite=overwrite,
     )
 
 

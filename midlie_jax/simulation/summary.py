@@ -7,17 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._kernel.typed_by import TypedBy
 from ..drivers.observe import Statistic
+from ..drivers.path import States
 from .describe import Whole
 from .names import named
+from .saved import states_of
 from .sink import Sink
 from .variables import TIME, Variable, own_dims
 
 _SHOWN = 5  # failed bodies that are listed
 
 
-class Simulation(NamedTuple):
-    """What `simulate` did.
+class Simulation(NamedTuple, TypedBy[States]):
+    """What `simulate` did; in annotations `Simulation[RigidState]`, a run of these states.
 
     Attributes:
         out: the folder or file.
@@ -28,7 +31,8 @@ class Simulation(NamedTuple):
         computed: how many body-steps this call computed; less than bodies times steps if it resumed a run, or if
             several processes share it.
         seconds: how long this call took, compiling included.
-        repaired: what was damaged in the file, and has been computed again.
+        repaired: what was damaged in the file, and has been computed or written again; spare states that were damaged
+            are given up.
     """
 
     out: Path
@@ -53,13 +57,24 @@ class Simulation(NamedTuple):
 
         return xarray.open_zarr(self.out)
 
+    def states(self) -> States:
+        """The saved states of all bodies, of the class of the start, with leading axes (n, k): all in memory.
+
+        Those that cannot be trusted may hold NaN.
+
+        Raises:
+            ValueError: the run saved something else by `observe`.
+        """
+        states: Any = states_of(self.out)
+        return states
+
     def __str__(self) -> str:
         rate = f", {self.computed / self.seconds:.3g} body-steps/s" if self.computed else ""
         lines = [
             f"{self.out}: {self.bodies} bodies, {self.steps} steps, {self.saves} saved states of each",
             f"computed now: {self.computed} body-steps in {self.seconds:.3g} s{rate}",
             failures(self.first_bad, self.saves),
-            *(f"damaged, and computed again: {name}" for name in self.repaired),
+            *(f"damaged, and mended: {name}" for name in self.repaired),
         ]
         return "\n".join(lines)
 

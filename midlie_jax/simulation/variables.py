@@ -22,7 +22,7 @@ _BODY_MOMENTUM = {
     "frame": "body",
 }
 # For each array of each state: the name of its last dimension, and its attributes.
-_STATES: dict[type, dict[str, tuple[tuple[str, ...], dict[str, str]]]] = {
+STATES: dict[type, dict[str, tuple[tuple[str, ...], dict[str, str]]]] = {
     MomentumState: {"momentum": (("axis",), _BODY_MOMENTUM)},
     DirectionState: {
         "momentum": (("axis",), _BODY_MOMENTUM),
@@ -47,7 +47,7 @@ _STATES: dict[type, dict[str, tuple[tuple[str, ...], dict[str, str]]]] = {
 
 
 _LOST = "what rounding has lost of the {}, to be added to it"
-_STATES[CompensatedState] = _STATES[RigidState] | {
+STATES[CompensatedState] = STATES[RigidState] | {
     "low_momentum": (("axis",), _BODY_MOMENTUM | {"long_name": _LOST.format("momentum")}),
     "low_attitude": (("quaternion",), {"long_name": _LOST.format("attitude"), "units": "1", "frame": "body to space"}),
 }
@@ -83,7 +83,7 @@ def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
 def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, Variable]:
     """The variables that a run writes, by name: of bodies (body, time, ...), or of a statistic (group, time, ...)."""
     first = (GROUP, plan.groups) if isinstance(observe, Statistic) else (BODY, plan.bodies)
-    known = _STATES.get(type(seen), {}) if observe is None else {}
+    known = STATES.get(type(seen), {}) if observe is None else {}
     found: dict[str, Variable] = {}
     for name, leaf in named(seen).items():
         dims, attributes = known.get(name, ((), {"long_name": name}))

@@ -68,18 +68,24 @@ def work(method: Method) -> Work:
 
 
 def _marks(jaxpr: Any, solving: bool) -> tuple[int, int]:
-    """The marks outside and inside of solves, which are `custom_root` calls; a mark in a loop counts for each turn."""
+    """The marks outside and inside of solves, which are `custom_root` calls; a mark in a loop counts for each turn.
+
+    In jax 0.10 such a call is a function with a derivative of its own; in 0.12 it is a primitive that keeps its
+    parts in `_prim`.
+    """
     outside = inside = 0
     for equation in jaxpr.eqns:
         name = equation.primitive.name
         if name == _MARK:
             outside, inside = outside + (not solving), inside + solving
-        for value in equation.params.values():
+        root = equation.params.get("_prim")
+        for value in (*equation.params.values(), *getattr(root, "params", {}).values()):
             body = getattr(value, "jaxpr", value)
             if not hasattr(body, "eqns"):
                 continue
             # The mark is a function with a derivative of its own, as a solve is, but does nothing else.
-            within = solving or (name == "custom_jvp_call" and [e.primitive.name for e in body.eqns] != [_MARK])
+            own = name == "custom_jvp_call" and [e.primitive.name for e in body.eqns] != [_MARK]
+            within = solving or own or root is not None
             found = _marks(body, within)
             turns = equation.params.get("length", 1)
             if name == "while" and sum(found):

@@ -22,6 +22,7 @@ from ...model import so3
 from ...model.bodies import RigidBody
 from ...model.states import RigidState
 from ...model.torques import HeavyTop
+from .. import chosen
 from ..free_bodies import free_bodies, spatial_momentum
 from ..oracles import lagrange_top
 from ..runner import Rows, Runner
@@ -104,8 +105,13 @@ class Bench:
         momenta, attitudes = (np.concatenate(part) for part in zip(*motions, strict=True))
         self._p1_end = RigidState(jnp.asarray(momenta), jnp.asarray(attitudes))
 
-    def measure(self, method: Method, done: Callable[[str], None] = lambda part: None) -> Measured:
-        """Everything about one method; `done` is called with the name of each part that is finished."""
+    def measure(self, method: str | Method, done: Callable[[str], None] = lambda part: None) -> Measured:
+        """Everything about one method, as for `chosen.methods`; `done` is called with the name of each finished part.
+
+        Raises:
+            ValueError: the method is unknown, or does not move rigid bodies.
+        """
+        (method,) = chosen.methods([method])
         equal = isinstance(method, Splitting) and method.flight.equal_moments
         runs = _Runs(method, equal)
         ok: list[bool] = []

@@ -1,6 +1,6 @@
 """The tables of `midlie claims`, for the terminal and for docs/claims.md."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...methods.base import Method
@@ -92,6 +92,7 @@ def write_page(
     all_found: Sequence[Measured],
     *,
     command: str,
+    given: Mapping[str, str],
     chaos: str,
     tops: int,
     bodies: int,
@@ -103,6 +104,7 @@ def write_page(
         file: the page.
         methods, all_found: the methods, and what was measured of each.
         command: the command that measured it.
+        given: how the command calls a method, by its name, where it does not call it so.
         chaos: the sentence that shows that the motion of the tops is chaotic.
         tops, bodies: how many tops and free bodies were measured.
         picture: name of the picture beside the page, if there is one.
@@ -111,9 +113,12 @@ def write_page(
     def quoted(name: str) -> str:
         return f"`{name}`"
 
+    def alone(method: str) -> str:
+        return f"midlie claims --methods '{given.get(method, method)}'"
+
     def tried(verdicts: Sequence[Verdict]) -> str:
         rows = [
-            [quoted(v.method), v.claim, v.measured, word(v), quoted(command if v.key == RANK else _alone(v.method))]
+            [quoted(v.method), v.claim, v.measured, word(v), quoted(command if v.key == RANK else alone(v.method))]
             for v in verdicts
         ]
         return markdown(["method", "claim", "measured", "verdict", "command"], rows)
@@ -135,10 +140,6 @@ def write_page(
         _declared(methods, all_found),
     ]
     file.write_text("\n".join(parts))
-
-
-def _alone(method: str) -> str:
-    return f"midlie claims --methods '{method}'"
 
 
 def _declared(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:

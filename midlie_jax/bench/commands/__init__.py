@@ -37,11 +37,18 @@ def _view(options: argparse.Namespace) -> None:
     view_run(options)
 
 
+def _export(options: argparse.Namespace) -> None:
+    from .export import export
+
+    export(options)
+
+
 _ACTIONS = {
     "chart": chart.chart,
     "run": run.run,
     "inspect": _inspect,
     "view": _view,
+    "export": _export,
     "fit": _fit,
     "stability": _stability,
     "claims": _claims,

@@ -6,8 +6,8 @@ import os
 
 from ...drivers.timing import Load, cost_clock, one_core, spread_in_words
 from ...methods.registry import paper_methods
-from .. import charts, convergence, scenes
-from .output import progress_bar, require, rigid_methods, show_table
+from .. import charts, chosen, convergence
+from .output import progress_bar, require, show_table
 
 _HEADS = (
     *("method", "step", "error Pi", "slope", "error R", "slope", "torque ev."),
@@ -25,9 +25,12 @@ def chart(options: argparse.Namespace) -> None:
 
 
 def _without_rivals(options: argparse.Namespace) -> None:
+    if options.quick:
+        raise ValueError("--quick goes with --rivals alone; without it, take fewer --levels.")
     require("matplotlib", "tqdm", "mpmath")
-    scene = scenes.scene(options.scene)
-    methods = [method.name for method in rigid_methods(options.methods or ()) or paper_methods()]
+    scene = chosen.scene(options.scene)
+    methods = chosen.methods(options.methods or ()) or paper_methods()
+    names = [method.name for method in methods]
     rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)
     path = options.out or _in_current_folder(f"chart-{scene.name}.png")
     load, clock = Load(), cost_clock()
@@ -37,12 +40,12 @@ def _without_rivals(options: argparse.Namespace) -> None:
     batch = f"per body in a batch of {convergence.COPIES}"
     print(f"{title}\nErrors at the end against the {described}.\n", flush=True)
     with progress_bar(len(methods) * len(rungs), "run") as bar:
-        bar.set_description(methods[0])
+        bar.set_description(names[0])
 
         def show_progress(row: convergence.Row) -> None:
             bar.update()
-            index = methods.index(row.method) + (row.steps == rungs[-1])
-            bar.set_description(methods[index] if index < len(methods) else "further timings")
+            index = names.index(row.method) + (row.steps == rungs[-1])
+            bar.set_description(names[index] if index < len(names) else "further timings")
 
         rows, rounds = convergence.survey(scene, methods, rungs, reference, show_progress)
     show_table(
@@ -79,16 +82,14 @@ def _with_rivals(options: argparse.Namespace) -> None:
         raise ValueError(
             "--steps and --levels cannot be used with --rivals, which chooses its own steps; leave them out."
         )
-    scene = scenes.scene(options.scene)
+    scene, methods = chosen.scene(options.scene), chosen.methods(options.methods or ())
     path = options.out or _in_current_folder(f"chart-{scene.name}-rivals.png")
-    comparison = work_precision.compared(
-        scene.name, [method.name for method in rigid_methods(options.methods or ())] or None
-    )
+    comparison = work_precision.compared(scene, methods or None, quick=options.quick)
     print()
     show_table(list(frontier.HEADS), [frontier.cells(row) for row in comparison.ratios])
     print(f"\n{work_precision.timing_note(comparison)}")
     work_precision_chart(
-        *(comparison.ours, comparison.rivals, work_precision.families_of(comparison.ours), path),
+        *(comparison.ours, comparison.rivals, comparison.families, path),
         title=work_precision.title(comparison.problem),
         note=work_precision.note(comparison),
         clock=cost_clock().name,

@@ -15,10 +15,11 @@ from ...methods.runge_kutta import RK4
 from ...methods.schemes import SCHEMES
 from ...methods.splitting import Splitting
 from ...model.bodies import RigidBody
+from .. import chosen
 from ..claims import page, picture
 from ..claims.measure import ROWS, TOPS, Bench, Measured
 from ..claims.verdicts import PUBLISHED_DRIFTS, Verdict, is_alternating, paper_verdicts, published_verdicts
-from .output import progress_bar, require, rigid_methods, show_table
+from .output import progress_bar, require, show_table
 
 _PARTS = 4  # parts of `Bench.measure` that are reported
 _DRAWN = (*PUBLISHED_DRIFTS, "LIEMID[I]", "SLIEMID[EA]", RK4.name)
@@ -40,8 +41,8 @@ def claims(options: argparse.Namespace) -> None:
             show_table(["method", "claim", "verdict", "measured"], [_cells(verdict) for verdict in verdicts])
     print(f"\n{page.summary(methods, found)}")
     if options.out:
-        chosen = [one for one in found if one.method in _DRAWN] or found
-        picture.draw(chosen, options.out)
+        drawn = [one for one in found if one.method in _DRAWN] or found
+        picture.draw(drawn, options.out)
         print(f"wrote {options.out}")
     if options.page:
         page.write_page(
@@ -49,6 +50,7 @@ def claims(options: argparse.Namespace) -> None:
             methods,
             found,
             command=_command(options),
+            given={chosen.method(name).name: name for name in options.methods or ()},
             chaos=bench.chaos(),
             tops=ROWS,
             bodies=TOPS,
@@ -72,14 +74,14 @@ def _cells(verdict: Verdict) -> list[str]:
 def _methods(options: argparse.Namespace) -> list[Method]:
     """The methods to measure: those named, or all, or the default ones."""
     if options.methods:
-        return rigid_methods(options.methods)
+        return chosen.methods(options.methods)
     rigid = {name: entry for name, entry in ENTRIES.items() if entry.method.bodies is RigidBody}
     if options.all:
         pairs = [find_method(f, s) for f in FLIGHTS.values() if f.body is RigidBody for s in SCHEMES.values()]
         return [*{method.name: method for method in (*(e.method for e in rigid.values()), *pairs)}.values()]
     flights: set[str] = set()
     schemes: set[str] = set()
-    chosen: list[Method] = []
+    found: list[Method] = []
     for entry in rigid.values():
         method = entry.method
         new = method is RK4 or method.keeps_energy
@@ -88,8 +90,8 @@ def _methods(options: argparse.Namespace) -> list[Method]:
             flights.add(method.flight.name)
             schemes.add(method.scheme.name)
         if new or entry.paper:
-            chosen.append(method)
-    return chosen
+            found.append(method)
+    return found
 
 
 def _measured(bench: Bench, methods: list[Method]) -> list[Measured]:

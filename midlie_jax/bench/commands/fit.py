@@ -1,109 +1,197 @@
-"""`midlie fit`: moments of inertia and initial rates of a free body from measured angular velocities in a file."""
+"""`midlie fit`: moments of inertia and initial rates of a free body from what its instruments measured, in a file."""
 
 import argparse
-import csv
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ...fitting import Fit, Free, Moments, Rates, states_at
+from ...fitting import Directions, Fit, Free, Moments, Rates, UnitVector, states_at
 from ...fitting import fit as run_fit
+from ...fitting.doubts import doubts
 from ...model.bodies import RigidBody
-from ...model.states import MomentumState
+from ...model.states import DirectionState, MomentumState
+from .fit_data import UNITS_OF_RATE, Columns, Table, read
+from .fit_guess import ORDERS, Guess, guess
 from .output import require
 
-_FACTORS = {"rad/s": 1.0, "deg/s": np.pi / 180}
-_GUESSES = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
 _TURN = 0.5  # the most radians in a step
+_MOST_TURNS = 0.5  # between two rows; beyond, the rates at the rows do not tell the motion between them
+_MOST_STEPS = 1_000_000  # a second for each look of the optimiser
+_FIRST = 6.0  # radians that the body turns in what is fitted first
+_UP = (0.0, 0.0, 1.0)  # the direction that a DirectionState follows
+
+
+class Problem(NamedTuple):
+    """What is fitted.
+
+    Attributes:
+        measurements: rates and, if there is a magnetometer, directions.
+        options: of `midlie_jax.fit`.
+        bias, iron: whether the gyroscope has a bias, and the magnetometer.
+        line: the line of each row.
+    """
+
+    measurements: list[Any]
+    options: dict[str, Any]
+    bias: bool
+    iron: bool
+    table: Table
 
 
 def fit(options: argparse.Namespace) -> None:
-    """Fits the data and prints the estimates; writes a chart."""
+    """Fits the data and prints the estimates; writes a chart.
+
+    Raises:
+        ValueError: the file or an option is wrong, or the fit is not ok; the message says why.
+    """
     if options.out:
         require("matplotlib")
-    times, rates = _read(options.data, options.columns, _FACTORS[options.unit])
-    data = Rates(times, rates, options.sigma * _FACTORS[options.unit] if options.sigma else 1.0)
-    result, dt = _fitted(times, data, rates, options.moments, bool(options.sigma))
+    problem = _problem(options)
+    result = _fitted(problem, options.moments)
+    _print(options, problem, result)
+    if options.out:
+        _draw(options, problem, result)
+    if not result.ok:
+        raise ValueError(f"not ok: {result.message}")
+    if told := _doubts(problem, result):
+        cure = "" if options.bias else "; try --bias"
+        raise ValueError(f"not ok: {'; '.join(told)}{cure}")
+
+
+def _problem(options: argparse.Namespace) -> Problem:
+    """Reads the file and refuses what cannot be fitted, before anything is compiled."""
+    field = options.magnetometer
+    if field and not (options.sigma and options.magnetometer_sigma):
+        raise ValueError(
+            "with --magnetometer, give --sigma and --magnetometer-sigma: they weigh one against the other."
+        )
+    for name in ("magnetometer_sigma", "hard_iron"):
+        if getattr(options, name) and not field:
+            raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer with the names of its columns.")
+    table = read(options.data, Columns(options.columns, field, options.unit, options.time_unit))
+    times = table.times - table.times[0]
+    sigma = options.sigma * UNITS_OF_RATE[options.unit] if options.sigma else 1.0
+    measurements: list[Any] = [Rates(times, table.rates, sigma, bias="bias" if options.bias else None)]
+    if table.field is not None:
+        iron = "iron" if options.hard_iron else None
+        seen = Directions(times, table.field, np.deg2rad(options.magnetometer_sigma), reference=_UP, bias=iron)
+        measurements.append(seen)
+    speeds = np.linalg.norm(table.rates, axis=1)
+    if times[-1] <= 0 or not np.nanmax(speeds, initial=0.0) > 0:
+        raise ValueError("the data need two times and a body that turns; check the columns.")
+    dt = _step(table, times, speeds, bool(options.moments))
+    given = {
+        "dt": dt,
+        "starts": options.starts,
+        "absolute_sigma": bool(options.sigma),
+        "require_rank": False,
+        "first_span": _FIRST / float(np.nanmedian(speeds[speeds > 0])),
+    }
+    return Problem(measurements, given, options.bias, bool(options.hard_iron), table)
+
+
+def _step(table: Table, times: np.ndarray, speeds: np.ndarray, guessed: bool) -> float:
+    """The step: the rows lie on its grid if they are evenly spaced, which compiles and runs in less time."""
+    fastest, gaps = float(np.nanmax(speeds)), np.diff(times)
+    spacing = float(np.median(gaps[gaps > 0]))
+    turns = float(np.nanmedian(speeds)) * spacing / (2 * np.pi)
+    units = "check the unit of time (--time-unit) and of the rates (--unit)"
+    if turns > _MOST_TURNS and not guessed:
+        raise ValueError(
+            f"the body turns {turns:.3g} times between rows; {units}. If the rows are so far apart, give a guess that "
+            "is near by --moments."
+        )
+    counts = np.rint(gaps / spacing)
+    length = float(times[-1] / max(counts.sum(), 1))
+    even = np.all(np.abs(np.cumsum(counts) * length - times[1:]) <= 1e-9 * times[-1])
+    whole = length if even else float(times[-1])
+    dt = whole / np.ceil(whole * fastest / _TURN)
+    if times[-1] / dt > _MOST_STEPS:
+        line = table.lines[int(np.nanargmax(speeds))]
+        raise ValueError(
+            f"the run would take {times[-1] / dt:.2g} steps, more than {_MOST_STEPS:g}: the body turns "
+            f"{fastest * times[-1] / (2 * np.pi):.2g} times in all, by the rate in line {line}; {units}, or fit a "
+            "part of the file."
+        )
+    return float(dt)
+
+
+def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState | DirectionState]:
+    body = RigidBody(values["moments"])
+    momentum = body.momentum(values["rate"])
+    return body, None, DirectionState(momentum, values["field"]) if "field" in values else MomentumState(momentum)
+
+
+def _fitted(problem: Problem, moments: list[float] | None) -> Fit:
+    """The best fit from the given moments or from a guess by the rates; if that is doubtful, from six orders, too."""
+    table = problem.table
+    near = guess(table.times - table.times[0], table.rates, problem.bias)
+    first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
+    if moments or (first.ok and not first.doubts):
+        return first
+    others = [_from(problem, near._replace(moments=np.array(order))) for order in ORDERS]
+    return min([first, *others], key=lambda result: (not result.ok, result.rms))
+
+
+def _from(problem: Problem, near: Guess) -> Fit:
+    rates = problem.table.rates
+    rate = rates[np.flatnonzero(np.all(np.isfinite(rates), axis=1))[0]] - near.bias
+    start: dict[str, Any] = {"moments": Moments(near.moments, scale="fixed"), "rate": Free(rate)}
+    if problem.bias:
+        start["bias"] = Free(near.bias)
+    field = problem.table.field
+    if field is not None:
+        complete = field[np.all(np.isfinite(field), axis=1)]
+        # What turns with the body stays, on the average, where the field turns about in it.
+        iron = (complete.max(axis=0) + complete.min(axis=0)) / 2 if problem.iron else np.zeros(3)
+        start["field"] = UnitVector((complete[0] - iron) / np.linalg.norm(complete[0] - iron))
+        if problem.iron:
+            start["iron"] = Free(iron)
+    return run_fit(_model, start, problem.measurements, **problem.options)
+
+
+def _doubts(problem: Problem, result: Fit) -> list[str]:
+    """The doubts, with lines of the file."""
+    lines = problem.table.lines
+    found = doubts(result.residuals(), problem.measurements)
+    return [doubt.text if doubt.row is None else f"line {lines[doubt.row]}: {doubt.text}" for doubt in found]
+
+
+def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
+    table = problem.table
     moments = np.asarray(result.values["moments"])
-    ratios, intervals = result.derived(lambda v: v["moments"][:2] / v["moments"][2])
-    known = np.sum(np.isfinite(rates))
-    print(f"{options.data}: {known} angular velocities at {len(times)} times; free body, moments with a sum of "
-          f"{moments.sum():g}, rates in rad/s")  # fmt: skip
+    print(
+        f"{options.data}: {np.sum(np.isfinite(table.rates))} angular velocities at {len(table.times)} times; free body,"
+        f" moments with a sum of {moments.sum():g}, rates in rad/s, those of the first row"
+    )
     print(result)
     if not options.sigma:
         print(
             "sigma is not given and counts as 1 rad/s: the rms is that of the rates, and the intervals follow from it"
         )
+    ratios, intervals = result.derived(lambda v: v["moments"][:2] / v["moments"][2])
     for i, (ratio, (low, high)) in enumerate(zip(ratios, intervals, strict=True)):
         print(f"moments[{i}] / moments[2]  {ratio:.10g}  [{low:.10g}, {high:.10g}]")
-    if options.out:
-        from .fit_chart import fit_chart
-
-        body = RigidBody(result.values["moments"])
-        start = MomentumState(body.momentum(result.values["rate"]))
-        curve_times = np.linspace(times[0], times[-1], 1000)
-        curve = states_at("JACOBI[EA]", body, None, start, curve_times, dt=dt, t0=float(times[0]))
-        curves = np.asarray(curve.states.momentum) / moments
-        unit = "sigma" if options.sigma else "rad/s"
-        fit_chart(Path(options.data).name, times, rates, curve_times, curves, result.residuals()[0], unit, options.out)
-        print(f"wrote {options.out}")
-    if not result.ok:
-        raise ValueError("the fit did not converge; give a guess of the moments by --moments, or check the unit.")
 
 
-def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState]:
-    body = RigidBody(values["moments"])
-    return body, None, MomentumState(body.momentum(values["rate"]))
+def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
+    from .fit_chart import fit_chart
 
-
-def _fitted(
-    times: np.ndarray, data: Rates, rates: np.ndarray, moments: list[float] | None, absolute: bool
-) -> tuple[Fit, float]:
-    """The best fit from the given moments, or from six guesses of their order; and the step."""
-    first = rates[np.flatnonzero(np.all(np.isfinite(rates), axis=1))[0]]
-    fastest = float(np.nanmax(np.linalg.norm(rates, axis=1)))
-    span = float(times[-1] - times[0])
-    if span <= 0 or fastest == 0:
-        raise ValueError("the data need two times and a body that turns; check the columns.")
-    # A body turns faster than its rates show if a moment is much smaller than the others; the step leaves room for it.
-    dt = span / np.ceil(span * fastest / _TURN)
-    found: list[Fit] = []
-    for start in [moments] if moments else _GUESSES:
-        guess = {"moments": Moments(jnp.asarray(start, float), scale="fixed"), "rate": Free(first)}
-        found.append(
-            run_fit(
-                _model, guess, data, dt=float(dt), t0=float(times[0]), absolute_sigma=absolute, require_rank=False
-            )
-        )  # fmt: skip
-    return min(found, key=lambda result: (not result.ok, result.rms)), float(dt)
-
-
-def _read(path: str, columns: list[str] | None, factor: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and angular velocities (n, 3) in rad/s from a CSV file with a header; NaN where a cell is empty.
-
-    Raises:
-        ValueError: a column is missing, a cell is no number, or a time is missing.
-    """
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = [row for row in csv.reader(file) if row]
-    if len(rows) < 2:
-        raise ValueError(f"{path} has no rows of data below a header.")
-    header = [name.strip() for name in rows[0]]
-    names = columns or header[:4]
-    if len(names) != 4:
-        raise ValueError(f"four columns are needed, time and three rates; {path} has {', '.join(header)}.")
-    missing = [name for name in names if name not in header]
-    if missing:
-        raise ValueError(f"{path} has no column {missing[0]!r}; it has {', '.join(header)}. Give --columns.")
-    places = [header.index(name) for name in names]
-    table = np.full((len(rows) - 1, 4), np.nan)
-    for i, row in enumerate(rows[1:]):
-        for k, place in enumerate(places):
-            cell = row[place].strip() if place < len(row) else ""
-            try:
-                table[i, k] = float(cell) if cell else np.nan
-            except ValueError:
-                raise ValueError(f"{path}, line {i + 2}: {names[k]} must be a number, got {cell!r}.") from None
-    return table[:, 0], table[:, 1:] * factor
+    table, moments = problem.table, np.asarray(result.values["moments"])
+    body, _, start = _model(result.values)
+    times = np.linspace(0.0, table.times[-1] - table.times[0], 1000)
+    curve = states_at("JACOBI[EA]", body, None, MomentumState(start.momentum), times, dt=problem.options["dt"])
+    curves = np.asarray(curve.states.momentum) / moments + np.asarray(result.values.get("bias", np.zeros(3)))
+    fit_chart(
+        Path(options.data).name,
+        table.times,
+        table.rates,
+        table.times[0] + times,
+        curves,
+        result.residuals()[0],
+        "sigma" if options.sigma else "rad/s",
+        options.out,
+    )
+    print(f"wrote {options.out}")

@@ -1,32 +1,30 @@
-"""`midlie methods` and `midlie scenes`: print tables of all methods and scenes."""
+"""`midlie methods` and `midlie scenes`: print tables of all methods and scenes, or of those named."""
 
 import argparse
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from typing import Any
 
+import numpy as np
+
+from ...methods.base import Method
 from ...methods.flights import FLIGHTS
 from ...methods.registry import ENTRIES
 from ...methods.schemes import SCHEMES
+from .. import chosen
 from .. import scenes as all_scenes
+from ..scenes import Scene
 from .output import show_table
+
+_HEADS = ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"]
 
 
 def methods(options: argparse.Namespace) -> None:
-    """Prints the methods, the flights and the schemes, best first."""
-    del options
-    show_table(
-        ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"],
-        [
-            [
-                *(entry.method.name, entry.method.bodies.__name__, str(entry.method.order)),
-                *(
-                    _yes(entry.method.symmetric),
-                    _yes(entry.method.symplectic),
-                    str(entry.method.evaluations),
-                    entry.use,
-                ),
-            ]
-            for entry in ENTRIES.values()
-        ],
-    )
+    """Prints the methods, the flights and the schemes, best first; or the methods that are named."""
+    if options.names:
+        show_table(_HEADS, [_method(chosen.method(name)) for name in options.names])
+        return
+    show_table(_HEADS, [_method(entry.method) for entry in ENTRIES.values()])
     print("\nAny combination FLIGHT[SCHEME] is a method, too:\n")
     show_table(
         ["flight", "order", "symplectic", "when to take it"],
@@ -39,15 +37,58 @@ def methods(options: argparse.Namespace) -> None:
     )
 
 
+def _method(method: Method) -> list[str]:
+    entry = ENTRIES.get(method.name)
+    properties = _yes(method.symmetric), _yes(method.symplectic), str(method.evaluations)
+    return [method.name, method.bodies.__name__, str(method.order), *properties, entry.use if entry else "-"]
+
+
 def _yes(value: bool) -> str:
     return "yes" if value else "no"
 
 
 def scenes(options: argparse.Namespace) -> None:
-    """Prints the scenes."""
-    del options
+    """Prints the scenes; or all about those that are named."""
+    if options.names:
+        print("\n\n".join(_described(chosen.scene(name)) for name in options.names))
+        return
     listed = [all_scenes.scene(name) for name in all_scenes.scenes()]
     show_table(
         ["scene", "step", "duration", "title"],
         [[s.name, f"{s.dt:g}", f"{s.duration:g}", s.title] for s in listed],
     )
+
+
+def _described(scene: Scene) -> str:
+    unit = f" {scene.time_unit}".rstrip()
+    facts = {
+        "units": scene.units,
+        "moments of inertia": _numbers(scene.body.moments),
+        "torque": _torque(scene.torque),
+        "momentum at the start": f"{_numbers(scene.start.momentum)}  (body frame)",
+        "attitude at the start": f"{_numbers(scene.start.attitude)}  (w, x, y, z; body to space)",
+        "step and duration": f"{scene.dt:g} and {scene.duration:g}{unit}: {scene.steps} steps",
+        "source": scene.source,
+    }
+    return "\n".join([f"{scene.name}: {scene.title}", *(f"  {name:<22} {value}" for name, value in facts.items())])
+
+
+def _torque(torque: Any) -> str:
+    """The class of a torque, and its parameters."""
+    if torque is None:
+        return "none"
+    parameters = ", ".join(f"{name} = {_numbers(value)}" for name, value in _parameters(torque))
+    return f"{getattr(torque, '__name__', type(torque).__name__)}({parameters})"
+
+
+def _parameters(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """The numbers of an object that is made of named fields, with their names."""
+    if is_dataclass(value):
+        for field in fields(value):
+            yield from _parameters(getattr(value, field.name), f"{name}.{field.name}".strip("."))
+    elif name and np.asarray(value).dtype.kind in "biuf":
+        yield name, value
+
+
+def _numbers(array: Any) -> str:
+    return np.array2string(np.asarray(array), precision=7, separator=", ", max_line_width=1000)

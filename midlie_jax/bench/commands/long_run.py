@@ -10,7 +10,7 @@ import numpy as np
 from ...methods.base import Method
 from ...simulation.inspect import Inspection, inspect
 from ...simulation.simulate import simulate
-from .. import scenes
+from .. import chosen, scenes
 from ..scenes import Scene
 from .output import require
 from .record import Record
@@ -36,10 +36,17 @@ def long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: floa
         save_every=options.save_every or _save_every(steps),
         resume=options.resume,
         mesh=jax.make_mesh((len(devices),), ("bodies",), devices=devices) if devices else None,
-        attributes={"title": f"{scene.name}: {scene.title}", **dict(zip(_SCENE, values, strict=True))},
+        attributes={
+            "title": f"{scene.name}: {scene.title}",
+            "method_from": chosen.origin(options.method),
+            **dict(zip(_SCENE, values, strict=True)),
+        },
     )
     print(result)
-    print(f"look at it with: midlie inspect {options.out}")
+    if options.plot:
+        _draw(inspect(options.out), options.plot)
+    else:
+        print(f"look at it with: midlie inspect {options.out}")
 
 
 def _save_every(steps: int) -> int:
@@ -60,12 +67,21 @@ def inspect_run(options: argparse.Namespace) -> None:
         print(f"energy error, largest relative, of {shown}: {record.energy_change.in_words}")
         print(f"momentum error, largest relative, of {shown}: {record.momentum_change.in_words}")
     if options.plot:
-        if record is None:
-            raise ValueError(f"{options.store} does not hold the states of a scene, of which --plot draws a picture.")
+        _draw(found, options.plot)
+
+
+def _draw(found: Inspection, path: str) -> None:
+    """Draws the states of a scene with their errors, and any other run as it is."""
+    record = _record(found)
+    if record is None:
+        from .store_chart import store_chart
+
+        store_chart(found, path)
+    else:
         from .run_chart import run_chart
 
-        run_chart(record, options.plot)
-        print(f"wrote {options.plot}")
+        run_chart(record, path)
+    print(f"wrote {path}")
 
 
 def _record(found: Inspection) -> Record | None:

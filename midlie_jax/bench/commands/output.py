@@ -1,12 +1,7 @@
-"""What the commands share: the methods that were named, a progress bar, tables, and an early error about packages."""
+"""What the commands share: a progress bar, tables, and an early error about packages."""
 
-from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Any
-
-from ...methods.base import Method
-from ...methods.registry import method as find_method
-from ...model.bodies import RigidBody
 
 
 def require(*packages: str) -> None:
@@ -18,19 +13,6 @@ def require(*packages: str) -> None:
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
         raise ImportError(f"this command needs {' and '.join(missing)}: pip install 'midlie_jax[cli]'.")
-
-
-def rigid_methods(names: Sequence[str]) -> list[Method]:
-    """The methods of these names, each once.
-
-    Raises:
-        ValueError: a name is unknown, or its method does not move rigid bodies.
-    """
-    methods = [find_method(name) for name in dict.fromkeys(names)]
-    for method in methods:
-        if method.bodies is not RigidBody:
-            raise ValueError(f"method {method.name!r} does not move a rigid body; choose from `midlie methods`.")
-    return methods
 
 
 def progress_bar(total: int, unit: str) -> Any:

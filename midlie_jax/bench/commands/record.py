@@ -32,6 +32,7 @@ class Record(NamedTuple):
         attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4).
         ok: `Path.ok` of each body, (bodies,).
         first_bad: `Path.first_bad` of each body, (bodies,), if it is known.
+        method_from: the MODULE:NAME of a method of the user's own, else the name of this package.
     """
 
     scene: Scene
@@ -45,12 +46,14 @@ class Record(NamedTuple):
     attitudes: np.ndarray
     ok: np.ndarray
     first_bad: np.ndarray | None = None
+    method_from: str = "midlie_jax"
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
         """The record of a path of `integrate` with a leading axis of bodies."""
-        arrays = (path.times[0], path.states.momentum, path.states.attitude, path.ok, path.first_bad)
-        return cls(scene, method, dt, steps, size, seed, *map(np.asarray, arrays))
+        arrays = path.times[0], path.states.momentum, path.states.attitude, path.ok, path.first_bad
+        times, momenta, attitudes, ok, first_bad = map(np.asarray, arrays)
+        return cls(scene, method, dt, steps, size, seed, times, momenta, attitudes, ok, first_bad)
 
     @property
     def states(self) -> RigidState:
@@ -107,6 +110,7 @@ def _save_npz(record: Record, path: str) -> None:
         "source": scene.source,
         "units": scene.units,
         "method": record.method,
+        "method_from": record.method_from,
         "dt": record.dt,
         "steps": record.steps,
         "dtype": record.dtype,

@@ -3,6 +3,7 @@
 import argparse
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -10,11 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...drivers.check import Check, check
-from ...drivers.integrate import Path, integrate
+from ...drivers.integrate import integrate
+from ...drivers.path import Path
 from ...drivers.timing import Load, Timing, cores, timed, user_clock
+from ...drivers.trials import MOST_STEPS
 from ...methods.base import Method
-from ...methods.registry import method as find_method
-from .. import scenes
+from ...model.states import RigidState
+from .. import chosen, scenes
 from ..scenes import Scene
 from .long_run import long_run
 from .output import require
@@ -32,12 +35,14 @@ def run(options: argparse.Namespace) -> None:
     if options.plot:
         require("matplotlib")
     dtype = jnp.dtype(jnp.float32 if options.float32 else jnp.float64)
-    scene = scenes.scene(options.scene, dtype)
-    method = find_method(options.method)
+    scene = chosen.scene(options.scene, dtype)
+    if ":" in options.scene:  # what is written says where the scene is from, and is taken for no other of its name
+        scene = replace(scene, name=options.scene)
+    method = chosen.method(options.method)
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
-    checked = check(method, scene.body, scene.torque, few, dt)
+    checked = check(method, scene.body, scene.torque, few, dt=dt, steps=min(steps, MOST_STEPS))
     if options.out and options.out.lower().endswith(".zarr"):
         print(*(f"{name}: {value}" for name, value in checked.parts), sep="\n")
         long_run(options, method, scene, dt, steps, start)
@@ -46,6 +51,7 @@ def run(options: argparse.Namespace) -> None:
     load = Load()
     path, compile_seconds, timing = _integrated(method, scene, start, dt, steps, every)
     record = Record.of(scene, method.name, dt, steps, options.size, options.seed, path)
+    record = record._replace(method_from=chosen.origin(options.method))
     _report(record, checked, _since(path), compile_seconds, timing, load)
     if options.out:
         save(record, options.out)
@@ -88,7 +94,7 @@ def _save_every(steps: int, bodies: int, most: int) -> int:
 
 def _integrated(
     method: Method, scene: Scene, start: Any, dt: float, steps: int, every: int
-) -> tuple[Path, float, Timing]:
+) -> tuple[Path[RigidState], float, Timing]:
     """The path of all bodies, the seconds of compiling, and the timing of the runs."""
     rest = steps % every
 
@@ -121,7 +127,7 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _since(path: Path) -> str:
+def _since(path: Path[RigidState]) -> str:
     """When the first body failed, for the report; "" if none did."""
     if bool(np.all(path.ok)):
         return ""

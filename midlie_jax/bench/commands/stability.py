@@ -5,19 +5,25 @@ import time
 
 import numpy as np
 
-from .. import scenes
+from .. import chosen
 from ..figures import write
 from ..stability import METHODS, Map, lines, measure, sweeps
 from ..stability_chart import stability_figure
-from .output import require, rigid_methods, show_table
+from .output import require, show_table
 
 
 def stability(options: argparse.Namespace) -> None:
     """Measures the maps, prints how much of each fails, and draws them."""
     require("matplotlib")
-    scene = scenes.scene(options.scene)
-    methods = rigid_methods(options.methods or METHODS)
+    scene, methods = chosen.scene(options.scene), chosen.methods(options.methods or METHODS)
     steps, varied = sweeps(scene, options.grid)
+    if options.sweeps:
+        there = [sweep.name for sweep in varied]
+        if missing := [name for name in options.sweeps if name not in there]:
+            raise ValueError(
+                f"scene {scene.name!r} has no {' and no '.join(missing)} to vary; it has {', '.join(there)}."
+            )
+        varied = [sweep for sweep in varied if sweep.name in options.sweeps]
     for method in methods:  # a method that cannot move the body is found before the first is measured
         method.fitted(scene.body)
     path = options.out or f"stability-{scene.name}.png"

@@ -8,6 +8,7 @@ import equinox as eqx
 from jax import Array
 
 from ..._kernel import components as cp
+from ..._kernel.verdict import as_verdict, is_fine
 from ...model.bodies import Particles, RigidBody
 
 
@@ -70,6 +71,11 @@ class Flight(eqx.Module):
             a boolean that is False where the result is invalid.
         """
 
+    def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]:
+        """The flight with a verdict in place of `ok`, which says why the result is invalid (`_kernel.verdict`)."""
+        increment, change, ok = self(inertia, h, momentum)
+        return increment, change, as_verdict(ok)
+
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
         return cp.norm(inertia.velocity(momentum))
@@ -86,3 +92,14 @@ class Flight(eqx.Module):
         """
         _, change, ok = self(inertia, h, momentum)
         return change, ok
+
+
+class JudgedFlight(Flight):
+    """A flight that says why its result is invalid: it defines `judged`, from which the call follows."""
+
+    @abstractmethod
+    def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]: ...
+
+    def __call__(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
+        increment, change, verdict = self.judged(inertia, h, momentum)
+        return increment, change, is_fine(verdict)

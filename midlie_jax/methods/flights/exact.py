@@ -15,7 +15,7 @@ from ..._kernel import components as cp
 from ...model.bodies import RigidBody
 from ...model.state import AnyState
 from ..inertia import Inertia
-from .base import Flight
+from .base import JudgedFlight
 from .turn_tangent import Changes, with_zeros
 
 
@@ -41,7 +41,7 @@ class Known(NamedTuple):
     pose: Any
 
 
-class ExactFlight(Flight):
+class ExactFlight(JudgedFlight):
     """An exact flight, whose formulas are not differentiated."""
 
     order: ClassVar[int | None] = None
@@ -66,12 +66,12 @@ class ExactFlight(Flight):
         """
 
     @abstractmethod
-    def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
-        """Whether the flight is short enough for the formulas, and the body one for which they hold."""
+    def verdict(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
+        """Fine where the flight is short enough for the formulas, and the body one for which they hold."""
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         increment, change, _ = self.fly(inertia, h, momentum)
-        return increment, change, self.within_reach(inertia, h, momentum)
+        return increment, change, self.verdict(inertia, h, momentum)
 
     def fly(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """`formula`, with its derivative."""

@@ -36,6 +36,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.short_series import half_angle, half_turn
+from ..._kernel.verdict import verdict
 from ..._kernel.weierstrass import step_functions
 from ..inertia import Inertia
 from .exact import ExactFlight, Flown
@@ -62,11 +63,11 @@ class Jacobi(ExactFlight):
     per_kernel: ClassVar[int] = 2
     reach: ClassVar[float] = LARGEST_TURN
 
-    def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
+    def verdict(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
         y = inertia.travel(h, momentum)
         turn = cp.times(inertia.spins, y)
         largest = cp.largest(Invariants.of(inertia, y).differences)
-        return (cp.dot(turn, turn) <= LARGEST_TURN**2) & (largest <= LARGEST_TURN**2)
+        return verdict(True, (cp.dot(turn, turn), LARGEST_TURN**2), (largest, LARGEST_TURN**2))
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """The rotation and the momentum that it gives."""
@@ -106,8 +107,8 @@ class Jacobi(ExactFlight):
         change, half = momentum_change(inertia, h, momentum, LARGEST_TURN)
         turn = cp.times(inertia.spins, inertia.travel(h, momentum))
         # The invariants of half a flight are a quarter of those of the flight.
-        ok = 4 * cp.largest(half.differences) <= LARGEST_TURN**2
-        return change, ok & (cp.dot(turn, turn) <= LARGEST_TURN**2)
+        largest = 4 * cp.largest(half.differences)
+        return change, (largest <= LARGEST_TURN**2) & (cp.dot(turn, turn) <= LARGEST_TURN**2)
 
 
 def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:

@@ -20,9 +20,10 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.fusion import split
 from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, LARGEST_TURN, arctangent, arctangent_slope, share_of_one
+from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
-from .base import Flight
+from .base import JudgedFlight
 
 # By dtype: the number of Newton steps with the plain Jacobian, then with each full Jacobian. They suffice for
 # |Psi| <= 1.5 and the moments of any real body, up to ratios of 1e6 (for the most slender bodies, one flight in 1e5 is
@@ -32,7 +33,7 @@ _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 _SMALL_RESIDUAL = 1e-4  # in units of |Pi|; a residual below this is assumed to keep shrinking at the same rate
 
 
-class LieMidpoint(Flight):
+class LieMidpoint(JudgedFlight):
     """I Psi = h exp(-Psi/2) Pi0, order 2 (Krysl 2004; Krysl & Endres 2005).
 
     The flight reports False in `ok` where the solve did not converge, the turn exceeds 2.4 radians, or h |Omega| at the
@@ -49,14 +50,14 @@ class LieMidpoint(Flight):
     long_derivative: ClassVar[bool] = False
     reach: ClassVar[float] = LARGEST_TURN
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         quadruple = cp.scale(4, inertia.relative)
         y = inertia.travel(h, momentum)
         u, converged = _root(quadruple, y, *_solve(*jax.lax.stop_gradient((quadruple, y))))
         x = cp.dot(u, u)
         factor = share_of_one(x)
         increment = ((1 - x) * factor, *cp.scale(2 * factor, u))
-        ok = converged & (x <= LARGEST_TANGENT_SQUARE) & inertia.on_first_root(y)
+        ok = verdict(converged, (x, LARGEST_TANGENT_SQUARE), inertia.bound_of_first_root(y))
         return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 
 

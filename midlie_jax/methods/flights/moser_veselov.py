@@ -21,9 +21,10 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.fusion import split
 from ..._kernel.newton import newton_pairs
+from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
-from .base import Flight
+from .base import JudgedFlight
 
 # Pairs of Newton steps from the explicit guess; enough for h |Omega| <= 0.7, where two roots come close to each other.
 _PAIRS = 3
@@ -36,7 +37,7 @@ _LARGEST_TERM_SUM = 4.0
 _LARGEST_CORRECTION = 0.3
 
 
-class _Preprocessed(Flight):
+class _Preprocessed(JudgedFlight):
     """The common part of the flights below, which differ only in the order of the series of s and d."""
 
     solves: ClassVar[int] = 1
@@ -45,7 +46,7 @@ class _Preprocessed(Flight):
     one_loop: ClassVar[bool] = False
     reach: ClassVar[float] = 1.0  # of DMV by `limits.moser_veselov_limit`; DMV4 and DMV6 reach up to a fifth further
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)
 
 
@@ -102,10 +103,11 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     c = _root(moments, gaps, y)
     residual = _residual(moments, gaps, y, c)
     limit = _RESIDUAL_LIMIT * cp.epsilon(h)
-    ok = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
+    solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
     # A root with a > 2 is not the root nearest zero, and would give a different map.
-    ok = ok & (cp.dot(c, c) <= 1) & (term_sum <= _LARGEST_TERM_SUM)
-    ok = ok & (abs(s - 1) <= _LARGEST_CORRECTION) & (abs(d) <= _LARGEST_CORRECTION)
+    solved = solved & (cp.dot(c, c) <= 1)
+    corrections = [(abs(s - 1), _LARGEST_CORRECTION), (abs(d), _LARGEST_CORRECTION)]
+    ok = verdict(solved, (term_sum, _LARGEST_TERM_SUM), *corrections)
     factor = cp.inverse_root(1 + cp.dot(c, c))
     increment = (factor, factor * c[0], factor * c[1], factor * c[2])
     return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok

@@ -10,13 +10,14 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, spin
+from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
-from .base import Flight
-from .symmetric import larger_rate, symmetric_turn, within_reach
+from .base import JudgedFlight
+from .symmetric import bounded, larger_rate, symmetric_turn
 
 
-class NearSymmetric(Flight):
+class NearSymmetric(JudgedFlight):
     """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
 
     The error is proportional to the difference of the first two moments: order the axes so that these two are closest.
@@ -36,7 +37,7 @@ class NearSymmetric(Flight):
         """The larger rate of the two rotations of the symmetric flight."""
         return larger_rate(inertia.inverses[1], inertia.inverses[2], momentum)
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         # 1/I1 - 1/I2, computed from the difference of the moments.
         gap = -inertia.gaps[2] * inertia.per_unit
 
@@ -50,7 +51,7 @@ class NearSymmetric(Flight):
         turned = cp.rotate_back_about(0, *before, momentum)
         _, b, c = inertia.inverses
         increment, about_third, _ = symmetric_turn(h, b, c, turned)
-        ok = within_reach(h, b, c, turned)
+        sizes = bounded(h, b, c, turned)
         turned = cp.rotate_back_about(2, *about_third, turned)
         after_square, after = about_first(turned)
         increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))
@@ -58,5 +59,5 @@ class NearSymmetric(Flight):
         return (
             increment,
             cp.rotation_change(cp.conjugate(increment), momentum),
-            ok & (before_square + after_square <= WIDEST_SQUARE),
+            verdict(True, *sizes, (before_square + after_square, WIDEST_SQUARE)),
         )

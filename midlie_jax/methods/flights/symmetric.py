@@ -15,6 +15,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle
+from ..._kernel.verdict import verdict
 from ..inertia import Inertia
 from .exact import ExactFlight, Flown
 from .symmetric_tangent import Functions, Turning
@@ -58,11 +59,11 @@ class Symmetric(ExactFlight):
             )
         return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
-    def within_reach(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
+    def verdict(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Array:
         numbering = _Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.renumbered(inertia.inverses)
-        ok = within_reach(h, inverses[0], inverses[2], numbering.renumbered(momentum))
-        return ok & _equal(inverses[0], inverses[1])
+        sizes = bounded(h, inverses[0], inverses[2], numbering.renumbered(momentum))
+        return verdict(_equal(inverses[0], inverses[1]), *sizes)
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
         """The two rotations."""
@@ -164,10 +165,10 @@ def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
     return jnp.maximum(a * cp.norm(momentum), abs((c - a) * momentum[2]))
 
 
-def within_reach(h: Array, a: Array, c: Array, momentum: cp.Vector) -> Array:
-    """Whether both rotations of `symmetric_turn` are at most 4.4 radians."""
+def bounded(h: Array, a: Array, c: Array, momentum: cp.Vector) -> list[tuple[Array, float]]:
+    """Sizes that are within their bounds where both rotations of `symmetric_turn` are at most 4.4 radians."""
     turn, angle = _rotations(h, a, c, momentum)
-    return (cp.dot(turn, turn) <= WIDEST_SQUARE) & (angle * angle <= WIDEST_SQUARE)
+    return [(cp.dot(turn, turn), WIDEST_SQUARE), (angle * angle, WIDEST_SQUARE)]
 
 
 @jax.custom_jvp

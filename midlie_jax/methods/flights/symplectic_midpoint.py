@@ -18,9 +18,10 @@ from ..._kernel import components as cp
 from ..._kernel.fusion import split
 from ..._kernel.newton import newton_pairs
 from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, stumpff
+from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
-from .base import Flight
+from .base import JudgedFlight
 from .lie_midpoint import free_start
 
 # Pairs of Newton steps from the guess in `_turn`; enough for |Psi| <= 0.3 and any real body whose moments have ratios
@@ -29,7 +30,7 @@ _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 
 
-class _Generated(Flight):
+class _Generated(JudgedFlight):
     """The common part of the flights below, which differ in the terms of S and therefore in the order."""
 
     symplectic: ClassVar[bool] = True
@@ -37,7 +38,7 @@ class _Generated(Flight):
     body: ClassVar[type] = RigidBody
     reach: ClassVar[float] = LARGEST_TURN
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)
 
 
@@ -75,12 +76,12 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     residual = _residual(order, inertia, y, turn)
     limit = _RESIDUAL_LIMIT * cp.epsilon(h)
     half = half_turn(cp.scale(0.5, turn))
-    ok = (cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
-    ok = ok & inertia.on_first_root(y)
+    solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
     if order == 4:
         # Where its second term exceeds the first, the series is useless and further roots appear.
         a, b, c = stiffness(order, inertia, turn)
-        ok = ok & (a > 0) & (b > 0) & (c > 0)
+        solved = solved & (a > 0) & (b > 0) & (c > 0)
+    ok = verdict(solved, (cp.dot(turn, turn), 4 * LARGEST_SQUARE), inertia.bound_of_first_root(y))
     increment = cp.square(half)
     return increment, cp.rotation_change(cp.conjugate(increment), momentum), ok
 

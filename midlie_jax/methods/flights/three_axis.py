@@ -10,15 +10,16 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, spin
+from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
 from ..inertia import Inertia
-from .base import Flight
+from .base import JudgedFlight
 
 # Index of the axis and fraction of h, for each rotation.
 _SWEEP = ((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5))
 
 
-class ThreeAxis(Flight):
+class ThreeAxis(JudgedFlight):
     """Rotations about the axes 3, 2, 1, 2, 3: order 2, symplectic, no solve.
 
     The flight reports False in `ok` where it turned by more than 2.4 radians about an axis.
@@ -39,7 +40,7 @@ class ThreeAxis(Flight):
         a, b, c = inertia.velocity(momentum)
         return cp.norm((x * a, y * b, z * c))
 
-    def __call__(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
+    def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         zero = h * 0
         increment: cp.Quaternion = (zero + 1, zero, zero, zero)
         square_sum, turned = zero, momentum
@@ -50,4 +51,5 @@ class ThreeAxis(Flight):
             increment = cp.multiply_about(increment, axis, cosine, sine)
             turned = cp.rotate_back_about(axis, cosine, sine, turned)
         # The momentum changes by the whole increment, with one rounding; `turned` only determines the next angle.
-        return increment, cp.rotation_change(cp.conjugate(increment), momentum), square_sum <= LARGEST_SQUARE
+        change = cp.rotation_change(cp.conjugate(increment), momentum)
+        return increment, change, verdict(True, (square_sum, LARGEST_SQUARE))

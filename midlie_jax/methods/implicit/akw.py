@@ -8,6 +8,7 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN
+from ..._kernel.verdict import verdict
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit, converged
 
@@ -49,7 +50,7 @@ class AKW(Implicit):
         turn = mean_and_turn(half)[1]
         end = system.pushed(motion, cp.scale(2, half), t0)
         end = Motion(end.momentum, system.turned(end.pose, _cayley(turn), t0, h))
-        ok = converged(remaining, end.momentum, motion.momentum) & (cp.dot(turn, turn) <= 4 * LARGEST_SQUARE)
+        ok = verdict(converged(remaining, end.momentum, motion.momentum), (cp.dot(turn, turn), 4 * LARGEST_SQUARE))
         return end, system.force(t1, end), ok
 
 

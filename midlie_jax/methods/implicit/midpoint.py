@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ..._kernel.verdict import verdict
 from ...model.bodies import Particles
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit
@@ -46,5 +47,5 @@ class ImplicitMidpoint(Implicit):
         remaining = jnp.max(jnp.abs(jax.lax.stop_gradient(residual(flat))))
         mean = flat.reshape(start.shape)
         size = jnp.maximum(jnp.max(jnp.abs(mean)), jnp.max(jnp.abs(start)))
-        ok = remaining <= 64 * jnp.finfo(start.dtype).eps * size
+        ok = verdict(remaining <= 64 * jnp.finfo(start.dtype).eps * size)
         return Motion(2 * mean - start, position + travel(mean)), None, ok

@@ -8,6 +8,7 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn
+from ..._kernel.verdict import verdict
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit, converged
 
@@ -60,5 +61,5 @@ class NewmarkBody(Implicit):
 
         end_impulse, remaining = newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
         found = end(end_impulse)
-        ok = converged(remaining, end_impulse, found.momentum) & (cp.dot(w, w) <= LARGEST_SQUARE)
+        ok = verdict(converged(remaining, end_impulse, found.momentum), (cp.dot(w, w), LARGEST_SQUARE))
         return found, torque_at(found), ok

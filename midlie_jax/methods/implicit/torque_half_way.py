@@ -9,6 +9,7 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import half_turn
+from ..._kernel.verdict import verdict
 from ..flights.lie_midpoint import free_start
 from ..inertia import Inertia
 from ..system import Motion, System
@@ -55,18 +56,20 @@ class TorqueHalfWay(Implicit):
         half, torque_impulse = impulse(w)
         turned = cp.rotation_change(cp.conjugate(cp.square(half)), motion.momentum)
         end = system.pushed(motion, cp.add(turned, cp.rotate_back(half, torque_impulse)), t0)
-        single = _has_single_root(inertia, h, w, motion.momentum, end.momentum)
+        bounds = _bounds_of_single_root(inertia, h, w, motion.momentum, end.momentum)
         end = Motion(end.momentum, system.turned(end.pose, cp.square(half), t0, h))
-        return end, None, converged(remaining, cp.times(double, w), y) & single
+        return end, None, verdict(converged(remaining, cp.times(double, w), y), *bounds)
 
 
-def _has_single_root(inertia: Inertia, h: Array, w: cp.Vector, start: cp.Vector, end: cp.Vector) -> Array:
-    """Whether a step that turns by 2 w has a single root: it turns by at most 1.5 radians, not too fast at either end.
+def _bounds_of_single_root(
+    inertia: Inertia, h: Array, w: cp.Vector, start: cp.Vector, end: cp.Vector
+) -> list[tuple[Array, float]]:
+    """A step that turns by 2 w has a single root if it turns by at most 1.5 radians, not too fast at either end.
 
     Beyond these limits, several rotations may satisfy the rule for a slender body or for a spin about the middle axis.
     """
-    ends = [inertia.on_first_root(inertia.travel(h, momentum)) for momentum in (start, end)]
-    return (cp.dot(w, w) <= _LARGEST_HALF_TURN**2) & ends[0] & ends[1]
+    ends = [inertia.bound_of_first_root(inertia.travel(h, momentum)) for momentum in (start, end)]
+    return [(cp.dot(w, w), _LARGEST_HALF_TURN**2), *ends]
 
 
 def _half_way(

@@ -1,10 +1,10 @@
-"""What vectors of 512 bits gain over XLA's default of 256, put into docs/performance.md.
+"""What the options gain that the package gives to XLA's compiler, put into docs/performance.md.
 
-    python benchmarks/widths.py [--write]
+    python benchmarks/compiler_options.py [--write]
 
-1000 fast tops P1 on one core, by `ml.ensemble`, in two processes that take turns: one starts with
-`XLA_FLAGS=--xla_cpu_prefer_vector_width=256`, the other without, so that the package asks for 512 bits. Medians of
-processor time. Only on a processor with AVX-512, elsewhere the script says so and ends.
+1000 fast tops P1 on one core, by `ml.ensemble`, in three processes that take turns: without the options, with
+vectorised steps alone, and with vectors of 512 bits besides, as the package asks for. Medians of processor time. Only
+on a processor with AVX-512, elsewhere the script says so and ends.
 """
 
 import os
@@ -13,11 +13,12 @@ import sys
 from pages import command
 from served import Served, asked_in_turn, requests
 
-BEGIN, END = "<!-- widths -->", "<!-- /widths -->"
+BEGIN, END = "<!-- compiler options -->", "<!-- /compiler options -->"
 METHODS = {"LIEMID[EA]": 400, "JACOBI[EA]": 1000, "SYMMETRIC[EA]": 3000, "DOP853": 400, "JACOBI[SRKN14a]": 100}  # steps
 DTYPES = ("float64", "float32")
 BODIES, DT, TURNS = 1000, 0.005, 7
-NARROW = {"XLA_FLAGS": "--xla_cpu_prefer_vector_width=256"}
+NARROW = "--xla_cpu_prefer_vector_width=256"
+NEITHER = f"{NARROW} --xla_disable_hlo_passes=none"  # a flag that is named holds, and the package adds nothing to it
 
 
 def serve():
@@ -54,19 +55,23 @@ def serve():
 
 def rows():
     inherited = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    narrow, wide = Served(__file__, inherited | NARROW), Served(__file__, inherited)
+    processes = [Served(__file__, inherited | flags) for flags in ({"XLA_FLAGS": NEITHER}, {"XLA_FLAGS": NARROW}, {})]
     for name in METHODS:
-        found = [asked_in_turn(narrow, wide, (name, dtype), TURNS) for dtype in DTYPES]
-        yield [name, *(f"{figure:.{digits}f}" for row in found for figure, digits in zip(row, (1, 1, 2), strict=True))]
+        cells = []
+        for dtype in DTYPES:
+            *speeds, gain = asked_in_turn(processes, (name, dtype), TURNS)
+            cells += [*(f"{speed:.1f}" for speed in speeds), f"{gain:.2f}"]
+        yield [name, *cells]
 
 
-HEADS = ("M body-steps/s", *(f"{dtype}, {what}" for dtype in DTYPES for what in ("256", "512", "gain")))
+COLUMNS = ("neither", "vectorised steps", "512 bits, too", "gain")
+HEADS = ("M body-steps/s", *(f"{dtype}, {what}" for dtype in DTYPES for what in COLUMNS))
 
 if __name__ == "__main__":
     if "--serve" in sys.argv:
         serve()
     else:
-        from midlie_jax._kernel.width import vector_width_options
+        from midlie_jax._kernel.compiler import vector_width_options
 
         if not vector_width_options():
             sys.exit("this processor has no AVX-512, or XLA_FLAGS sets the width of vectors: nothing to compare.")

@@ -1,0 +1,148 @@
+"""What torques of many operations cost, as neural networks are: first calls, and the time of a step.
+
+    python benchmarks/networks.py [--method NAME] [--widths 2 16] [--on scalars] [--write]
+
+The torque is an MLP of the attitude with two hidden layers and tanh, or a formula on arrays whose numbers are fitted.
+By default the package chooses whether it is evaluated on scalars within the step or on arrays apart from it. Value and
+gradient with respect to all weights are those of |Pi|^2 at the end: of one body by `ml.integrate`, and of 1000 by
+`ml.ensemble`, in float64, on one core. First calls include tracing and compiling. Times of a step are medians, for one
+body. All are processor time.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+
+from midlie_jax.drivers.timing import pin
+
+pin()  # before XLA counts the cores
+
+import equinox as eqx  # noqa: E402
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+
+jax.config.update("jax_enable_x64", True)
+
+from pages import put, shown  # noqa: E402
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax._kernel import replay  # noqa: E402
+from midlie_jax.drivers.timing import timed  # noqa: E402
+
+BODIES, DT = 1000, 0.005
+STEPS = {"integrate": 2000, "ensemble": 64}
+BODY = ml.RigidBody(jnp.array([1.0, 2.0, 2.5]))
+
+
+class Network(eqx.Module):
+    layers: eqx.nn.MLP
+
+    def __call__(self, t, state):
+        del t
+        return self.layers(state.attitude)
+
+
+class Formula(eqx.Module):
+    """A torque written on arrays, with its numbers."""
+
+    numbers: jax.Array
+    function: Callable = eqx.field(static=True)
+
+    def __call__(self, t, state):
+        return self.function(self.numbers, t, ml.so3.to_matrix(state.attitude))
+
+
+def facets(normals, t, rotation):
+    """The pressure of light on flat faces."""
+    normals = normals.reshape(-1, 3)
+    lit = jnp.maximum(normals @ (rotation.T @ jnp.array([1.0, 0.0, 0.0])), 0.0)
+    return jnp.cross(0.3 * normals, -lit[:, None] * normals).sum(0)
+
+
+def spring(stiffness, t, rotation):
+    return jnp.cross(rotation[2], stiffness.reshape(3, 3) @ rotation[2])
+
+
+def gradient_of_gravity(tensor, t, rotation):
+    down = rotation.T @ jnp.array([jnp.cos(t), jnp.sin(t), 0 * t])
+    return 3 * jnp.cross(down, tensor.reshape(3, 3) @ down)
+
+
+def turned_tensor(tensor, t, rotation):
+    turned = rotation.T @ tensor.reshape(3, 3) @ rotation
+    return jnp.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+
+
+def spectrum(amplitudes, t, rotation):
+    return jnp.sum(amplitudes * jnp.cos(jnp.arange(1.0, 9.0) * t)) * rotation[2]
+
+
+FORMULAS = {"spring": (spring, 9), "gradient of gravity": (gradient_of_gravity, 9), "spectrum": (spectrum, 8),
+            "turned tensor": (turned_tensor, 9), "4 facets": (facets, 12), "12 facets": (facets, 36)}  # fmt: skip
+
+
+def formula(name):
+    function, count = FORMULAS[name]
+    return Formula(jax.random.normal(jax.random.key(2), (count,)), function)
+
+
+def network(width):
+    return Network(eqx.nn.MLP(4, 3, width, depth=2, activation=jnp.tanh, key=jax.random.key(0)))
+
+
+def run_of(method, driver):
+    turns = 0.1 * jax.random.normal(jax.random.key(1), (BODIES, 3))
+    states = jax.vmap(lambda turn: ml.RigidState(jnp.array([1.0, 0.8, -1.3]), ml.so3.exp(turn)))(turns)
+    steps = STEPS[driver]
+
+    def end(torque):
+        if driver == "integrate":
+            one = jax.tree.map(lambda x: x[0], states)
+            momentum = ml.integrate(method, BODY, torque, one, dt=DT, steps=steps, save_every=steps).states.momentum[-1]
+        else:
+            run = ml.ensemble(method, BODY, torque, states, dt=DT, steps=steps, torque_axes=None)
+            momentum = run.states.momentum
+        return jnp.sum(momentum**2)
+
+    return end, steps * (1 if driver == "integrate" else BODIES)
+
+
+def measured(transform, function, torque, body_steps):
+    """Seconds of the first call, and nanoseconds of a step of one body."""
+    arrays, rest = eqx.partition(torque, eqx.is_array)
+    program = jax.jit(transform(lambda arrays: function(eqx.combine(arrays, rest))))
+    began = time.process_time()
+    jax.block_until_ready(program(arrays))
+    first = time.process_time() - began
+    later = timed(lambda: jax.block_until_ready(program(arrays)), least=3, most=9, longest=2.0)[1].seconds
+    return f"{first:.1f} s", f"{1e9 * later / body_steps:.0f} ns"
+
+
+HEADS = ["torque", "driver", "value: first call", "a step", "value and gradient: first call", "a step"]
+
+
+def rows(method, torques):
+    measured(
+        lambda f: f, run_of(method, "integrate")[0], ml.torques.HeavyTop(1.0), 1
+    )  # what every program compiles once
+    for name, torque in torques.items():
+        for driver in STEPS:
+            end, body_steps = run_of(method, driver)
+            value = measured(lambda f: f, end, torque, body_steps)
+            both = measured(jax.value_and_grad, end, torque, body_steps)
+            yield [name, f"`{driver}`", *value, *both]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--method", default="JACOBI[EA]")
+    parser.add_argument("--widths", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64, 128])
+    parser.add_argument("--on", choices=["scalars", "arrays"], help="evaluate the torque so, whatever its size")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/performance.md")
+    given = parser.parse_args()
+    if given.on:
+        replay._suits_arrays = lambda closed: given.on == "arrays"
+    networks = {f"network of width {width}": network(width) for width in given.widths}
+    lines = shown(HEADS, rows(given.method, networks | {name: formula(name) for name in FORMULAS}))
+    if given.write:
+        put("performance.md", "<!-- networks -->", "<!-- /networks -->", lines)

@@ -1,0 +1,41 @@
+"""A verdict: whether a step can be trusted and, if not, why. An integer that each step computes beside the motion.
+
+A run carries the verdict of its first step that failed. It costs a select a step more than a boolean.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST = map(np.int8, range(7))
+
+
+def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
+    """The verdict of a step whose solve succeeded and whose sizes are within their bounds.
+
+    Args:
+        solved: whether the step solved its equation.
+        within: pairs of a size and the largest that it may have. If all of these are NaN, the step started with a
+            number that is not finite.
+    """
+    good, beyond, number = jnp.asarray(solved), jnp.asarray(False), jnp.asarray(not within)
+    for size, bound in within:
+        good, beyond, number = good & (size <= bound), beyond | (size > bound), number | (size == size)
+    return jnp.where(good, FINE, jnp.where(beyond, BEYOND, jnp.where(number, UNSOLVED, NOT_FINITE)))
+
+
+def as_verdict(ok: Array | bool) -> Array:
+    """The verdict of a flight or step that only says whether it succeeded."""
+    ok = jnp.asarray(ok)
+    return jnp.where(ok, FINE, UNSOLVED) if ok.dtype == np.bool_ else ok
+
+
+def earlier(first: Array | bool, second: Array | bool) -> Array:
+    """The verdict of two parts of a run, of which the first comes earlier."""
+    first = as_verdict(first)
+    return jnp.where(first == FINE, as_verdict(second), first)
+
+
+def is_fine(verdict: Array | bool) -> Array:
+    """Whether the step can be trusted."""
+    return as_verdict(verdict) == FINE

@@ -1,0 +1,154 @@
+"""Methods and scenes as users choose them: by name, as objects, or as MODULE:NAME, an object of a module of their own.
+
+A module is looked for in the current folder first, then wherever Python looks.
+"""
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib import import_module, invalidate_caches
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+
+from .._kernel.checks import described
+from ..drivers.arguments import as_method
+from ..methods.base import Method
+from ..methods.flights import Flight
+from ..model.bodies import RigidBody
+from . import scenes
+from .scenes import Scene
+
+
+def method(chosen: str | Method) -> Method:
+    """The method of this name, of this MODULE:NAME, or the method itself.
+
+    Raises:
+        ValueError: there is no such method, the module cannot be imported, or its method has the name of another one
+            of this package, for which files and tables would pass it off.
+    """
+    if not isinstance(chosen, str) or ":" not in chosen:
+        return as_method(chosen)
+    found = _own(chosen, Method, "method")
+    if isinstance(found, Flight):
+        raise ValueError(f"{chosen} is a flight; make a method of it: midlie_jax.method({chosen.split(':')[1]}, 'EA').")
+    own: Method = _of_kind(chosen, found, Method, "method")
+    if not _is_free(own):
+        raise ValueError(
+            f"{chosen} is called {own.name!r}, and so is a method of midlie_jax; give the method another name."
+        )
+    return own
+
+
+def _is_free(own: Method) -> bool:
+    """Whether the name of a method stands for no other method of this package."""
+    try:
+        return bool(as_method(own.name) == own)
+    except ValueError:
+        return True
+
+
+def origin(chosen: str) -> str:
+    """Where a method that was chosen by this name is from, for a file: MODULE:NAME, or the name of this package."""
+    return chosen if ":" in chosen else "midlie_jax"
+
+
+def methods(chosen: Sequence[str | Method]) -> list[Method]:
+    """The methods for rigid bodies that are chosen, each once.
+
+    Args:
+        chosen: names of `midlie_jax.methods()`, names MODULE:NAME, or methods.
+
+    Raises:
+        ValueError: one of them is not a method, does not move rigid bodies, or has the name of another.
+    """
+    found: dict[str, Method] = {}
+    for one in map(method, chosen):
+        if one.bodies is not RigidBody:
+            raise ValueError(f"method {one.name!r} does not move a rigid body; choose from `midlie methods`.")
+        if not bool(found.setdefault(one.name, one) == one):
+            raise ValueError(
+                f"two different methods are called {one.name!r}, and charts and tables tell methods apart by name; "
+                "give the flight or the scheme of one of them another name."
+            )
+    return list(found.values())
+
+
+def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
+    """The scene of this name, of this MODULE:NAME, or the scene itself.
+
+    Args:
+        chosen: the scene.
+        dtype: that its arrays must have; by default that of the scene, which for a name is as for `scenes.scene`.
+
+    Raises:
+        ValueError: there is no such scene, it has another dtype, or the module cannot be imported.
+    """
+    if isinstance(chosen, str) and ":" not in chosen:
+        return scenes.scene(chosen, dtype)
+    name, given = (chosen, _own(chosen, Scene, "scene")) if isinstance(chosen, str) else ("scene", chosen)
+    found: Scene = _of_kind(name, given, Scene, "scene")
+    own = found.start.momentum.dtype
+    if dtype is not None and own != dtype:
+        raise ValueError(f"scene {found.name!r} is in {own}, and {jnp.dtype(dtype)} is needed; make its arrays so.")
+    return found
+
+
+def _of_kind(name: str, found: Any, kind: type, word: str) -> Any:
+    if not isinstance(found, kind):
+        raise ValueError(f"{name} is {_with_article(described(found))}, not a {word}; see docs/extending.md.")
+    return found
+
+
+def _with_article(text: str) -> str:
+    return text if text.startswith("an ") else f"{'an' if text[0].lower() in 'aeiou' else 'a'} {text}"
+
+
+def _own(text: str, kind: type, word: str) -> Any:
+    """The object that MODULE:NAME stands for; `kind` and `word` say what it should be."""
+    module, _, name = text.partition(":")
+    if not (module and name):
+        raise ValueError(f"{text!r} must be MODULE:NAME, as in my_module:my_{word}.")
+    if module.endswith(".py"):
+        raise ValueError(f"{text!r} names a file; write {_as_module(module)}:{name}.")
+    found = _imported(module, name)
+    for part in name.split("."):
+        if not hasattr(found, part):
+            known = ", ".join(sorted(key for key, value in vars(found).items() if isinstance(value, kind)))
+            raise ValueError(f"module {module!r} has no {name!r}; its {word}s are {known or 'none'}.")
+        found = getattr(found, part)
+    return found
+
+
+def _as_module(file: str) -> str:
+    return file.removesuffix(".py").replace(os.sep, ".").strip(".")
+
+
+def _imported(module: str, name: str) -> Any:
+    """The module; a ValueError says in one line why it cannot be imported, and where."""
+    here = os.getcwd()
+    if sys.path[:1] not in ([""], [here]):
+        sys.path.insert(0, here)  # an installed command does not look in the current folder by itself
+    invalidate_caches()  # the file may be younger than Python's list of the folder
+    try:
+        return import_module(module)
+    except Exception as error:  # a mistake in the user's module, whatever it is
+        missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+        if missing and f"{module}.".startswith(f"{missing}."):
+            near = get_close_matches(module, [file.stem for file in Path(here).glob("*.py")], n=1)
+            hint = f" Did you mean '{near[0]}:{name}'?" if near else ""
+            text = f"there is no module {module!r} in this folder, nor where Python looks for modules.{hint}"
+            raise ValueError(text) from error
+        raise ValueError(f"importing {module} failed{_place(error)}: {type(error).__name__}: {error}") from error
+
+
+def _place(error: Exception) -> str:
+    """Where an error arose: the innermost line of the user's own files, which stand in the current folder."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f" in {Path(error.filename).name}, line {error.lineno}"
+    files = [(Path(frame.filename).resolve(), frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
+    own = [(file, line) for file, line in files if Path.cwd() in file.parents and "site-packages" not in file.parts]
+    return f" in {own[-1][0].name}, line {own[-1][1]}" if own else ""

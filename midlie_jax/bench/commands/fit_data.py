@@ -1,0 +1,263 @@
+"""Measurements from a CSV file for `midlie fit`. What is not certain is refused, with the line or the column."""
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+UNITS_OF_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+UNITS_OF_RATE = {"rad/s": 1.0, "deg/s": np.pi / 180}
+_MISSING = ("", "nan", "na", "n/a", "null", "none")
+_NAMED_TIMES = {
+    "ms": ("ms", "msec", "millis", "millisecond", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"),
+    "ns": ("ns", "nsec", "nanos", "nanosecond", "nanoseconds"),
+    "s": ("s", "sec", "secs", "second", "seconds"),
+}
+_NAMED_RATES = {"deg/s": ("deg", "degs", "degree", "degrees", "dps"), "rad/s": ("rad", "rads", "radian", "radians")}
+_ORDERS = ("xyz", "123", "012", "pqr", "abc", "uvw", ("roll", "pitch", "yaw"))
+
+
+class Columns(NamedTuple):
+    """What the file is asked for.
+
+    Attributes:
+        rates: the names of the columns of time and of the three rates; None for the first four.
+        field: the names of the three columns of a magnetometer; None for none.
+        rate_unit: of `UNITS_OF_RATE`.
+        time_unit: of `UNITS_OF_TIME`; None for seconds unless a name says otherwise, which is refused.
+    """
+
+    rates: Sequence[str] | None
+    field: Sequence[str] | None
+    rate_unit: str
+    time_unit: str | None
+
+
+_FASTER = 1000.0  # a row faster than this many times the usual one was not measured so
+
+
+class Table(NamedTuple):
+    """The rows of a file, in seconds and radians per second.
+
+    Attributes:
+        times: (n,), as the file has them, in seconds.
+        rates: (n, 3); NaN where a cell is empty.
+        field: (n, 3), in the unit of the file; NaN where a cell is empty; None if it was not asked for.
+        lines: (n,), the line of the file that each row stands in, from 1.
+    """
+
+    times: np.ndarray
+    rates: np.ndarray
+    field: np.ndarray | None
+    lines: np.ndarray
+
+
+def read(path: str, wanted: Columns) -> Table:
+    """The measurements in a CSV file with a header.
+
+    Cells are separated by commas, semicolons or tabs; beside the last two, numbers may have decimal commas.
+
+    Raises:
+        ValueError: the file has no header, a column is missing or is named as something else than it is taken for, a
+            row does not have the cells of the header, a cell is no number, a time is missing or goes back, a row is far
+            faster than the others, or the last row may have been cut in writing. The message names the line or the
+            column.
+    """
+    text = _text(path)
+    rows = _rows(path, text)
+    if len(rows) < 2:
+        raise ValueError(f"{path} has no rows of data below a header.")
+    (line, header), cells = rows[0], rows[1:]
+    names, places = _places(path, line, header, wanted)
+    commas = _separator(text) != ","
+    table = np.full((len(cells), len(places)), np.nan)
+    for i, (line, row) in enumerate(cells):
+        _check_length(path, line, header, row)
+        for k, place in enumerate(places):
+            table[i, k] = _number(f"{path}, line {line}: {names[k]}", row[place] if place < len(row) else "", commas)
+    lines = np.array([line for line, _ in cells])
+    _check_times(path, names[0], lines, table[:, 0])
+    _check_rates(path, lines, table[:, 1:4])
+    if not text.endswith(("\n", "\r")):
+        _check_last(path, cells, places)
+    factor = UNITS_OF_TIME[wanted.time_unit or "s"]
+    field = table[:, 4:] if wanted.field else None
+    return Table(table[:, 0] * factor, table[:, 1:4] * UNITS_OF_RATE[wanted.rate_unit], field, lines)
+
+
+def _text(path: str) -> str:
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is not text in UTF-8; save it as CSV in UTF-8.") from None
+    if "\0" in text:
+        raise ValueError(f"{path} is not text: line {text[: text.index(chr(0))].count(chr(10)) + 1} holds a zero byte.")
+    return text
+
+
+def _separator(text: str) -> str:
+    """The one that stands most often in the first line that is not empty."""
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    return max(",;\t", key=first.count)
+
+
+def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
+    """The rows that are not empty, each with its line."""
+    found: list[tuple[int, list[str]]] = []
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
+    try:
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                found.append((reader.line_num, [cell.strip() for cell in row]))
+    except csv.Error as error:
+        raise ValueError(f"{path}, line {reader.line_num}: {error}.") from None
+    return found
+
+
+def _places(path: str, line: int, header: list[str], wanted: Columns) -> tuple[list[str], list[int]]:
+    """The names of the columns and where they stand."""
+    known = ", ".join(header)
+    names = [*(wanted.rates or header[:4]), *(wanted.field or [])]
+    if len(names) < 4:
+        raise ValueError(f"four columns are needed, time and three rates; {path} has {known}.")
+    if any(_is_number(name) for name in header):
+        raise ValueError(
+            f"{path}, line {line}: there are numbers where the names of the columns should be; write a header above "
+            "them, such as t,wx,wy,wz."
+        )
+    for name in names:
+        if name not in header:
+            raise ValueError(f"{path} has no column {name!r}; it has {known}. Give --columns.")
+        if header.count(name) > 1 or names.count(name) > 1:
+            raise ValueError(f"column {name!r} stands twice; {path} has {known}. Each column needs a name of its own.")
+    if not wanted.rates:
+        _check_order(path, header, names)
+    _check_units(names, wanted)
+    return names, [header.index(name) for name in names]
+
+
+def _check_order(path: str, header: list[str], names: list[str]) -> None:
+    """Raises if the first four columns are named as time and rates in another order."""
+    cure = "name the columns of time and of the rates about axes 1, 2, 3 by --columns."
+    elsewhere = [name for name in header[1:] if _is_time(name)]
+    if elsewhere and not _is_time(names[0]):
+        raise ValueError(f"{path} has the time in column {elsewhere[0]!r}, not in the first, {names[0]!r}; {cure}")
+    endings = [name.lower() for name in names[1:]]
+    common = re.escape(_common(endings)), re.escape(_common([name[::-1] for name in endings])[::-1])
+    parts = [re.sub(f"^{common[0]}|{common[1]}$", "", name) for name in endings]
+    for order in _ORDERS:
+        if sorted(parts) == sorted(order) and parts != list(order):
+            raise ValueError(f"{path} has the rates in the order {', '.join(names[1:])}; {cure}")
+
+
+def _common(words: list[str]) -> str:
+    """What all words begin with."""
+    count = 0
+    while count < min(map(len, words)) and len({word[count] for word in words}) == 1:
+        count += 1
+    return words[0][:count]
+
+
+def _is_time(name: str) -> bool:
+    return bool({"t", "time", "timestamp", "seconds", "elapsed"} & set(_words(name)))
+
+
+def _words(name: str) -> list[str]:
+    """The words of a name such as "gyro_x [deg/s]", without what is in the denominator."""
+    return re.findall(r"[^\W\d_]+", re.sub(r"/\s*\w+", "", name.lower()))
+
+
+def _check_units(names: list[str], wanted: Columns) -> None:
+    """Raises if a name has a unit in it that is not the one that was said."""
+    words = _words(names[0])
+    said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(words)), None)
+    if said is not None and said != (wanted.time_unit or "s"):
+        raise ValueError(f"column {names[0]!r} is in {said} by its name; give --time-unit {said}, or rename it.")
+    for name in names[1:4]:
+        said = next((unit for unit, known in _NAMED_RATES.items() if set(known) & set(_words(name))), None)
+        if said is not None and said != wanted.rate_unit:
+            raise ValueError(f"column {name!r} is in {said} by its name; give --unit {said}, or rename it.")
+
+
+def _check_length(path: str, line: int, header: list[str], row: list[str]) -> None:
+    """Raises unless the row has a cell for each name; separators at the end of a line do not count."""
+    if len(row) < len(header) and any(header[len(row) :]):
+        raise ValueError(
+            f"{path}, line {line} has {len(row)} cells and the header {len(header)}: the row was cut; complete it or "
+            "delete it."
+        )
+    if any(row[len(header) :]):
+        raise ValueError(
+            f"{path}, line {line} has {len(row)} cells and the header {len(header)}; numbers with decimal commas need "
+            "semicolons between the cells."
+        )
+
+
+def _number(where: str, cell: str, commas: bool) -> float:
+    if cell.lower() in _MISSING:
+        return np.nan
+    text = cell.replace(",", ".") if commas else cell
+    if not _is_number(text):
+        raise ValueError(f"{where} must be a number, got {cell!r}.")
+    if not np.isfinite(float(text)):
+        raise ValueError(f"{where} must be finite, got {cell!r}; leave the cell empty if the value is missing.")
+    return float(text)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text  # Python reads 1_000
+
+
+def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> None:
+    """Raises unless all times are there and none goes back."""
+    missing = np.flatnonzero(np.isnan(times))
+    if missing.size:
+        raise ValueError(f"{path}, line {lines[missing[0]]}: {name} is missing; delete the row or complete it.")
+    back = np.flatnonzero(np.diff(times) < 0)
+    if back.size:
+        i = back[0]
+        raise ValueError(
+            f"{path}, line {lines[i + 1]}: times must ascend, but {name} goes back from {times[i]:g} to "
+            f"{times[i + 1]:g}; sort the rows, and check that {name} is the time."
+        )
+
+
+def _check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
+    """Raises if one row is far faster than the others: a free body is faster by no more than its moments differ."""
+    speeds = np.linalg.norm(rates, axis=1)
+    usual = np.median(speeds[~np.isnan(speeds)]) if not np.all(np.isnan(speeds)) else 0.0
+    fastest = int(np.argmax(np.nan_to_num(speeds, posinf=np.inf)))
+    if 0 < _FASTER * usual < speeds[fastest]:
+        raise ValueError(
+            f"{path}, line {lines[fastest]}: the rate is {speeds[fastest]:.3g}, and {usual:.3g} in the usual row; is a "
+            "decimal point missing? Correct the row or delete it."
+        )
+
+
+def _check_last(path: str, cells: list[tuple[int, list[str]]], places: list[int]) -> None:
+    """Raises if the last number has fewer digits than all above it: the line has no end and may have been cut.
+
+    A number that was cut and still has the digits of another one has changed by no more than that one is rounded.
+    """
+    line, row = cells[-1]
+    last = max(k for k, cell in enumerate(row) if cell)
+    others = [_digits(other[last]) for _, other in cells[:-1] if last < len(other) and other[last]]
+    if last in places and (not others or _digits(row[last]) < min(others)):
+        raise ValueError(
+            f"{path}, line {line}: the last line has no line break at its end, and its last number, {row[last]!r}, has "
+            "fewer digits than all above it: it was cut in writing; complete the row or delete it."
+        )
+
+
+def _digits(cell: str) -> int:
+    """The characters after the decimal point, or of the whole number where there is none."""
+    return len(re.split("[.,]", cell.lstrip("+-"))[-1])

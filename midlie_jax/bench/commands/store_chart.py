@@ -1,0 +1,85 @@
+"""The chart of any store: what it holds against time, of a few bodies and of all."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...plot.style import BLUE, GREEN, VERMILLION
+from ...simulation.inspect import Inspection
+from ...simulation.variables import BODY, COORDINATES, TIME
+from ..figures import FAINT, heading, new_figure, panel, write
+
+_LINES = (BLUE, VERMILLION, GREEN)  # of the first bodies
+_BAND = (5, 95)  # percentiles of all bodies that are drawn
+_SHOWN = 1000  # bodies that are read for the band: evenly spaced ones
+_PANELS = 12  # components that are drawn
+_COLUMNS = 3
+
+
+def store_chart(found: Inspection, path: str) -> None:
+    """Draws the run as far as it is computed, and writes a PNG.
+
+    Raises:
+        ValueError: nothing is computed yet.
+        ImportError: matplotlib is missing.
+        OSError: the file cannot be written.
+    """
+    write(store_figure(found), path)
+
+
+def store_figure(found: Inspection) -> Any:
+    """The chart as a matplotlib figure: a panel for each component."""
+    panels = _panels(found)
+    if not panels:
+        raise ValueError(f"{found.path} holds nothing to draw yet; resume the run, and draw it then.")
+    rows = -(-min(len(panels), _PANELS) // _COLUMNS)
+    figure = new_figure(13.0, 1.5 + 2.9 * rows)
+    note = f"{found.bodies} bodies, {found.attributes['method']}; {found.done / found.total:.0%} computed."
+    if found.bodies > 1:
+        note += f" Lines: the first bodies. Bands: percentiles {_BAND[0]} to {_BAND[1]} of the bodies."
+    if len(panels) > _PANELS:
+        note += f" The first {_PANELS} of {len(panels)} components."
+    heading(figure, str(found.attributes["title"]), note)
+    figure.subplots_adjust(bottom=0.65 / figure.get_figheight(), wspace=0.28, hspace=0.55)
+    for place, (title, unit, times, values) in enumerate(panels[:_PANELS]):
+        axes = figure.add_subplot(rows, _COLUMNS, place + 1)
+        panel(axes, title, "Time t", f"[{unit}]" if unit else "")
+        if len(values) > 1:
+            finite = values[np.all(np.isfinite(values), axis=1)]
+            if len(finite) > 1:
+                low, high = np.percentile(finite, _BAND, axis=0)
+                axes.fill_between(times[0], low, high, color=FAINT, alpha=0.22, linewidth=0)
+        for t, line, colour in zip(times, values, _LINES, strict=False):
+            axes.plot(t, line, color=colour, linewidth=1.0, marker="." if len(t) < 50 else "")
+    return figure
+
+
+def _panels(found: Inspection) -> list[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Of each component: title, unit, times (bodies, n) and values (bodies, n); of a statistic there is one row."""
+    import zarr
+
+    root: Any = zarr.open_group(str(Path(found.path)), mode="r")
+    every = slice(None, None, -(-found.bodies // _SHOWN))
+    panels: list[tuple[str, str, np.ndarray, np.ndarray]] = []
+    for name, array in sorted(root.arrays()):
+        dims: tuple[str, ...] = tuple(array.metadata.dimension_names or ())
+        of_bodies = dims[:2] == (BODY, TIME)
+        if not (of_bodies or dims[:1] == (TIME,)) or name in ("time", "times"):
+            continue
+        values = np.asarray(array[every] if of_bodies else array[...][None], np.float64)
+        times = root["times"][every] if "times" in root else root["time"][...][None]
+        times = np.broadcast_to(times, (len(values), times.shape[1]))
+        parts = values.reshape(*values.shape[:2], -1)
+        computed = int(np.sum(np.any(np.isfinite(parts), axis=(0, 2))))
+        for component in range(parts.shape[2] if computed else 0):
+            title = _title(name, dims[2 if of_bodies else 1 :], values.shape[2:], component)
+            unit = str(array.attrs.get("units", ""))
+            panels.append((title, unit, times[:, :computed], parts[:, :computed, component]))
+    return panels
+
+
+def _title(name: str, dims: tuple[str, ...], shape: tuple[int, ...], component: int) -> str:
+    """The name of a component: that of its coordinates, or its indices from 1."""
+    places = zip(dims, np.unravel_index(component, shape), strict=True) if shape else ()
+    return " ".join([name, *(COORDINATES[d][i] if d in COORDINATES else str(i + 1) for d, i in places)])

@@ -1,0 +1,88 @@
+"""`ShorterStep`, dense output of the method's order: a state inside a step is the end of a shorter step.
+
+A step of part of the length, from the same start, is a step of the same method. So its error is that of a step, of
+order p + 1 in the length for a method of order p, while the cubic of `LieInterpolation` has an error of fourth order.
+"""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._kernel.fusion import is_stored
+from .._kernel.verdict import FINE, is_fine
+from ..methods.base import Method, Progress
+from ..methods.system import System
+from ..model.bodies import Body
+from ..model.torques import TorqueLike
+from .interpolation import part_of_step
+
+
+class Start(eqx.Module):
+    """What a step starts from, as arrays alone: diffrax stacks those of many steps, and cannot stack functions.
+
+    Attributes:
+        arrays: the arrays of body, torque and state, the torque at the start, and the two times and the step in one.
+        rest: the structure of these, and the leaves that are not arrays.
+    """
+
+    arrays: list[Any]
+    rest: Any = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls, method: Method, body: Body, torque: TorqueLike | None, y0: Any, force: Array | None, times: list[Array]
+    ) -> "Start":
+        """Args:
+        force: the torque at the start as one array if a step first needs it, else None.
+        times: the times of the ends and the signed step, by the clock of the term.
+        """
+        leaves, structure = jax.tree.flatten((method, body, torque, y0, force, jnp.stack(times)))
+        marks = [isinstance(leaf, (Array, np.ndarray, np.generic)) for leaf in leaves]
+        arrays = [leaf for leaf, mark in zip(leaves, marks, strict=True) if mark]
+        others = tuple(None if mark else leaf for leaf, mark in zip(leaves, marks, strict=True))
+        return cls([jnp.asarray(leaf) for leaf in arrays], (structure, tuple(marks), others))
+
+    def parts(self) -> Any:
+        """The arguments of `of`, the times as one array."""
+        structure, marks, others = self.rest
+        arrays = iter(self.arrays)
+        return structure.unflatten([next(arrays) if m else x for m, x in zip(marks, others, strict=True)])
+
+
+class ShorterStep(diffrax.AbstractLocalInterpolation):
+    """States inside a step, each computed by a shorter step of the method; NaN where its solve failed.
+
+    Args:
+        t0, t1: times of the ends.
+        start: what the step starts from.
+    """
+
+    t0: Any
+    t1: Any
+    start: Start
+
+    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
+        """The state at t0; with t1, the arrays at t1 minus the arrays at t0."""
+        del left
+        if t1 is not None:
+            return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
+        return _state_at(self, t0 if eqx.is_array(t0) else jnp.asarray(t0, jnp.result_type(self.t0)))
+
+
+@eqx.filter_jit
+@eqx.filter_checkpoint(policy=is_stored)
+def _state_at(dense: ShorterStep, t: Any) -> Any:
+    method, body, torque, y0, force, times = dense.start.parts()
+    start_time, end_time, h = times
+    s = part_of_step(dense.t0, dense.t1, t, h.dtype)
+    system = System.of(body, torque, y0, start_time)
+    ends = start_time, jnp.where(s == 1, end_time, start_time + s * h)
+    stored = None if force is None else system.kind.unpack(force)
+    progress = Progress(system.motion(y0), stored, jnp.asarray(FINE))
+    (end, _, judged), _ = method.advance(system, ends, lambda clock: (*clock, None), s * h, progress)
+    return jax.tree.map(lambda x: jnp.where(is_fine(judged), x, jnp.nan), system.state(end))

@@ -1,0 +1,102 @@
+"""`energy`: of one state, of a path, and of many bodies with many states each, as `ensemble` returns them."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from .._kernel.checks import as_floats
+from ..model import observables
+from ..model.bodies import Body
+from ..model.compatibility import check_body, check_state, check_torque
+from ..model.observables import axes_of_bodies
+from ..model.state import AnyState, State
+from ..model.states import ParticleState
+from ..model.torques import TorqueLike, on_body, potential_of
+from .path import AnyPath
+from .rows import AUTO, torque_rows
+
+
+def energy(
+    body: Body,
+    torque: TorqueLike | None,
+    motion: AnyState | AnyPath[AnyState],
+    t: float | Array | None = None,
+    *,
+    torque_axes: Any = "auto",
+) -> Float[Array, "*batch"]:
+    """Kinetic plus potential energy.
+
+    Args:
+        body: one body for all states; or n bodies, whose states have the leading axis n, before that of times.
+        torque: as for `integrate` or `ensemble`: None, or a torque that has a potential, whose arrays may have one row
+            for each body.
+        motion: any state, which may have leading batch axes (except of particles); or a `Path` or `AdaptivePath` of
+            such states, which contains their times. Of a run of `simulate` give its `states()`.
+        t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
+        torque_axes: which arrays of the torque have one row for each body, as for `ensemble`. By default the torque is
+            taken as that of one body if it fits as it is and there is one body, else as `ensemble` takes it.
+
+    Returns:
+        The energy (...), with the batch shape of the state or of the path's states.
+
+    Raises:
+        ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
+            path; the body does not match the state, or there are not as many bodies, or rows of the torque, as states.
+    """
+    path = None if isinstance(motion, State) else motion
+    state = getattr(path, "states", None) if path is not None else motion
+    if isinstance(state, ParticleState) or not isinstance(state, State):
+        return observables.energy(body, torque, motion, t)
+    check_state("motion", state)
+    check_body(body, state)
+    check_torque(torque)
+    own_body, batch = axes_of_bodies(body, state) == 1, state.momentum.shape[:-1]
+    rows = _rows(body, torque, state, own_body, path is not None and path.ok.ndim == 1, torque_axes)
+    if not own_body and not any(jax.tree.leaves(rows)):
+        return observables.energy(body, torque, motion, t)
+    if path is not None and t is not None:
+        raise ValueError("a path has its own times; do not pass t.")
+    times = t if path is None else path.times
+    if times is not None:
+        times = jnp.broadcast_to(as_floats("t", times).astype(state.momentum.dtype), batch)
+    arguments = (body, torque)
+    mapped, shared = eqx.partition(arguments, (jax.tree.map(lambda _: own_body, body), rows))
+
+    def of_one(mapped: Any, state: Any, times: Any) -> Array:
+        body, torque = eqx.combine(mapped, shared)
+        return observables.energy(body, torque, state, times)
+
+    return jax.vmap(of_one)(mapped, state, times)
+
+
+def _rows(body: Body, torque: Any, state: Any, own_body: bool, of_bodies: bool, axes: Any) -> Any:
+    """The torque's tree with True for each array that has one row for each body.
+
+    Args:
+        own_body: whether each body has moments of its own.
+        of_bodies: whether the states are known to be those of several bodies.
+    """
+    shared = jax.tree.map(lambda _: False, torque)
+    batch = state.momentum.shape[:-1]
+    axes_given = not (isinstance(axes, str) and axes == AUTO)
+    if torque is None or not batch or not batch[0]:
+        return shared
+    starts = jax.tree.map(lambda x: x.reshape(batch[0], -1, *x.shape[len(batch) :])[:, 0], state)
+    if not own_body and not of_bodies and not axes_given and _fits_one_body(body, torque, starts):
+        return shared
+    return torque_rows(torque, axes, body, own_body, starts, batch[0])
+
+
+def _fits_one_body(body: Body, torque: TorqueLike, starts: Any) -> bool:
+    """Whether the potential of one body under the whole torque is one number; only shapes are evaluated."""
+    potential = potential_of(on_body(torque, body))
+    first = jax.tree.map(lambda x: x[0], starts)
+    try:
+        found = jax.eval_shape(lambda: jnp.asarray(potential(jnp.zeros((), first.momentum.dtype), first)))
+    except (TypeError, ValueError, IndexError):
+        return False
+    return found.shape == ()

@@ -1,0 +1,109 @@
+"""What is known of a body in a field at one moment, for the rules by which `check` judges a step."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._kernel import components as cp
+from .._kernel.replay import traits
+from ..methods.base import Method
+from ..methods.system import Motion, System
+from ..model.observables import kinetic_energy
+from ..model.state import AnyState
+from ..model.torques import on_body, potential_of
+
+FAST = 2.0  # a spin is fast if the frequency of its nutation exceeds that of the torque by this factor
+_DIRECTIONS = 64  # between growth and decay, for stability limits
+
+
+class Facts(NamedTuple):
+    """What is known of a body at one moment; with leading axes of many.
+
+    Attributes:
+        turn_rate: the angle per unit of time that the method's reach bounds, ().
+        linear: the body under the linearised torque alone, as a matrix of rotation vector and momentum, (6, 6).
+        nutation: |Pi| over the mean of the two moments that are nearest to each other, ().
+    """
+
+    turn_rate: Any
+    linear: Any
+    nutation: Any
+
+    @classmethod
+    def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
+        """The facts of one body; may be traced."""
+        system = System.of(body, torque, state, t)
+        motion = system.motion(state)
+        moments = jnp.sort(cp.pack(system.inertia.moments))
+        low_pair = moments[1] - moments[0] < moments[2] - moments[1]
+        mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
+        turn_rate = method.turn_rate(system.inertia, motion.momentum)
+        return cls(turn_rate, _linearised(system, t, motion), cp.norm(motion.momentum) / mean)
+
+    @property
+    def rates(self) -> Any:
+        """The rates lambda of the torque, (..., 6); infinite where the torque or its derivative is not."""
+        finite = np.all(np.isfinite(self.linear), axis=(-1, -2), keepdims=True)
+        values = np.linalg.eigvals(np.where(finite, np.asarray(self.linear, np.float64), 0))
+        return np.where(finite[..., 0], values, np.inf)
+
+    @property
+    def fastest_turn(self) -> Any:
+        """`turn_rate` in root sum square with twice the largest rate of growth, (...).
+
+        The second is the speed of a body at rest that falls from an unstable direction of the field, I x'' = k sin x,
+        to the stable one: I x'^2 / 2 = 2 k.
+        """
+        growth = np.max(np.maximum(self.rates.real, 0), axis=-1)
+        return np.hypot(self.turn_rate, 2 * growth)
+
+
+def _linearised(system: System, t: Array, motion: Any) -> Array:
+    """The matrix of (rotation vector, momentum) under the linearised torque alone, without the motion of the body."""
+    units = jnp.eye(3, dtype=motion.momentum[0].dtype)
+    still = jnp.zeros_like(units)
+
+    def change(momentum: Array, turn: Array) -> Array:
+        pose = system.kind.rate(motion.pose, cp.vector(turn))
+        moved = Motion(cp.vector(momentum), pose)
+        return cp.pack(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
+
+    # One trace of the torque for all six directions.
+    changes = jax.vmap(change)(jnp.concatenate([still, units]), jnp.concatenate([units, still]))
+    speeds = jax.vmap(lambda momentum: cp.pack(system.velocity(cp.vector(momentum))))(units)
+    return jnp.concatenate([jnp.concatenate([still, speeds]), changes], axis=1).T
+
+
+def energies_if_constant(body: Any, torque: Any, states: AnyState, times: Array) -> tuple[Array, Array] | None:
+    """Kinetic and potential energies (k,) of one body at several times.
+
+    None where the sum is not constant: under a torque that has no potential, or whose potential depends on time.
+    """
+    kinetic = jax.vmap(lambda state: kinetic_energy(body, state))(states)
+    if torque is None:
+        return kinetic, jnp.zeros_like(kinetic)
+    first = jax.tree.map(lambda x: x[0], states)
+    try:
+        potential = potential_of(on_body(torque, body))
+        reads_time = traits(lambda t, s: jnp.asarray(potential(t, s)), times[0], first).reads[0]
+    except ValueError:  # the torque, or one in a sum, has no potential
+        return None
+    return None if reads_time else (kinetic, jax.vmap(potential)(times, states))
+
+
+def stability_limits(method: Method, rates: np.ndarray) -> np.ndarray:
+    """The stability limit for each rate, whose direction is rounded, so that few limits are computed."""
+    turns = np.rint(np.abs(np.angle(rates)) / np.pi * _DIRECTIONS).astype(int)
+    turns = np.where(rates == 0, _DIRECTIONS // 2, turns)
+    known = {n: method.stability_limit(_direction(n)) for n in set(turns.ravel().tolist())}
+    return np.vectorize(known.__getitem__, otypes=[float])(turns)
+
+
+def _direction(n: int) -> complex:
+    """The direction number n from growth, 0, to decay, `_DIRECTIONS`."""
+    angle = math.pi * n / _DIRECTIONS
+    return complex(0 if 2 * n == _DIRECTIONS else math.cos(angle), math.sin(angle))

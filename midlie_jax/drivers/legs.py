@@ -1,0 +1,97 @@
+"""A leg: some of the steps of a run, from one stop to another, computed by a program that any leg of the run can use.
+
+`simulate` keeps the progress of a run whenever half a minute may be lost. How many steps fit the time depends on the
+machine; the numbers must not. So the number of steps is an argument of the program, not a part of it: the steps of all
+legs are the same compiled code. And a leg begins with the progress that the leg before it ended with, not with a state,
+because a state that is turned into progress again may differ from it in the last bit.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel.platform import on_cpu
+from .._kernel.verdict import FINE
+from ..methods.base import Method, Progress
+from ..methods.system import System
+
+# Steps of a turn on an accelerator, about. There the host asks after each turn whether there is another one.
+_LONG_TURN = 64
+
+
+class Leg(NamedTuple):
+    """Where a leg begins and ends, in steps from the start of the run.
+
+    Attributes:
+        begin: (), 0 or the end of another leg.
+        end: (), a stop, see `next_stop`.
+        carried: the progress of each body where the leg begins; where `begin` is 0 nobody reads its numbers.
+    """
+
+    begin: Array
+    end: Array
+    carried: Progress
+
+
+def turn(method: Method, save_every: int) -> int:
+    """The steps between two stops: after each turn, and at each saved state, a leg can end."""
+    turns = 1 if on_cpu() else -(-_LONG_TURN // method.unroll)
+    return min(turns * method.unroll, save_every)
+
+
+def next_stop(begin: int, steps: int, turn: int, save_every: int) -> int:
+    """The first stop at least `steps` steps, and at least one, after the stop `begin`."""
+    intervals, within = divmod(begin + max(steps, 1), save_every)
+    return intervals * save_every + min(-(-within // turn) * turn, save_every)
+
+
+def nothing_carried(method: Method, mapped: Any, shared: Any, rows: int) -> Progress:
+    """Progress of as many bodies of which nobody reads the numbers: with it a run begins.
+
+    Args:
+        method, mapped, shared: as for `run_ensemble`.
+        rows: the number of bodies.
+    """
+
+    def progress(arguments: Any) -> Progress:
+        body, torque, start, _, t0 = arguments
+        system = System.of(body, torque, start, t0)
+        motion = system.motion(start)
+        return Progress(motion, motion.momentum if method.keeps_force(system) else None, jnp.asarray(FINE))
+
+    shapes = eqx.filter_eval_shape(progress, eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared))
+    return jax.tree.map(lambda x: jnp.zeros((rows, *x.shape), x.dtype), shapes)
+
+
+def in_leg(
+    leg: Leg,
+    before: Array,
+    save_every: int,
+    method: Method,
+    take: Callable[[Progress, Array], Progress],
+    progress: Progress,
+) -> Progress:
+    """The progress after those steps of an interval between two saved states that are in the leg.
+
+    Args:
+        before: (), the steps before the interval.
+        take: the progress after a step, from the progress before it and the number of the step in the interval.
+        progress: where the leg is before these steps.
+    """
+    first, end = jnp.clip(leg.begin - before, 0, save_every), jnp.clip(leg.end - before, 0, save_every)
+    size = turn(method, save_every)
+    turns, rest = divmod(save_every, size)
+
+    def some(begin: Array | int, count: int, progress: Progress) -> Progress:
+        numbers = begin + jnp.arange(count, dtype=jnp.int32)
+        return jax.lax.scan(lambda p, k: (take(p, k), None), progress, numbers, unroll=method.unroll)[0]
+
+    progress = jax.lax.fori_loop(first // size, end // size, lambda i, p: some(i * size, size, p), progress)
+    if rest:  # the last turn is shorter
+        ends_here = (first < save_every) & (end == save_every)
+        progress = jax.lax.fori_loop(0, ends_here.astype(jnp.int32), lambda _, p: some(turns * size, rest, p), progress)
+    return progress

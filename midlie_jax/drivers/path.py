@@ -1,0 +1,84 @@
+"""`Path` and `AdaptivePath`: what the drivers return, with the class of the states in their types."""
+
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from .._kernel import components as cp
+from .._kernel.typed_by import TypedBy
+from ..model.state import AnyState
+
+S = TypeVar("S")  # the class of the states of a path
+States = TypeVar("States", covariant=True)  # the same: a path of CompensatedStates is one of RigidStates
+P = TypeVar("P", bound=Any)  # a path
+
+
+class Path(NamedTuple, TypedBy[States]):
+    """A motion at the saved times; in annotations `Path[RigidState]`, a motion of these states.
+
+    Attributes:
+        times: (n,), the start first; n = 1 + steps / save_every.
+        states: the states at these times, of the class of the start, with a leading axis (n,); with `observe` what was
+            observed.
+        ok: (), False when a solve failed or a number was not finite.
+        first_bad: (), the index in `times` of the first saved state that cannot be trusted, because a solve failed or a
+            number stopped being finite at or before its time; n if there is none. So `states[:first_bad]` can be
+            trusted, and the first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`: with
+            `save_every` 1 it is step number `first_bad` of the run, counted from 1.
+        result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
+            sentence with the cure. None in a path that no driver made.
+    """
+
+    times: Float[Array, "*n"]
+    states: States
+    ok: Bool[Array, "*batch"]
+    first_bad: Int[Array, "*batch"]
+    result: Any = None
+
+
+class AdaptivePath(NamedTuple, TypedBy[States]):
+    """A motion at the saved times, in variable steps; in annotations `AdaptivePath[RigidState]`.
+
+    Attributes:
+        times: (n,), the start first; n = 1 + steps / save_every.
+        states: the states at these times, of the class of the start, with a leading axis (n,); with `observe` what was
+            observed.
+        ok: (), False when a solve failed, a number was not finite, rho or the density was not positive, the two
+            differed by more than a factor of 2 (the density jumped, or the steps are too large to follow it), or t1
+            was not reached.
+        first_bad: (), the index in `times` of the first saved state that cannot be trusted, as in `Path`; n if there is
+            none, even if t1 was not reached.
+        result: (), why the run failed, as in `Path`.
+        rho: (n,), near the density at these times: the next step is about dt / rho. To continue a run from a saved
+            state, or to run back from it, pass its entry as `rho`.
+        taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed before.
+    """
+
+    times: Float[Array, "*n"]
+    states: States
+    ok: Bool[Array, "*batch"]
+    first_bad: Int[Array, "*batch"]
+    result: Any
+    rho: Float[Array, "*n"]
+    taken: Int[Array, "*batch"]
+
+
+AnyPath = Path[S] | AdaptivePath[S]
+
+
+def end_alone(path: P) -> P:
+    """The path with the state at its end alone, and `first_bad` 0 for a body that failed, else 1."""
+    last = jax.tree.map(lambda x: x[-1], path.states)
+    return path._replace(times=path.times[-1], states=last, first_bad=path.ok.astype(jnp.int32))
+
+
+def first_bad(start: AnyState, trusted: Array) -> Array:
+    """`Path.first_bad`, from the start, and whether each state after it can be trusted, as far as these were checked.
+
+    What fails stays failed: the flag is never raised again, and what is not finite does not become finite. So the
+    states that can be trusted come first, and their number is the index of the next one.
+    """
+    return jnp.where(cp.all_finite(start), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)

@@ -1,0 +1,57 @@
+"""Why a run failed: what `path.result` says."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+
+from .._kernel.verdict import BEYOND, FINE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED
+
+
+class RESULTS(eqx.Enumeration):
+    """The outcome of a run; compare as in `path.result == midlie_jax.RESULTS.successful`. Prints as a sentence."""
+
+    successful = ""
+    not_solved = (
+        "A step did not solve its equation. Take a shorter step, which midlie_jax.check finds, or a method without a "
+        "solve such as JACOBI; or the torque is not finite."
+    )
+    beyond_reach = (
+        "A step turned the body further than the method reaches. Take a shorter step; midlie_jax.check finds one."
+    )
+    not_finite = (
+        "A number stopped being finite. Look at the torque near the last good state, and at the step with "
+        "midlie_jax.check: a run that is unstable grows without bound."
+    )
+    too_many_steps = "Steps were counted beyond 32 bits. Start a new run from the last state, with its time as t0."
+    density_lost = (
+        "The steps no longer follow the density: it jumped, is not positive, or the steps are too long. Take a smaller "
+        "dt, or a smoother density."
+    )
+    phase_lost = (
+        "A time is so far from the start that rounding leaves no digit of the phase, or the body is so thin that "
+        "rounding is magnified. Take times nearer to the start, or float64."
+    )
+    end_not_reached = "The run did not reach t1 in its number of steps. Take more steps, or a longer dt."
+
+
+def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> Any:
+    """The result of a run.
+
+    Args:
+        verdict: of the first step that failed, or fine.
+        finite: whether all numbers are finite at the end; what is not finite stays so.
+        reached: whether the run came to its end.
+    """
+    found: Any = RESULTS.not_finite
+    for code, result in (
+        (UNSOLVED, RESULTS.not_solved),
+        (BEYOND, RESULTS.beyond_reach),
+        (UNCOUNTED, RESULTS.too_many_steps),
+        (UNFOLLOWED, RESULTS.density_lost),
+        (LOST, RESULTS.phase_lost),
+    ):
+        found = RESULTS.where(verdict == code, result, found)
+    end: Any = RESULTS.where(jnp.asarray(reached), RESULTS.successful, RESULTS.end_not_reached)
+    return RESULTS.where((verdict == FINE) & finite, end, found)

@@ -1,0 +1,138 @@
+"""Trials for `check`: runs of all bodies with one step, and what they meet on their way."""
+
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._kernel.compiler import tuned_jit
+from ..methods.base import Method
+from .adjoints import Forward
+from .chunks import chunk_size, run_ensemble, shared_tables
+from .ensemble import Batch
+from .facts import Facts, energies_if_constant, stability_limits
+from .path import Path
+
+TURN_SHARE = 0.8  # a sane step turns the body by at most this share of the method's reach
+RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps a period for LIEMID[EA]
+ENERGY_SHARE = 0.5  # and changes the energy by at most this share of its scale
+MOST_STEPS, _LEAST_STEPS, _BODY_STEPS = 10_000, 100, 2_000_000  # of a trial: of each body, and of all together
+_MOST_SAMPLES, _LEAST_SAMPLES, _BODY_SAMPLES = 100, 4, 4000  # states that are looked at, likewise
+
+
+class Bounds(NamedTuple):
+    """What reach and stability limit say of some states.
+
+    Attributes:
+        turn_rate: the largest `Facts.fastest_turn`.
+        rate, limit: the rate of the torque that is nearest to its stability limit, and that limit of h rate.
+        longest: the longest step that both allow.
+    """
+
+    turn_rate: float
+    rate: float
+    limit: float
+    longest: float
+
+    @classmethod
+    def of(cls, method: Method, facts: Facts) -> "Bounds":
+        """The bounds of the worst of these states, (n,)."""
+        rates = facts.rates
+        limits = stability_limits(method, rates)
+        with np.errstate(invalid="ignore"):  # an infinite rate over no limit is NaN, which argmax takes for the largest
+            worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
+        rate, limit = float(np.abs(rates[worst])), float(limits[worst])
+        turn_rate = float(np.max(facts.fastest_turn))
+        if not (math.isfinite(rate) and math.isfinite(turn_rate)):
+            return cls(turn_rate, rate, limit, 0.0)
+        by_reach = TURN_SHARE * method.reach / turn_rate if turn_rate > 0 else math.inf
+        by_limit = RATE_SHARE * limit / rate if rate > 0 else math.inf
+        return cls(turn_rate, rate, limit, min(by_reach, by_limit))
+
+
+class Trial(NamedTuple):
+    """What a trial with one step has shown, of the states that can be trusted.
+
+    Attributes:
+        h: the size of the step.
+        steps, lasted, energy_error: as in `Check`.
+        bounds: what reach and stability limit say along the motion.
+        longest_at_start: the longest step that they allow at the start alone.
+        nutation, rates: of each body at the start, (bodies,), as in `Facts`; of the rates the largest modulus.
+    """
+
+    h: float
+    steps: int
+    lasted: int
+    energy_error: float
+    bounds: "Bounds"
+    longest_at_start: float
+    nutation: np.ndarray
+    rates: np.ndarray
+
+    @property
+    def fine(self) -> bool:
+        """Whether the run succeeded and kept the energy, if that can be told."""
+        return self.lasted == self.steps and not self.energy_error > ENERGY_SHARE
+
+
+class Trials:
+    """Runs of all bodies with different steps; compiled once."""
+
+    def __init__(self, batch: Batch, steps: int | None):
+        """Of this many steps, rounded up to a multiple of those between the samples; None for the default."""
+        self.batch, count = batch, batch.bodies
+        wanted = steps or max(_LEAST_STEPS, min(MOST_STEPS, _BODY_STEPS // count))
+        samples = max(_LEAST_SAMPLES, min(_MOST_SAMPLES, _BODY_SAMPLES // count))
+        self.every = max(1, wanted // samples)
+        self.steps = self.every * -(-wanted // self.every)
+
+    def run(self, dt: float) -> Trial:
+        """A trial with the step dt."""
+        batch, method = self.batch, self.batch.method
+        body, torque, start, _, t0 = batch.shared
+        shared = body, torque, start, jnp.asarray(dt, t0.dtype), t0
+        run = method, Forward(), batch.mapped, shared, jnp.zeros((), jnp.int32), self.steps
+        path, _ = run_ensemble(*run, self.every, chunk_size(batch.bodies), tables=shared_tables(*run))
+        facts, energies = jax.tree.map(np.asarray, _along(method, batch.mapped, shared, path))
+        first_bad = np.asarray(path.first_bad)
+        good = int(np.min(first_bad)) - 1  # saved states after the start, of every body
+        trusted = np.arange(facts.nutation.shape[1]) < np.maximum(first_bad, 1)[:, None]
+        at_start = Facts(*(x[:, 0] for x in facts))
+        return Trial(
+            abs(dt),
+            self.steps,
+            self.every * max(good, 0),
+            _energy_error(energies, trusted),
+            Bounds.of(method, Facts(*(x[trusted] for x in facts))),
+            Bounds.of(method, at_start).longest,
+            at_start.nutation,
+            np.max(np.abs(at_start.rates), axis=-1),
+        )
+
+
+@tuned_jit
+def _along(method: Method, mapped: Any, shared: Any, path: Path[Any]) -> tuple[Facts, Any]:
+    """The facts of each body at the saved times (bodies, times); kinetic and potential energy there, or None."""
+
+    def of_one(mapped: Any, states: Any) -> tuple[Facts, Any]:
+        body, torque, *_ = eqx.combine(mapped, shared)
+        facts = jax.vmap(lambda state, t: Facts.of(method, body, torque, state, t))(states, path.times)
+        return facts, energies_if_constant(body, torque, states, path.times)
+
+    return jax.vmap(of_one)(mapped, path.states)
+
+
+def _energy_error(energies: Any, trusted: np.ndarray) -> float:
+    """`Check.energy_error`, from kinetic and potential energies (bodies, times)."""
+    if energies is None:
+        return math.nan
+    kinetic, potential = energies
+    total = kinetic + potential
+    change = np.max(np.where(trusted, np.abs(total - total[:, :1]), 0), axis=1)
+    spread = np.max(np.where(trusted, np.abs(potential - potential[:, :1]), 0), axis=1)
+    scale = kinetic[:, 0] + spread
+    return float(np.max(change / np.where(scale > 0, scale, 1)))

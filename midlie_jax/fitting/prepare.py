@@ -1,0 +1,145 @@
+"""`prepare`: the checks of a fit, made before anything is traced."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._kernel.checks import as_count, described
+from ..drivers.arguments import as_method, check_system
+from ..methods.base import Method
+from ..model.bodies import Particles, RigidBody, TensorBody, principal_of
+from ..model.state import AnyState
+from ..model.states import DirectionState, RigidState
+from .layout import Layout
+from .measurements import Attitudes, Directions, Measurement, Positions, Rates, check_parts
+from .residuals import Model, Problem
+from .sampling import Grid, check_grid
+from .solve import Plan
+
+_FACTOR = 20.0  # measured and guessed speeds that differ by more are in different units: degrees, hertz, minutes
+_MOST_STEPS = 2**31 - 1  # they are counted in int32
+
+
+def prepare(
+    model: Model,
+    guess: Any,
+    measurements: Measurement | Sequence[Measurement],
+    *,
+    dt: float,
+    method: Method | str = "JACOBI[EA]",
+    t0: float = 0.0,
+    starts: int = 1,
+    spread: float = 0.1,
+    seed: int = 0,
+    segments: int = 1,
+    continuity: float = 1e3,
+    absolute_sigma: bool = False,
+    solver: Any = None,
+    max_steps: int = 200,
+) -> Plan:
+    """Checks a problem and returns what `fit_arrays` needs to solve it for any data of the same shapes.
+
+    Args and errors are those of `fit`.
+    """
+    listed = as_list(measurements)
+    layout = Layout.checked(guess)
+    method = as_method(method)
+    for name, number in (("spread", spread), ("continuity", continuity)):
+        if not (isinstance(number, (int, float)) and np.isfinite(number) and number > 0):
+            raise ValueError(f"{name} must be a positive finite number, got {number!r}.")
+    starts, segments, max_steps = (
+        as_count(name, n) for name, n in (("starts", starts), ("segments", segments), ("max_steps", max_steps))
+    )
+    names = set(guess) if isinstance(guess, dict) else set[str]()
+    for measurement in listed:
+        check_parts(measurement, names)
+    times = np.concatenate([np.asarray(m.times) for m in listed])
+    check_grid(times, dt, t0)
+    count = sum(int(np.sum(np.asarray(m.present))) for m in listed)
+    if count <= layout.size:
+        raise ValueError(
+            f"{count} measured numbers are too few for {layout.size} unknowns "
+            f"({', '.join(layout.unconstrained_names())}); give at least {layout.size + 1}."
+        )
+    method = _checked_model(model, layout, listed, method)
+    grid = Grid.of(times, float(dt), float(t0), segments, moving=any(m.clock is not None for m in listed))
+    if grid.steps * segments > _MOST_STEPS:
+        raise ValueError(
+            f"the last time, {times.max():g}, is {(times.max() - t0) / dt:.2g} steps after t0; give times in the unit"
+            " of time of dt and of the model."
+        )
+    if segments > 1 and grid.steps * (segments - 1) * dt >= times.max() - t0:
+        raise ValueError(f"{segments} segments are too many for the steps; give fewer, or a smaller dt.")
+    offsets = np.random.default_rng(seed).standard_normal((starts, layout.size)) * spread
+    offsets[0] = 0
+    problem = Problem(model, method, grid, float(continuity))
+    rows = jnp.asarray(offsets * np.asarray(layout.typical()), layout.start().dtype)
+    return Plan(problem, solver, rows, max_steps, absolute_sigma)
+
+
+def as_list(measurements: Any) -> list[Measurement]:
+    """One or several measurements as a list; a ValueError for anything else."""
+    listed = [measurements] if isinstance(measurements, Measurement) else list(measurements)
+    wrong = [m for m in listed if not isinstance(m, Measurement)]
+    if wrong or not listed:
+        raise ValueError(
+            "measurements must be one or several of Rates, Attitudes, Directions and Positions, got "
+            f"{described(wrong[0]) if wrong else 'none'}."
+        )
+    return listed
+
+
+def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method) -> Method:
+    """Raises unless the model gives a body, a torque and a start that suit the measurements; the fitted method."""
+    try:
+        body, torque, start = model(layout.values(layout.start()))
+    except TypeError as error:
+        raise ValueError(
+            f"model must take the values of the guess and return (body, torque, start): {error}"
+        ) from error
+    method = check_system(method, body, torque, start)
+    if isinstance(body, Particles):
+        raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
+    if torque is None:
+        _check_speeds(body, start, measurements)
+    if start.momentum.dtype != layout.start().dtype:
+        raise ValueError(f"the guess is {layout.start().dtype} but the start of the model {start.momentum.dtype}.")
+    for m in measurements:
+        kind = type(m).__name__
+        suits = isinstance(start, RigidState) or (isinstance(m, Directions) and isinstance(start, DirectionState))
+        if isinstance(m, Attitudes | Positions | Directions) and not suits:
+            raise ValueError(
+                f"{kind} need the attitude, but the model starts from a {type(start).__name__}; return a RigidState."
+            )
+        if m.values.dtype != start.momentum.dtype:
+            raise ValueError(f"{kind} are {m.values.dtype} but the start of the model is {start.momentum.dtype}.")
+    return method
+
+
+def _check_speeds(body: RigidBody | TensorBody, start: AnyState, measurements: Sequence[Measurement]) -> None:
+    """Raises if a free body cannot turn as fast or as slowly as measured; the units are then not the same.
+
+    Its speed changes by at most the ratio of the largest moment to the smallest.
+    """
+    guessed = float(jnp.linalg.norm(body.velocity(start.momentum)))
+    moments = principal_of(body).moments
+    allowed = max(_FACTOR, 2 * float(jnp.max(moments) / jnp.min(moments)))
+    for measurement in measurements:
+        if not isinstance(measurement, Rates):
+            continue
+        complete = np.all(np.asarray(measurement.present), axis=1)
+        rates = np.asarray(measurement.values)[complete]
+        unknown = measurement.bias is not None
+        # A bias that is not known may be any, so only the changes count, and they may be small.
+        rates = rates - np.median(rates, axis=0) if unknown and len(rates) else rates
+        speeds = np.linalg.norm(rates, axis=1)
+        measured = float(np.median(speeds)) if speeds.size else 0.0
+        slow = 0 < measured <= guessed / allowed and not unknown
+        if slow or measured >= guessed * (allowed / 2 if unknown else allowed) > 0:
+            seen = f"change by {measured:.3g}" if unknown else f"turn at {measured:.3g}"
+            raise ValueError(
+                f"Rates: the body was measured to {seen}, and the free body of the guess turns at {guessed:.3g} "
+                "radians per unit of time; give both in radians per unit of time of dt, such as np.deg2rad(values)."
+            )

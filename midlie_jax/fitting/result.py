@@ -1,0 +1,46 @@
+"""`Result`: how a fit ended."""
+
+from enum import Enum
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Bool, Int
+
+
+class Result(Enum):
+    """How a fit ended, and what this means; `Fit.message` says more of the fit at hand.
+
+    A fit that ended in more than one way has the first of them, in the order RUN_FAILED, NOT_CONVERGED, UNDETERMINED,
+    MISFIT.
+    """
+
+    FITTED = "the optimiser converged, and the measurements determine all parameters"
+    RUN_FAILED = "a run of the model failed: a solve, a turn too large for a step, or a number that is not finite"
+    NOT_CONVERGED = "the optimiser did not converge within its most steps"
+    UNDETERMINED = "the measurements do not determine all parameters"
+    MISFIT = "the residuals are larger than the sigmas, which were said to be known"
+
+    @property
+    def code(self) -> int:
+        """The number that stands for it in `Estimate.result`; 0 is FITTED."""
+        return list(Result).index(self)
+
+    @classmethod
+    def of(cls, code: int) -> "Result":
+        """The result that a number stands for."""
+        return list(cls)[code]
+
+
+def code_of(
+    run: Bool[Array, ""], converged: Bool[Array, ""], determined: Bool[Array, ""], fits: Bool[Array, ""]
+) -> Int[Array, ""]:
+    """The code of the first that is False; 0 if none is."""
+    code = jnp.zeros((), jnp.int32)
+    for result, holds in (
+        (Result.MISFIT, fits),
+        (Result.UNDETERMINED, determined),
+        (Result.NOT_CONVERGED, converged),
+        (Result.RUN_FAILED, run),
+    ):
+        code = jnp.where(holds, code, result.code)
+    return code

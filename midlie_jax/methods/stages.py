@@ -1,0 +1,63 @@
+"""Kicks and flights: what a step by a table of them needs to know, and `run`, the function that takes the step.
+
+It does not depend on the kind of body: the same tables drive rigid bodies and particles.
+"""
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+KICK, FLIGHT = "kick", "flight"
+
+
+@runtime_checkable
+class Table(Protocol):
+    """The part of a `Scheme` that makes its steps; its attributes are explained there."""
+
+    @property
+    def stages(self) -> tuple[tuple[str, float], ...]: ...
+
+    @property
+    def gradients(self) -> tuple[float, ...]: ...
+
+    @property
+    def flights(self) -> int: ...
+
+    @property
+    def reuses_force(self) -> bool: ...
+
+
+def run(
+    scheme: Table,
+    fly: Callable[[float, Any], Any],
+    kick: Callable[[float, float, Any, Any], Any],
+    evaluate: Callable[[float, float, Any], Any],
+    motion: Any,
+    force: Any = None,
+) -> tuple[Any, Any]:
+    """One step of h by a scheme.
+
+    Args:
+        fly: `fly(a, motion)`, the motion after a flight for the time a h.
+        kick: `kick(b, c, motion, force)`, the motion after an impulse b h force at the time c h after the start.
+        evaluate: `evaluate(c, g, motion)`, the force at the time c h after the start, with the weight g of
+            `Scheme.gradients`.
+        motion: the motion at the start, of any type.
+        force: the force at the start if the caller kept it from the last step (see `reuses_force`), else None.
+
+    Returns:
+        The new motion, and the force of the last kick (None where there was no kick).
+    """
+    elapsed, flights_left = 0.0, scheme.flights
+    weights = iter(scheme.gradients)
+    for kind, coefficient in scheme.stages:
+        if kind == FLIGHT:
+            motion = fly(coefficient, motion)
+            flights_left -= 1
+            # The coefficients are rounded, so their sum is not exactly 1; the time after the last flight is.
+            elapsed = elapsed + coefficient if flights_left else 1.0
+            force = None
+        else:
+            weight = next(weights, 0.0)
+            force = evaluate(elapsed, weight, motion) if force is None else force
+            motion = kick(coefficient, elapsed, motion, force)
+    return motion, force

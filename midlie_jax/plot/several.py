@@ -1,0 +1,88 @@
+"""`panels`: the paths of a picture that shows several side by side, each with its body and its name."""
+
+from collections.abc import Mapping, Sequence
+from math import ceil
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..drivers.path import AnyPath
+from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.states import RigidState
+
+_MOST = 12
+_ROW = 4  # panels in a row, at most
+
+Bodies = RigidBody | TensorBody | Sequence[RigidBody | TensorBody]
+RigidPath = AnyPath[RigidState]
+Paths = RigidPath | Mapping[str, RigidPath] | Sequence[RigidPath]
+
+
+class Panel(NamedTuple):
+    """What one panel shows.
+
+    Attributes:
+        name: written on the panel; may be "".
+        body: one rigid body.
+        path: its path.
+    """
+
+    name: str
+    body: Any
+    path: Any
+
+
+def panels(body: Any, path: Any) -> list[Panel]:
+    """The panels of a picture, in order.
+
+    Args:
+        body: one body for all paths, or a sequence with one for each, or for a path of `ensemble` a batch of bodies.
+        path: a path of one body; a mapping of names to such paths, or a sequence of them; or a path of `ensemble`,
+            whose bodies are named by their index.
+
+    Raises:
+        ValueError: there are no paths, or more than fit, or not as many bodies as paths.
+    """
+    names, paths = _named(path)
+    if not paths:
+        raise ValueError("path holds no path; give one, or a mapping of names to paths.")
+    if len(names) > _MOST:
+        raise ValueError(f"path holds {len(names)} paths, and a picture has room for {_MOST}; choose some of them.")
+    bodies = _bodies(body, len(paths))
+    if len(bodies) != len(paths):
+        raise ValueError(f"body must be one body, or one for each of the {len(paths)} paths, got {len(bodies)}.")
+    return [Panel(*panel) for panel in zip(names, bodies, paths, strict=True)]
+
+
+def grid(count: int) -> tuple[int, int]:
+    """Rows and columns of a picture with so many panels."""
+    rows = ceil(count / _ROW)
+    return rows, ceil(count / rows)
+
+
+def _named(path: Any) -> tuple[list[str], list[Any]]:
+    if isinstance(path, Mapping):
+        return [str(name) for name in path], list(path.values())
+    if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple as well
+        return [""] * len(path), list(path)
+    shape = np.shape(getattr(getattr(path, "states", None), "momentum", 0.0))
+    if len(shape) == 3:
+        count = shape[0]
+        return [f"body {k}" for k in range(count)], [_row(path, k) for k in range(min(count, _MOST + 1))]
+    return [""], [path]
+
+
+def _row(path: Any, k: int) -> Any:
+    """The path of body k of an ensemble; its times may be shared."""
+    times = path.times[k] if np.ndim(path.times) == 2 else path.times
+    rest = jax.tree.map(lambda x: x[k] if np.ndim(x) else x, path._replace(times=()))
+    return rest._replace(times=times)
+
+
+def _bodies(body: Any, count: int) -> list[Any]:
+    if isinstance(body, Sequence):
+        return list(body)
+    if count > 1 and isinstance(body, RigidBody | TensorBody) and principal_of(body).moments.ndim == 2:
+        return [jax.tree.map(lambda x, k=k: x[k], body) for k in range(len(principal_of(body).moments))]
+    return [body] * count

@@ -1,0 +1,95 @@
+"""The description of a store: `zarr.json` of its root, which also holds a copy of the description of every array.
+
+It is sealed by a checksum, because nothing else in the store could say whether it is what was written. The copies are
+what the store is read by; where the file of an array is lost or damaged, it is written again from its copy.
+"""
+
+import json
+import os
+import zlib
+from pathlib import Path
+from typing import Any
+
+ATTRIBUTE = "midlie_jax"  # of the root: what a resumed run needs
+_FILE, _COPIES, _SEAL, _SEALED = "zarr.json", "consolidated_metadata", "seal", "sealed"
+Document = dict[str, Any]
+
+
+def read(path: Path) -> Document:
+    """The description of a store.
+
+    Raises:
+        ValueError: the folder is not the store of a run, or its description is damaged.
+    """
+    try:
+        document = json.loads((path / _FILE).read_text())
+        if document["attributes"][ATTRIBUTE][_SEAL] != _checksum(document):
+            raise ValueError("its checksum is wrong")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"{path} is not the store of a run, or its description {_FILE} is damaged ({type(error).__name__}: "
+            f"{error}); delete the folder or choose another one."
+        ) from error
+    return document
+
+
+def seal(path: Path) -> None:
+    """Seals the description of a new store: its attributes, so that more may be added later, and all copies."""
+    document = json.loads((path / _FILE).read_text())
+    document["attributes"][ATTRIBUTE][_SEALED] = sorted(document["attributes"])
+    write(path, document)
+
+
+def write(path: Path, document: Document) -> None:
+    """Writes a description with a new seal; at no time is there one that is not whole."""
+    document["attributes"][ATTRIBUTE][_SEAL] = _checksum(document)
+    unfinished = path.with_name(f"{path.name}.description-{os.getpid()}")  # in the store it would look like an array
+    try:
+        unfinished.write_text(json.dumps(document, indent=2))
+        os.replace(unfinished, path / _FILE)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def add_copy(path: Path, document: Document, name: str) -> None:
+    """Adds the copy of the description of an array."""
+    document[_COPIES]["metadata"][name] = json.loads((path / name / _FILE).read_text())
+
+
+def lost(path: Path, document: Document) -> list[str]:
+    """The files with descriptions of arrays and groups that cannot be read or are not like their copies."""
+    return [name for name, copy in _copies(document).items() if _found(path / name) != copy]
+
+
+def restore(path: Path, document: Document, names: list[str]) -> None:
+    """Writes these files again."""
+    for name in names:
+        file = path / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(json.dumps(_copies(document)[name], indent=2))
+
+
+def _copies(document: Document) -> dict[str, Document]:
+    copies = document[_COPIES]["metadata"]
+    return {f"{name}/{_FILE}": _bare(copy) for name, copy in copies.items()}
+
+
+def _bare(document: Any) -> Any:
+    """Without the copies that a group may have of its own."""
+    return {k: v for k, v in document.items() if k != _COPIES} if isinstance(document, dict) else document
+
+
+def _found(file: Path) -> Any:
+    try:
+        return _bare(json.loads(file.read_text()))
+    except (OSError, ValueError):
+        return None
+
+
+def _checksum(document: Document) -> int:
+    """Of all that is sealed."""
+    attributes = document["attributes"]
+    own = {name: value for name, value in attributes[ATTRIBUTE].items() if name != _SEAL}
+    others = {name: attributes[name] for name in own[_SEALED] if name != ATTRIBUTE}
+    text = json.dumps([own, others, _copies(document)], sort_keys=True)
+    return zlib.crc32(text.encode())

@@ -1,0 +1,62 @@
+"""The part of a group that is not complete, kept in one file `checkpoint/begun-GROUP.npz` of a store.
+
+The file is there from when a part takes long until the part is written. It is replaced as a whole, and holds a checksum
+of each array, as every .npz does. So it is whole at any moment, whenever the process is killed.
+"""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .plan import Part
+from .sink import Begun
+
+_SEEN, _CARRIED = "seen_", "carried_"
+
+
+class Kept:
+    """These files of a store."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+
+    def write(self, part: Part, begun: Begun) -> None:
+        """Keeps a part in place of what is kept of its group."""
+        arrays: dict[str, Any] = {"segment": part.segment, "steps": begun.steps, "first_bad": begun.first_bad}
+        arrays |= {f"{_SEEN}{name}": values for name, values in begun.seen.items()}
+        arrays |= {f"{_CARRIED}{i}": values for i, values in enumerate(begun.carried)}
+        file = self._file(part.group)
+        with file.with_suffix(".new").open("wb") as unfinished:
+            np.savez(unfinished, **arrays)
+            unfinished.flush()
+            os.fsync(unfinished.fileno())
+        file.with_suffix(".new").replace(file)
+
+    def read(self, part: Part) -> Begun | None:
+        """What is kept of a part; None if nothing is, or only of a part before it.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
+        try:
+            with self._file(part.group).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                arrays = dict(file)
+            if int(arrays["segment"]) != part.segment:
+                return None
+            seen = {name.removeprefix(_SEEN): values for name, values in arrays.items() if name.startswith(_SEEN)}
+            carried = [arrays[f"{_CARRIED}{i}"] for i in range(sum(name.startswith(_CARRIED) for name in arrays))]
+            return Begun(int(arrays["steps"]), seen, carried, arrays["first_bad"])
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # whatever a reader of damaged files raises
+            raise ValueError(f"what is kept of {part} is damaged ({type(error).__name__}: {error}).") from error
+
+    def remove(self, group: int) -> None:
+        """Forgets what is kept of a group."""
+        for file in (self._file(group), self._file(group).with_suffix(".new")):
+            file.unlink(missing_ok=True)
+
+    def _file(self, group: int) -> Path:
+        return self._folder / f"begun-{group}.npz"

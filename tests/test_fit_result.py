@@ -1,0 +1,59 @@
+"""How a fit says that it failed: why, at which time, and what would do."""
+
+import re
+
+import numpy as np
+from test_fit_calls import spin, still
+
+import midlie_jax as ml
+from midlie_jax.fitting import Free, Result
+
+
+def fitted(measurements, guess=(0.0, 0.0, 0.0), **options):
+    return ml.fit(still, {"rate": Free(guess)}, measurements, **({"method": "RK4", "dt": 1.0} | options))
+
+
+def test_a_fit_that_succeeds_says_so():
+    found = fitted(spin())
+    assert found.ok
+    assert found.result is Result.FITTED
+    assert Result.of(int(found.estimate.result)) is Result.FITTED
+
+
+def test_a_fit_that_needs_more_steps_says_how_many_it_took():
+    found = fitted(spin(), max_steps=1)
+    assert not found.ok
+    assert found.result is Result.NOT_CONVERGED
+    assert "did not converge in 1 steps" in found.message
+    assert found.message in str(found)
+
+
+def test_a_failed_run_says_when_and_which_step_would_do():
+    """Three radians in a step are too many; the step that the message names gives a fit."""
+    fast = spin(values=np.asarray(spin().values) + np.array([0.0, 0.0, 3.0]))
+    found = fitted(fast, guess=[0.1, 0.2, 3.3])
+    assert found.result is Result.RUN_FAILED
+    assert "failed after t = 0:" in found.message
+    assert "turns 3.31 radians in a step" in found.message
+    enough = float(re.search(r"dt = ([\d.e-]+) would do", found.message)[1])
+    assert fitted(fast, guess=[0.1, 0.2, 3.3], dt=enough).ok
+
+
+def test_what_is_not_determined_is_named():
+    def blind(values):
+        return still({"rate": values["rate"] * np.array([1.0, 1.0, 0.0])})
+
+    found = ml.fit(blind, {"rate": Free([0.1, 0.2, 0.3])}, spin(), method="RK4", dt=1.0, require_rank=False)
+    assert found.result is Result.UNDETERMINED
+    assert "rate[2] has no effect" in found.message
+
+
+def test_known_sigmas_that_the_residuals_exceed_are_a_misfit():
+    """Without `absolute_sigma` they count up to a factor, so that nothing is wrong."""
+    found = fitted(spin(sigma=1e-3), absolute_sigma=True)
+    assert found.rms > 5
+    assert found.result is Result.MISFIT
+    assert not found.ok
+    assert "times the sigmas" in found.message
+    assert fitted(spin(sigma=1e-3)).ok
+    assert fitted(spin(sigma=0.01), absolute_sigma=True).ok

@@ -1,0 +1,127 @@
+"""A neural network as a torque: evaluated on arrays apart from the step, under the laws that hold for every torque."""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import quick, real
+from test_scalars import FUNCTIONS
+
+import midlie_jax as ml
+from midlie_jax._kernel.replay import Packed, by_components
+
+BODY = ml.RigidBody(jnp.array([1.5, 1.5, 2.5]))
+DT, STEPS = 1 / 64, 16
+
+
+class Network(eqx.Module):
+    layers: eqx.nn.MLP
+
+    def __call__(self, t, state):
+        return self.layers(state.attitude)
+
+
+class Hybrid(Network):
+    """A network that corrects a formula, in one function."""
+
+    def __call__(self, t, state):
+        return ml.torques.HeavyTop(2.0)(t, state) + super().__call__(t, state)
+
+
+def layers(width, out=3, activation=jnp.tanh):
+    return eqx.nn.MLP(4, out, width, depth=2, activation=activation, key=jax.random.key(0))
+
+
+def potential(net, t, state):
+    return net(state.attitude)[0]
+
+
+TORQUES = {
+    "network": lambda width: Network(layers(width)),
+    "cheap": lambda width: Network(layers(width, activation=jax.nn.relu)),
+    "hybrid": lambda width: Hybrid(layers(width)),
+    "potential": lambda width: ml.torques.FromPotential(jax.tree_util.Partial(potential, layers(width, 1))),
+}
+
+
+def starts(count=3):
+    turns = 0.3 * jax.random.normal(jax.random.key(1), (count, 3))
+    return jax.vmap(lambda turn: ml.RigidState(jnp.array([1.0, 0.8, -1.3]), ml.so3.exp(turn)))(turns)
+
+
+def operations(function):
+    """The shapes of all results in the trace of a function of attitudes, evaluated on components."""
+
+    def entries(q):
+        return by_components(function, jnp.asarray(0.5), Packed(q))[0]
+
+    equations = jax.make_jaxpr(entries)((jnp.asarray(0.5),) * 4).jaxpr.eqns
+    types: list[Any] = [v.aval for equation in equations for v in equation.outvars]
+    return [type_.shape for type_ in types]
+
+
+@pytest.mark.parametrize("name", TORQUES)
+def test_a_wider_network_is_no_longer_program(name):
+    counts = []
+    for width in (4, 8, 16, 32, 64):
+        torque = TORQUES[name](width)
+        counts.append(len(operations(lambda t, q, f=torque: f(t, ml.RigidState(jnp.ones(3), q)))))
+    assert len(set(counts)) == 1, counts
+
+
+@pytest.mark.parametrize("name", ["einsum_trace", "matrix_product", "exp_log"])
+def test_a_long_formula_stays_on_scalars(name):
+    shapes = operations(lambda t, q: FUNCTIONS[name](t, q[1:], q))
+    assert len(shapes) > 80
+    assert set(shapes) == {()}
+
+
+def run(torque, start, adjoint=None, **options):
+    given = {"dt": DT, "steps": STEPS, "save_every": STEPS} | options
+    return ml.integrate("SYMMETRIC[EA]", BODY, torque, start, adjoint=adjoint, **given).states
+
+
+def last(states):
+    return jax.tree.map(lambda x: x[-1], states)
+
+
+@pytest.mark.parametrize("name", ["network", "cheap"])
+def test_a_run_under_a_network_continues_to_the_bit_and_may_be_mapped(name):
+    torque = TORQUES[name](8)
+    start = jax.tree.map(lambda x: x[0], starts())
+    half = real(
+        lambda start, first: last(run(torque, start, steps=STEPS // 2, save_every=STEPS // 2, first_step=first))
+    )
+    whole = real(lambda start: run(torque, start, save_every=STEPS // 2))(start)
+    middle = half(start, 0)
+    for found, expected in zip(jax.tree.leaves(half(middle, STEPS // 2)), jax.tree.leaves(last(whole)), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    mapped = quick(jax.vmap(lambda start: last(run(torque, start))))(starts())
+    many = ml.ensemble("SYMMETRIC[EA]", BODY, torque, starts(), dt=DT, steps=STEPS, torque_axes=None).states
+    for solo, row, member in zip(*map(jax.tree.leaves, (last(whole), mapped, many)), strict=True):
+        np.testing.assert_allclose(row[0], solo, atol=1e-14)
+        np.testing.assert_allclose(member, row, atol=1e-14)
+
+
+def test_every_adjoint_has_the_gradient_of_a_network():
+    arrays, rest = eqx.partition(TORQUES["network"](8), eqx.is_array)
+    start = jax.tree.map(lambda x: x[0], starts())
+
+    def loss(arrays, adjoint):
+        return jnp.sum(jnp.sin(last(run(eqx.combine(arrays, rest), start, adjoint)).momentum))
+
+    direction = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=x.dtype)).reshape(x.shape), arrays)
+    value = quick(partial(loss, adjoint=ml.Forward()))
+    sizes = 1e-3 * np.array([2.0, 1.0, -1.0, -2.0])
+    values = [value(jax.tree.map(lambda x, d, s=s: x + s * d, arrays, direction)) for s in sizes]
+    expected = np.dot(np.array([-1.0, 8.0, -8.0, 1.0]) / 12e-3, values)
+    _, slope = quick(lambda a, d: jax.jvp(partial(loss, adjoint=ml.Forward()), (a,), (d,)))(arrays, direction)
+    np.testing.assert_allclose(slope, expected, rtol=1e-7)
+    for adjoint in (ml.Checkpointed(), ml.Reversible()):
+        gradient = quick(jax.grad(partial(loss, adjoint=adjoint)))(arrays)
+        total = sum(jax.tree.leaves(jax.tree.map(lambda g, d: jnp.sum(g * d), gradient, direction)))
+        np.testing.assert_allclose(total, slope, rtol=1e-11)

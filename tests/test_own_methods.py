@@ -1,0 +1,191 @@
+"""Methods and scenes of a user's module on the charts: `midlie chart --methods my_module:my_method`, and in Python."""
+
+import math
+import struct
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_cli import midlie
+
+import midlie_jax as ml
+from midlie_jax.bench import chosen, convergence, scenes, stability, work_precision
+from midlie_jax.bench.claims.counting import Work
+from midlie_jax.bench.claims.drift import Drift
+from midlie_jax.bench.claims.measure import Measured
+from midlie_jax.bench.commands import claims
+from midlie_jax.simulation.inspect import inspect
+
+# Verlet with its kicks written in two parts: the same numbers as LIEMID[EA], under a name of its own.
+MODULE = """
+from dataclasses import replace
+import midlie_jax as ml
+from midlie_jax.bench import scenes
+kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT
+stages = ((kick, 0.25), (kick, 0.25), (flight, 0.5), (flight, 0.5), (kick, 0.25), (kick, 0.25))
+my_method = ml.method("LIEMID", ml.schemes.Scheme("PARTS", 2, stages, "this test"))
+number, verlet, jacobi = 3.0, ml.method("Verlet"), ml.flights.Jacobi()
+impostor = type(my_method)(ml.flights.LieMidpoint(), ml.schemes.EA, "JACOBI[EA]")
+my_scene = replace(scenes.scene("slow-top"), name="P1", title="a top of my own", duration=0.5)
+"""
+NAME = "LIEMID[PARTS]"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The current folder, with a module in it that no path of Python's leads to."""
+    (tmp_path / "own_numbers.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry not in ("", ".")])
+    yield tmp_path
+    for name in ("own_numbers", "own_broken"):
+        sys.modules.pop(name, None)
+
+
+def test_the_chart_takes_a_method_and_a_scene_of_a_module_in_the_current_folder(folder):
+    options = ["--steps", "64", "--levels", "2", "--methods", "LIEMID[EA]", "own_numbers:my_method"]
+    outcome = midlie("chart", "own_numbers:my_scene", *options)
+    assert outcome.code == 0, outcome.err
+    rows = [line.split() for line in outcome.out.splitlines() if line.startswith("LIEMID[")]
+    assert [row[0] for row in rows] == ["LIEMID[EA]"] * 2 + [NAME] * 2
+    assert [row[1:3] for row in rows[:2]] == [row[1:3] for row in rows[2:]]  # the same steps and errors
+    assert struct.unpack(">II", (folder / "chart-P1.png").read_bytes()[16:24])[0] > 1000
+
+
+def test_the_maps_of_stability_take_it(folder):
+    midlie_options = ["--methods", "own_numbers:my_method", "--grid", "2", "--steps", "20", "--out", "maps.png"]
+    outcome = midlie("stability", "own_numbers:my_scene", *midlie_options)
+    assert outcome.code == 0, outcome.err
+    assert sum(line.startswith(NAME) for line in outcome.out.splitlines()) == 3
+    assert (folder / "maps.png").stat().st_size > 10_000
+
+
+def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch):
+    """With made-up figures. The page names the command with the name that was given."""
+    nothing, defects, eighths = np.zeros((8, 2)), (1e-15,) * 3, np.full((8, 8), 1e-3)
+    asked = []
+
+    def measured(bench, methods):
+        asked.extend(methods)
+        figures = (2.0, 1e-3, 1e-3, defects, defects, 1e-14, 1e-14, nothing, Drift(eighths, eighths, True))
+        return [Measured(one.name, *figures, Work(1, True), 2, 2, 400, True) for one in methods]
+
+    monkeypatch.setattr(claims, "_measured", measured)
+    monkeypatch.setattr(claims.Bench, "chaos", lambda bench: "")
+    outcome = midlie("claims", "--methods", "own_numbers:my_method", "--steps", "400", "--page", "own.md")
+    assert outcome.code == 0, outcome.err
+    assert [method.name for method in asked] == [NAME]
+    assert "declarations of the registry hold" in outcome.out
+    text = (folder / "own.md").read_text()
+    assert f"| `{NAME}` | 2.00 |" in text
+    assert "Written by `midlie claims --methods own_numbers:my_method --steps 400 --page own.md`" in text
+    assert f"--methods '{NAME}'" not in text  # which the command would not know
+
+
+def test_a_run_takes_them_and_its_file_says_where_they_are_from(folder):
+    """Though the scene has the name of one of the package, the file is not taken for a run of that one."""
+    run = ["run", "own_numbers:my_scene", "--steps", "64"]
+    for name, file in (("own_numbers:my_method", "own.npz"), ("LIEMID[EA]", "same.npz")):
+        outcome = midlie(*run, "--method", name, "--out", file, "--plot", "own.png")
+        assert outcome.code == 0, outcome.err
+    own, same = (np.load(folder / file) for file in ("own.npz", "same.npz"))
+    assert (str(own["method"]), str(own["method_from"])) == (NAME, "own_numbers:my_method")
+    assert (str(same["method"]), str(same["method_from"])) == ("LIEMID[EA]", "midlie_jax")
+    assert str(own["scene"]) == str(same["scene"]) == "own_numbers:my_scene"
+    np.testing.assert_allclose(own["attitudes"], same["attitudes"], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(own["momenta"], same["momenta"], rtol=1e-13)
+
+
+def test_a_store_says_so_too_and_goes_on_with_no_other_method_of_that_name(folder):
+    run = ["run", "own_numbers:my_scene", "--method", "own_numbers:my_method", "--steps", "16", "--out", "own.zarr"]
+    for options in ([], ["--resume"]):
+        outcome = midlie(*run, *options)
+        assert outcome.code == 0, outcome.err
+    said = inspect(folder / "own.zarr").attributes
+    assert [said[key] for key in ("method", "method_from", "scene")] == [NAME, *run[3:0:-2]]
+    outcome = midlie("inspect", "own.zarr")
+    assert (outcome.code, "energy error" in outcome.out) == (0, False)  # not that of the scene P1 of the package
+    file = folder / "own_numbers.py"
+    file.write_text(MODULE.replace("(kick, 0.25), (kick, 0.25), (flight, 0.5)", "(kick, 0.5), (flight, 0.5)", 1))
+    sys.modules.pop("own_numbers")
+    outcome = midlie(*run, "--resume")
+    assert outcome.code == 2
+    assert "the code of method" in outcome.err
+
+
+@pytest.mark.parametrize("name", ["own_numbers:impostor", "own_numbers:jacobi", "own_numbers:nothing"])
+def test_a_run_refuses_what_a_chart_refuses(name, folder):
+    errors = [midlie(*command, name).err for command in (("run", "P1", "--method"), ("chart", "P1", "--methods"))]
+    assert errors[0].partition(" (see")[0] == errors[1].partition(" (see")[0] != ""
+
+
+def test_python_takes_objects_and_names_alike(folder):
+    own = chosen.methods(["own_numbers:my_method", "LIEMID[EA]", ml.method("LIEMID[EA]")])
+    assert [method.name for method in own] == [NAME, "LIEMID[EA]"]
+    assert chosen.methods([own[0], own[1]]) == own
+    scene = chosen.scene("own_numbers:my_scene")
+    assert (scene.name, scene.title) == ("P1", "a top of my own")
+    assert chosen.scene(scene) is scene
+    rows, _ = convergence.survey(scene, ["own_numbers:my_method"], [16], convergence.find_reference(scene, 16))
+    assert rows[0].method == NAME
+    steps, sweeps = stability.sweeps(scene, 2)
+    (found,) = stability.measure("own_numbers:my_method", scene, steps, sweeps[:1], 20)
+    assert found.method == NAME
+    assert np.all(np.isfinite(found.worst))
+    assert stability.lines(own[0], scene, sweeps[0])
+
+
+def test_error_against_time_takes_objects():
+    """`measure` and `families_of`, with a method that no name finds."""
+    given = work_precision.problem("P1", bodies=2, judged=2, quick=True)
+    scene = replace(given.scene, duration=0.05)
+    given = given._replace(scene=scene, ends=work_precision._ends(scene, given.states)[0], longest=0.0)
+    kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT
+    own = ml.method("SYMMETRIC", ml.schemes.Scheme("MINE", 2, ((kick, 0.5), (flight, 1.0), (kick, 0.5)), "here"))
+    ours, rivals = work_precision.measure(given, [own, "LIEMID[EA]"], (), said=lambda text: None)
+    assert {point.method for point in ours} == {"SYMMETRIC[MINE]", "LIEMID[EA]"}
+    assert rivals == []
+    assert all(math.isfinite(point.error) for point in ours)
+    assert work_precision.families_of(ours, [own]) == {"SYMMETRIC[MINE]": "symplectic", "LIEMID[EA]": "conserving"}
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("own_numbres:my_method", ["no module 'own_numbres'", "Did you mean 'own_numbers:my_method'?"]),
+        ("own_numbers.py:my_method", ["write own_numbers:my_method"]),
+        ("own_numbers:my_methud", ["has no 'my_methud'", "its methods are impostor, my_method, verlet"]),
+        ("own_numbers:", ["'own_numbers:'", "MODULE:NAME"]),
+        ("own_numbers:number", ["own_numbers:number is a float, not a method"]),
+        ("own_numbers:jacobi", ["is a flight", "midlie_jax.method(jacobi, 'EA')"]),
+        ("own_numbers:impostor", ["own_numbers:impostor is called 'JACOBI[EA]'", "give the method another name"]),
+        ("own_numbers:verlet", ["'Verlet' does not move a rigid body"]),
+        ("own_broken:my_method", ["own_broken.py, line 2", "ZeroDivisionError: division by zero"]),
+        ("nobody", ["unknown method 'nobody'"]),
+    ],
+)
+def test_a_wrong_name_is_one_line_that_says_what_is_wrong(name, words, folder):
+    (folder / "own_broken.py").write_text("def f(x):\n    return 1 / x\n\nmy_method = f(0)\n")
+    outcome = midlie("chart", "P1", "--methods", name)
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    for word in words:
+        assert word in outcome.err
+
+
+def test_two_methods_of_one_name_are_refused():
+    """Charts and tables tell methods apart by their names."""
+    kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT
+    tables = [((kick, end), (flight, 0.5), (kick, 1 - 2 * end), (flight, 0.5), (kick, end)) for end in (0.2, 0.25)]
+    same = [ml.method("JACOBI", ml.schemes.Scheme("MINE", 2, table, "here")) for table in tables]
+    with pytest.raises(ValueError, match=r"two different methods are called 'JACOBI\[MINE\]'"):
+        chosen.methods(same)
+
+
+def test_a_scene_of_a_module_must_be_one(folder):
+    outcome = midlie("chart", "own_numbers:number")
+    assert outcome.code == 2
+    assert "own_numbers:number is a float, not a scene" in outcome.err
+    outcome = midlie("chart", "own_numbers:nothing")
+    assert "its scenes are my_scene" in outcome.err
+    assert scenes.scene("P1").name == chosen.scene("P1").name == "P1"

@@ -1,0 +1,80 @@
+"""What drivers return is a named tuple, whose type has a parameter: the class of its states."""
+
+import pickle
+import typing
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from beartype import beartype
+from beartype.roar import BeartypeCallHintParamViolation
+from jaxtyping import jaxtyped
+
+import midlie_jax as ml
+
+BODY = ml.RigidBody([1.0, 2.0, 2.5])
+START = ml.RigidState([0.3, 1.0, -0.2], [1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module", params=["Path", "AdaptivePath"])
+def path(request):
+    run = {"dt": 0.1, "steps": 4}
+    if request.param == "Path":
+        return ml.integrate("JACOBI[EA]", BODY, None, START, **run)
+    return ml.integrate_adaptive("JACOBI[EA]", BODY, None, START, density=_density, **run)
+
+
+def _density(t, state):
+    return 1 + state.momentum[2] ** 2
+
+
+GENERIC = [ml.Path, ml.AdaptivePath, ml.Simulation, ml.plot.Crossings]
+
+
+@pytest.mark.parametrize("kind", GENERIC)
+def test_annotations_with_the_class_of_the_states_are_accepted_at_run_time(kind):
+    """By Python, and by beartype, which refuses all annotations with a NamedTuple that is a `typing.Generic`."""
+    of_states = kind[ml.RigidState]
+    assert (typing.get_origin(of_states), typing.get_args(of_states)) == (kind, (ml.RigidState,))
+    made = of_states(*range(len(kind._fields)))
+    assert type(made) is kind
+    assert issubclass(kind, tuple)
+
+    def first(value, other):
+        return value[0]
+
+    first.__annotations__ |= {"value": of_states, "other": of_states | None}
+    checked = beartype(first)
+    assert checked(made, None) == checked(made, made) == 0
+    for wrong in ((tuple(made), None), (made, tuple(made))):
+        with pytest.raises(BeartypeCallHintParamViolation):
+            checked(*wrong)
+
+
+def test_a_path_is_a_tuple(path):
+    times, states, ok, bad, _, *rest = path
+    assert (times is path.times, states is path.states, ok is path.ok, bad is path.first_bad) == (True,) * 4
+    assert len(rest) == len(path._fields) - 5
+    changed = path._replace(states=path.states.momentum)
+    assert type(changed) is type(path)
+    assert changed.states is path.states.momentum
+    back = pickle.loads(pickle.dumps(path._replace(result=None)))
+    np.testing.assert_array_equal(back.states.attitude, path.states.attitude)
+
+
+def test_a_path_goes_through_transformations(path):
+    """As a pytree of its kind, whose states keep their class."""
+    twice = jax.jit(lambda p: p._replace(times=2 * p.times))(path)
+    assert type(twice) is type(path)
+    assert type(twice.states) is ml.RigidState
+    np.testing.assert_array_equal(twice.times, 2 * path.times)
+    pair = jax.tree.map(lambda x: jnp.stack([x, x]), path)
+    sums = jax.vmap(jaxtyped(typechecker=beartype)(_total))(pair)
+    np.testing.assert_array_equal(sums, [jnp.sum(path.states.momentum)] * 2)
+    slope = jax.grad(lambda states: _total(path._replace(states=states)))(path.states)
+    np.testing.assert_array_equal(slope.momentum, jnp.ones_like(path.states.momentum))
+
+
+def _total(path: ml.Path[ml.RigidState] | ml.AdaptivePath[ml.RigidState]) -> jax.Array:
+    return jnp.sum(path.states.momentum)

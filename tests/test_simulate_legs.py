@@ -1,0 +1,314 @@
+"""What a stop costs: a part that takes long is kept again and again, and the bits do not depend on when.
+
+The clock of these tests says what they want.
+"""
+
+import contextlib
+import itertools
+import random
+import signal
+import time
+from functools import partial
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import zarr
+from cases import whole
+from simulated import ATTITUDES, BODIES, MOMENTA, STEPS, simulated
+from test_simulate import CrashError, assert_same, cache, contents, finished, optimised, pulled, start_process
+
+import midlie_jax as ml
+from midlie_jax.drivers import legs
+from midlie_jax.simulation import pace
+from midlie_jax.simulation.kept import Kept
+from midlie_jax.simulation.pace import Pace
+from midlie_jax.simulation.parts import Computation
+
+__all__ = ["cache", "optimised"]  # fixtures
+xarray = pytest.importorskip("xarray")
+ALL = BODIES * STEPS
+FIELD = ml.torques.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
+TENSOR = ml.TensorBody(jnp.array([[2.0, 0.1, 0.2], [0.1, 2.5, 0.3], [0.2, 0.3, 3.0]]))
+BAD = np.where(np.arange(BODIES)[:, None] == 7, 1e200, np.where(np.arange(BODIES)[:, None] == 33, 400.0, MOMENTA))
+
+
+def moved(body, torque, method, **options):
+    """A run of eight bodies that are alike, two segments of two groups."""
+    start = ml.RigidState(jnp.asarray(MOMENTA[:8]), jnp.asarray(ATTITUDES[:8]))
+
+    def run(out, **more):
+        given = {"dt": 0.05, "steps": 120, "save_every": 15, "group": 6, "segment": 5, "chunk": 4, "progress": False}
+        return ml.simulate(method, body, torque, start, out=out, **{**given, **options, **more})
+
+    return run
+
+
+TOP = moved(ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(1.0), "SYMMETRIC[EA]")
+RUNS = {
+    "tops": simulated,
+    "one long interval": partial(simulated, save_every=None, segment=None),
+    "a turn that does not divide": TOP,
+    "a frame of one's own": moved(TENSOR, ml.torques.HeavyTop(1.0), "JACOBI[EA]"),
+    "inputs that all share": partial(simulated, torque=FIELD, save_every=40, segment=3),
+    "no force is kept": moved(ml.RigidBody([1.0, 2.0, 2.5]), ml.torques.HeavyTop(1.0), "LIEMID[E2]"),
+    "a failure": partial(simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, save_every=60, segment=3),
+    "an observable": partial(simulated, observe={"axis": ml.observe.Axis(), "f": lambda t, s: t * s.momentum[0]}),
+    "a statistic": partial(simulated, observe=ml.observe.Mean(ml.observe.Axis()), save_every=20),
+    "a statistic of few": partial(
+        simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, observe=ml.observe.Mean(lambda t, s: s.momentum)
+    ),
+}
+
+
+def arrays(path):
+    """All that a run wrote for its reader."""
+    root = zarr.open_group(path, mode="r")
+    places = [root, *(group for name, group in root.groups() if name == "parts")]
+    return {array.path: np.asarray(array[...]) for place in places for _, array in place.arrays()}
+
+
+def same(path, expected):
+    found = arrays(path)
+    assert found.keys() == expected.keys()
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+    assert not list((path / "checkpoint").glob("begun*"))
+
+
+class Clock:
+    """It goes on by a number of seconds whenever somebody looks."""
+
+    def __init__(self, monkeypatch, seconds):
+        self.now, self._seconds = 0.0, seconds
+        monkeypatch.setattr(time, "perf_counter", self)
+
+    def __call__(self):
+        self.now += self._seconds()
+        return self.now
+
+
+@pytest.fixture(scope="module")
+def references(tmp_path_factory):
+    """What the runs write that are never late."""
+    folder, found = tmp_path_factory.mktemp("references"), {}
+
+    def reference(name):
+        if name not in found:
+            RUNS[name](folder / f"{name}.zarr")
+            found[name] = arrays(folder / f"{name}.zarr")
+        return found[name]
+
+    return reference
+
+
+def stop_after(count):
+    """A `progress` that stops the run, as a kill would, at the write with this number."""
+    counter = itertools.count(1)
+
+    def progress(work):
+        if next(counter) == count:
+            raise CrashError
+
+    return progress
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, references, name):
+    """With legs of any length, after stops of which most are in the middle of a part."""
+    expected, chance, path = references(name), random.Random(name), tmp_path / "run.zarr"
+    result, done, within, writes = None, -1, 0, 1
+    while result is None:
+        writes = 2 * writes + chance.randrange(2)
+        with monkeypatch.context() as patch, contextlib.suppress(CrashError):
+            patch.setattr(Pace, "begin", lambda self: chance.choice([1, 2, 5, 10]))
+            patch.setattr(Pace, "due", lambda self: chance.random() < 0.7)
+            result = RUNS[name](path, resume=True, progress=stop_after(writes))
+        found = ml.simulation.inspect(path)
+        assert found.damaged == ()
+        assert found.done > done or found.done == found.total
+        done, within = found.done, within + any(path.glob("checkpoint/begun*"))
+    assert result.repaired == ()
+    assert within > 0
+    same(path, expected)
+
+
+def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
+    """One long part of 240 steps that takes minutes: it is stopped in the middle, and goes on from there."""
+    run = partial(simulated, tmp_path / "run.zarr", save_every=None, segment=None, group=None)
+    with monkeypatch.context() as patch:
+        Clock(patch, lambda: 20.0)
+        with pytest.raises(CrashError):
+            run(progress=stop_after(60))
+    done = ml.simulation.inspect(tmp_path / "run.zarr").done
+    assert 0 < done < ALL
+    assert f"{done / ALL:.1%} done" in str(ml.simulation.inspect(tmp_path / "run.zarr"))
+    for consolidated in (True, False):  # a reader sees the part when it is complete
+        with xarray.open_zarr(tmp_path / "run.zarr", consolidated=consolidated) as opened:
+            assert np.isnan(opened.momentum).all()
+    told = []
+    result = run(resume=True, progress=told.append)
+    assert result.computed == sum(told) == ALL - done
+    assert result.repaired == ()
+
+
+@pytest.mark.parametrize("cut", [{"group": 50, "segment": None, "save_every": 120}, {"group": 25, "segment": 6}])
+@pytest.mark.parametrize("price", [1e-5, 0.1, 0.7, 4.0, 13.0])
+def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price, cut):
+    """Unless two steps cost more; even if each write ends only when the next begins."""
+    clock, compute, keep, ended = Clock(monkeypatch, lambda: 0.0), Computation.compute, Pace.kept, [0.0, 0.0]
+    lost, files = [], []
+
+    def computed(self, part, before, steps, tables):
+        after = compute(self, part, before, steps, tables)
+        clock.now += price * (after.steps - before.steps)
+        lost.append(clock.now - ended[-2])
+        return after
+
+    def kept(self):
+        ended.append(clock.now)
+        keep(self)
+
+    def wrote(self, part, begun, write=Kept.write):
+        files.append(part)
+        write(self, part, begun)
+
+    monkeypatch.setattr(Computation, "compute", computed)
+    monkeypatch.setattr(Pace, "kept", kept)
+    monkeypatch.setattr(Kept, "write", wrote)
+    result = simulated(tmp_path / "run.zarr", **cut)
+    assert clock.now == pytest.approx(price * result.computed / cut["group"])
+    assert max(lost) <= 30 + 2 * price  # a turn has two steps
+    part = 60 * price if cut.get("segment") else STEPS * price
+    assert bool(files) == (part > pace.KEPT + pace.LEG)  # a fast run writes its parts alone
+
+
+KEPT = "checkpoint/begun-1.npz"
+
+
+def torn(file, **arrays):
+    """As `numpy.savez`, but the process ends in the middle."""
+    file.write(b"PK" * 500)
+    raise CrashError
+
+
+def not_replaced(self, target, replace=Path.replace):
+    if self.suffix == ".new":
+        raise CrashError
+    return replace(self, target)
+
+
+def not_removed(self, group, remove=Kept.remove):
+    if group == 1:
+        raise CrashError
+    remove(self, group)
+
+
+CRASHES = {
+    "in the file": (np, "savez", torn),
+    "before it is there": (Path, "replace", not_replaced),
+    "when the part is written": (Kept, "remove", not_removed),
+}
+
+
+@pytest.mark.parametrize("crash", CRASHES)
+def test_a_kill_while_a_part_is_kept_leaves_what_was_kept_before(tmp_path, monkeypatch, references, crash):
+    path, run = tmp_path / "run.zarr", RUNS["tops"]
+    monkeypatch.setattr(pace, "LEG", 0.0)
+    monkeypatch.setattr(pace, "KEPT", 0.0)
+    with pytest.raises(CrashError):
+        run(path, progress=stop_after(50))  # group 0 has 35 turns in its first part
+    assert (path / KEPT).exists()
+    before = ml.simulation.inspect(path)
+    with monkeypatch.context() as patch:
+        patch.setattr(*CRASHES[crash])
+        with pytest.raises(CrashError):
+            run(path, resume=True)
+    after = ml.simulation.inspect(path)
+    assert after.damaged == ()
+    assert after.done == (2 * 16 * 70 if crash == "when the part is written" else before.done)
+    assert (path / KEPT).exists()
+    assert run(path, resume=True).repaired == ()
+    same(path, references("tops"))
+    assert sorted(file.name for file in (path / "checkpoint").iterdir()) == sorted(
+        ["attitude", "commit", "first_bad", "momentum", "zarr.json"]
+    )
+
+
+@pytest.mark.parametrize("place", ["start", "middle", "end", "half", "nothing"])
+def test_damage_to_what_is_kept_is_named_and_computed_again(tmp_path, monkeypatch, references, place):
+    path, run = tmp_path / "run.zarr", RUNS["tops"]
+    with monkeypatch.context() as patch:
+        patch.setattr(pace, "LEG", 0.0)
+        patch.setattr(pace, "KEPT", 0.0)
+        with pytest.raises(CrashError):
+            run(path, progress=stop_after(60))
+    data = bytearray((path / KEPT).read_bytes())
+    if place in ("half", "nothing"):
+        data = data[: len(data) // 2 if place == "half" else 0]
+    else:
+        data[{"start": 2, "middle": len(data) // 2, "end": len(data) - 6}[place]] ^= 1
+    (path / KEPT).write_bytes(data)
+    found = ml.simulation.inspect(path)
+    assert found.damaged == ("the steps of segment 0, group 1",)
+    assert found.done == 16 * 70
+    result = run(path, resume=True)
+    assert result.repaired == ("the steps of segment 0, group 1",)
+    assert result.computed == ALL - found.done
+    same(path, references("tops"))
+
+
+def test_ctrl_c_keeps_what_is_computed_of_a_part(tmp_path, monkeypatch):
+    compute, path, taken = Computation.compute, tmp_path / "run.zarr", []
+
+    def interrupted(self, part, before, steps, tables):
+        if len(taken) == 5:
+            raise KeyboardInterrupt
+        taken.append(compute(self, part, before, 10, tables))
+        return taken[-1]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Computation, "compute", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            simulated(path)
+    assert ml.simulation.inspect(path).done == 16 * 50
+
+
+@pytest.mark.parametrize("seed", [0, *whole(*range(1, 10))])
+def test_a_late_run_that_is_killed_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
+    """Killed by SIGKILL while it keeps all the time, and resumed by a process with more devices; as users get it."""
+    chance = random.Random(seed)
+    process, _ = start_process(tmp_path / "run.zarr", cache, "--late")
+    for _ in range(chance.randrange(10, 400)):
+        process.stdout.readline()
+    time.sleep(chance.uniform(0, 0.01))
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert ml.simulation.inspect(tmp_path / "run.zarr").damaged == ()
+    finished(*start_process(tmp_path / "run.zarr", cache, "--devices", 2))
+    assert_same(tmp_path / "run.zarr", optimised)
+
+
+@pytest.mark.parametrize("every", [1, 2, 7, 64, 80, 129])
+@pytest.mark.parametrize("turn", [1, 2, 3, 64])
+def test_the_stops_are_the_turns_and_the_saved_states(every, turn):
+    stops = {i * every + min(k * turn, every) for i in range(300) for k in range(every + 1)}
+    for begin, steps in itertools.product(sorted(stops)[:20], (0, 1, 2, 5, 100)):
+        found = legs.next_stop(begin, steps, turn, every)
+        assert found == min(stop for stop in stops if stop >= begin + max(steps, 1))
+
+
+def test_long_turns_make_the_same_steps(tmp_path, monkeypatch, references):
+    """Those of an accelerator, of which the last one before a saved state is shorter."""
+    with monkeypatch.context() as patch:
+        patch.setattr(legs, "on_cpu", lambda: False)
+        patch.setattr(pace, "LEG", 0.0)
+        assert legs.turn(ml.method("SYMMETRIC[EA]"), 80) == 64
+        run = partial(simulated, save_every=80, segment=3)
+        run(tmp_path / "long.zarr")
+    run = partial(simulated, save_every=80, segment=3, group=17)
+    run(tmp_path / "short.zarr")
+    one, other = contents(tmp_path / "long.zarr"), contents(tmp_path / "short.zarr")
+    for name in one:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
