@@ -11,6 +11,7 @@
 #   make lint               formatting, lint, types
 #   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
+#   make claims             what is claimed of the methods, measured: docs/claims.md and its picture
 #   make rivals             error against time beside other programs: docs/work-precision.md and its charts
 #   make test-gpu           the laws on the accelerator that JAX sees; installs JAX='jax[cuda13]' unless told otherwise
 #   make gpu                the speed there: docs/gpu.md and docs/gpu.png
@@ -38,8 +39,8 @@ PYTEST = .venv/bin/pytest -n 2 --no-loadscope-reorder
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test test-all costs test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench rivals gpu kernels \
-	docs figures test-release test-lowest
+.PHONY: chart test test-all costs test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench claims rivals gpu \
+	kernels docs figures test-release test-lowest
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -84,6 +85,9 @@ fuzz: .venv/.fuzz
 
 bench: .venv/.bench
 	.venv/bin/python benchmarks/run.py
+
+claims: .venv/.cli
+	.venv/bin/python benchmarks/claims.py --out docs/claims.png --page docs/claims.md
 
 rivals: .venv/.bench
 	.venv/bin/python benchmarks/work_precision.py

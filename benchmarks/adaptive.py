@@ -19,7 +19,7 @@ jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._kernel.verdict import is_fine  # noqa: E402
-from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.cli import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed  # noqa: E402
 from midlie_jax.methods.system import Motion, System  # noqa: E402  (for a step control that is not in the package)
 

@@ -32,7 +32,7 @@ def serve():
     import jax.numpy as jnp
 
     import midlie_jax as ml
-    from midlie_jax.bench import scenes
+    from midlie_jax.cli import scenes
     from midlie_jax.drivers.timing import timed, user_clock
 
     scene, runs = scenes.scene("P1"), {}

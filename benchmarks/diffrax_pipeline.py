@@ -26,7 +26,7 @@ jax.config.update("jax_enable_x64", True)
 from pages import put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax.bench import oracles, scenes  # noqa: E402
+from midlie_jax.cli import oracles, scenes  # noqa: E402
 
 MOMENTS, WEIGHT, AXIS = (1.0, 2.0, 2.5), 2.0, (0.48, 0.6, 0.64)
 

@@ -36,11 +36,11 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import lowering  # noqa: E402
+from laboratory.rivals.problem import rates  # noqa: E402
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax.bench import scenes  # noqa: E402
-from midlie_jax.bench.rivals.problem import rates  # noqa: E402
+from midlie_jax.cli import scenes  # noqa: E402
 from midlie_jax.methods.runge_kutta import RungeKutta  # noqa: E402
 from midlie_jax.methods.splitting import Splitting  # noqa: E402
 
@@ -230,9 +230,9 @@ def ceiling(method: str, dtype: str, form: str) -> str:
 
 
 def chart(figures: list[Figure], path: Path) -> None:
-    from midlie_jax.bench.figures import heading, new_figure, panel, write
-    from midlie_jax.bench.line_labels import End, label_ends
-    from midlie_jax.bench.line_styles import COOL, DASHED, SOLID, WARM, styles
+    from midlie_jax.cli.figures import heading, new_figure, panel, write
+    from midlie_jax.cli.line_labels import End, label_ends
+    from midlie_jax.cli.line_styles import COOL, DASHED, SOLID, WARM, styles
 
     figure = new_figure(13.0, 6.5)
     dtypes = list(dict.fromkeys(f.job.dtype for f in figures))

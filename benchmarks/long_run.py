@@ -16,7 +16,7 @@ import numpy as np
 from pages import put
 
 import midlie_jax as ml
-from midlie_jax.bench import scenes
+from midlie_jax.cli import scenes
 from midlie_jax.drivers.timing import pin
 
 jax.config.update("jax_enable_x64", True)
@@ -58,8 +58,8 @@ def measured(steps):
 
 def draw(results, path):
     """Draws how much the mean energy error of each part of the run differs from that of the first part."""
-    from midlie_jax.bench.figures import heading, new_figure, panel, write
-    from midlie_jax.bench.line_labels import End, label_ends
+    from midlie_jax.cli.figures import heading, new_figure, panel, write
+    from midlie_jax.cli.line_labels import End, label_ends
 
     figure = new_figure(13.0, 5.6)
     heading(figure, "Energy over a long run", f"Means over {PARTS} equal parts of the run, minus that of the first.")

@@ -18,7 +18,7 @@ import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError
 
-from midlie_jax.bench.figures import few_colours
+from midlie_jax.cli.figures import few_colours
 
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 LIMIT = 180  # seconds for one notebook on two cores that do nothing else, with what it compiles

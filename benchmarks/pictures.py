@@ -18,7 +18,7 @@ import numpy as np  # noqa: E402
 from pages import DOCS  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax.bench.figures import PANEL_TITLE, new_figure, panel, write  # noqa: E402
+from midlie_jax.cli.figures import PANEL_TITLE, new_figure, panel, write  # noqa: E402
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION  # noqa: E402
 
 TOP, GRAVITY = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)

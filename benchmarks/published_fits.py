@@ -20,7 +20,7 @@ from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import fitting  # noqa: E402
-from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.cli import scenes  # noqa: E402
 
 BEGIN, END = "<!-- published fits -->", "<!-- /published fits -->"
 

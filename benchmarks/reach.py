@@ -21,7 +21,7 @@ from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._kernel import components as cp  # noqa: E402
-from midlie_jax.bench import scenes  # noqa: E402
+from midlie_jax.cli import scenes  # noqa: E402
 from midlie_jax.drivers.timing import timed_in_turn  # noqa: E402
 
 BEGIN, END = "<!-- reach -->", "<!-- /reach -->"

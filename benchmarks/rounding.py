@@ -12,10 +12,10 @@ import argparse
 
 import jax
 import numpy as np
+from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 from pages import put
 
 import midlie_jax as ml
-from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
 from midlie_jax.drivers.timing import pin
 from midlie_jax.methods.flights import FLIGHTS
 

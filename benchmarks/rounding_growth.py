@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from laboratory.free_bodies import free_bodies, spatial_momentum
+from laboratory.runner import Rows, Runner
 from pages import DOCS, put
 
 import midlie_jax as ml
 from midlie_jax._kernel import components
-from midlie_jax.bench import scenes
-from midlie_jax.bench.free_bodies import free_bodies, spatial_momentum
-from midlie_jax.bench.oracles import free_body
-from midlie_jax.bench.runner import Rows, Runner
+from midlie_jax.cli import scenes
+from midlie_jax.cli.oracles import free_body
 from midlie_jax.drivers.timing import pin
 
 jax.config.update("jax_enable_x64", True)
@@ -230,8 +230,8 @@ COLOURS = {
 
 
 def draw(results: list[Growth], path: Path) -> None:
-    from midlie_jax.bench.figures import heading, new_figure, panel, write
-    from midlie_jax.bench.line_labels import End, label_ends
+    from midlie_jax.cli.figures import heading, new_figure, panel, write
+    from midlie_jax.cli.line_labels import End, label_ends
 
     names = list(dict.fromkeys(growth.case for growth in results))
     figure = new_figure(16.0, 12.5)

@@ -20,7 +20,7 @@ import numpy as np  # noqa: E402
 from pages import DOCS, put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax.bench.figures import heading, new_figure, panel, write  # noqa: E402
+from midlie_jax.cli.figures import heading, new_figure, panel, write  # noqa: E402
 
 BEGIN, END = "<!-- tops -->", "<!-- /tops -->"
 DT, STEPS, EVERY = 0.02, 1000, 5  # seconds, steps

@@ -8,8 +8,8 @@ line at 1 the fastest of our methods takes less time than the other program.
 
 from pages import DOCS, tables
 
-from midlie_jax.bench.figures import FAINT, INK, heading, new_figure, panel, write
-from midlie_jax.bench.line_labels import End, label_ends
+from midlie_jax.cli.figures import FAINT, INK, heading, new_figure, panel, write
+from midlie_jax.cli.line_labels import End, label_ends
 
 PICTURE = DOCS / "times-faster.png"
 COLUMNS = {"heyoka": "general / heyoka", "diffrax": "general / diffrax"}

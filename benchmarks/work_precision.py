@@ -19,11 +19,11 @@ from pathlib import Path
 import choosing
 import jax
 import times_faster
+from laboratory import frontier, rivals, work_precision
+from laboratory.families import FAMILIES
+from laboratory.frontier_chart import work_precision_chart
 from pages import put, shown
 
-from midlie_jax.bench import frontier, rivals, work_precision
-from midlie_jax.bench.families import FAMILIES
-from midlie_jax.bench.frontier_chart import work_precision_chart
 from midlie_jax.drivers.timing import cost_clock, pin
 
 jax.config.update("jax_enable_x64", True)

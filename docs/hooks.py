@@ -29,11 +29,13 @@ def module_of(name: str) -> ModuleType:
 def public_names(name: str) -> list[str]:
     """The public names of a module, in the order of its source.
 
-    They are what it defines without an underscore, and what it imports as `X as X`, the mark of a name for others.
+    They are what it defines without an underscore, and what it imports as `X as X`, the mark of a name for others. The
+    package itself has them in a stub.
     """
     module = module_of(name)
+    stub = Path(inspect.getfile(module)).with_suffix(".pyi")
     names = []
-    for node in ast.parse(inspect.getsource(module)).body:
+    for node in ast.parse(stub.read_text() if stub.exists() else inspect.getsource(module)).body:
         if isinstance(node, (ast.ImportFrom, ast.Import)):
             names += [alias.name for alias in node.names if alias.asname == alias.name]
         elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):

@@ -1,76 +1,58 @@
 """midlie_jax integrates the rotation of many rigid bodies at once, by explicit midpoint Lie methods, on JAX.
 
-This module lists the public names; everything else is internal.
+The public names are listed in `__init__.pyi`, each with the file that it is from; everything else is internal. A name
+is imported when it is first asked for, so that `midlie --help` does not wait for JAX, nor a run for diffrax.
 """
 
+import pathlib  # not `Path` of it, which is a public name here
+import re
+import sys
 from importlib import import_module
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import Any
 
-from .drivers import observe as observe
-from .drivers.adaptive import integrate_adaptive as integrate_adaptive
-from .drivers.adjoints import Checkpointed as Checkpointed
-from .drivers.adjoints import Forward as Forward
-from .drivers.adjoints import Reversible as Reversible
-from .drivers.check import Check as Check
-from .drivers.check import check as check
-from .drivers.energy import energy as energy
-from .drivers.ensemble import ensemble as ensemble
-from .drivers.free_motion import free_motion as free_motion
-from .drivers.integrate import integrate as integrate
-from .drivers.path import AdaptivePath as AdaptivePath
-from .drivers.path import Path as Path
-from .drivers.recommend import Recommendation as Recommendation
-from .drivers.recommend import recommend as recommend
-from .drivers.results import RESULTS as RESULTS
-from .methods import flights as flights
-from .methods import schemes as schemes
-from .methods.registry import method as method
-from .methods.registry import methods as methods
-from .model import densities as densities
-from .model import orbits as orbits
-from .model import so3 as so3
-from .model import torques as torques
-from .model.bodies import Particles as Particles
-from .model.bodies import RigidBody as RigidBody
-from .model.bodies import TensorBody as TensorBody
-from .model.compensated import CompensatedState as CompensatedState
-from .model.observables import angular_velocity as angular_velocity
-from .model.observables import kinetic_energy as kinetic_energy
-from .model.observables import spatial_angular_velocity as spatial_angular_velocity
-from .model.observables import spatial_momentum as spatial_momentum
-from .model.states import DirectionState as DirectionState
-from .model.states import MomentumState as MomentumState
-from .model.states import ParticleState as ParticleState
-from .model.states import RigidState as RigidState
-from .scattering import distributions as distributions
-from .scattering import scatter as scatter
-from .simulation.simulate import simulate as simulate
-from .simulation.summary import Simulation as Simulation
-
-if TYPE_CHECKING:
-    from . import diffrax as diffrax
-    from . import fitting as fitting
-    from . import plot as plot
-    from .diffrax import LieInterpolation as LieInterpolation
-    from .diffrax import LieSolver as LieSolver
-    from .diffrax import RigidBodyTerm as RigidBodyTerm
-    from .diffrax import RotationNorm as RotationNorm
-    from .fitting import fit as fit
-
-    # These modules can be called, which type checkers do not know.
-    from .methods.as_typed import flights as flights
-    from .methods.as_typed import schemes as schemes
+_STUB = pathlib.Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+# `as_typed` says what flights and schemes are to type checkers; when a program runs they are modules beside it.
+_WHERE = {
+    name: module.removesuffix(".as_typed")
+    for module, name in re.findall(r"^from \.([\w.]*) import (\w+) as \2$", _STUB, re.MULTILINE)
+}
+__all__ = [*_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """What takes time, or an extra, is done when it is first asked for: diffrax, `fit`, `plot` and the version."""
-    if name in ("diffrax", "fitting", "plot"):
-        return import_module(f".{name}", __name__)
-    if name in ("LieInterpolation", "LieSolver", "RigidBodyTerm", "RotationNorm"):
-        return getattr(import_module(".diffrax", __name__), name)
-    if name == "fit":
-        return import_module(".fitting", __name__).fit
-    if name == "__version__":  # of the installed package, whose version is in pyproject.toml
+    """A public name or a folder of the package, which is then kept; and the version of the installed package."""
+    if name == "__version__":  # which is in pyproject.toml
+        from importlib.metadata import version
+
         return version(__name__)
+    if module := _WHERE.get(name):
+        found = getattr(__import__(module, globals(), None, [name], 1), name)  # from .module import name
+    else:
+        found = _folder(name)
+    return globals().setdefault(name, found)
+
+
+def _folder(name: str) -> ModuleType:
+    try:
+        if not name.startswith("__"):  # `__main__` is the command
+            return import_module(f".{name}", __name__)
+    except ModuleNotFoundError as error:
+        if error.name != f"{__name__}.{name}":
+            raise
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*_WHERE, "__version__"]
+
+
+class _Package(ModuleType):
+    """The package; its function `methods` stays what it is when Python imports the folder of that name."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (_WHERE.get(name) and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -1,7 +1,7 @@
-"""`python -m midlie_jax`: the `midlie` command where its script is not on the path. See `midlie_command`."""
+"""`python -m midlie_jax`: the `midlie` command where its script is not on the path. See `cli/main.py`."""
 
 import sys
 
-from midlie_command import main
+from .cli.main import main
 
 sys.exit(main())

@@ -31,7 +31,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ellipk
 
 import midlie_jax as ml
-from midlie_jax.bench.figures import panel
+from midlie_jax.cli.figures import panel
 
 BLUE, ORANGE, GREEN, GREY, INK = "#0072B2", "#D55E00", "#009E73", "#8a8a8a", "#222222"
 NAMES, COLOURS = ("yaw", "roll", "pitch"), (BLUE, ORANGE, GREEN)  # about the axes 1, 2, 3

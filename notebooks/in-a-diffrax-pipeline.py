@@ -25,7 +25,7 @@ import optax
 import optimistix
 
 import midlie_jax as ml
-from midlie_jax.bench.figures import panel
+from midlie_jax.cli.figures import panel
 
 MOMENTS, WEIGHT = jnp.array([0.05, 0.045, 0.015]), 0.2  # kg m², N m
 START = ml.RigidState(

@@ -27,7 +27,7 @@ from matplotlib.collections import LineCollection
 from scipy.special import ellipkm1
 
 import midlie_jax as ml
-from midlie_jax.bench.figures import panel
+from midlie_jax.cli.figures import panel
 
 BLUE, ORANGE, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"
 plt.rcParams["figure.dpi"] = 80

@@ -25,8 +25,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import midlie_jax as ml
-from midlie_jax.bench import scenes
-from midlie_jax.bench.figures import panel
+from midlie_jax.cli import scenes
+from midlie_jax.cli.figures import panel
 
 BLUE, ORANGE, GREEN, PINK, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#555555"
 
@@ -259,5 +259,5 @@ print(f"error of LIEMID[EA] over that of the exact flight: {ratio:.0f}")
 # | best second-order integrator of its kind | stands among the methods of its figure; falls against the exact flight |
 # | symplectic | falls: the defect of a flight is of third order in the step; the energy drifts in the drift test |
 #
-# `midlie claims` measures all of this for every method in the library, and writes the page
+# `make claims` measures all of this for every method in the library, and writes the page
 # [claims](../docs/claims.md).

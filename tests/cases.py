@@ -6,11 +6,9 @@ runs that differ in body, torque, start and step, and every law reads its own ro
 
 import os
 import re
-import sys
 from functools import cache, partial
 from importlib import import_module
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -233,10 +231,7 @@ def compiled(name: str, solo: bool = False, hurried: bool | None = None, **optio
 
 
 def benchmark(name: str) -> Any:
-    """The module of a benchmark, which is a script outside the package; its neighbours are found as when it runs."""
-    folder = str(Path(__file__).parent.parent / "benchmarks")
-    if folder not in sys.path:
-        sys.path.append(folder)
+    """The module of a benchmark, which is a script outside the package; pytest has their folder on its path."""
     return import_module(name)
 
 

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-import midlie_command
 import midlie_jax as ml
+from midlie_jax.cli.main import main
 
 Place = float  # a share of the file, from 0 to 1
 MOMENTS, RATE, TIMES = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0]), np.arange(61) * 0.1
@@ -164,7 +164,7 @@ def run(text: str) -> tuple[int, str, str]:
         file.write_bytes(text.encode())
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            code = midlie_command.main(["fit", str(file), "--unit", "rad/s"])
+            code = main(["fit", str(file), "--unit", "rad/s"])
     return code, out.getvalue(), err.getvalue()
 
 

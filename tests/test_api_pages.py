@@ -21,12 +21,9 @@ _spec.loader.exec_module(hooks)
 
 pages = benchmark("api_pages")
 
-# What `ml` reaches besides classes and functions, with `fitting` and `plot`, which it imports when they are asked for.
-MODULES = [name for name in hooks.public_names("midlie_jax") if inspect.ismodule(getattr(ml, name))] + [
-    "fitting",
-    "plot",
-]
-NAMES = [f"midlie_jax.{module}" for module in [*MODULES, "diffrax"]]
+# What `ml` reaches besides classes and functions.
+MODULES = [name for name in hooks.public_names("midlie_jax") if inspect.ismodule(getattr(ml, name))]
+NAMES = [f"midlie_jax.{module}" for module in MODULES]
 
 
 def shown():

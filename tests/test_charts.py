@@ -8,14 +8,16 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from laboratory import rivals, work_precision
+from laboratory.bands import BANDS
+from laboratory.families import FAMILIES
+from laboratory.frontier_chart import LEGEND, work_precision_figure
+from laboratory.rivals.problem import Point
 from matplotlib.text import Text
 
-from midlie_jax.bench import charts, convergence, line_styles, rivals, scenes, work_precision
-from midlie_jax.bench.commands import run_chart
-from midlie_jax.bench.commands.record import Record
-from midlie_jax.bench.families import FAMILIES
-from midlie_jax.bench.frontier_chart import LEGEND, work_precision_figure
-from midlie_jax.bench.rivals.problem import Point
+from midlie_jax.cli import charts, convergence, line_styles, scenes
+from midlie_jax.cli.commands import run_chart
+from midlie_jax.cli.commands.record import Record
 from midlie_jax.methods.registry import paper_methods
 
 NOTE = (
@@ -166,7 +168,7 @@ def test_the_frontiers_stand_out_and_their_names_cover_no_line(figure):
 
 def test_the_families_have_colours_of_ours_each_its_own():
     """So they differ from each other and from the rivals' in every colour vision, as those do."""
-    colours = [line_styles.BANDS[name].colour for name in FAMILIES]
+    colours = [BANDS[name].colour for name in FAMILIES]
     assert len(set(colours)) == len(FAMILIES)
     assert set(colours) <= set(line_styles.COOL)
 

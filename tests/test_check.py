@@ -7,7 +7,7 @@ import pytest
 from cases import equal_moments, quick, whole
 
 import midlie_jax as ml
-from midlie_jax.bench import scenes
+from midlie_jax.cli import scenes
 from midlie_jax.methods import limits
 from midlie_jax.model.torques import Damping, DipoleInField, HeavyTop
 

@@ -1,4 +1,4 @@
-"""`midlie claims`: each measurement on maps and methods that have a property and on some that lack it; the verdicts.
+"""The claims: each measurement on maps and methods that have a property and on some that lack it; the verdicts.
 
 The published drifts are in test_scenes.py.
 """
@@ -9,15 +9,16 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from test_cli import midlie
+from cases import benchmark
+from laboratory.claims import command, measure, page, structure, verdicts
+from laboratory.claims.counting import work
+from laboratory.claims.measure import Bench
 
 import midlie_jax as ml
-from midlie_jax.bench.claims import measure, page, structure, verdicts
-from midlie_jax.bench.claims.counting import work
-from midlie_jax.bench.claims.measure import Bench
-from midlie_jax.bench.commands import claims
 from midlie_jax.methods.registry import ENTRIES
 from midlie_jax.methods.runge_kutta import RK4, RungeKutta
+
+script = benchmark("claims")
 
 HAS, LACKS, PAPERS = "JACOBI[EA]", "RK4", "LIEMID[EA]"
 STEPS = 2000
@@ -143,47 +144,47 @@ def test_verdicts_are_computed_from_the_figures():
 def no_measuring(monkeypatch):
     """The command with what the tests have measured already."""
     monkeypatch.setattr(measure, "_PARTING", (1,))
-    monkeypatch.setattr(claims, "Bench", lambda *steps: bench())
-    monkeypatch.setattr(claims, "_measured", lambda bench, methods: [measured(m.name) for m in methods])
+    monkeypatch.setattr(command, "Bench", lambda *steps: bench())
+    monkeypatch.setattr(command, "_measured", lambda bench, methods: [measured(m.name) for m in methods])
 
 
-def test_the_command_prints_and_writes_figures_and_verdicts(no_measuring, tmp_path):
-    outcome = midlie(
-        *("claims", "--methods", HAS, LACKS, "--steps", str(STEPS)),
-        *("--page", str(tmp_path / "page.md"), "--out", str(tmp_path / "energy.png")),
+def test_the_command_prints_and_writes_figures_and_verdicts(no_measuring, tmp_path, capsys):
+    script.main(
+        [
+            *("--methods", HAS, LACKS, "--steps", str(STEPS)),
+            *("--page", str(tmp_path / "page.md"), "--out", str(tmp_path / "energy.png")),
+        ]
     )
-    assert outcome.code == 0, outcome.err
-    assert "declarations of the registry hold" in outcome.out
+    assert "declarations of the registry hold" in capsys.readouterr().out
     text = (tmp_path / "page.md").read_text()
     assert f"| `{HAS}` | drift -1.05e-03 -> -1.05e-03 |" in text
-    assert "| holds | `midlie claims --methods 'JACOBI[EA]'` |" in text
+    assert "| holds | `python benchmarks/claims.py --methods 'JACOBI[EA]'` |" in text
     assert "![Energy over the two long runs](energy.png)" in text
     assert (tmp_path / "energy.png").read_bytes().startswith(b"\x89PNG")
     assert all(f"| `{name}` |" in text for name in (HAS, LACKS))
 
 
-def test_the_command_measures_two_methods_at_a_time_in_order(monkeypatch):
-    monkeypatch.setattr(claims, "Bench", lambda *steps: bench())
+def test_the_command_measures_two_methods_at_a_time_in_order(monkeypatch, capsys):
+    monkeypatch.setattr(command, "Bench", lambda *steps: bench())
     monkeypatch.setattr(Bench, "measure", lambda self, method, done: measured(HAS)._replace(method=method.name))
-    outcome = midlie("claims", "--methods", LACKS, HAS, PAPERS, "--steps", str(STEPS))
-    assert outcome.code == 0, outcome.err
-    assert [line.split()[0] for line in outcome.out.splitlines()[2:5]] == [LACKS, HAS, PAPERS]
+    script.main(["--methods", LACKS, HAS, PAPERS, "--steps", str(STEPS)])
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[2:5]] == [LACKS, HAS, PAPERS]
 
 
-def test_wrong_options_are_named():
+def test_wrong_options_are_named(capsys):
     for arguments, words in (
         (("--methods", "Verlet"), "does not move a rigid body"),
         (("--methods", "nobody"), "unknown method"),
         (("--methods", HAS, "--all"), "not allowed with"),
         (("--steps", "2"), "at least 8"),
     ):
-        outcome = midlie("claims", *arguments)
-        assert outcome.code == 2
-        assert words in outcome.err
+        with pytest.raises(SystemExit, match="2"):
+            script.main(arguments)
+        assert words in capsys.readouterr().err
 
 
 def chosen(**options):
-    return [m.name for m in claims._methods(argparse.Namespace(**({"methods": None, "all": False} | options)))]
+    return [m.name for m in command._methods(argparse.Namespace(**({"methods": None, "all": False} | options)))]
 
 
 def test_the_default_methods_are_those_of_the_paper_and_one_of_each_flight_and_scheme():

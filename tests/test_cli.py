@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-import midlie_command
 import midlie_jax as ml
-from midlie_jax.bench import convergence, scenes
-from midlie_jax.bench.commands import output
+from midlie_jax.cli import convergence, scenes
+from midlie_jax.cli.commands import output
+from midlie_jax.cli.main import main
+from midlie_jax.cli.parser import read
 from midlie_jax.drivers.program import Program
 from midlie_jax.methods.registry import DEFAULT
 
@@ -36,7 +37,7 @@ class Outcome(NamedTuple):
 def midlie(*arguments: str) -> Outcome:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = midlie_command.main(arguments)
+        code = main(arguments)
     return Outcome(code, out.getvalue(), err.getvalue())
 
 
@@ -50,7 +51,7 @@ def test_methods_lists_every_method_with_its_order():
 
 def test_run_takes_the_method_that_is_recommended():
     """The command knows its name by itself, so that its help needs no JAX."""
-    assert midlie_command._read(["run", "P1"]).method == DEFAULT == ml.LieSolver().method.name == ml.methods()[0]
+    assert read(["run", "P1"]).method == DEFAULT == ml.LieSolver().method.name == ml.methods()[0]
 
 
 def test_scenes_lists_every_scene():
@@ -153,7 +154,7 @@ def test_a_wrong_line_is_refused_without_jax(arguments):
         (["view", "run.npz", "--axis", "0,0,0"], ["--axis", "must be e1, e2 or e3, or a direction", "'0,0,0'"]),
         (["methods", "all"], ["unknown method 'all'", "see midlie methods --help"]),
         (["scenes", "p1-tited"], ["unknown scene 'p1-tited'", "Did you mean 'P1-tilted'?"]),
-        (["chart", "P1", "--quick"], ["--quick goes with --rivals alone"]),
+        (["chart", "P1", "--rivals"], ["unrecognized arguments: --rivals", "see midlie chart --help"]),
         (["paint"], ["paint", "chart", "see midlie --help"]),
         (["chrat"], ["unknown command 'chrat'", "did you mean chart?"]),
         ([], ["COMMAND", "see midlie --help"]),

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import RIGID_FLIGHTS, each, epsilon, quick, real, setup, suited, swing, whole
+from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
-from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
 
 BODIES, STEPS = 16, 10_000
 EXACT = [flight for flight in RIGID_FLIGHTS if flight.order is None]

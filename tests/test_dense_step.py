@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.bench import oracles
+from midlie_jax.cli import oracles
 
 NAMES = ["LIEMID[E1]", "JACOBI[SRKN6b]", "RK4"]  # begins with a flight, with a kick, and with neither
 

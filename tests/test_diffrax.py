@@ -46,7 +46,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.bench import oracles
+from midlie_jax.cli import oracles
 
 
 def numbers(state):

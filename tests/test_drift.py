@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import half_last_digit, worst
+from laboratory.claims.drift import Drift
+from laboratory.claims.drift import drift as drift_test
+from laboratory.claims.verdicts import PUBLISHED_DRIFTS, is_published_drift
 
 import midlie_jax as ml
-from midlie_jax.bench import scenes
-from midlie_jax.bench.claims.drift import Drift
-from midlie_jax.bench.claims.drift import drift as drift_test
-from midlie_jax.bench.claims.verdicts import PUBLISHED_DRIFTS, is_published_drift
+from midlie_jax.cli import scenes
 
 # Mean energy error over the first and the last eighth of T = 1e4.
 DRIFTS = {

@@ -9,7 +9,7 @@ import pytest
 from cases import quick
 
 import midlie_jax as ml
-from midlie_jax.bench import charts, convergence, scenes
+from midlie_jax.cli import charts, convergence, scenes
 
 cp, half_turn = ml.flights.components, ml.flights.short_series.half_turn
 

@@ -8,7 +8,7 @@ import re
 import pytest
 from cases import benchmark
 
-import midlie_command
+from midlie_jax.cli.parser import read
 
 with_pages = benchmark("figures")
 choosing = benchmark("choosing")
@@ -30,7 +30,7 @@ def test_the_command_can_be_run(picture, monkeypatch):
     monkeypatch.chdir(ROOT)
     _, *words = with_pages.as_run(COMMANDS[picture])
     if words[:2] == ["-m", "midlie_jax"]:
-        midlie_command._read(words[2:])
+        read(words[2:])
         assert DOCS / picture in [ROOT / word for word in words]
         return
     script, *options = words

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import midlie_command
 import midlie_jax as ml
+from midlie_jax.cli.main import main
 
 MOMENTS, RATE, TIMES = np.array([1.1, 2.0, 2.4]), np.array([0.3, 0.5, -0.2]), np.arange(2.0, 14.1, 0.5)
 
@@ -19,7 +19,7 @@ MOMENTS, RATE, TIMES = np.array([1.1, 2.0, 2.4]), np.array([0.3, 0.5, -0.2]), np
 def midlie_fit(*arguments):
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = midlie_command.main(["fit", *map(str, arguments)])
+        code = main(["fit", *map(str, arguments)])
     return code, out.getvalue(), err.getvalue()
 
 

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import DTYPES, at, epsilon, quick, whole
+from laboratory.claims.structure import canonical
 
 import midlie_jax as ml
 from midlie_jax._kernel import components as cp
-from midlie_jax.bench.claims.structure import canonical
-from midlie_jax.bench.oracles import free_body
+from midlie_jax.cli.oracles import free_body
 from midlie_jax.methods import flights
 from midlie_jax.model import so3
 

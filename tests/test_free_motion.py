@@ -7,7 +7,7 @@ import pytest
 from cases import DTYPES, epsilon, quick, real
 
 import midlie_jax as ml
-from midlie_jax.bench.oracles import free_body
+from midlie_jax.cli.oracles import free_body
 
 ONE = [1.0, 0.0, 0.0, 0.0]
 SPECIAL = {

@@ -3,13 +3,14 @@
 import math
 
 import pytest
+from laboratory import frontier, rivals, work_precision
+from laboratory.families import FAMILIES, family, members
+from laboratory.frontier_chart import work_precision_figure
+from laboratory.rivals.lie_group import RKMK4
+from laboratory.rivals.problem import Point
 
 import midlie_jax as ml
-from midlie_jax.bench import frontier, rivals, scenes, work_precision
-from midlie_jax.bench.families import FAMILIES, family, members
-from midlie_jax.bench.frontier_chart import work_precision_figure
-from midlie_jax.bench.rivals.lie_group import RKMK4
-from midlie_jax.bench.rivals.problem import Point
+from midlie_jax.cli import scenes
 from midlie_jax.methods.registry import ENTRIES
 
 

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import CLASSES, ROTATION, by_turns, epsilon, equal_moments, quick, real, turn, whole
+from laboratory.free_bodies import spatial_momentum
 
 import midlie_jax as ml
-from midlie_jax.bench.free_bodies import spatial_momentum
 from midlie_jax.methods.runge_kutta import RungeKutta
 
 STEPS, ROWS = 1500, 50

@@ -6,7 +6,7 @@ import pytest
 from cases import benchmark
 
 import midlie_jax as ml
-from midlie_jax.bench import scenes
+from midlie_jax.cli import scenes
 
 limit = benchmark("limit")
 

@@ -1,4 +1,4 @@
-"""That steps fail where the limits of `methods/limits.py` say, on maps of `bench/stability.py`."""
+"""That steps fail where the limits of `methods/limits.py` say, on maps of `cli/stability.py`."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,7 @@ import pytest
 from cases import RIGID_FLIGHTS, quick, whole
 
 import midlie_jax as ml
-from midlie_jax.bench import stability
+from midlie_jax.cli import stability
 from midlie_jax.methods import limits
 from midlie_jax.methods.inertia import Inertia
 from midlie_jax.methods.runge_kutta import DOP853, GBS12, RK4

@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from midlie_jax.bench import oracles
+from midlie_jax.cli import oracles
 
 BITS = 150  # of the fixed-point numbers below
 ORDER = 32

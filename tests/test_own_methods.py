@@ -7,21 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import benchmark
+from laboratory import work_precision
+from laboratory.claims import command
+from laboratory.claims.counting import Work
+from laboratory.claims.drift import Drift
+from laboratory.claims.measure import Measured
 from test_cli import midlie
 
 import midlie_jax as ml
-from midlie_jax.bench import chosen, convergence, scenes, stability, work_precision
-from midlie_jax.bench.claims.counting import Work
-from midlie_jax.bench.claims.drift import Drift
-from midlie_jax.bench.claims.measure import Measured
-from midlie_jax.bench.commands import claims
+from midlie_jax.cli import chosen, convergence, scenes, stability
 from midlie_jax.simulation.inspect import inspect
 
 # Verlet with its kicks written in two parts: the same numbers as LIEMID[EA], under a name of its own.
 MODULE = """
 from dataclasses import replace
 import midlie_jax as ml
-from midlie_jax.bench import scenes
+from midlie_jax.cli import scenes
 kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT
 stages = ((kick, 0.25), (kick, 0.25), (flight, 0.5), (flight, 0.5), (kick, 0.25), (kick, 0.25))
 my_method = ml.method("LIEMID", ml.schemes.Scheme("PARTS", 2, stages, "this test"))
@@ -61,7 +63,7 @@ def test_the_maps_of_stability_take_it(folder):
     assert (folder / "maps.png").stat().st_size > 10_000
 
 
-def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch):
+def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch, capsys):
     """With made-up figures. The page names the command with the name that was given."""
     nothing, defects, eighths = np.zeros((8, 2)), (1e-15,) * 3, np.full((8, 8), 1e-3)
     asked = []
@@ -71,15 +73,14 @@ def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch)
         figures = (2.0, 1e-3, 1e-3, defects, defects, 1e-14, 1e-14, nothing, Drift(eighths, eighths, True))
         return [Measured(one.name, *figures, Work(1, True), 2, 2, 400, True) for one in methods]
 
-    monkeypatch.setattr(claims, "_measured", measured)
-    monkeypatch.setattr(claims.Bench, "chaos", lambda bench: "")
-    outcome = midlie("claims", "--methods", "own_numbers:my_method", "--steps", "400", "--page", "own.md")
-    assert outcome.code == 0, outcome.err
+    monkeypatch.setattr(command, "_measured", measured)
+    monkeypatch.setattr(command.Bench, "chaos", lambda bench: "")
+    benchmark("claims").main(["--methods", "own_numbers:my_method", "--steps", "400", "--page", "own.md"])
     assert [method.name for method in asked] == [NAME]
-    assert "declarations of the registry hold" in outcome.out
+    assert "declarations of the registry hold" in capsys.readouterr().out
     text = (folder / "own.md").read_text()
     assert f"| `{NAME}` | 2.00 |" in text
-    assert "Written by `midlie claims --methods own_numbers:my_method --steps 400 --page own.md`" in text
+    assert "Written by `python benchmarks/claims.py --methods own_numbers:my_method --steps 400 --page own.md`" in text
     assert f"--methods '{NAME}'" not in text  # which the command would not know
 
 

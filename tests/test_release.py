@@ -14,8 +14,8 @@ import packaged
 import pytest
 from packaged import PROJECT, ROOT
 
-import midlie_command
 import midlie_jax as ml
+from midlie_jax.cli.main import main
 
 VERSION = PROJECT["version"]
 INFO = f"midlie_jax-{VERSION}.dist-info/"
@@ -34,13 +34,14 @@ def wheel(sdist, tmp_path_factory):
     return packaged.build(source, tmp_path_factory.mktemp("wheel"), "wheel")
 
 
-def test_the_wheel_is_the_package_and_its_command_alone(wheel):
+def test_the_wheel_is_the_package_alone(wheel):
     files = packaged.contents(wheel)
-    ours = {path.relative_to(ROOT).as_posix() for path in (ROOT / "midlie_jax").rglob("*.py")}
+    ours = {path.relative_to(ROOT).as_posix() for path in (ROOT / "midlie_jax").rglob("*.py*") if path.suffix != ".pyc"}
     information = {f"{INFO}{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")}
-    assert set(files) == ours | {"midlie_command.py", "midlie_jax/py.typed"} | information
+    assert set(files) == ours | {"midlie_jax/py.typed"} | information
+    assert "midlie_jax/__init__.pyi" in ours
     assert all(files[name] == (ROOT / name).read_bytes() for name in ours)
-    assert b"midlie = midlie_command:main" in files[f"{INFO}entry_points.txt"]
+    assert b"midlie = midlie_jax.cli.main:main" in files[f"{INFO}entry_points.txt"]
     assert wheel.stat().st_size < 1e6
 
 
@@ -56,14 +57,14 @@ def test_the_sdist_has_the_sources_and_little_else(sdist):
     with tarfile.open(sdist) as archive:
         tops = {name.split("/")[1] for name in archive.getnames()}
     files = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "PKG-INFO"}
-    assert tops - {".gitignore"} == {"midlie_jax", "midlie_command.py"} | files
+    assert tops - {".gitignore"} == {"midlie_jax"} | files
     assert sdist.stat().st_size < 1e6
 
 
 def test_the_version_is_that_of_pyproject_everywhere(capsys):
     assert ml.__version__ == VERSION
     with pytest.raises(SystemExit, match="0"):
-        midlie_command.main(["--version"])
+        main(["--version"])
     assert capsys.readouterr().out == f"midlie_jax {VERSION}\n"
     assert f"\nversion: {VERSION}\n" in (ROOT / "CITATION.cff").read_text()
     newest = (ROOT / "CHANGELOG.md").read_text().split("\n## ")[1]
@@ -83,7 +84,7 @@ def test_every_dependency_has_a_least_version():
 def test_a_shell_completes_commands_and_options(typed, expected):
     """As bash asks argcomplete: what is typed is in the environment, and the answer goes to file descriptor 8."""
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": typed, "COMP_POINT": str(len(typed)), "_ARGCOMPLETE_SHELL": "bash"}
-    start = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import midlie_command; midlie_command.main([])"
+    start = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from midlie_jax.cli.main import main; main([])"
     command = ["bash", "-c", '"$0" -c "$1" 8>&1 9>/dev/null >/dev/null', sys.executable, start]
     done = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == expected, done.stderr

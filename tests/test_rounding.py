@@ -25,10 +25,10 @@ from cases import (
     quick,
     real,
 )
+from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 
 import midlie_jax as ml
-from midlie_jax.bench.free_bodies import TURNS, free_bodies, spatial_momentum
-from midlie_jax.bench.oracles import lagrange_top
+from midlie_jax.cli.oracles import lagrange_top
 from midlie_jax.methods.splitting import Splitting
 
 BODIES, STEPS = 16, 100_000  # bodies for each turn

@@ -8,17 +8,17 @@ import re
 import numpy as np
 import pytest
 
-import midlie_command
 import midlie_jax as ml
-from midlie_jax.bench import scenes
-from midlie_jax.bench.commands import run
-from midlie_jax.bench.commands.record import Record, save
+from midlie_jax.cli import scenes
+from midlie_jax.cli.commands import run
+from midlie_jax.cli.commands.record import Record, save
+from midlie_jax.cli.main import main
 
 
 def midlie_run(*arguments: str) -> str:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        assert midlie_command.main(["run", *arguments]) == 0, err.getvalue()
+        assert main(["run", *arguments]) == 0, err.getvalue()
     assert err.getvalue() == ""
     return out.getvalue()
 

@@ -20,7 +20,7 @@ import pytest
 from cases import half_last_digit, worst
 
 import midlie_jax as ml
-from midlie_jax.bench import oracles, scenes
+from midlie_jax.cli import oracles, scenes
 
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12)
 

@@ -20,8 +20,8 @@ import zarr
 from cases import whole
 from simulated import BODIES, EVERY, MOMENTA, MOMENTS, STEPS, simulated
 
-import midlie_command
 import midlie_jax as ml
+from midlie_jax.cli.main import main
 from midlie_jax.simulation import description
 from midlie_jax.simulation.store import Store
 
@@ -381,7 +381,7 @@ def test_processes_compute_the_same_bits(tmp_path, cache, optimised):
 
 def said(capsys, *arguments):
     """What a command prints, and its exit code."""
-    code = midlie_command.main([str(argument) for argument in arguments])
+    code = main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
     return code, captured.out + captured.err
 

@@ -6,16 +6,16 @@ import io
 import numpy as np
 import pytest
 
-import midlie_command
 import midlie_jax as ml
-from midlie_jax.bench import scenes, stability
-from midlie_jax.bench.stability_chart import stability_figure
+from midlie_jax.cli import scenes, stability
+from midlie_jax.cli.main import main
+from midlie_jax.cli.stability_chart import stability_figure
 
 
 def midlie(*arguments: str) -> tuple[int, str, str]:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = midlie_command.main(["stability", *arguments])
+        code = main(["stability", *arguments])
     return code, out.getvalue(), err.getvalue()
 
 

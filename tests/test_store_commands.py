@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import midlie_command
 import midlie_jax as ml
-from midlie_jax.bench.commands.export import euler_angles
-from midlie_jax.bench.commands.store_chart import store_figure
+from midlie_jax.cli.commands.export import euler_angles
+from midlie_jax.cli.commands.store_chart import store_figure
+from midlie_jax.cli.main import main
 
 pytest.importorskip("zarr")
 SEQUENCES = ["".join(s) for s in itertools.product("XYZ", repeat=3) if s[1] not in (s[0], s[2])]
@@ -59,7 +59,7 @@ def run(tmp_path_factory):
 
 
 def said(capsys, *arguments):
-    code = midlie_command.main([str(argument) for argument in arguments])
+    code = main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
     return code, captured.out, captured.err
 

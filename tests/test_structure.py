@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
 FLOORS = (
-    "_kernel", "model", "scattering", "methods", "drivers", "diffrax", "fitting", "plot", "simulation", "", "bench",
+    "_kernel", "model", "scattering", "methods", "drivers", "diffrax", "fitting", "plot", "simulation", "", "cli",
 )  # fmt: skip
 
 
@@ -28,7 +28,7 @@ def modules() -> dict[str, Path]:
     for path in (ROOT / PACKAGE).rglob("*.py"):
         parts = path.relative_to(ROOT / PACKAGE).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+    return found | {"": ROOT / PACKAGE / "__init__.pyi"}  # where the package says what it shows
 
 
 def imports_of(name: str, text: str, is_package: bool, known: set[str]) -> set[str]:
@@ -62,7 +62,7 @@ def graph() -> dict[str, set[str]]:
 
 
 def floor(name: str) -> int:
-    folder = name.split(".")[0] if name not in ("", "__main__") else ""
+    folder = name.split(".")[0] if name != "__main__" else "cli"
     return FLOORS.index(folder)
 
 
@@ -88,9 +88,9 @@ def test_no_modules_import_each_other_in_a_circle():
     assert not circle(graph())
 
 
-def test_nothing_but_the_laboratory_imports_the_laboratory():
-    assert not [name for name, targets in graph().items() if floor(name) < floor("bench") and any(
-        target.split(".")[0] == "bench" for target in targets
+def test_nothing_but_the_command_imports_the_command():
+    assert not [name for name, targets in graph().items() if floor(name) < floor("cli") and any(
+        target.split(".")[0] == "cli" for target in targets
     )]  # fmt: skip
 
 
@@ -98,7 +98,7 @@ def test_nothing_but_the_laboratory_imports_the_laboratory():
     ("module", "line"),
     [
         ("model.bodies", "from ..methods import system"),
-        ("methods.system", "from ..bench.scenes import scene"),
+        ("methods.system", "from ..cli.scenes import scene"),
         ("_kernel.fusion", "from midlie_jax.drivers.integrate import integrate"),
         ("drivers.integrate", "import midlie_jax.diffrax.solver"),
     ],
@@ -127,8 +127,13 @@ def users_of(package: str) -> set[str]:
     return {name.split(".")[0] for name in users}
 
 
-def test_only_the_plug_in_and_the_laboratory_import_diffrax():
-    assert users_of("diffrax") <= {"diffrax", "bench"}
+def test_only_the_plug_in_imports_diffrax():
+    assert users_of("diffrax") == {"diffrax"}
+
+
+def test_nothing_imports_the_laboratory():
+    """It stays behind when the package is installed."""
+    assert users_of("laboratory") == set()
 
 
 def test_only_fitting_imports_the_optimisers():
@@ -139,6 +144,25 @@ def test_fitting_stands_beside_the_plug_in():
     assert not [name for name, targets in graph().items() if name.split(".")[0] == "fitting" and any(
         target.split(".")[0] == "diffrax" for target in targets
     )]  # fmt: skip
+
+
+def test_the_package_shows_the_names_of_its_stub():
+    """And each is what it is in the file that the stub names, also after the folder `methods` was imported."""
+    code = (
+        "import ast, sys, midlie_jax as ml; print('jax' in sys.modules); import midlie_jax.methods.registry\n"
+        "nodes = ast.parse(open(ml.__file__ + 'i').read()).body\n"
+        "where = {a.asname: n.module for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}\n"
+        "shown = {name: getattr(ml, name) for name in dir(ml)}\n"
+        "print(set(shown) == {*where, '__version__'} == {*ml.__all__, '__version__'})\n"
+        "from importlib import import_module as load\n"
+        "same = [n for n, m in where.items() if m and shown[n] is getattr(load(f'midlie_jax.{m}'), n)]\n"
+        "print(*sorted(set(where) - set(same)))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    first, second, others = said.splitlines()
+    assert (first, second) == ("False", "True")
+    # Folders of the package, and two modules that have classes to stand for them.
+    assert others.split() == ["diffrax", "fitting", "flights", "plot", "schemes", "simulation"]
 
 
 def test_fitting_is_imported_when_it_is_first_asked_for():

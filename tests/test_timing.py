@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
-from midlie_jax.bench import convergence, scenes
+from midlie_jax.cli import convergence, scenes
 from midlie_jax.drivers import timing
 from midlie_jax.drivers.program import Program
 from midlie_jax.drivers.timing import Load, Stopwatch, Timing, timed

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-import midlie_command
 import midlie_jax as ml
+from midlie_jax.cli import scenes
+from midlie_jax.cli.main import main
 from midlie_jax.plot.turning import FACES, box, turning
 from midlie_jax.simulation.saved import saved_path
 
@@ -203,7 +204,7 @@ def test_a_view_in_a_browser(page, tmp_path, dark):
 def midlie(*arguments):
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = midlie_command.main([*map(str, arguments)])
+        code = main([*map(str, arguments)])
     return code, out.getvalue() + err.getvalue()
 
 
@@ -213,8 +214,8 @@ def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     code, said = midlie("run", "tumbling-brick", "--bodies", 3, "--steps", 20, "--out", folder / "command.npz")
     assert code == 0, said
-    scene = ml.bench.scenes.scene("tumbling-brick")
-    starts = ml.bench.scenes.perturbed(scene, 3, 1e-3)
+    scene = scenes.scene("tumbling-brick")
+    starts = scenes.perturbed(scene, 3, 1e-3)
     for name in ("simulate.npz", "simulate.zarr"):
         ml.simulate(
             "JACOBI[EA]",
@@ -233,8 +234,8 @@ def runs(tmp_path_factory):
 @pytest.mark.parametrize("name", ["command.npz", "simulate.npz", "simulate.zarr"])
 @pytest.mark.parametrize("body", [0, 2])
 def test_a_body_of_a_saved_run_is_that_of_the_run(runs, name, body):
-    scene = ml.bench.scenes.scene("tumbling-brick")
-    start = jax.tree.map(lambda x: x[body], ml.bench.scenes.perturbed(scene, 3, 1e-3))
+    scene = scenes.scene("tumbling-brick")
+    start = jax.tree.map(lambda x: x[body], scenes.perturbed(scene, 3, 1e-3))
     found = saved_path(runs / name, body)
     path = ml.integrate("JACOBI[EA]", scene.body, None, start, dt=scene.dt, steps=20)
     assert isinstance(found.body, ml.RigidBody)

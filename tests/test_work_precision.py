@@ -1,7 +1,5 @@
 """Error against cost as it is measured: the rivals written here, other programs, the ladder and the harness itself."""
 
-import contextlib
-import io
 import itertools
 import math
 from dataclasses import replace
@@ -10,12 +8,13 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import benchmark
+from laboratory import ladder, rivals, work_precision
+from laboratory.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
+from laboratory.rivals.lie_group import CF4, RKMK4
 
-import midlie_command
 import midlie_jax as ml
-from midlie_jax.bench import closed_form, convergence, ladder, rivals, scenes, work_precision
-from midlie_jax.bench.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
-from midlie_jax.bench.rivals.lie_group import CF4, RKMK4
+from midlie_jax.cli import closed_form, convergence, scenes
 from midlie_jax.drivers.program import Program
 from midlie_jax.drivers.timing import Timing
 from midlie_jax.methods.runge_kutta import DOP853, RK4
@@ -251,27 +250,19 @@ def test_mujoco_turns_the_same_top():
     assert not list(mujoco_steps.rk4(given._replace(scene=scenes.scene("gravity-gradient", "float64"))))
 
 
-def test_a_missing_rival_is_named_with_the_extra(monkeypatch):
+def test_a_missing_rival_is_named_with_the_extra(monkeypatch, capsys):
     monkeypatch.setattr(rivals, "find_spec", lambda name: None if name in ("heyoka", "mujoco") else name)
-    err, out = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stderr(err), contextlib.redirect_stdout(out):
-        assert midlie_command.main(["chart", "P1", "--rivals"]) == 2
-    assert "heyoka and mujoco" in err.getvalue()
-    assert "pip install 'midlie_jax[bench]'" in err.getvalue()
-    assert out.getvalue() == ""
+    with pytest.raises(SystemExit, match="2"):
+        benchmark("rivals").main(["P1"])
+    said = capsys.readouterr()
+    assert "heyoka and mujoco" in said.err
+    assert "pip install 'midlie_jax[bench]'" in said.err
+    assert said.out == ""
 
 
 def test_a_rival_that_is_not_installed_says_which_extra_brings_it():
     with pytest.raises(ImportError, match=r"need nosuchprogram: pip install 'midlie_jax\[bench\]'"):
         problem.program("nosuchprogram.part")
-
-
-def test_steps_do_not_go_with_rivals(monkeypatch):
-    monkeypatch.setattr(rivals, "find_spec", lambda name: name)
-    err = io.StringIO()
-    with contextlib.redirect_stderr(err):
-        assert midlie_command.main(["chart", "P1", "--rivals", "--steps", "10"]) == 2
-    assert "--steps" in err.getvalue()
 
 
 def test_our_points_and_the_note_tell_the_spread_and_a_busy_machine(monkeypatch):

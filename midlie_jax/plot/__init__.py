@@ -6,7 +6,7 @@ Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `po
 path each); files `animate` (GIF) and `view` (HTML). Below them: `motion` (the part of a path that can be trusted),
 `several` (paths side by side), `turning` and `box` (the body at evenly spaced times), `conservation` (what the exact
 motion conserves), `ellipsoid` and `labels3d` (artists for 3-D axes), `edge`, `apart` and `room` (names that neither
-collide nor are cut off) and `style`. `bench` uses these, too.
+collide nor are cut off) and `style`. `cli` uses these, too.
 """
 
 from .animate import animate as animate

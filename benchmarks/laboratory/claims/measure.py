@@ -1,0 +1,278 @@
+"""`Bench`: measures every property of a method that a claim is about, with one compiled program and the drift test's.
+
+The motions are, in every measurement the same for all methods:
+- `TOPS` heavy tops about the scene `asymmetric-top`, whose motion is chaotic, with a step of .05 over the long run. A
+  method for bodies with two equal moments has the moments (1, 3, 3); gravity then acts across the axis of symmetry.
+- `TOPS` free bodies with different moments, .2 to .5 radians a step.
+- The fast top P1 of the paper's figure, with h = .005 to T = 10, against the closed form.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from midlie_jax.cli import chosen
+from midlie_jax.cli.oracles import lagrange_top
+from midlie_jax.cli.scenes import perturbed, scene
+from midlie_jax.drivers.program import Program
+from midlie_jax.methods.base import Method
+from midlie_jax.methods.registry import method as find_method
+from midlie_jax.methods.splitting import Splitting
+from midlie_jax.model import so3
+from midlie_jax.model.bodies import RigidBody
+from midlie_jax.model.states import RigidState
+from midlie_jax.model.torques import HeavyTop
+
+from ..free_bodies import free_bodies, spatial_momentum
+from ..runner import Rows, Runner
+from . import structure
+from .counting import Work, work
+from .drift import Drift, drift
+
+STEPS = 1_000_000
+TOPS, ROWS = 16, 32  # tops and free bodies of the long run; rows of every call of the program
+SAMPLES = 4000  # states of the long run that are kept
+_BLOCK = 200  # of them in a call of the program
+DEFECT_STEPS = (0.4, 0.2, 0.1)  # h of the steps whose derivative is measured
+_TIME, _LADDER = 2.0, (2, 4, 8, 16, 32, 64, 128)  # duration and steps of the runs that measure the order
+_ACCURACY = 64  # the rung on which methods are compared
+_ROUNDING = 5e-13  # errors below this show rounding rather than the order
+_THERE, _BACK_STEP = 64, 0.1  # the run that is reversed
+_LONG_STEP, _FREE_STEP = 0.05, 0.5
+_P1_STEPS = 2000
+_REFERENCE = "JACOBI[SRKN14a]"
+_APART, _PARTING = 1e-9, (50, 100, 200, 400)  # how far apart neighbours start, and times at which they are compared
+_EQUAL, _ANY = (1.0, 3.0, 3.0), (1.0, 2.0, 3.0)
+
+
+class Measured(NamedTuple):
+    """What was measured of one method.
+
+    Attributes:
+        method: its name.
+        order: the slope of the error over the step, on the tops; NaN if no two errors show it.
+        accuracy: the error on the tops with h = 1/32, relative in the momentum and in radians, root mean square.
+        accuracy_p1: the same on P1 at T = 10 with h = .005.
+        symplectic: the defects on T*SO(3) of one step of the top, for `DEFECT_STEPS`.
+        area: the defects of area on the momentum sphere of one free step, for `DEFECT_STEPS`.
+        momentum: largest change of the spatial momentum of the free bodies over the long run, relative.
+        reversal: how far from the start 64 steps of .1 forward and back end.
+        energy: energy errors of the tops over the long run, relative, (samples, tops).
+        drift: the drift test.
+        work: torque evaluations a step, and whether all are explicit.
+        solves: equations solved by iteration in a step.
+        flights: flights a step, each of which rounds; at least one.
+        steps: steps of the long run.
+        ok: whether no step failed.
+    """
+
+    method: str
+    order: float
+    accuracy: float
+    accuracy_p1: float
+    symplectic: tuple[float, ...]
+    area: tuple[float, ...]
+    momentum: float
+    reversal: float
+    energy: np.ndarray
+    drift: Drift
+    work: Work
+    solves: int
+    flights: int
+    steps: int
+    ok: bool
+
+
+class Bench:
+    """Measures methods; holds the exact ends of the motions, each of which is computed once."""
+
+    def __init__(self, steps: int = STEPS):
+        """Takes the number of steps of the long run, of which `SAMPLES` states are kept."""
+        self.samples = min(SAMPLES, steps)
+        self.every = steps // self.samples
+        self.steps = self.every * self.samples
+        self._ends: dict[bool, RigidState] = {}
+        self._programs: dict[bool, Program] = {}
+        p1 = scene("P1")
+        self._p1 = perturbed(p1, ROWS, 1e-3, seed=0)
+        self._p1_dt = p1.duration / _P1_STEPS
+        motions = [
+            lagrange_top(np.asarray(p1.body.moments), 20.0, np.asarray(p), np.asarray(q), [p1.duration])
+            for p, q in zip(self._p1.momentum, self._p1.attitude, strict=True)
+        ]
+        momenta, attitudes = (np.concatenate(part) for part in zip(*motions, strict=True))
+        self._p1_end = RigidState(jnp.asarray(momenta), jnp.asarray(attitudes))
+
+    def measure(self, method: str | Method, done: Callable[[str], None] = lambda part: None) -> Measured:
+        """Everything about one method, as for `chosen.methods`; `done` is called with the name of each finished part.
+
+        Raises:
+            ValueError: the method is unknown, or does not move rigid bodies.
+        """
+        (method,) = chosen.methods([method])
+        equal = isinstance(method, Splitting) and method.flight.equal_moments
+        runs = _Runs(method, equal)
+        ok: list[bool] = []
+        order, accuracy = self._order(runs, equal)
+        accuracy_p1 = self._on_p1(runs, ok)
+        done("order")
+        symplectic, area = runs.defects(ok)
+        reversal = runs.reversal(ok)
+        done("structure")
+        energy, momentum = self._long(runs, ok)
+        done("long run")
+        drifted = drift(method)
+        done("drift test")
+        return Measured(
+            method=method.name,
+            order=order,
+            accuracy=accuracy,
+            accuracy_p1=accuracy_p1,
+            symplectic=symplectic,
+            area=area,
+            momentum=momentum,
+            reversal=reversal,
+            energy=energy,
+            drift=drifted,
+            work=work(method),
+            solves=method.solves,
+            flights=method.scheme.flights if isinstance(method, Splitting) else 1,
+            steps=self.steps,
+            ok=all(ok) and drifted.ok,
+        )
+
+    def _exact_end(self, equal: bool) -> RigidState:
+        """The tops at the end of the ladder, by a method of order 6 with 1024 steps."""
+        if equal not in self._ends:
+            ends = self._reference(equal).run(_TIME / 1024, 1024)[0]
+            self._ends[equal] = jax.tree.map(lambda x: x[:ROWS], ends)
+        return self._ends[equal]
+
+    def _reference(self, equal: bool) -> Program:
+        """A method of order 6 on the tops, and on copies of them that are displaced by `_APART`."""
+        if equal not in self._programs:
+            starts = _tops()
+            displaced = RigidState(starts.momentum * (1 + _APART), starts.attitude)
+            both = jax.tree.map(lambda *x: jnp.concatenate(x), starts, displaced)
+            body = RigidBody(jnp.asarray(_EQUAL if equal else _ANY))
+            self._programs[equal] = Program(find_method(_REFERENCE), body, scene("asymmetric-top").torque, both)
+        return self._programs[equal]
+
+    def chaos(self) -> str:
+        """The sentence that shows that the motion of the tops is chaotic: how fast neighbours part."""
+        parted = []
+        for time in _PARTING:
+            ends = self._reference(False).run(1 / 32, round(32 * time))[0]
+            one, other = (jax.tree.map(lambda x, half=half: x[half], ends) for half in (slice(ROWS), slice(ROWS, None)))
+            parted.append(f"{_error(other, one):.0e} at t = {time}")
+        return f"copies whose momenta differ by {_APART:.0e} are apart by {', '.join(parted)}."
+
+    def _order(self, runs: "_Runs", equal: bool) -> tuple[float, float]:
+        """The order, from the smallest two steps whose errors are above rounding; and the error to compare."""
+        exact, errors = self._exact_end(equal), []
+        for count in _LADDER:
+            end, ok = runs.tops(_TIME / count, count)
+            errors.append(_error(end, exact) if bool(jnp.all(ok)) else np.nan)
+        clear = [i for i, e in enumerate(errors) if e > _ROUNDING and i and errors[i - 1] > 0]
+        order = float(np.log2(errors[clear[-1] - 1] / errors[clear[-1]])) if clear else np.nan
+        return order, errors[_LADDER.index(_ACCURACY)]
+
+    def _on_p1(self, runs: "_Runs", ok: list[bool]) -> float:
+        rows = runs.rows(np.tile(scene("P1").body.moments, (ROWS, 1)), 20.0, self._p1, self._p1_dt)
+        end, fine = runs.runner.run(rows, _P1_STEPS)
+        ok.append(bool(jnp.all(fine)))
+        return _error(end, self._p1_end)
+
+    def _long(self, runs: "_Runs", ok: list[bool]) -> tuple[np.ndarray, float]:
+        """The energy errors of the tops, (samples, tops), and the largest change of the momentum of the free bodies."""
+        rows = runs.long_run()
+        state, fine = rows.start, jnp.ones(ROWS, bool)
+        found = [jax.tree.map(lambda x: np.asarray(x)[:, None], rows.start)]
+        for first in range(0, self.samples, _BLOCK):
+            count = min(_BLOCK, self.samples - first)
+            states, good = runs.runner.path(rows._replace(start=state), self.every, count, first * self.every)
+            state, fine = jax.tree.map(lambda x: x[:, -1], states), fine & good
+            found.append(jax.tree.map(np.asarray, states))
+        ok.append(bool(jnp.all(fine)))
+        whole = jax.tree.map(lambda *x: np.concatenate(x, axis=1).swapaxes(0, 1), *found)
+        momentum, attitude = whole.momentum, whole.attitude
+        tops, free = rows.energy(momentum, attitude)[:, :TOPS], spatial_momentum(attitude[:, TOPS:], momentum[:, TOPS:])
+        change = np.linalg.norm(free - free[0], axis=-1) / np.linalg.norm(free[0], axis=-1)
+        return (tops[1:] - tops[0]) / np.abs(tops[0]), float(change.max())
+
+
+class _Runs:
+    """One method's compiled program, and the runs that need no exact motion."""
+
+    def __init__(self, method: Method, equal: bool):
+        self.moments = np.array(_EQUAL if equal else _ANY)
+        bodies, momentum, attitude, _ = free_bodies(equal, float, count=TOPS, seed=4)
+        self.free = bodies[:TOPS], momentum[:TOPS], attitude[:TOPS]
+        every_body = np.concatenate([self.moments[None], bodies[:TOPS], [[5.0, 5.0, 1.0]]])
+        self.runner = Runner(method, RigidBody(jnp.asarray(every_body)), _BLOCK)
+        self.weight = float(scene("asymmetric-top").torque.weight)  # pyright: ignore
+
+    def rows(self, moments: Any, weight: Any, start: RigidState, dt: Any) -> Rows:
+        full = [jnp.broadcast_to(jnp.asarray(x, float), (ROWS,)) for x in (weight, dt)]
+        return Rows(RigidBody(jnp.broadcast_to(jnp.asarray(moments), (ROWS, 3))), HeavyTop(full[0]), start, full[1])
+
+    def tops(self, dt: float, steps: int) -> Any:
+        return self.runner.run(self.rows(self.moments, self.weight, _tops(), dt), steps)
+
+    def long_run(self) -> Rows:
+        """`TOPS` tops, then as many free bodies."""
+        moments, momentum, attitude = self.free
+        start = jax.tree.map(lambda x: x[:TOPS], _tops())
+        both = RigidState(
+            jnp.concatenate([start.momentum, jnp.asarray(momentum)]),
+            jnp.concatenate([start.attitude, jnp.asarray(attitude)]),
+        )
+        halves = [np.repeat(pair, TOPS) for pair in ((self.weight, 0.0), (_LONG_STEP, _FREE_STEP))]
+        tiled = np.tile(self.moments, (TOPS, 1))
+        return self.rows(np.concatenate([tiled, moments]), halves[0], both, halves[1])
+
+    def defects(self, ok: list[bool]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The symplectic defects of steps of a top, and the defects of area of free steps, for `DEFECT_STEPS`."""
+        start, attitude = np.array([1.0, 0.8, -1.3]), np.array([0.8, 0.3, -0.4, 0.33])
+        near = structure.neighbours(start, attitude / np.linalg.norm(attitude))
+        count = len(near.momentum)
+        moments = self.moments
+        many = [(weight, h) for weight in (self.weight, 0.0) for h in DEFECT_STEPS]
+        weights, steps = (np.repeat(column, count) for column in zip(*many, strict=True))
+        starts = jax.tree.map(lambda x: np.tile(x, (len(many), 1)), near)
+        ends: list[RigidState] = []
+        for first in range(0, len(weights), ROWS):
+            index = np.minimum(np.arange(first, first + ROWS), len(weights) - 1)
+            begin = jax.tree.map(lambda x, index=index: jnp.asarray(x[index]), starts)
+            end, fine = self.runner.run(self.rows(moments, weights[index], begin, steps[index]), 1)
+            ok.append(bool(jnp.all(fine)))
+            ends.append(end)
+        whole = jax.tree.map(lambda *x: jnp.concatenate(x)[: len(weights)], *ends)
+        found = []
+        for i, (weight, _) in enumerate(many):
+            end = jax.tree.map(lambda x, i=i: x[i * count : (i + 1) * count], whole)
+            matrix, after = structure.derivative(end), np.asarray(end.momentum[0])
+            measure = structure.symplectic_defect if weight else structure.area_defect
+            found.append(measure(matrix, start, after))
+        return tuple(found[: len(DEFECT_STEPS)]), tuple(found[len(DEFECT_STEPS) :])
+
+    def reversal(self, ok: list[bool]) -> float:
+        rows = self.rows(self.moments, self.weight, _tops(), _BACK_STEP)
+        there, fine = self.runner.run(rows, _THERE)
+        back, good = self.runner.run(rows._replace(start=there, dt=-rows.dt), _THERE)
+        ok.append(bool(jnp.all(fine & good)))
+        return _error(back, rows.start)
+
+
+def _tops() -> RigidState:
+    return perturbed(scene("asymmetric-top"), ROWS, 0.1, seed=1)
+
+
+def _error(found: RigidState, exact: RigidState) -> float:
+    """The root mean square over the rows of the errors of momentum, relative, and of attitude, in radians."""
+    momentum = np.linalg.norm(found.momentum - exact.momentum, axis=1) / np.linalg.norm(exact.momentum, axis=1)
+    turn = np.asarray(so3.log(so3.multiply(so3.conjugate(exact.attitude), found.attitude)))
+    return float(np.sqrt(np.mean(momentum**2 + np.sum(turn**2, axis=1))))

@@ -1,0 +1,144 @@
+"""The chart of error against cost: the frontiers of our three families in bold, beside the rivals and single methods.
+
+The left panel compares our families with other programs, by time. The right panel names our methods one by one, by
+torque evaluations.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from midlie_jax.cli.figures import heading, new_figure, panel, spread_bars, write
+from midlie_jax.cli.line_labels import End, label_ends
+from midlie_jax.cli.line_styles import SOLID, WARM, Style, styles
+
+from .bands import BANDS
+from .families import FAMILIES, members
+from .family_names import FamilyNames
+from .frontier import by_method, envelope, frontier
+from .rivals import RIVALS
+from .rivals.problem import Point
+
+LEGEND = (
+    "Bold lines: the fastest of our methods (general), of those that are reversible or keep the energy "
+    "(conserving), and of the symplectic ones. Thin lines: our methods one by one, named in the right panel. Hollow "
+    "marks: other programs."
+)
+CLOSED = "free_motion is the closed form, which takes no steps; the bold lines are those of the methods."
+_LEAST = 1e-17  # an error of exactly zero has no logarithm: it is drawn below rounding
+_TOP = 10.0  # of the panels: a larger error of a rotation matrix has no meaning
+_MOST = 1.0  # at larger errors a method does not follow the motion, and the frontiers show nothing
+
+
+def work_precision_chart(
+    ours: Sequence[Point],
+    rivals: Sequence[Point],
+    families: Mapping[str, str],
+    path: str,
+    *,
+    title: str,
+    note: str,
+    clock: str = "time",
+) -> None:
+    """Draws the points and writes a PNG.
+
+    Args:
+        ours, rivals: from `work_precision.measure`.
+        families: the smallest family of each of our methods, by its name.
+        path: file to write; an existing file is replaced.
+        title: the scene.
+        note: how errors and times were measured.
+        clock: the kind of time, such as "processor time".
+
+    Raises:
+        ImportError: matplotlib is missing.
+        ValueError: there is nothing to draw.
+        OSError: the file cannot be written.
+    """
+    write(work_precision_figure(ours, rivals, families, title=title, note=note, clock=clock), path)
+
+
+def work_precision_figure(
+    ours: Sequence[Point],
+    rivals: Sequence[Point],
+    families: Mapping[str, str],
+    *,
+    title: str,
+    note: str,
+    clock: str = "time",
+) -> Any:
+    """The chart as a matplotlib figure. Arguments as for `work_precision_chart`."""
+    figure = new_figure(15.0, 8.0)
+    if not ours and not rivals:
+        raise ValueError(
+            "no method gave a finite result, so there is nothing to draw; see the failures printed before."
+        )
+    heading(figure, title, note)
+    figure.subplots_adjust(bottom=0.08, wspace=0.05)
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.2, 1.0))
+    torque_free = all(math.isnan(p.evaluations) for p in ours)
+    what = "steps" if torque_free else "torque evaluations"
+    label = "Steps, whole run  [-]  (no torque to evaluate)" if torque_free else "Torque evaluations, whole run  [-]"
+    error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies  [-]"
+    panel(
+        left,
+        "Against time: our three families, and other programs",
+        f"{clock.capitalize()}, whole run, per body  [s]",
+        error,
+    )
+    panel(right, f"Against {what}: our methods one by one", label, "")
+    for axes in (left, right):
+        axes.set(xscale="log", yscale="log")
+    bottom = min(max(p.error, _LEAST) for p in (*ours, *rivals))
+    left.set_ylim(min(bottom, 1e-13) / 3, _TOP)
+    our_styles = _our_styles(families)
+    # All rivals have a style, measured or not: the same on all charts.
+    rival_styles = styles([*(rival.label for rival in RIVALS), *by_method(rivals)], WARM, SOLID, ours=False)
+    # A closed form is cheaper and more exact than all methods: with it the frontiers would be one point.
+    useful = [p for p in ours if p.error <= _MOST and not math.isnan(p.steps)]
+    for axes, cost in ((left, "seconds"), (right, "steps" if torque_free else "evaluations")):
+        edges = {name: frontier(members(useful, families, name), cost) for name in FAMILIES}
+        _draw_frontiers(axes, edges)
+        ends = _draw_lines(axes, ours, our_styles, cost)
+        if axes is left:
+            unnamed = {p.method for p in ours if math.isnan(p.steps)}  # the right panel, by steps, does not show them
+            ends = [end for end in ends if end.name in unnamed] + _draw_lines(axes, rivals, rival_styles, cost)
+        names = FamilyNames(axes, edges)
+        label_ends(axes, ends, free=names.room)
+        names.settle()
+    return figure
+
+
+def _our_styles(families: Mapping[str, str]) -> dict[str, Style]:
+    """For each of our methods the colour of its family, and a mark of its own in that family."""
+    found: dict[str, Style] = {}
+    for name in FAMILIES:
+        found |= styles(
+            [m for m, family in families.items() if family == name], (BANDS[name].colour,), SOLID, ours=True
+        )
+    return found
+
+
+def _draw_frontiers(axes: Any, edges: Mapping[str, Sequence[tuple[float, float]]]) -> None:
+    for order, (name, band) in enumerate(BANDS.items()):
+        if edges[name]:
+            shape = {"color": band.colour, "linewidth": band.width, "alpha": band.alpha, "zorder": 2.6 + 0.1 * order}
+            axes.plot(*zip(*edges[name], strict=True), solid_capstyle="round", solid_joinstyle="round", **shape)
+
+
+def _draw_lines(axes: Any, points: Sequence[Point], line_styles: Mapping[str, Style], cost: str) -> list[End]:
+    """Draws a thin line for each method or program, ours below the frontiers; returns the ends of the lines."""
+    ends: list[End] = []
+    for name, own in by_method(points).items():
+        line = envelope([getattr(p, cost) for p in own], [max(p.error, _LEAST) for p in own])
+        if not line or line[-1][1] > _TOP:  # all of it is above the panel, where no name could point to it
+            continue
+        style = line_styles[name]
+        x, y = zip(*line, strict=True)
+        shape = style.drawn(0.9, 4.5) if style.ours else style.drawn(1.3, 5.0)
+        axes.plot(x, y, label=name, zorder=2 if style.ours else 4, **shape)
+        if cost == "seconds" and not style.ours:
+            spreads = {(p.seconds, max(p.error, _LEAST)): p.spread for p in own}
+            spread_bars(axes, x, y, [spreads[point] for point in line], style.colour)
+        ends.append(End(name, style.colour, x[-1], y[-1]))
+    return ends

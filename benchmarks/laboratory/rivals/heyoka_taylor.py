@@ -1,0 +1,158 @@
+"""heyoka: Taylor's method with adaptive step and order, compiled for the equations and for a batch of bodies.
+
+Biscani & Izzo, MNRAS 504 (2021) 2614. At each tolerance several variants of the integrator are timed in turn, and the
+point on the chart is the quickest of them. They differ in the number of bodies in a batch, in the option `fast_math`,
+and, on processors with AVX-512, in the option `force_avx512`. Which is the quickest depends on the processor and the
+tolerance. On a processor with AVX2 it was the recommended number of bodies; `fast_math` changed the time by up to a
+tenth, down at large tolerances and up at small ones; twice as many bodies took 0.97 to 1.2 times as long, four times as
+many 1 to 1.4 times. On a processor with AVX-512 twice as many bodies with `fast_math` took 0.75 times as long as the
+recommended number without it. Left out, because they are never the quickest: `compact_mode` (1.2 times as long and
+more), `slp_vectorize`, and the integrator for a single body (twice as long and more). heyoka's `ensemble` functions
+spread copies of an integrator over threads, which is of no use on one core.
+
+Each variant is built anew for each tolerance, because the order of the series depends on it. The time of the same
+Python loop over batches without integration steps is subtracted, because it is not part of heyoka.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from midlie_jax._kernel.compiler import vector_width_options
+from midlie_jax.cli.scenes import Scene
+
+from .problem import Point, Problem, matrix, orbit_of, orbit_rates, orbit_start, program, rates
+
+TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14, 1e-15)
+# A variant that takes so many times as long as the quickest, and is not the second, is not built for the smaller
+# tolerances. There the series have more terms, and wide batches, which need more registers than there are, fall behind
+# further; they are also the variants that take seconds to build.
+_HOPELESS = 1.25
+
+
+class Variant(NamedTuple):
+    """A way to build the integrator.
+
+    Attributes:
+        width: bodies in a batch.
+        fast_math, force_avx512: heyoka's options of these names.
+    """
+
+    width: int
+    fast_math: bool
+    force_avx512: bool = False
+
+    def __str__(self) -> str:
+        options = [name for name in ("fast_math", "force_avx512") if getattr(self, name)]
+        return ", ".join([f"{self.width} bodies a batch", *options])
+
+
+def variants(bodies: int) -> list[Variant]:
+    """The variants that are worth trying on this machine for so many bodies."""
+    width = program("heyoka").recommended_simd_size()
+    found = [Variant(width, False), Variant(width, True), Variant(2 * width, True)]
+    if vector_width_options():  # the processor has AVX-512, and our programs use it
+        found += [Variant(2 * width, True, True), Variant(4 * width, True, True)]
+    # A batch cannot be wider than the number of bodies.
+    return list(dict.fromkeys(variant._replace(width=min(variant.width, bodies)) for variant in found))
+
+
+def equations(scene: Scene) -> list[Any]:
+    """The equations of motion as heyoka's expressions; an orbit is integrated along with the body."""
+    heyoka = program("heyoka")
+
+    state = heyoka.make_vars("p0", "p1", "p2", "q0", "q1", "q2", "q3")
+    orbit, field = orbit_of(scene), rates(scene)
+    if orbit is None:
+        return list(zip(state, field(state), strict=True))
+    orbit_state = heyoka.make_vars("x", "y", "z", "u", "v", "w")
+    derivatives = (*field(state, tuple(orbit_state[:3])), *orbit_rates(orbit, orbit_state))
+    return list(zip((*state, *orbit_state), derivatives, strict=True))
+
+
+class _Integrator:
+    """A variant of the integrator, built for a tolerance, and the batches that it moves."""
+
+    def __init__(self, variant: Variant, system: list[Any], states: np.ndarray, tolerance: float):
+        width = variant.width
+        self.variant = variant
+        self.batches = [np.ascontiguousarray(states[i : i + width].T) for i in range(0, len(states) - width + 1, width)]
+        options = {"fast_math": variant.fast_math, "force_avx512": variant.force_avx512}
+        build = program("heyoka").taylor_adaptive_batch
+        self.taylor = build(system, self.batches[0].copy(), tol=tolerance, **options)
+
+    @property
+    def bodies(self) -> int:
+        return self.variant.width * len(self.batches)
+
+    def loop(self, end: float) -> None:
+        """Moves all bodies to the time `end`."""
+        state, set_time, propagate = self.taylor.state, self.taylor.set_time, self.taylor.propagate_until
+        for batch in self.batches:
+            set_time(0.0)
+            state[:] = batch
+            propagate(end)
+
+    def ends(self, end: float, bodies: int) -> tuple[np.ndarray, float]:
+        """Attitudes (n, 4) of at least the first `bodies` bodies at the time `end`, and the mean number of steps."""
+        attitudes, steps = [], []
+        for batch in self.batches[: -(-bodies // self.variant.width)]:
+            self.taylor.set_time(0.0)
+            self.taylor.state[:] = batch
+            self.taylor.propagate_until(end)
+            attitudes.append(self.taylor.state[3:7].T.copy())
+            steps.append(np.mean([outcome[3] for outcome in self.taylor.propagate_res]))
+        return np.concatenate(attitudes), float(np.mean(steps))
+
+
+def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Iterator[Point]:
+    """A point for each tolerance, of the variant that is quickest there; `tolerances` must decrease."""
+    end, system, orbit, states = (
+        problem.scene.duration,
+        equations(problem.scene),
+        orbit_of(problem.scene),
+        problem.states,
+    )
+    if orbit is not None:
+        states = np.concatenate([states, np.tile(orbit_start(orbit), (len(states), 1))], axis=1)
+    promising = variants(len(states))
+    for tolerance in tolerances:
+        integrators = [_Integrator(variant, system, states, tolerance) for variant in promising]
+        loops = [lambda it=it, end=time: it.loop(end) for time in (end, 0.0) for it in integrators]
+        timings = problem.timed_in_turn(loops)
+        found: list[tuple[float, float, _Integrator]] = []  # seconds for one body, spread, of which integrator
+        for integrator, timing, idle in zip(integrators, timings, timings[len(integrators) :], strict=False):
+            part = max(1 - idle.seconds / timing.seconds, 0.5)  # heyoka's fraction of the time of the loop
+            found.append((part * timing.seconds / integrator.bodies, timing.spread / part, integrator))
+        found.sort(key=lambda entry: entry[0])
+        cost, spread, best = found[0]
+        promising = [
+            it.variant for rank, (seconds, _, it) in enumerate(found) if rank < 2 or seconds < _HOPELESS * cost
+        ]
+        attitudes, steps = best.ends(end, len(problem.ends))
+        setting = f"tol {tolerance:.0e}, {best.variant}"
+        yield Point("heyoka", setting, problem.error(attitudes), cost, float("nan"), steps, spread)
+
+
+def reference(scene: Scene, states: np.ndarray, digits: int = 38) -> np.ndarray:
+    """Rotation matrices (k, 3, 3) at the end of a scene from states (k, 7), by Taylor's method in `digits` digits."""
+    heyoka = program("heyoka")
+
+    bits = int(digits * 3.33) + 2
+    exact = np.vectorize(lambda x: heyoka.real(float(x), prec=bits), otypes=[object])
+    orbit = orbit_of(scene)
+    orbit_state = np.zeros(0) if orbit is None else orbit_start(orbit)
+    system = equations(scene)
+    first = np.array(list(exact(np.concatenate([states[0], orbit_state]))))
+    integrator = heyoka.taylor_adaptive(system, first, fp_type=heyoka.real, prec=bits, compact_mode=True)
+    ends = []
+    for start in states:
+        integrator.time = heyoka.real(0.0, prec=bits)
+        for i, x in enumerate(np.concatenate([start, orbit_state])):
+            integrator.state[i] = heyoka.real(float(x), prec=bits)
+        integrator.propagate_until(heyoka.real(scene.duration, prec=bits))
+        q = integrator.state[3:7]
+        square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+        ends.append(np.array([[float(x / square) for x in row] for row in matrix(q)]))
+    return np.stack(ends)

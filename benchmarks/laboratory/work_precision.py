@@ -1,0 +1,210 @@
+"""Measures error against cost, for the methods of this package and for other programs, on the same bodies.
+
+Each method is compiled once for each scene, with the number of steps and the step as arguments, and run over a ladder
+of steps. It uses the loop of `integrate` and moves the bodies in chunks, as `ensemble` does;
+`tests/test_work_precision.py` checks that the results are equal.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from midlie_jax.cli import chosen, scenes
+from midlie_jax.cli.closed_form import axis_third, exact_ends
+from midlie_jax.cli.scenes import Scene
+from midlie_jax.drivers.timing import Load, cost_clock, spread_in_words
+from midlie_jax.methods.base import Method
+from midlie_jax.methods.projection import steady_potential
+from midlie_jax.methods.registry import ENTRIES, exact_flight
+from midlie_jax.methods.schemes import SCHEMES
+from midlie_jax.model.torques import on_body
+
+from .families import SYMPLECTIC, family
+from .frontier import Ratio, ratios
+from .frontier_chart import CLOSED, LEGEND
+from .ladder import FREE_MOTION, exact_point, ladder
+from .rivals import RIVALS, Rival
+from .rivals.problem import Point, Problem, matrix
+
+BODIES, JUDGED, SIZE = 1024, 16, 1e-3  # bodies moved, bodies whose error is measured, size of the perturbations
+SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
+_ROUNDING = 2.3e-16  # rounding error of an entry of a matrix in float64, in which errors are computed
+
+
+def methods_for(scene: Scene) -> tuple[str, ...]:
+    """The names in the chart of a scene: the exact flight of its body with the leading schemes, and a few others.
+
+    A scene without torque has the closed form, `free_motion`, which is no method, as well. Where the energy is not
+    constant, methods that keep it are left out, because there they are those that do not.
+    """
+    flight = exact_flight(scene.body.moments)
+    leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
+    if scene.torque is None:
+        leading = leading[:1]
+    others = [e.method.name for e in ENTRIES.values() if e.chart and (_steady(scene) or not e.method.keeps_energy)]
+    closed = () if scene.torque is not None else (FREE_MOTION,)
+    return (*closed, *(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
+
+
+def _steady(scene: Scene) -> bool:
+    """Whether the energy of the body is constant, and known."""
+    if scene.torque is None:
+        return True
+    return steady_potential(on_body(scene.torque, scene.body), jnp.asarray(0.0), scene.start) is not None
+
+
+def problem(which: str | Scene, bodies: int = BODIES, judged: int = JUDGED, *, quick: bool = False) -> Problem:
+    """Perturbed copies of the body of a scene, and the reference ends of the first of them.
+
+    The ends are from the closed form if there is one, otherwise from heyoka's Taylor series in 38 digits.
+
+    Args:
+        which: a scene or its name.
+        bodies, judged: number of bodies moved, and number of these whose error is measured.
+        quick: whether to time fewer and shorter runs.
+
+    Raises:
+        ValueError: the scene is unknown.
+        ImportError: heyoka or mpmath is missing.
+    """
+    scene = axis_third(chosen.scene(which, jnp.float64))
+    starts = scenes.perturbed(scene, bodies, SIZE)
+    momentum, attitude = np.asarray(starts.momentum), np.asarray(starts.attitude)
+    # Normalised to rounding, because programs differ in the rotation that they assign to other quaternions.
+    attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    states = np.concatenate([momentum, attitude], axis=1)[: min(judged, bodies)]
+    ends, source, uncertainty = _ends(scene, states)
+    repeats, longest = (2, 0.2) if quick else (5, 0.3)
+    return Problem(scene, momentum, attitude, ends, source, uncertainty, repeats, longest)
+
+
+def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
+    """Rotation matrices at the end, how they were computed, and their uncertainty."""
+    exact = exact_ends(scene, states)
+    if exact is not None:
+        return np.stack([matrix(q) for q in exact.attitudes]), exact.source, 1e-15
+    from .rivals.heyoka_taylor import reference
+
+    ends = reference(scene, states)
+    change = float(np.max(np.abs(ends[:1] - reference(scene, states[:1], digits=46))))
+    return ends, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
+
+
+def measure(
+    case: Problem,
+    ours: Sequence[str | Method],
+    rivals: Sequence[Rival] = RIVALS,
+    *,
+    said: Callable[[str], None] = print,
+) -> tuple[list[Point], list[Point]]:
+    """The points of our methods and of the rivals on a problem.
+
+    If a method or program fails, the failure is reported and the others are still measured.
+
+    Args:
+        case: from `problem`.
+        ours: our methods, as for `chosen.methods`; `FREE_MOTION` is the closed form of a problem without torque.
+        said: callback that is called with progress messages and failures.
+
+    Raises:
+        ValueError: one of our methods is unknown or does not move rigid bodies.
+    """
+
+    def attempt(label: str, points: Callable[[], Iterator[Point]]) -> list[Point]:
+        said(label)
+        try:
+            return list(points())
+        except Exception as error:  # the other methods and programs are measured even if one raises an error
+            said(f"{label} failed: {type(error).__name__}: {str(error).strip().splitlines()[0]}")
+            return []
+
+    closed = [FREE_MOTION] if FREE_MOTION in ours else []
+    methods = chosen.methods([one for one in ours if one != FREE_MOTION])
+    our_points = [p for name in closed for p in attempt(name, lambda: exact_point(case))]
+    our_points += [p for method in methods for p in attempt(method.name, lambda method=method: ladder(method, case))]
+    rival_points = [p for rival in rivals for p in attempt(rival.label, lambda rival=rival: rival.measure(case))]
+    return our_points, rival_points
+
+
+class Comparison(NamedTuple):
+    """The measurements on a scene.
+
+    Attributes:
+        problem: the bodies and their reference ends.
+        ratios: times of our methods over those of the rivals.
+        in_steps: the same of the methods alone, without the closed form; empty where there is none.
+        ours, rivals: points of our methods and of the rivals.
+        families: the smallest family of each of our methods, by its name.
+        warning: a warning if the machine was busy, else "".
+    """
+
+    problem: Problem
+    ratios: list[Ratio]
+    in_steps: list[Ratio]
+    ours: list[Point]
+    rivals: list[Point]
+    families: dict[str, str]
+    warning: str
+
+
+def compared(
+    which: str | Scene,
+    ours: Sequence[str | Method] | None = None,
+    *,
+    quick: bool = False,
+    said: Callable[[str], None] = print,
+) -> Comparison:
+    """Measures our methods and the rivals on a scene.
+
+    Args:
+        which: a scene or its name.
+        ours: as for `measure`; by default `methods_for` the scene.
+        quick: as for `problem`.
+        said: as for `measure`.
+    """
+    load = Load()
+    case = problem(which, quick=quick)
+    methods = methods_for(case.scene) if ours is None else ours
+    our_points, rival_points = measure(case, methods, said=said)
+    families, in_steps = families_of(our_points, methods), [p for p in our_points if p.method != FREE_MOTION]
+    our_ratios = ratios(our_points, rival_points, families)
+    ratios_in_steps = [] if len(in_steps) == len(our_points) else ratios(in_steps, rival_points, families)
+    return Comparison(case, our_ratios, ratios_in_steps, our_points, rival_points, families, load.warning())
+
+
+def families_of(points: Sequence[Point], ours: Sequence[str | Method] = ()) -> dict[str, str]:
+    """The smallest family of each method of the points, by the name of the method.
+
+    The closed form is exact to rounding, so it is symplectic and conserves what the body conserves.
+
+    Args:
+        points: from `measure`.
+        ours: the methods that were measured; needed for those that are not known by their names.
+    """
+    known = {method.name: method for method in chosen.methods([one for one in ours if one != FREE_MOTION])}
+    names = dict.fromkeys(point.method for point in points)
+    return {n: SYMPLECTIC if n == FREE_MOTION else family(known.get(n) or chosen.method(n)) for n in names}
+
+
+def title(case: Problem) -> str:
+    """The title of a chart: the scene and its duration."""
+    return f"{case.scene.name}: {case.scene.title}, T = {case.scene.duration:g}"
+
+
+def note(comparison: Comparison) -> str:
+    """The note of a chart: how errors and times were measured."""
+    case = comparison.problem
+    closed = any(point.method == FREE_MOTION for point in comparison.ours)
+    return (
+        f"{case.bodies} bodies in a batch, one core, float64. Errors against the {case.source}, uncertainty "
+        f"{case.uncertainty:.0e}. {LEGEND} {CLOSED + ' ' if closed else ''}{timing_note(comparison)}"
+    )
+
+
+def timing_note(comparison: Comparison) -> str:
+    """How times were measured, their spread, and a warning if the machine was busy."""
+    spread = spread_in_words([point.spread for point in comparison.ours + comparison.rivals])
+    text = f"Times: medians of {cost_clock().name}; ± or bars: half the distance between quartiles ({spread})"
+    return f"{text}. {comparison.warning}".strip()

@@ -1,0 +1,293 @@
+"""Measures methods over a ladder of step sizes: errors at the end of a scene and their cost, for table and chart.
+
+`measure` yields each row as soon as it is computed. `survey` also times every method again in further rounds over all
+methods: if the machine was slow for a while, that shows in the spread of all times, not in the time of one method.
+
+The step and the number of steps are arguments of the compiled program, so one compilation serves the whole ladder of a
+method. Only the first steps of a run are timed, the same number on every rung.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..drivers.program import Program
+from ..drivers.timing import Stopwatch
+from ..methods.base import Method
+from ..methods.registry import method as find_method
+from ..model import so3
+from . import chosen
+from .closed_form import Numbering, exact_ends
+from .scenes import Scene
+
+COPIES = 256  # bodies in a timed batch: with so many, the cost of starting a loop is negligible
+LEVELS = 5  # rungs of the ladder by default
+_TIMINGS = 5  # timings of a rung in the first round
+_ROUNDS, _ROUND_SECONDS = 2, 5.0  # further rounds of `survey`, and the seconds after which no further round starts
+_AGAIN = 3  # timings of a rung in each further round: in total more than in the first round
+_COARSEST = {
+    "P1": 500
+}  # steps on the first rung in the paper's figure; for other scenes twice the scene's step is used
+_ROMBERG = 4  # runs that are extrapolated if no closed form is known
+_REFERENCE = "LIEMID[EA]"  # the method that is extrapolated
+
+
+class Reference(NamedTuple):
+    """The end of a scene against which errors are measured.
+
+    Attributes:
+        momentum: body-frame angular momentum, (3,).
+        attitude: rotation matrix, body to space, (3, 3).
+        source: how it was computed.
+        uncertainty: estimate of the error of momentum and attitude, relative to their norms.
+    """
+
+    momentum: np.ndarray
+    attitude: np.ndarray
+    source: str
+    uncertainty: float
+
+
+class Row(NamedTuple):
+    """One method at one step size.
+
+    Attributes:
+        method: its name.
+        dt: step, in the scene's unit of time.
+        steps: number of steps.
+        momentum_error: |Pi - Pi_reference| at the end, body frame.
+        attitude_error: |R - R_reference| at the end, Frobenius norm.
+        momentum_slope, attitude_slope: order of accuracy measured from the previous rung to this one; NaN on the first.
+        evaluations: torque evaluations of the run; 0 without torque.
+        seconds: median time of the run for one body in a batch of `COPIES`, without compiling; processor time of all
+            threads where the processor does the work (`timing.cost_clock`).
+        ok: whether every solve converged and every number is finite.
+        failure: the error that stopped the method; "" if there was none.
+        spread: half the distance between the quartiles of the timings, relative to the median.
+    """
+
+    method: str
+    dt: float
+    steps: int
+    momentum_error: float = math.nan
+    attitude_error: float = math.nan
+    momentum_slope: float = math.nan
+    attitude_slope: float = math.nan
+    evaluations: int = 0
+    seconds: float = math.nan
+    ok: bool = False
+    failure: str = ""
+    spread: float = math.nan
+
+
+def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:
+    """Numbers of steps, each twice the previous number.
+
+    Args:
+        scene: from `midlie_jax.cli.scenes.scene`.
+        coarsest: steps on the first rung; by default as in the paper's figure, or else for twice the scene's own step.
+        levels: number of rungs.
+
+    Raises:
+        ValueError: a number is not positive, or the last rung has too many steps.
+    """
+    if coarsest is None:
+        coarsest = _COARSEST.get(scene.name, max(1, scene.steps // 2))
+    if coarsest < 1 or levels < 1:
+        raise ValueError(f"steps and levels must be positive, got {coarsest} and {levels}.")
+    if math.log2(coarsest) + levels > 31:
+        raise ValueError(
+            f"{levels} levels from {coarsest} steps exceed the largest number of steps, 2^31; ask for fewer."
+        )
+    return [coarsest * 2**level for level in range(levels)]
+
+
+def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int], reference: Reference) -> Iterator[Row]:
+    """A row for each method and rung, in that order, each as soon as it is computed.
+
+    If a method raises an error, its rows report the error in `failure` and the next method is measured.
+
+    Args:
+        scene: from `midlie_jax.cli.scenes.scene`.
+        methods: names, also MODULE:NAME, or methods, also such as are made outside the package.
+        rungs: from `ladder`.
+        reference: from `find_reference`.
+    """
+    for method in chosen.methods(methods):
+        yield from _Ladder(scene, method, rungs, reference).rows()
+
+
+def survey(
+    scene: Scene,
+    methods: Sequence[str | Method],
+    rungs: Sequence[int],
+    reference: Reference,
+    report: Callable[[Row], None] = lambda row: None,
+) -> tuple[list[Row], int]:
+    """The rows of `measure`, with times from several rounds over all methods.
+
+    Args:
+        scene, methods, rungs, reference: as for `measure`.
+        report: callback that is called with each row once its errors are computed; its time is that of the first round.
+
+    Returns:
+        The rows, and the number of rounds, which is smaller if a round takes seconds.
+    """
+    ladders = [_Ladder(scene, method, rungs, reference) for method in chosen.methods(methods)]
+    for measured in ladders:
+        for row in measured.rows():
+            report(row)
+    rounds, began = 1, time.perf_counter()
+    for _ in range(_ROUNDS):
+        if time.perf_counter() - began + sum(measured.round_seconds() for measured in ladders) > _ROUND_SECONDS:
+            break
+        for measured in ladders:
+            measured.time_again()
+        rounds += 1
+    return [row for measured in ladders for row in measured.timed_rows()], rounds
+
+
+def find_reference(scene: Scene, finest: int) -> Reference:
+    """The end of a scene: in closed form if that is known, otherwise by extrapolation.
+
+    Args:
+        scene: from `midlie_jax.cli.scenes.scene`.
+        finest: largest number of steps of the runs to be measured; the extrapolation starts from twice as many.
+
+    Raises:
+        ValueError: the reference run failed.
+        ImportError: a closed form needs mpmath.
+    """
+    closed = _closed_form(scene)
+    return closed if closed is not None else _extrapolated(scene, finest)
+
+
+def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:
+    """The compiled method on copies of a scene; it can run any multiple of `coarsest` steps."""
+    starts = jax.tree.map(lambda leaf: jnp.tile(leaf, (copies, 1)), scene.start)
+    unroll = method.unroll if coarsest % method.unroll == 0 else 1
+    return Program(method, scene.body, scene.torque, starts, unroll=unroll)
+
+
+def _end(program: Program, dt: float, steps: int) -> tuple[Any, bool]:
+    """The final state of the first copy, as NumPy arrays, and whether all copies are ok."""
+    states, ok = program.run(dt, steps)
+    return jax.tree.map(lambda leaf: np.asarray(leaf[0]), states), bool(jnp.all(ok))
+
+
+class _Ladder:
+    """One method on one scene over a ladder of step sizes, with a stopwatch for each rung."""
+
+    def __init__(self, scene: Scene, method: Method, rungs: Sequence[int], reference: Reference):
+        self.scene, self.method, self.rungs, self.reference = scene, method, rungs, reference
+        self.program: Program | None = None
+        self.watches = {steps: Stopwatch() for steps in rungs}
+        self.measured: list[Row] = []
+
+    def rows(self) -> Iterator[Row]:
+        """A row for each rung, each as soon as it is computed."""
+        failure = ""
+        for steps in self.rungs:
+            row = Row(self.method.name, self.scene.duration / steps, steps, failure=failure)
+            try:
+                if self.program is None and not failure:
+                    self.program = _program(self.method, self.scene, self.rungs[0], COPIES)
+                if self.program is not None:
+                    row = self._row(self.program, row)
+            except Exception as error:  # the other methods are measured even if one raises an error
+                reason = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+                failure = reason if self.program is None else ""  # a method that does not compile fails on all rungs
+                row = row._replace(failure=reason)
+            self.measured.append(row)
+            yield row
+
+    def _row(self, program: Program, row: Row) -> Row:
+        before = self.measured[-1] if self.measured else None
+        state, ok = _end(program, row.dt, row.steps)
+        self._time(program, row, _TIMINGS)
+        momentum = float(np.linalg.norm(state.momentum - self.reference.momentum))
+        attitude = float(np.linalg.norm(_matrix(state.attitude) - self.reference.attitude))
+        evaluations = 0 if self.scene.torque is None else program.method.evaluations * row.steps
+        return self._timed(
+            row._replace(
+                momentum_error=momentum,
+                attitude_error=attitude,
+                momentum_slope=_slope(before.momentum_error if before else math.nan, momentum),
+                attitude_slope=_slope(before.attitude_error if before else math.nan, attitude),
+                evaluations=evaluations,
+                ok=ok,
+            )
+        )
+
+    def _time(self, program: Program, row: Row, laps: int) -> None:
+        """Times the first steps of a run, as many as the coarsest rung has."""
+        for _ in range(laps):
+            self.watches[row.steps].time(lambda: program.run(row.dt, self.rungs[0]))
+
+    def time_again(self) -> None:
+        """Times each rung that did not fail in a further round."""
+        for row in self.measured:
+            if self.program is not None and not row.failure:
+                self._time(self.program, row, _AGAIN)
+
+    def round_seconds(self) -> float:
+        """Estimated seconds of a further round."""
+        return sum((_AGAIN * self.watches[row.steps].timing().seconds for row in self.measured if not row.failure), 0.0)
+
+    def timed_rows(self) -> list[Row]:
+        """The rows of `rows`, with times from all rounds so far."""
+        return [row if row.failure else self._timed(row) for row in self.measured]
+
+    def _timed(self, row: Row) -> Row:
+        whole = self.watches[row.steps].timing().scaled(row.steps // self.rungs[0] / COPIES)
+        return row._replace(seconds=whole.seconds, spread=whole.spread)
+
+
+def _matrix(quaternion: np.ndarray) -> np.ndarray:
+    return np.asarray(so3.to_matrix(jnp.asarray(quaternion)))
+
+
+def _slope(coarse: float, fine: float) -> float:
+    return math.log2(coarse / fine) if coarse > 0 and fine > 0 else math.nan
+
+
+def _closed_form(scene: Scene) -> Reference | None:
+    numbering = Numbering.of(scene)
+    third = numbering.apply(scene)
+    if third is None:
+        return None
+    start = np.concatenate([np.asarray(third.start.momentum), np.asarray(third.start.attitude)])
+    ends = exact_ends(third, [start])
+    if ends is None:
+        return None
+    momentum, attitude = numbering.undo(ends.momenta[0], ends.attitudes[0])
+    return Reference(momentum, _matrix(attitude), ends.source, 1e-14)
+
+
+def _extrapolated(scene: Scene, finest: int) -> Reference:
+    """Romberg's extrapolation of a symmetric method, whose error has only even powers of the step."""
+    program = _program(find_method(_REFERENCE), scene, finest, copies=1)
+    row: list[np.ndarray] = []
+    uncertainty, steps = math.inf, finest
+    for _ in range(_ROMBERG):
+        steps *= 2
+        state, ok = _end(program, scene.duration / steps, steps)
+        if not ok:
+            raise ValueError(
+                f"no reference for scene {scene.name!r}: {_REFERENCE} failed with {steps} steps; check the torque "
+                "for NaN."
+            )
+        above, row = row, [np.concatenate([state.momentum, state.attitude])]
+        for power, coarse in enumerate(above, start=1):
+            row.append(row[-1] + (row[-1] - coarse) / (4**power - 1))
+        if above:
+            change = np.abs(row[-1] - above[-1])
+            uncertainty = float(max(change[:3].max() / np.linalg.norm(row[-1][:3]), change[3:].max()))
+    momentum, attitude = row[-1][:3], row[-1][3:]
+    matrix = _matrix(attitude / np.linalg.norm(attitude))
+    return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {steps} steps", uncertainty)

@@ -1,0 +1,46 @@
+"""The `midlie` command: reads its line without JAX, which takes a second to import, and runs it.
+
+Every mistake of the user gives one line on stderr and exit code 2; only bugs give a traceback.
+"""
+# PYTHON_ARGCOMPLETE_OK
+
+import os
+import sys
+from collections.abc import Sequence
+
+from .parser import read
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Args:
+        arguments: as on the command line, without the program's name; by default those of the process.
+
+    Returns:
+        The exit code: 0; 2 after a mistake of the user, which is printed on stderr; 130 after ctrl-C.
+    """
+    try:
+        options = read(sys.argv[1:] if arguments is None else arguments)
+    except ValueError as error:
+        return _failed(str(error))
+    if getattr(options, "devices", None):  # JAX reads this when it starts; it concerns the CPU alone
+        flags = os.environ.get("XLA_FLAGS", "")
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={options.devices}".strip()
+    try:
+        from .commands import act
+
+        act(options)
+    except KeyboardInterrupt:
+        print("midlie: stopped", file=sys.stderr)
+        return 130
+    except ValueError as error:
+        return _failed(f"{error} (see midlie {options.command} --help)")
+    except (ImportError, OSError) as error:
+        return _failed(str(error))
+    return 0
+
+
+def _failed(message: str) -> int:
+    print(f"midlie: {' '.join(message.split())}", file=sys.stderr)
+    return 2

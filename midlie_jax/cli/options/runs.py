@@ -1,0 +1,108 @@
+"""The options of the commands that make a run, and of those that read one."""
+
+import argparse
+
+from ..readers import MOST_STEPS, OWN, axis, file, file_or_store, number, positive, sequence, whole
+
+
+def run(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Integrates a scene and prints the errors of energy and momentum and the run time. --out saves the states in a "
+        "file, --plot draws them."
+    )
+    parser.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
+    parser.add_argument(
+        "--method", default="JACOBI[EA]", metavar="NAME", help=f"see `midlie methods` (default: JACOBI[EA]){OWN}"
+    )
+    parser.add_argument("--dt", type=number, metavar="H", help="step (default: the scene's)")
+    parser.add_argument(
+        "--steps", type=whole(1, MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)"
+    )
+    parser.add_argument(
+        "--bodies", type=whole(1), default=1, metavar="N", help="perturbed copies (default: 1, unperturbed)"
+    )
+    parser.add_argument("--size", type=number, default=1e-3, help="relative size of the perturbations (default: 1e-3)")
+    parser.add_argument("--seed", type=whole(0), default=0, help="seed of the perturbations (default: 0)")
+    parser.add_argument("--float32", action="store_true", help="integrate in single precision")
+    parser.add_argument(
+        "--out",
+        type=file_or_store,
+        metavar="FILE",
+        help="save times, momenta and attitudes: .npz or .csv; or .zarr, a store that is written as the run goes and "
+        "from which it resumes (needs the extra io)",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with the run in the .zarr of --out, if there is one"
+    )
+    parser.add_argument("--save-every", type=whole(1), metavar="N", help="steps between two states saved in a .zarr")
+    parser.add_argument("--devices", type=whole(1), metavar="K", help="spread the bodies of a .zarr over K devices")
+    parser.add_argument(
+        "--plot",
+        type=file(".png"),
+        metavar="FILE",
+        help="draw energy, momentum, angular velocity and the path of an axis, as a PNG (needs the extra cli)",
+    )
+
+
+def inspect(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Reads a run that `midlie run --out run.zarr` or midlie_jax.simulate has written, compares all of it with the "
+        "checksums written with it, and prints how far it came, which bodies failed, and its errors of energy and "
+        "momentum."
+    )
+    parser.add_argument("store", metavar="RUN.zarr", help="the folder")
+    parser.add_argument("--plot", type=file(".png"), metavar="FILE", help="draw the run, as a PNG")
+
+
+def view(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Shows bodies of runs that `midlie run --out` or midlie_jax.simulate has written: as an HTML file, in which a "
+        "body can be turned with the mouse, played and set to any time, and which needs no network; or as a GIF. "
+        "Several bodies, or several runs, stand side by side at the same times."
+    )
+    parser.add_argument("runs", nargs="+", metavar="RUN", help="the .npz or .zarr; several of them side by side")
+    parser.add_argument(
+        "--body", nargs="+", type=whole(0), default=[0], metavar="K", help="which bodies, from 0 (default: 0)"
+    )
+    parser.add_argument(
+        "--out",
+        type=file(".html", ".gif"),
+        default="view.html",
+        metavar="FILE",
+        help="the .html or .gif to write (default: view.html)",
+    )
+    parser.add_argument(
+        "--axis",
+        type=axis,
+        default="e3",
+        metavar="AXIS",
+        help="the axis of the body that is traced: e1, e2 or e3, or a direction such as 1,0,1 (default: e3)",
+    )
+    parser.add_argument("--frames", type=whole(2), metavar="N", help="evenly spaced times (default: HTML 200, GIF 72)")
+    parser.add_argument("--title", metavar="TEXT", help="the line above (default: HTML what the run says, GIF none)")
+    gif = parser.add_argument_group("of a GIF alone")
+    gif.add_argument("--rate", type=positive, metavar="F", help="frames a second, at most 50 (default: 20)")
+    gif.add_argument("--size", type=whole(64, 2000), metavar="PIXELS", help="of the picture of a body (default: 320)")
+    gif.add_argument("--elevation", type=number, metavar="DEG", help="of the viewer above the xy plane (default: 22)")
+    gif.add_argument("--azimuth", type=number, metavar="DEG", help="of the viewer around z from x (default: -55)")
+    gif.add_argument("--background", metavar="COLOUR", help="any colour of matplotlib (default: white)")
+    parser.add_argument("--open", action="store_true", help="open it in the browser")
+
+
+def export(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Writes the attitudes of one body of a run that `midlie run --out` or midlie_jax.simulate has written, as CSV: "
+        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit."
+    )
+    parser.add_argument("run", metavar="RUN", help="the .npz or .zarr")
+    parser.add_argument("--body", type=whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
+    parser.add_argument(
+        "--euler",
+        type=sequence,
+        metavar="ABC",
+        help="Euler angles instead: first about the body's axis A, then about its axes B and C where they are by then; "
+        "ZYX is yaw, pitch and roll, ZXZ precession, nutation and spin",
+    )
+    parser.add_argument("--radians", action="store_true", help="angles in radians (default: degrees)")
+    parser.add_argument("--csv", action="store_true", help="write CSV; there is no other format yet")
+    parser.add_argument("--out", type=file(".csv"), metavar="FILE", help="the .csv to write (default: the terminal)")
