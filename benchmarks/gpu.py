@@ -12,7 +12,6 @@ The forms of a program:
 
 - `ours`: as the package compiles it, with several steps a turn of the loop.
 - `one step a turn`: the same with one step a turn.
-- `as on a CPU`: one step a turn, whose outputs leave it through a reduction.
 - `graph`: as `ours`, with XLA's option to record the loop as a CUDA graph.
 """
 
@@ -35,7 +34,6 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-import lowering  # noqa: E402
 from laboratory.rivals.problem import rates  # noqa: E402
 from pages import put  # noqa: E402
 
@@ -49,7 +47,7 @@ BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
 DRAWN = "Drawn by `python benchmarks/gpu.py --write`."
 DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
-OURS, SINGLE, REDUCTION, GRAPH = "ours", "one step a turn", "as on a CPU", "graph"
+OURS, SINGLE, GRAPH = "ours", "one step a turn", "graph"
 TSIT5, SOLVER = "diffrax Tsit5", "LIEMID[EA] by diffrax"
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12")
 FORMS: dict[str, dict[str, Any]] = {
@@ -92,7 +90,7 @@ def jobs(quick: bool) -> Iterator[Job]:
     """All jobs, the most informative first."""
     if quick:
         yield from (Job(method, "float32", 1000) for method in METHODS)
-        yield from (Job("SYMMETRIC[EA]", "float32", 1000, form) for form in (SINGLE, REDUCTION))
+        yield Job("SYMMETRIC[EA]", "float32", 1000, SINGLE)
         yield from (Job(form, "float32", 1000, form) for form in (TSIT5, SOLVER))
         return
     for dtype in ("float32", "float64"):
@@ -101,7 +99,7 @@ def jobs(quick: bool) -> Iterator[Job]:
             yield from (
                 Job(method, dtype, n, form)
                 for n in (10**4, 10**6, 100)
-                for form in (SINGLE, REDUCTION, GRAPH)
+                for form in (SINGLE, GRAPH)
                 for method in METHODS[:2]
             )
         yield from (Job(form, dtype, 10**n, form) for n in (6, 4, 2, 5, 3) for form in (TSIT5, SOLVER))
@@ -143,21 +141,13 @@ def starts_of(job: Job) -> ml.RigidState:
 
 
 def lowered(job: Job, starts: ml.RigidState):
-    """The traced program, in the form of the job; forms differ while a program is traced and lowered."""
-    lower_with(lowering.REDUCTION if job.form == REDUCTION else lowering.OURS)
+    """The traced program, in the form of the job; forms differ while a program is traced."""
     jax.clear_caches()  # JAX would find the step as it was traced for another form
     with contextlib.ExitStack() as stack:
-        stack.callback(lower_with, lowering.OURS)
-        if job.form in (SINGLE, REDUCTION):
+        if job.form == SINGLE:
             for kind in (Splitting, RungeKutta):
                 stack.enter_context(mock.patch.object(kind, "unroll", 1))
         return jax.jit(jax.vmap(run_of(job))).lower(starts)
-
-
-def lower_with(function) -> None:
-    platform = {"gpu": "cuda"}.get(jax.default_backend(), jax.default_backend())
-    if platform != "cpu":
-        lowering.lower_outputs(function, platform)
 
 
 def difference(job: Job, starts: ml.RigidState, momentum) -> float:

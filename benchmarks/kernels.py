@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from unittest import mock
 
 os.environ.setdefault("JAX_SKIP_CUDA_CONSTRAINTS_CHECK", "1")  # the compiler asks for a driver otherwise
@@ -30,7 +30,6 @@ from jax.sharding import SingleDeviceSharding
 
 jax.config.update("jax_enable_x64", True)
 
-import lowering  # noqa: E402
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
@@ -53,14 +52,12 @@ NAMES = (
     "SYMMETRIC[SRKN14a]",
 )
 
-OURS, REDUCTION, UNCUT = "ours", "through a reduction, as on a CPU", "not cut"
-OUTPUTS = {OURS: lowering.OURS, REDUCTION: lowering.REDUCTION, UNCUT: lambda *leaves, use: list(leaves)}
-# Beside the methods as they are: what other forms of their programs would cost.
-FORMS = {
-    ("SYMMETRIC[EA]", "float32"): ((REDUCTION, None), (OURS, 1), (OURS, 8)),
-    ("JACOBI[EA]", "float32"): ((REDUCTION, None), (OURS, 1), (OURS, 4)),
-    ("LIEMID[EA]", "float32"): ((REDUCTION, None), (OURS, 2)),
-    ("GBS12", "float32"): ((UNCUT, None),),
+# Beside the methods as they are: what other forms of their programs would cost, by the arguments of `compiled`.
+FORMS: dict[tuple[str, str], tuple[dict[str, Any], ...]] = {
+    ("SYMMETRIC[EA]", "float32"): ({"unroll": 1}, {"unroll": 8}),
+    ("JACOBI[EA]", "float32"): ({"unroll": 1}, {"unroll": 4}),
+    ("LIEMID[EA]", "float32"): ({"unroll": 2},),
+    ("GBS12", "float32"): ({"cut": False},),
 }
 
 _NO_KERNEL = {"parameter", "get-tuple-element", "tuple", "bitcast", "constant", "after-all", "while"}
@@ -111,12 +108,12 @@ def missing() -> str:
     return "XLA's CUDA compiler is not installed: `make kernels` installs it in an environment of its own."
 
 
-def compiled(method: Method | str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> Compiled:
+def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int | None = None) -> Compiled:
     """A method on heavy tops, compiled for the card.
 
     Args:
         method: the method, or its name.
-        outputs: how outputs leave a step, a key of `OUTPUTS`.
+        cut: whether a long step is cut, as it is.
         unroll: steps in a turn of the loop; by default those of the method on a GPU.
     """
     method = as_method(method)
@@ -133,16 +130,19 @@ def compiled(method: Method | str, dtype: str, outputs: str = OURS, unroll: int 
 
     arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
     jax.clear_caches()  # the package traces another program for a GPU
-    lowering.lower_outputs(OUTPUTS[outputs], "cuda")
+    barrier = jax.lax.optimization_barrier if cut else lambda leaves: leaves  # which cuts it
     began = time.perf_counter()
-    with mock.patch.object(jax, "default_backend", return_value="gpu"), tempfile.TemporaryDirectory() as folder:
+    with (
+        mock.patch.object(jax, "default_backend", return_value="gpu"),
+        mock.patch.object(jax.lax, "optimization_barrier", barrier),
+        tempfile.TemporaryDirectory() as folder,
+    ):
         turn = unroll or method.unroll
         lowered = jax.jit(jax.vmap(run), out_shardings=card).lower(*arguments)
         program = lowered.compile(compiler_options={"xla_backend_optimization_level": 3, "xla_dump_to": folder})
         ptx = "".join(file.read_text() for file in sorted(Path(folder).glob("*.ptx")))
     seconds = time.perf_counter() - began
     jax.clear_caches()
-    lowering.lower_outputs(lowering.OURS, "cuda")
     launches = _loop_over_steps(_computations(program.as_text()))
     return Compiled(turn, launches.times(1 / turn)._replace(size=launches.size / turn / BATCH), seconds, ptx)
 
@@ -208,11 +208,11 @@ def _size(shape: str) -> int:
     return total
 
 
-def row(name: str, dtype: str, outputs: str = OURS, unroll: int | None = None) -> str:
-    found = compiled(name, dtype, outputs, unroll)
+def row(name: str, dtype: str, **form: Any) -> str:
+    found = compiled(name, dtype, **form)
     kernels, small, size = (f"{x:.4g}" for x in found.step)
-    form = "" if (outputs, unroll) == (OURS, None) else outputs if unroll is None else "other number of steps a turn"
-    cells = (name, dtype, form, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
+    words = "other number of steps a turn" if "unroll" in form else "not cut" if form else ""
+    cells = (name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
     line = f"| {' | '.join(cells)} |"
     print(line, flush=True)
     return line
@@ -225,7 +225,7 @@ def main() -> None:
     lines = [f"| {' | '.join(heads)} |", f"| {' | '.join(['---'] * len(heads))} |"]
     for name in NAMES:
         for dtype in ("float32", "float64"):
-            lines += [row(name, dtype), *(row(name, dtype, *form) for form in FORMS.get((name, dtype), ()))]
+            lines += [row(name, dtype), *(row(name, dtype, **form) for form in FORMS.get((name, dtype), ()))]
     put("gpu.md", BEGIN, END, lines)
 
 

@@ -60,7 +60,6 @@ TABLES = (
     ("gpu", "gpu"),
     ("kernels", "gpu"),
     ("gradients", "gradients"),
-    ("reach", "stability"),
     ("published_fits", "fitting"),
     ("scattered_tops", "scatter"),
     ("ensembles", "ensembles"),

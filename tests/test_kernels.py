@@ -36,18 +36,11 @@ def test_a_turn_of_the_loop_is_one_kernel_that_reads_and_writes_the_state(name, 
     assert not re.search(FUSED_OR_ROUGH, compiled.ptx)
 
 
-def test_the_reduction_of_cpus_would_cost_kernels_and_memory():
-    forms = (kernels.OURS, kernels.REDUCTION)
-    ours, reduction = (kernels.compiled("SYMMETRIC[EA]", "float32", form).step for form in forms)
-    assert reduction.kernels >= 8 * ours.kernels
-    assert reduction.size >= 6 * ours.size
-
-
 @pytest.mark.parametrize(("levels", "share"), [(6, 0.7), (7, 1 / 3)])
 def test_a_long_step_is_cut_where_little_has_to_be_kept(levels, share):
     """GBS12, which XLA alone divides in two, and the same of order 14, of which it repeats much."""
     method = RungeKutta(f"GBS{2 * levels}", Extrapolation(levels, 5.0))
-    cut, uncut = (kernels.compiled(method, "float32", form).step for form in (kernels.OURS, kernels.UNCUT))
+    cut, uncut = (kernels.compiled(method, "float32", cut=cut).step for cut in (True, False))
     assert cut.kernels <= 4
     assert cut.size <= share * uncut.size
 
