@@ -33,7 +33,9 @@ jax.config.update("jax_enable_x64", True)
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
+from midlie_jax._kernel import fusion  # noqa: E402
 from midlie_jax.drivers.arguments import as_method  # noqa: E402
+from midlie_jax.methods import runge_kutta  # noqa: E402
 from midlie_jax.methods.base import Method  # noqa: E402
 
 CARD = Path(__file__).with_name("h200.txtpb")
@@ -113,7 +115,8 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
 
     Args:
         method: the method, or its name.
-        cut: whether a long step is cut, as it is.
+        cut: whether a long Runge-Kutta step is cut, as the package does; otherwise it is split as on a CPU, which
+            compiles to nothing on a GPU.
         unroll: steps in a turn of the loop; by default those of the method on a GPU.
     """
     method = as_method(method)
@@ -130,11 +133,10 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
 
     arguments = [jax.ShapeDtypeStruct((BATCH, size), dtype, sharding=card) for size in (3, 4)]
     jax.clear_caches()  # the package traces another program for a GPU
-    barrier = jax.lax.optimization_barrier if cut else lambda leaves: leaves  # which cuts it
     began = time.perf_counter()
     with (
         mock.patch.object(jax, "default_backend", return_value="gpu"),
-        mock.patch.object(jax.lax, "optimization_barrier", barrier),
+        mock.patch.object(runge_kutta, "cut", fusion.cut if cut else fusion.split),
         tempfile.TemporaryDirectory() as folder,
     ):
         turn = unroll or method.unroll
