@@ -106,8 +106,8 @@ class RungeKutta(Method):
         change = self.formula.change(rates, pause, motion)
         if self.projects:
             change = pause(change, OPERATIONS // per_evaluation)
-        end = system.pushed(motion, change.momentum, t0)
-        end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0))
+        end = system.pushed(motion, change.momentum)
+        end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0))
         kept: Array | bool = True
         if self.projects:
             end, kept = projected(system, t0, t1, h, motion, end)

@@ -133,13 +133,13 @@ class System(NamedTuple):
         turn = cp.times(cp.scale(h, self.inertia.inverses), motion.momentum)
         return Motion(change, self.kind.rate(motion.pose, turn))
 
-    def pushed(self, motion: Motion[P, Q], change: P, t: Array) -> Motion[P, Q]:
-        """The motion after the momentum changes by `change`, in a step that starts at time t."""
-        return Motion(*self.kind.push(motion.momentum, motion.pose, change, t))
+    def pushed(self, motion: Motion[P, Q], change: P) -> Motion[P, Q]:
+        """The motion after the momentum changes by `change`."""
+        return Motion(*self.kind.push(motion.momentum, motion.pose, change))
 
-    def turned(self, pose: Q, increment: Any, t: Array, h: Array) -> Q:
-        """The pose after a flight with this increment, in a step of h that starts at time t."""
-        return self.kind.turn(pose, increment, h == 0, t)
+    def turned(self, pose: Q, increment: Any, h: Array) -> Q:
+        """The pose after a flight with this increment, in a step of h."""
+        return self.kind.turn(pose, increment, h == 0)
 
     def force(self, t: Array, motion: Motion[P, Any]) -> P:
         """The torque in principal components, or the force on particles; zero if the system has no torque."""

@@ -64,8 +64,7 @@ class CompensatedState(RigidState):
         return cls(cp.pack(momentum), attitude, low_momentum, low_attitude)
 
     @staticmethod
-    def push(momentum: cp.Vector, pose: Any, change: cp.Vector, t: Array) -> tuple[cp.Vector, Any]:
-        del t
+    def push(momentum: cp.Vector, pose: Any, change: cp.Vector) -> tuple[cp.Vector, Any]:
         momentum, low = cp.compensated(momentum, pose.low_momentum, change)
         return momentum, pose._replace(low_momentum=low)
 
@@ -78,13 +77,11 @@ class CompensatedState(RigidState):
         )
 
     @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, no_step: Array, t: Array) -> Any:
-        del t
+    def turn(pose: Any, increment: cp.Quaternion, no_step: Array) -> Any:
         return _changed(pose, turn_change(pose.attitude, increment, no_step))
 
     @staticmethod
-    def shift(pose: Any, change: Any, no_step: Array, t: Array) -> Any:
-        del t
+    def shift(pose: Any, change: Any, no_step: Array) -> Any:
         return _changed(pose, shift_change(pose.attitude, change.attitude, no_step))
 
     @staticmethod

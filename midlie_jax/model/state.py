@@ -74,26 +74,25 @@ class State(eqx.Module, Generic[P, Q]):
         """The pose after the body turns by `increment`, a rotation in the body frame; for particles, a displacement."""
 
     @staticmethod
-    def push(momentum: P, pose: Q, change: P, t: Array) -> tuple[P, Q]:
-        """Momentum and pose after the momentum changes by `change` in the step that starts at time t.
+    def push(momentum: P, pose: Q, change: P) -> tuple[P, Q]:
+        """Momentum and pose after the momentum changes by `change`.
 
-        The change is added with the rounding of `accumulate`. A state that keeps what this rounding loses has it in the
-        pose; for all others the pose is unchanged.
+        A state that keeps what the rounding of this sum loses has it in the pose; for all others the pose is unchanged.
         """
-        return cp.accumulate(momentum, change, t), pose
+        return cp.tree_add(momentum, change), pose
 
     @staticmethod
     @abstractmethod
-    def turn(pose: Q, increment: Any, no_step: Array, t: Array) -> Q:
-        """`rotate` for a pose that is turned at every step; t is the time of this step.
+    def turn(pose: Q, increment: Any, no_step: Array) -> Q:
+        """`rotate` for a pose that is turned at every step.
 
-        The change is added with the rounding of `accumulate`, and the length of the pose is corrected for earlier
-        rounding errors. Where `no_step` is True (a step of size zero), no bit is changed.
+        The length of the pose is corrected for earlier rounding errors. Where `no_step` is True (a step of size zero),
+        no bit is changed.
         """
 
     @staticmethod
     @abstractmethod
-    def shift(pose: Q, change: Q, no_step: Array, t: Array) -> Q:
+    def shift(pose: Q, change: Q, no_step: Array) -> Q:
         """pose + change, normalised by one Newton step; where `no_step` is True, no bit is changed."""
 
     @staticmethod

@@ -50,13 +50,13 @@ class MomentumState(BodyState[tuple[()]]):
         return pose
 
     @staticmethod
-    def turn(pose: tuple[()], increment: Any, no_step: Array, t: Array) -> tuple[()]:
-        del increment, no_step, t
+    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
+        del increment, no_step
         return pose
 
     @staticmethod
-    def shift(pose: tuple[()], change: tuple[()], no_step: Array, t: Array) -> tuple[()]:
-        del change, no_step, t
+    def shift(pose: tuple[()], change: tuple[()], no_step: Array) -> tuple[()]:
+        del change, no_step
         return pose
 
     @staticmethod
@@ -103,17 +103,17 @@ class DirectionState(BodyState[cp.Vector]):
         return cp.rotate_back(increment, pose)
 
     @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Vector:
+    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
         correction = _length_correction(cp.dot(pose, pose), no_step)
         change = cp.rotation_change(cp.conjugate(increment), pose)
         # The length is corrected along the new pose; along another direction, errors of the length would grow.
-        return cp.accumulate(pose, cp.add(change, cp.scale(correction, cp.add(pose, change))), t)
+        return cp.add(pose, cp.add(change, cp.scale(correction, cp.add(pose, change))))
 
     @staticmethod
-    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array, t: Array) -> cp.Vector:
+    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
         new_pose = cp.add(pose, change)
         correction = _length_correction(cp.dot(new_pose, new_pose), no_step)
-        return cp.accumulate(pose, cp.add(change, cp.scale(correction, new_pose)), t)
+        return cp.add(pose, cp.add(change, cp.scale(correction, new_pose)))
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
@@ -165,12 +165,12 @@ class RigidState(BodyState[cp.Quaternion]):
         return cp.multiply(pose, increment)
 
     @staticmethod
-    def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
-        return _turn(pose, increment, no_step, t)
+    def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+        return _turn(pose, increment, no_step)
 
     @staticmethod
-    def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
-        return cp.accumulate(pose, shift_change(pose, change, no_step), t)
+    def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+        return cp.tree_add(pose, shift_change(pose, change, no_step))
 
     @staticmethod
     def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
@@ -228,14 +228,14 @@ class ParticleState(State[Array, Array]):
         return pose + increment
 
     @staticmethod
-    def turn(pose: Array, increment: Array, no_step: Array, t: Array) -> Array:
+    def turn(pose: Array, increment: Array, no_step: Array) -> Array:
         del no_step
-        return cp.accumulate(pose, increment, t)
+        return pose + increment
 
     @staticmethod
-    def shift(pose: Array, change: Array, no_step: Array, t: Array) -> Array:
+    def shift(pose: Array, change: Array, no_step: Array) -> Array:
         del no_step
-        return cp.accumulate(pose, change, t)
+        return pose + change
 
     @staticmethod
     def rate(pose: Array, velocity: Array) -> Array:
@@ -282,21 +282,21 @@ def attitude_of(state: AnyState) -> Array:
 
 
 @jax.custom_jvp
-def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array, t: Array) -> cp.Quaternion:
+def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
     """`RigidState.turn`, whose derivative needs no product of attitude and increment."""
-    return cp.accumulate(attitude, turn_change(attitude, increment, no_step), t)
+    return cp.tree_add(attitude, turn_change(attitude, increment, no_step))
 
 
 def _turn_tangent(primals: Any, tangents: Any) -> tuple[cp.Quaternion, cp.Quaternion]:
     """The turned attitude is (1 + k) q Q, where the correction k of the length changes by -q . dq."""
-    (q, increment, no_step, t), (dq, d_increment, *_) = primals, tangents
+    (q, increment, no_step), (dq, d_increment, _) = primals, tangents
     k = _length_correction(_square(q), no_step)
     along = jnp.where(no_step, jnp.zeros_like(k), q[0] * dq[0] + cp.dot(q[1:], dq[1:]))
     factor = 1 + k
     w, x, y, z = (factor * dot - along * part for part, dot in zip(q, dq, strict=True))
     turned, own = cp.multiply((w, x, y, z), increment), cp.multiply(q, d_increment)
     w, x, y, z = (a + factor * b for a, b in zip(turned, own, strict=True))
-    return _turn(q, increment, no_step, t), (w, x, y, z)
+    return _turn(q, increment, no_step), (w, x, y, z)
 
 
 _turn.defjvp(_turn_tangent)

@@ -55,9 +55,9 @@ class TorqueHalfWay(Implicit):
         w, remaining = newton(residual, free_start(double, y), ITERATIONS)
         half, torque_impulse = impulse(w)
         turned = cp.rotation_change(cp.conjugate(cp.square(half)), motion.momentum)
-        end = system.pushed(motion, cp.add(turned, cp.rotate_back(half, torque_impulse)), t0)
+        end = system.pushed(motion, cp.add(turned, cp.rotate_back(half, torque_impulse)))
         bounds = _bounds_of_single_root(inertia, h, w, motion.momentum, end.momentum)
-        end = Motion(end.momentum, system.turned(end.pose, cp.square(half), t0, h))
+        end = Motion(end.momentum, system.turned(end.pose, cp.square(half), h))
         return end, None, verdict(converged(remaining, cp.times(double, w), y), *bounds)
 
 
