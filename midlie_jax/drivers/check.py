@@ -24,6 +24,7 @@ from ..model.torques import TorqueLike
 from .arguments import as_method, as_scalar, check_system
 from .ensemble import as_batch
 from .facts import FAST
+from .rounding import Rounding
 from .trials import Trial, Trials
 
 _ORDERS = (1, 2, 3)  # the k of the resonances at h omega = pi / k that are looked for
@@ -59,6 +60,8 @@ class Check(NamedTuple):
             and for methods without kicks.
         order: this k; 0 if there is none.
         resonant: whether a body is, at the start, within the width of the resonance.
+        rounding: what decides the rounding of the run; `rounding.error(steps)` is the error of the momentum, over its
+            size, after a number of steps, and `rounding.loses(steps)` says whether the run needs a `CompensatedState`.
         suggested: the longest step found, with the sign of dt, that is sane by a trial of its own. Infinity if nothing
             turns the body; 0 if no sane step was found. No promise is made for what comes after the trial, nor that
             the step is accurate: `midlie_jax.recommend` measures accuracy.
@@ -80,10 +83,15 @@ class Check(NamedTuple):
     order: int
     resonant: bool
     suggested: float
+    rounding: Rounding
 
     @property
     def parts(self) -> list[tuple[str, str]]:
         """The text in parts, each with a heading."""
+        return self.parts_of(self.steps)
+
+    def parts_of(self, steps: int) -> list[tuple[str, str]]:
+        """The same, with the rounding of a run of so many steps."""
         verdict = "sane" if self.sane else "NOT sane"
         if math.isinf(self.suggested):
             better = "any step is"
@@ -99,8 +107,8 @@ class Check(NamedTuple):
             limit = f"the limit is {self.limit:.2g}" if math.isfinite(self.limit) else "no limit is known"
             parts.append(("torque", f"rate {self.rate:.2g}, times the step {self.stiffness:.2g}; {limit}"))
         if self.resonance > 0.5 and self.order:
-            steps, near = 2 * self.order / self.resonance, "within" if self.resonant else "outside"
-            text = f"{steps:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
+            period, near = 2 * self.order / self.resonance, "within" if self.resonant else "outside"
+            text = f"{period:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
             parts.append(("resonance", f"{text} {2 * self.order}"))
         if not self.solved:
             trial = (
@@ -112,6 +120,7 @@ class Check(NamedTuple):
         else:
             trial = f"{self.steps} steps succeed; the energy changes by {self.energy_error:.1g} of its scale"
         parts.append(("trial", trial))
+        parts.append(("rounding", self.rounding.text(steps)))
         return parts
 
     def __str__(self) -> str:
@@ -180,7 +189,7 @@ def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     return Check(
         *(method.name, dt, sane, own.steps, own.lasted == own.steps, own.lasted, own.energy_error),
         *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
-        *(nearest, order, resonant, math.copysign(suggested, dt)),
+        *(nearest, order, resonant, math.copysign(suggested, dt), own.rounding),
     )
 
 

@@ -27,11 +27,15 @@ class Facts(NamedTuple):
         turn_rate: the angle per unit of time that the method's reach bounds, ().
         linear: the body under the linearised torque alone, as a matrix of rotation vector and momentum, (6, 6).
         nutation: |Pi| over the mean of the two moments that are nearest to each other, ().
+        changes: the speeds at which flight and torque change the momentum, over its size, (2,); see `Rounding`.
+        variations: the speeds at which these vary, over its size, (2,).
     """
 
     turn_rate: Any
     linear: Any
     nutation: Any
+    changes: Any
+    variations: Any
 
     @classmethod
     def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
@@ -42,7 +46,10 @@ class Facts(NamedTuple):
         low_pair = moments[1] - moments[0] < moments[2] - moments[1]
         mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
         turn_rate = method.turn_rate(system.inertia, motion.momentum)
-        return cls(turn_rate, _linearised(system, t, motion), cp.norm(motion.momentum) / mean)
+        size = cp.norm(motion.momentum)
+        speed, pull, jerk = _speeds(system, t, motion)
+        changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])
+        return cls(turn_rate, _linearised(system, t, motion), size / mean, changes, variations)
 
     @property
     def rates(self) -> Any:
@@ -60,6 +67,15 @@ class Facts(NamedTuple):
         """
         growth = np.max(np.maximum(self.rates.real, 0), axis=-1)
         return np.hypot(self.turn_rate, 2 * growth)
+
+
+def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array]:
+    """|Omega|, |T|, and the speed |dT/dt| at which the torque changes along the motion."""
+    velocity = system.velocity(motion.momentum)
+    torque = system.force(t, motion)
+    rates = system.kind.momentum_rate(motion.momentum, velocity, torque), system.kind.rate(motion.pose, velocity)
+    _, change = jax.jvp(system.force, (t, motion), (jnp.ones_like(t), Motion(*rates)))
+    return cp.norm(velocity), cp.norm(torque), cp.norm(change)
 
 
 def _linearised(system: System, t: Array, motion: Any) -> Array:
