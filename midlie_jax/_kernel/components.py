@@ -10,6 +10,7 @@ array.
 """
 
 import operator
+from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -39,6 +40,25 @@ def pack(entries: tuple[Array, ...]) -> Array:
     return jnp.stack(entries, axis=-1)
 
 
+def _is_components(leaf: Any) -> bool:
+    return type(leaf) is tuple and bool(leaf) and not isinstance(leaf[0], tuple)
+
+
+def packed(tree: Any) -> Any:
+    """A tree with each vector and quaternion as one array; other leaves are unchanged."""
+    return wrapped(tree, pack)
+
+
+def unpacked(tree: Any) -> Any:
+    """A tree with each array as its components along the last axis: the inverse of `packed`."""
+    return jax.tree.map(lambda x: tuple(x[..., i] for i in range(x.shape[-1])), tree)
+
+
+def wrapped(tree: Any, wrap: Callable[[Any], Any]) -> Any:
+    """A tree with `wrap` of each vector and quaternion in its place."""
+    return jax.tree.map(lambda x: wrap(x) if _is_components(x) else x, tree, is_leaf=_is_components)
+
+
 def add(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
@@ -62,7 +82,11 @@ def dot(a: Vector, b: Vector) -> Array:
 
 def norm(a: Vector) -> Array:
     """|a|, whose derivative at a = 0 is defined as zero."""
-    square = dot(a, a)
+    return root(dot(a, a))
+
+
+def root(square: Array) -> Array:
+    """The square root, whose derivative at zero is defined as zero."""
     nonzero = square > 0
     return jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, square, jnp.ones_like(square))), jnp.zeros_like(square))
 

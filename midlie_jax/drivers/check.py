@@ -17,7 +17,7 @@ from .._kernel.components import is_traced
 from ..methods.base import Method
 from ..methods.limits import resonance, resonance_half_width
 from ..methods.splitting import Splitting
-from ..model.bodies import RigidBody, TensorBody
+from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
@@ -131,7 +131,7 @@ class Check(NamedTuple):
 
 def check(
     method: Method | str,
-    body: RigidBody | TensorBody,
+    body: Body,
     torque: TorqueLike | None,
     start: AnyState,
     *,
@@ -162,13 +162,14 @@ def check(
         raise ValueError("check needs numbers, but an argument is traced; call it outside jit, vmap and grad.")
     check_state("start", start)
     method = as_method(method)
-    if not issubclass(method.bodies, RigidBody):
-        raise ValueError(f"check is for rigid bodies, but method {method.name!r} moves {method.bodies.__name__}.")
+    if not start.own_axes:
+        raise ValueError(f"check is for bodies that turn, but start is a {type(start).__name__}.")
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    if start.momentum.ndim not in (1, 2):
+    axes = start.momentum.ndim - start.own_axes
+    if axes not in (0, 1):
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
-    if start.momentum.ndim == 1:  # with one body nothing has rows
+    if axes == 0:  # with one body nothing has rows
         check_system(method, body, torque, start)
         start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)

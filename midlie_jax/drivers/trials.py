@@ -10,8 +10,8 @@ import numpy as np
 
 from .._kernel.compiler import tuned_jit
 from ..methods.base import Method
-from ..model.compensated import CompensatedState
 from ..model.state import AnyState
+from ..model.states import CompensatedState
 from .adjoints import Forward
 from .chunks import chunk_size, run_ensemble, shared_tables
 from .ensemble import Batch

@@ -24,9 +24,9 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.replay import traits
+from ..model.inertia import Inertia
 from ..model.state import AnyState
 from ..model.torques import TorqueLike, potential_of
-from .inertia import Inertia
 from .system import AnyMotion, Motion, System
 
 OPERATIONS = 800  # about as many as the projection has for a simple torque

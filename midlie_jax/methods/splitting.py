@@ -12,7 +12,7 @@ from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
 from .._kernel.keep import kept
 from .._kernel.platform import on_cpu
 from .._kernel.verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier
-from ..model.bodies import Body, RigidBody, principal_of
+from ..model.bodies import Body
 from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
@@ -76,10 +76,7 @@ class Splitting(Method):
         return decay_limit(self.scheme) if decays else oscillator_limit(self.scheme)
 
     def fitted(self, body: Body) -> "Splitting":
-        principal = principal_of(body)
-        if not isinstance(principal, RigidBody) or cp.is_traced(principal.moments):
-            return self
-        flight = self.flight.fitted(principal.moments)
+        flight = self.flight.fitted(body.in_principal_axes())
         return self if flight == self.flight else Splitting(flight, self.scheme, self.name)
 
     def keeps_force(self, system: System) -> bool:

@@ -13,8 +13,8 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ...model.bodies import RigidBody
+from ...model.inertia import Inertia
 from ...model.state import AnyState
-from ..inertia import Inertia
 from .base import JudgedFlight
 from .turn_tangent import Changes, with_zeros
 

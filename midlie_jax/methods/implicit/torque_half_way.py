@@ -10,8 +10,8 @@ from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import half_turn
 from ..._kernel.verdict import verdict
+from ...model.inertia import Inertia
 from ..flights.lie_midpoint import free_start
-from ..inertia import Inertia
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit, converged
 

@@ -17,7 +17,6 @@ from ..._kernel import components as cp
 from ..._kernel.checks import require_function
 from ..bodies import RigidBody, TensorBody
 from ..state import Time
-from ..states import DirectionState
 
 TorqueLike = Callable[[Any, Any], Array]
 
@@ -176,14 +175,14 @@ class FromPotential(Torque):
         # dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
         # is the transpose of `rate`, applied to the gradient.
         (neg_torque,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(gradient)
-        return jax.tree.map(jnp.negative, neg_torque) if isinstance(neg_torque, jax.Array) else -cp.pack(neg_torque)
+        return jax.tree.map(jnp.negative, cp.packed(neg_torque))
 
     def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
         """The direction of a `DirectionState`, on which alone the potential depends."""
-        return cp.vector(state.direction) if isinstance(state, DirectionState) else None
+        return state.fixed_direction()
 
 
 class VelocityDependent(Torque):
