@@ -3,7 +3,7 @@
     python benchmarks/ensembles.py [--bodies 1000000] [--steps 1000] [--write]
 
 Each row of the table is measured in a process of its own, which runs everything twice and reports the second time, when
-all is compiled. `--write` puts the tables into docs/ensembles.md.
+all is compiled. `--write` puts the tables into docs/reports/large-runs.md.
 """
 
 import argparse
@@ -164,8 +164,8 @@ def main() -> None:
     for heads_of, table in ((heads, rows), (scaling_heads, scaling)):
         print("\n".join(shown(heads_of, table)))
     if options.write:
-        put("ensembles.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
-        put("ensembles.md", "<!-- scaling -->", "<!-- /scaling -->", shown(scaling_heads, scaling))
+        put("reports/large-runs.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
+        put("reports/large-runs.md", "<!-- scaling -->", "<!-- /scaling -->", shown(scaling_heads, scaling))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Measures what a step costs with each way of rounding that `rounding_growth.py` compares, for docs/rounding.md.
+"""What a step costs with each way of rounding that `rounding_growth.py` compares, for docs/reports/rounding.md.
 
     python benchmarks/rounding_cost.py [--write]
 
@@ -44,4 +44,4 @@ def measured() -> Iterator[list[str]]:
 
 if __name__ == "__main__":
     pin()
-    command(__doc__, "rounding.md", BEGIN, END, ["method", *(mode.name for mode in MODES)], measured())
+    command(__doc__, "reports/rounding.md", BEGIN, END, ["method", *(mode.name for mode in MODES)], measured())
