@@ -11,10 +11,10 @@
 #   make lint               formatting, lint, types
 #   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
-#   make rivals             error against time beside other programs: docs/work-precision.md and its charts
+#   make rivals             error against time beside other programs: docs/reports/work-precision.md and its charts
 #   make test-gpu           the laws on the accelerator that JAX sees; installs JAX='jax[cuda13]' unless told otherwise
-#   make gpu                the speed there: docs/gpu.md and docs/gpu.png
-#   make kernels            the kernels of a step on a GPU, counted without one: docs/gpu.md
+#   make gpu                the speed there: docs/reports/gpu.md and docs/reports/gpu.png
+#   make kernels            the kernels of a step on a GPU, counted without one: docs/reports/gpu.md
 #   make test-kernels       tests of these
 #   make docs               the pages of docs/ as a site: site/index.html
 #   make figures            draws every picture of docs/ again, each by the command beside it: hours

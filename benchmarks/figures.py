@@ -35,7 +35,7 @@ def commands_in(text: str, programs: Sequence[str] = ("midlie", "python")) -> li
 def commands() -> dict[str, str]:
     """The command of each picture of the pages by the name of its file."""
     found: dict[str, str] = {}
-    for page in sorted(DOCS.glob("*.md")):
+    for page in sorted(DOCS.rglob("*.md")):
         text = page.read_text()
         known = commands_in(text)
         for picture, below in PICTURE.findall(text):

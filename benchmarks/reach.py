@@ -1,4 +1,4 @@
-"""What a longer reach of JACOBI would cost: flights that subdivide themselves, put into docs/stability.md.
+"""What a longer reach of JACOBI would cost: flights that subdivide themselves, put into docs/reports/limits.md.
 
     python benchmarks/reach.py [--write]
 
@@ -77,4 +77,4 @@ def rows():
 
 
 if __name__ == "__main__":
-    command(__doc__, "stability.md", BEGIN, END, ["torque", *FLIGHTS], rows())
+    command(__doc__, "reports/limits.md", BEGIN, END, ["torque", *FLIGHTS], rows())

@@ -1,4 +1,4 @@
-"""Measures how rounding errors grow over many steps without torque, for docs/rounding.md.
+"""Measures how rounding errors grow over many steps without torque, for docs/reports/rounding.md.
 
     python benchmarks/rounding.py [--steps 1000000] [--write]
 
@@ -90,4 +90,4 @@ if __name__ == "__main__":
     chosen = parser.parse_args()
     text = page(chosen.steps)
     if chosen.write:
-        put("rounding.md", BEGIN, END, [text])
+        put("reports/rounding.md", BEGIN, END, [text])

@@ -1,4 +1,8 @@
+<<<<<<< HEAD
 """Measures what a step costs with each state and dtype that `rounding_growth.py` compares, for docs/rounding.md.
+=======
+"""What a step costs with each way of rounding that `rounding_growth.py` compares, for docs/reports/rounding.md.
+>>>>>>> docs
 
     python benchmarks/rounding_cost.py [--write]
 
@@ -43,4 +47,4 @@ def measured() -> Iterator[list[str]]:
 
 if __name__ == "__main__":
     pin()
-    command(__doc__, "rounding.md", BEGIN, END, ["method", *(mode.name for mode in MODES)], measured())
+    command(__doc__, "reports/rounding.md", BEGIN, END, ["method", *(mode.name for mode in MODES)], measured())

@@ -1,4 +1,4 @@
-"""How rounding errors grow with the number of steps, up to 1e8: free bodies and the fast top P1, for docs/rounding.md.
+"""How rounding errors grow over up to 1e8 steps: free bodies and the fast top P1, for docs/reports/rounding.md.
 
     python benchmarks/rounding_growth.py [--steps 100000000] [--parts FOLDER] [--write]
 
@@ -286,8 +286,8 @@ def main() -> None:
         )
     print("\n".join(lines(results)))
     if options.write:
-        put("rounding.md", BEGIN, END, lines(results))
-        draw(results, DOCS / "rounding-growth.png")
+        put("reports/rounding.md", BEGIN, END, lines(results))
+        draw(results, DOCS / "reports" / "rounding-growth.png")
 
 
 if __name__ == "__main__":

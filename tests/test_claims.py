@@ -194,5 +194,5 @@ def test_the_default_methods_are_those_of_the_paper_and_one_of_each_flight_and_s
 
 
 def test_the_page_has_every_default_method():
-    text = (page.Path(__file__).parent.parent / "docs" / "claims.md").read_text()
+    text = (page.Path(__file__).parent.parent / "docs" / "reports" / "claims.md").read_text()
     assert all(f"\n| `{name}` | " in text for name in chosen())
