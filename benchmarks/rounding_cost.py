@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Measures what a step costs with each state and dtype that `rounding_growth.py` compares, for docs/rounding.md.
-=======
-"""What a step costs with each way of rounding that `rounding_growth.py` compares, for docs/reports/rounding.md.
->>>>>>> docs
+"""Measures what a step costs with each state and dtype that `rounding_growth.py` compares.
 
     python benchmarks/rounding_cost.py [--write]
 
