@@ -208,6 +208,6 @@ def test_wrong_forces_are_refused_with_what_is_wanted():
             ml.integrate(ml.method(Travel(), "EA"), BODY, torque, START, dt=0.01, steps=1)
     with pytest.raises(ValueError, match="belongs to a Traveller"):
         ml.integrate(ml.method(Travel(), "EA"), ml.RigidBody(BODY.moments), None, START, dt=0.01, steps=1)
-    with pytest.raises(ValueError, match="moves RigidBody, but body is a Traveller"):
+    with pytest.raises(ValueError, match="moves RigidBody, but body is Traveller"):
         ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.01, steps=1)
     assert Place._fields == ("attitude", "position")

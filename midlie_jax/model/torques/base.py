@@ -18,7 +18,7 @@ from ..._kernel.checks import require_function
 from ..bodies import RigidBody, TensorBody
 from ..state import Time
 
-TorqueLike = Callable[[Any, Any], Array]
+TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
 
 class Torque(eqx.Module):
@@ -114,8 +114,9 @@ class Sum(Torque):
         for term in self.terms:
             require_function("a torque", term, "t, state")
 
-    def __call__(self, t: Time, state: Any) -> Array:
-        return sum((term(t, state) for term in self.terms[1:]), start=self.terms[0](t, state))
+    def __call__(self, t: Time, state: Any) -> Any:
+        forces = [term(t, state) for term in self.terms]
+        return jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *forces)
 
     def potential(self, t: Time, state: Any) -> Array:
         parts = [potential_of(term)(t, state) for term in self.terms]
@@ -168,7 +169,7 @@ class FromPotential(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state")
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         kind = type(state)
         momentum, pose = state.parts()
         gradient = jax.grad(lambda p: self.function(t, kind.join(momentum, p)))(pose)
@@ -205,7 +206,7 @@ class VelocityDependent(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state")
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         return self.function(t, state)
 
     @property
@@ -231,7 +232,7 @@ class ReadsBody(Torque):
     def on(self, body: Any) -> Torque:
         return OnBody(self, body)
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body)(t, state).")
 
     def potential(self, t: Time, state: Any) -> Array:
@@ -249,7 +250,7 @@ class OnBody(Torque):
     torque: ReadsBody
     body: RigidBody | TensorBody
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         return self.torque.at(t, state, self.body)
 
     def potential(self, t: Time, state: Any) -> Array:
