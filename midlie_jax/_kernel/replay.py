@@ -46,7 +46,8 @@ class Traits(NamedTuple):
 
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
-    closed = jax.make_jaxpr(function)(*arguments)
+    # A function of its own: JAX looks for an earlier trace of the same one, and would compare the arrays in a pytree.
+    closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)
     used = used_inputs(closed)
     reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
     return Traits(any(map(is_expensive, closed.jaxpr.eqns)), count_operations(closed), reads)
