@@ -11,11 +11,11 @@
 #   make lint               formatting, lint, types
 #   make fuzz [MINUTES=5]   a random search for wrong results
 #   make bench              the benchmarks
-#   make claims             what is claimed of the methods, measured: docs/claims.md and its picture
-#   make rivals             error against time beside other programs: docs/work-precision.md and its charts
+#   make claims             what is claimed of the methods, measured: docs/reports/claims.md and its picture
+#   make rivals             error against time beside other programs: docs/reports/work-precision.md and its charts
 #   make test-gpu           the laws on the accelerator that JAX sees; installs JAX='jax[cuda13]' unless told otherwise
-#   make gpu                the speed there: docs/gpu.md and docs/gpu.png
-#   make kernels            the kernels of a step on a GPU, counted without one: docs/gpu.md
+#   make gpu                the speed there: docs/reports/gpu.md and docs/reports/gpu.png
+#   make kernels            the kernels of a step on a GPU, counted without one: docs/reports/gpu.md
 #   make test-kernels       tests of these
 #   make docs               the pages of docs/ as a site: site/index.html
 #   make figures            draws every picture of docs/ again, each by the command beside it: hours
@@ -87,7 +87,7 @@ bench: .venv/.bench
 	.venv/bin/python benchmarks/run.py
 
 claims: .venv/.cli
-	.venv/bin/python benchmarks/claims.py --out docs/claims.png --page docs/claims.md
+	.venv/bin/python benchmarks/claims.py --out docs/reports/claims.png --page docs/reports/claims.md
 
 rivals: .venv/.bench
 	.venv/bin/python benchmarks/work_precision.py

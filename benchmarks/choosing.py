@@ -1,4 +1,4 @@
-"""The table of docs/choosing-a-method.md: the fastest methods at four errors, read from docs/work-precision.md.
+"""The table of docs/choosing-a-method.md: the fastest methods at four errors, read from docs/reports/work-precision.md.
 
     python benchmarks/choosing.py [--write]
 
@@ -27,7 +27,7 @@ def _cell(row: dict[str, str], family: str) -> str:
 
 def rows() -> Iterator[list[str]]:
     """For each scene the fastest of all methods and of the symplectic ones, with microseconds a body."""
-    for scene, table in tables("work-precision.md", "error of R").items():
+    for scene, table in tables("reports/work-precision.md", "error of R").items():
         at = {row["error of R"]: row for row in table}
         for family, told in FAMILIES.items():
             yield [scene, told, *(_cell(at[error], family) for error in ERRORS)]

@@ -4,7 +4,7 @@
 
 Measures order, symplectic defect, spatial momentum, reversal, energy over long runs, a published drift test and the
 work of a step, and holds the claims against the figures. By default the methods of the paper and one with each flight
-and each scheme of `midlie methods`, in under five minutes on two cores. `make claims` writes docs/claims.md.
+and each scheme of `midlie methods`, in under five minutes on two cores. `make claims` writes docs/reports/claims.md.
 """
 
 import argparse

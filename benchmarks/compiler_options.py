@@ -1,4 +1,4 @@
-"""What the options gain that the package gives to XLA's compiler, put into docs/performance.md.
+"""What the options gain that the package gives to XLA's compiler, put into docs/reports/speed.md.
 
     python benchmarks/compiler_options.py [--write]
 
@@ -75,4 +75,4 @@ if __name__ == "__main__":
 
         if not vector_width_options():
             sys.exit("this processor has no AVX-512, or XLA_FLAGS sets the width of vectors: nothing to compare.")
-        command(__doc__, "performance.md", BEGIN, END, HEADS, rows())
+        command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows())

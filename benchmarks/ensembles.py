@@ -3,7 +3,7 @@
     python benchmarks/ensembles.py [--bodies 1000000] [--steps 1000] [--write]
 
 Each row of the table is measured in a process of its own, which runs everything twice and reports the second time, when
-all is compiled. `--write` puts the tables into docs/ensembles.md.
+all is compiled. `--write` puts the tables into docs/reports/large-runs.md.
 """
 
 import argparse
@@ -21,9 +21,6 @@ from pages import put, shown
 
 EVERY = 100
 STATE = 7 * 8  # bytes of one state in float64
-PART = 11 * STATE * 2**15  # bytes of one part: eleven saved states of 32768 bodies
-BASE = 400e6  # bytes of Python, JAX, Zarr and compiled programs
-BOUND = "simulate", 1  # the run for which the bound of the memory is stated
 ROUNDS = 3
 DISK = 2e9  # bytes per second that all processes of a cluster write together, of the estimate
 PROCESSES = (1, 4, 16, 64)
@@ -41,15 +38,6 @@ class Cost(NamedTuple):
     wall: float
     processor: float
     memory: float
-
-
-def memory_bound(bodies: int) -> float:
-    """What a run may take.
-
-    Of each body five states: the batch, its copy spread over groups, and the two that a step reads and writes. Two
-    parts are in memory at the same time, one computed and one written, each in up to five copies.
-    """
-    return BASE + 5 * bodies * STATE + 10 * PART
 
 
 def run_once(kind: str, bodies: int, steps: int, devices: int) -> None:
@@ -140,7 +128,7 @@ def main() -> None:
             f"{bodies * steps / cost.wall / 1e6:.1f}",
             f"{bare.wall / cost.wall:.2f}",
             f"{cost.processor / (bodies * steps) * 1e9:.1f}",
-            f"{cost.memory / 1e6:.0f}" + (f" of {memory_bound(bodies) / 1e6:.0f}" if (kind, devices) == BOUND else ""),
+            f"{cost.memory / 1e6:.0f}",
         ]
         for (kind, devices), cost in found.items()
     ]
@@ -164,8 +152,8 @@ def main() -> None:
     for heads_of, table in ((heads, rows), (scaling_heads, scaling)):
         print("\n".join(shown(heads_of, table)))
     if options.write:
-        put("ensembles.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
-        put("ensembles.md", "<!-- scaling -->", "<!-- /scaling -->", shown(scaling_heads, scaling))
+        put("reports/large-runs.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
+        put("reports/large-runs.md", "<!-- scaling -->", "<!-- /scaling -->", shown(scaling_heads, scaling))
 
 
 if __name__ == "__main__":

@@ -22,12 +22,13 @@ from pages import DOCS
 ROOT = DOCS.parent
 PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+Drawn by `([^`]+)`\.)?")
 SPAN = re.compile(r"`([^`\n]+)`")
-BLOCK = re.compile(r"^```(?:sh|bash|console)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SHELLS = ("", "sh", "bash", "console")
 
 
 def commands_in(text: str, programs: Sequence[str] = ("midlie", "python")) -> list[str]:
     """The commands of a page: lines of blocks, and what stands between backticks, if it begins with a program."""
-    lines = [line for block in BLOCK.findall(text) for line in block.splitlines()]
+    lines = [line for kind, block in BLOCK.findall(text) if kind in SHELLS for line in block.splitlines()]
     found = [re.sub(r"\s+#.*", "", line).strip() for line in [*lines, *SPAN.findall(BLOCK.sub("", text))]]
     return [command for command in found if command.split(" ")[0] in programs]
 
@@ -35,7 +36,7 @@ def commands_in(text: str, programs: Sequence[str] = ("midlie", "python")) -> li
 def commands() -> dict[str, str]:
     """The command of each picture of the pages by the name of its file."""
     found: dict[str, str] = {}
-    for page in sorted(DOCS.glob("*.md")):
+    for page in sorted(DOCS.rglob("*.md")):
         text = page.read_text()
         known = commands_in(text)
         for picture, below in PICTURE.findall(text):

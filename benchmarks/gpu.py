@@ -1,6 +1,6 @@
 """The speed of the methods on an accelerator, against the number of bodies: one table and one chart.
 
-    make gpu                                      everything, written to docs/gpu.md and docs/gpu.png
+    make gpu                                      everything, written to docs/reports/gpu.md and docs/reports/gpu.png
     python benchmarks/gpu.py [--quick] [--seconds N] [--write]
 
 The scene is the fast top P1, or for JACOBI[...] and GBS12 an asymmetric top. Each figure is the median of runs after
@@ -258,7 +258,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a few programs, to see that everything runs")
     parser.add_argument("--seconds", type=float, default=540.0, help="no program is begun later")
-    parser.add_argument("--write", action="store_true", help="write docs/gpu.md and docs/gpu.png")
+    parser.add_argument("--write", action="store_true", help="write docs/reports/gpu.md and docs/reports/gpu.png")
     options = parser.parse_args()
     if jax.default_backend() == "cpu" and not options.quick:
         sys.exit("JAX sees no accelerator here; `--quick` runs a few programs on the CPU.")
@@ -268,9 +268,9 @@ def main() -> None:
         print(f"{figure.job}: {figure.speed:.3g} body-steps a second, {figure.difference:.0f} eps", flush=True)
     lines = [f"{where()}.", "", *table(figures)]
     print("\n".join(lines))
-    chart(figures, ROOT / "docs" / "gpu.png" if options.write else Path("gpu.png"))
+    chart(figures, ROOT / "docs" / "reports" / "gpu.png" if options.write else Path("gpu.png"))
     if options.write:
-        put("gpu.md", BEGIN, END, ["![Speed against the number of bodies](gpu.png)", "", DRAWN, "", *lines])
+        put("reports/gpu.md", BEGIN, END, ["![Speed against the number of bodies](gpu.png)", "", DRAWN, "", *lines])
 
 
 if __name__ == "__main__":

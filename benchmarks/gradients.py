@@ -1,4 +1,4 @@
-"""What a derivative costs: value and gradient over the value, first calls and memory, put into docs/gradients.md.
+"""What a derivative costs: value and gradient over value, first calls, memory, put into docs/reports/gradient-costs.md.
 
     python benchmarks/gradients.py [--write]
 
@@ -103,4 +103,4 @@ def rows():
 
 
 if __name__ == "__main__":
-    command(__doc__, "gradients.md", BEGIN, END, HEADS, rows())
+    command(__doc__, "reports/gradient-costs.md", BEGIN, END, HEADS, rows())

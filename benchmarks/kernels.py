@@ -2,9 +2,9 @@
 
     make kernels
 
-prints a table and puts it between the markers in docs/gpu.md. XLA's CUDA compiler needs no GPU: it compiles for the
-card that `h200.txtpb` describes (NVIDIA H200), and this file reads the optimised program. A step is counted inside the
-loop over steps, without what happens once before and after that loop.
+prints a table and puts it between the markers in docs/reports/gpu.md. XLA's CUDA compiler needs no GPU: it compiles for
+the card that `h200.txtpb` describes (NVIDIA H200), and this file reads the optimised program. A step is counted inside
+the loop over steps, without what happens once before and after that loop.
 
 Two kinds of launch are counted: kernels that read or write arrays of the batch, and small kernels for what all bodies
 share, such as the counter of the loop. The bytes are those that the kernels of the batch read and write.
@@ -213,7 +213,7 @@ def _size(shape: str) -> int:
 def row(name: str, dtype: str, **form: Any) -> str:
     found = compiled(name, dtype, **form)
     kernels, small, size = (f"{x:.4g}" for x in found.step)
-    words = "other number of steps a turn" if "unroll" in form else "not cut" if form else ""
+    words = "other number of steps an iteration" if "unroll" in form else "not cut" if form else ""
     cells = (name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
     line = f"| {' | '.join(cells)} |"
     print(line, flush=True)
@@ -223,12 +223,12 @@ def row(name: str, dtype: str, **form: Any) -> str:
 def main() -> None:
     if missing():
         sys.exit(missing())
-    heads = ("method", "dtype", "form", "steps a turn", "launches a step", "bytes a body and step", "compile")
+    heads = ("method", "dtype", "form", "steps an iteration", "launches a step", "bytes a body and step", "compile")
     lines = [f"| {' | '.join(heads)} |", f"| {' | '.join(['---'] * len(heads))} |"]
     for name in NAMES:
         for dtype in ("float32", "float64"):
             lines += [row(name, dtype), *(row(name, dtype, **form) for form in FORMS.get((name, dtype), ()))]
-    put("gpu.md", BEGIN, END, lines)
+    put("reports/gpu.md", BEGIN, END, lines)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 For the fast top P1 and an asymmetric heavy top, at a coarse step: the largest error of the energy, and how much its
 mean over the last tenth of the run differs from that over the first, both relative to the energy at the start. A
 symplectic method's energy stays within a band that does not move. `--write` puts the table between the markers in
-docs/theory.md and the picture in docs/long-run.png.
+docs/reports/long-run.md and the picture in docs/long-run.png.
 """
 
 import argparse
@@ -103,7 +103,7 @@ def main():
         print(lines[-1], flush=True)
         results.append(result)
     if options.write:
-        put("theory.md", BEGIN, END, lines)
+        put("reports/long-run.md", BEGIN, END, lines)
         draw(results, ROOT / "docs" / "long-run.png")
 
 

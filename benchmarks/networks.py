@@ -138,11 +138,11 @@ if __name__ == "__main__":
     parser.add_argument("--method", default="JACOBI[EA]")
     parser.add_argument("--widths", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64, 128])
     parser.add_argument("--on", choices=["scalars", "arrays"], help="evaluate the torque so, whatever its size")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/reports/speed.md")
     given = parser.parse_args()
     if given.on:
         replay._suits_arrays = lambda closed: given.on == "arrays"
     networks = {f"network of width {width}": network(width) for width in given.widths}
     lines = shown(HEADS, rows(given.method, networks | {name: formula(name) for name in FORMULAS}))
     if given.write:
-        put("performance.md", "<!-- networks -->", "<!-- /networks -->", lines)
+        put("reports/speed.md", "<!-- networks -->", "<!-- /networks -->", lines)

@@ -1,4 +1,4 @@
-"""Fits to published rates, each estimate beside the published number, put into docs/fitting.md.
+"""Fits to published rates, each estimate beside the published number, put into docs/reports/published-fits.md.
 
     python benchmarks/published_fits.py [--write]
 
@@ -142,5 +142,5 @@ def rows():
 
 
 if __name__ == "__main__":
-    command(__doc__, "fitting.md", BEGIN, END, HEADS, rows())
+    command(__doc__, "reports/published-fits.md", BEGIN, END, HEADS, rows())
     print(satellite_without_scale())

@@ -3,7 +3,7 @@
     python benchmarks/rivals.py [SCENE] [--methods NAME ...] [--out FILE] [--quick]
 
 A method or a scene of your own is given as MODULE:NAME, of a module in the current folder. `make rivals` does the same
-for five scenes and writes docs/work-precision.md (`work_precision.py`).
+for five scenes and writes docs/reports/work-precision.md (`work_precision.py`).
 """
 
 import argparse

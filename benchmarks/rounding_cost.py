@@ -1,4 +1,4 @@
-"""Measures what a step costs with each way of rounding that `rounding_growth.py` compares, for docs/rounding.md.
+"""Measures what a step costs with each state and dtype that `rounding_growth.py` compares.
 
     python benchmarks/rounding_cost.py [--write]
 
@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from pages import command
-from rounding_growth import BODIES, MODES, Case, Mode, cases, rounding, rows_of
+from rounding_growth import BODIES, MODES, Case, Mode, cases, rows_of
 
 import midlie_jax as ml
 from midlie_jax.drivers.program import Program
@@ -27,8 +27,7 @@ def compiled(case: Case, mode: Mode) -> Callable[[], Any]:
     rows = rows_of(case, mode)
     body, torque, dt = jax.tree.map(lambda x: x[0], (rows.body, rows.torque, rows.dt))
     starts = jax.tree.map(lambda x: jnp.concatenate([x] * COPIES), rows.start)
-    with rounding(mode):
-        program = Program(ml.method(case.method), body, torque, starts, chunk=CHUNK)
+    program = Program(ml.method(case.method), body, torque, starts, chunk=CHUNK)
     _, ok = program.run(float(dt), STEPS)
     if not ok.all():
         raise RuntimeError(f"{case.name}, {mode.name}: a step failed.")
@@ -44,4 +43,4 @@ def measured() -> Iterator[list[str]]:
 
 if __name__ == "__main__":
     pin()
-    command(__doc__, "rounding.md", BEGIN, END, ["method", *(mode.name for mode in MODES)], measured())
+    command(__doc__, "reports/rounding.md", BEGIN, END, ["method", *(mode.name for mode in MODES)], measured())

@@ -1,4 +1,4 @@
-"""How rounding errors grow with the number of steps, up to 1e8: free bodies and the fast top P1, for docs/rounding.md.
+"""How rounding errors grow over up to 1e8 steps: free bodies and the fast top P1, for docs/reports/rounding.md.
 
     python benchmarks/rounding_growth.py [--steps 100000000] [--parts FOLDER] [--write]
 
@@ -12,7 +12,6 @@ with `--parts` the command keeps each run in a folder and continues where it was
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +23,6 @@ from laboratory.runner import Rows, Runner
 from pages import DOCS, put
 
 import midlie_jax as ml
-from midlie_jax._kernel import components
 from midlie_jax.cli import scenes
 from midlie_jax.cli.oracles import free_body
 from midlie_jax.drivers.timing import pin
@@ -38,18 +36,16 @@ BEGIN, END = "<!-- growth -->", "<!-- /growth -->"
 
 
 class Mode(NamedTuple):
-    """A way of rounding: dtype, state, and whether sums are rounded to nearest where the library rounds at random."""
+    """A way of rounding: dtype and state."""
 
     name: str
     dtype: str
     state: type[ml.RigidState] = ml.RigidState
-    nearest: bool = False
 
 
 MODES = (
     Mode("float64", "float64"),
     Mode("float32", "float32"),
-    Mode("float32, to nearest", "float32", nearest=True),
     Mode("float32, compensated", "float32", ml.CompensatedState),
 )
 
@@ -82,18 +78,6 @@ def cases() -> list[Case]:
     return [free[0], free[1]._replace(share=0.1), Case("P1, .25 rad a step", "SYMMETRIC[CHIN4A]", p1)]
 
 
-@contextmanager
-def rounding(mode: Mode) -> Iterator[None]:
-    """While it is open, a new `Runner` compiles sums that are rounded as the mode says, not as the library does."""
-    library = components._accumulate
-    if mode.nearest:
-        components._accumulate = lambda x, change, t: x + change
-    try:
-        yield
-    finally:
-        components._accumulate = library
-
-
 def rows_of(case: Case, mode: Mode) -> Rows:
     """The rows of a case in the dtype of the mode and with its class of state."""
     rows = jax.tree.map(lambda x: x.astype(mode.dtype), case.rows)
@@ -105,14 +89,13 @@ def rows_of(case: Case, mode: Mode) -> Rows:
 def run(case: Case, mode: Mode, counts: list[int]) -> ml.RigidState:
     """The states at the start and after these counts of steps, (1 + counts, bodies, ...), in float64."""
     rows = rows_of(case, mode)
-    with rounding(mode):
-        runner, found, before = Runner(ml.method(case.method), rows.body), [rows.start], 0
-        for count in counts:
-            end, ok = runner.run(rows._replace(start=found[-1]), count - before, before)
-            if not ok.all():
-                raise RuntimeError(f"{case.name}: a step failed before step {count}.")
-            found.append(end)
-            before = count
+    runner, found, before = Runner(ml.method(case.method), rows.body), [rows.start], 0
+    for count in counts:
+        end, ok = runner.run(rows._replace(start=found[-1]), count - before, before)
+        if not ok.all():
+            raise RuntimeError(f"{case.name}: a step failed before step {count}.")
+        found.append(end)
+        before = count
     return jax.tree.map(lambda *x: np.stack(x), *map(in_float64, found))
 
 
@@ -223,8 +206,7 @@ UNITS = {
 }
 COLOURS = {
     "float64": "#0072B2",
-    "float32": "#009E73",
-    "float32, to nearest": "#D55E00",
+    "float32": "#D55E00",
     "float32, compensated": "#CC79A7",
 }
 
@@ -240,7 +222,7 @@ def draw(results: list[Growth], path: Path) -> None:
         "How rounding grows with the number of steps",
         "Root mean square over 16 bodies; in brackets the exponent fitted over the last three decades of steps. "
         "Dotted: powers 1/2 (of a random walk) and 1 (of a bias). The attitude sums the errors of the energy: 3/2. "
-        "Sums in float32 are rounded at random, to nearest, or compensated.",
+        "Sums in float32 are rounded to nearest, or compensated.",
     )
     figure.subplots_adjust(bottom=0.06, wspace=0.24, hspace=0.36)
     for row, quantity in zip(figure.subplots(3, len(names)), UNITS, strict=True):
@@ -304,8 +286,8 @@ def main() -> None:
         )
     print("\n".join(lines(results)))
     if options.write:
-        put("rounding.md", BEGIN, END, lines(results))
-        draw(results, DOCS / "rounding-growth.png")
+        put("reports/rounding.md", BEGIN, END, lines(results))
+        draw(results, DOCS / "reports" / "rounding-growth.png")
 
 
 if __name__ == "__main__":

@@ -4,8 +4,8 @@
 
 Every figure is the median of five runs of the fast top P1 after a first run, in processor time on one core; the process
 pins itself to that core. Compile times are of the first call, with tracing, by the wall clock. The limit in C is
-`limit.c`, which is compiled here in several forms; that takes minutes. `--write` puts the table between the markers in
-docs/performance.md.
+`limit.c`, which is compiled here in several forms; that takes minutes. `--write` puts the table into
+docs/reports/speed.md, and the speed of a few methods into docs/performance.md.
 """
 
 import argparse
@@ -43,6 +43,8 @@ from midlie_jax.methods.registry import ENTRIES, paper_methods  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
+FEW_BEGIN, FEW_END = "<!-- few -->", "<!-- /few -->"
+FEW = ("SYMMETRIC[EA]", "RK4", "JACOBI[EA]", "DOP853", "LIEMID[EA]", "GBS12", "JACOBI[SRKN14a]")
 
 
 def median_seconds(call, repeats=6):
@@ -321,6 +323,20 @@ def rows(scene, quick):
         yield label, f"{cost / alone:.2f} times `ml.integrate`", f"{reference / cost:.2f}", f"{compiling:.1f} s"
 
 
+def few(lines):
+    """The table of docs/performance.md: some methods, and diffrax's solver, with their own speeds."""
+    found = {name: (relative, first) for name, _, relative, first in reversed(lines)}
+    reference = next(float(speed.split()[0]) for name, speed, *_ in lines if name == "LIEMID[EA]")
+    names = {name: f"`{name}`" for name in FEW} | {
+        "diffrax Tsit5, vmapped, constant step": "diffrax's `Tsit5`, constant step"
+    }
+    text = [("method", "million body-steps a second", "first call"), ("---",) * 3]
+    for name, shown in names.items():
+        relative, first = found[name]
+        text.append((shown, f"{reference * float(relative):.3g}", first))
+    return [f"| {' | '.join(line)} |" for line in text]
+
+
 def table(lines):
     head = ("LIEMID[EA] on P1, batch 4096, float64, unless said", "", "speed, relative", "first call")
     text = [head, ("---",) * 4, *lines]
@@ -349,7 +365,8 @@ def main():
         print(" | ".join(line), flush=True)
         lines.append(line)
     if options.write and not (options.flights or options.limits):
-        put("performance.md", BEGIN, END, [table(lines)])
+        put("reports/speed.md", BEGIN, END, [table(lines)])
+        put("performance.md", FEW_BEGIN, FEW_END, few(lines))
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     python benchmarks/times_faster.py
 
-Draws the tables of docs/work-precision.md. `make rivals` measures them, and draws this picture at its end. Above the
-line at 1 the fastest of our methods takes less time than the other program.
+Draws the tables of docs/reports/work-precision.md. `make rivals` measures them, and draws this picture at its end.
+Above the line at 1 the fastest of our methods takes less time than the other program.
 """
 
 from pages import DOCS, tables
@@ -30,7 +30,7 @@ NOTE = (
 
 def measured() -> dict[str, dict[str, list[tuple[float, float]]]]:
     """For each program and scene the errors and our times over theirs."""
-    scenes = tables("work-precision.md", "error of R")
+    scenes = tables("reports/work-precision.md", "error of R")
     return {
         name: {
             scene: [(float(row["error of R"]), float(row[column])) for row in rows if row[column] != "-"]

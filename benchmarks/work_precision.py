@@ -1,4 +1,4 @@
-"""Error against time, for our methods and for other programs, on one core: the charts and tables under docs/.
+"""Error against time, for our methods and for other programs, on one core: the charts and tables under docs/reports/.
 
     python benchmarks/work_precision.py [--scene NAME ...] [--quick] [--out FOLDER]
 
@@ -30,7 +30,7 @@ jax.config.update("jax_enable_x64", True)
 pin()
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCS = ROOT / "docs"
+REPORTS = ROOT / "docs" / "reports"
 BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 HEAD = """# Error against time
@@ -39,6 +39,12 @@ Written by `make rivals`. One core, float64, {bodies} bodies with slightly diffe
 per body, medians of several runs, without compiling; on one core that is wall time without the time that other
 processes take. ± is half the distance between the quartiles of the runs. Errors are of the attitude at the end, root
 mean square over the first {judged} bodies.
+
+In the charts, the lower and the further left a line is, the better. The three bold lines of the left panel belong to
+our families of methods (see below): each shows, at every error, the time of the fastest method of the family. They are
+drawn on top of each other, from the widest (general) to the narrowest (symplectic), so where a line has three stripes
+the fastest of all our methods is symplectic. Hollow marks are other programs. The right panel shows our methods one by
+one, each in the colour of its family, against the number of torque evaluations.
 
 In the tables, "general" is the fastest of all our methods, "conserving" the fastest of those that are reversible, keep
 the energy to rounding or are symplectic, and "symplectic" the fastest of the symplectic ones. "same" stands for the
@@ -64,7 +70,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rivals.require()
-    out = options.out or (Path(tempfile.mkdtemp(prefix="midlie-")) if options.quick else DOCS)
+    out = options.out or (Path(tempfile.mkdtemp(prefix="midlie-")) if options.quick else REPORTS)
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     parts = []
@@ -76,7 +82,7 @@ def main() -> None:
         page.write_text(whole_page(parts))
     elif page.exists():
         page.write_text(with_new(page.read_text(), dict(zip(options.scene, parts, strict=True))))
-    if out == DOCS:
+    if out == REPORTS:
         into_page(page.read_text())
         times_faster.main()
     print(f"wrote {out}")

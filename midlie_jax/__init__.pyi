@@ -33,14 +33,16 @@ from .model import densities as densities
 from .model import orbits as orbits
 from .model import so3 as so3
 from .model import torques as torques
+from .model.bodies import Body as Body
 from .model.bodies import Particles as Particles
 from .model.bodies import RigidBody as RigidBody
 from .model.bodies import TensorBody as TensorBody
-from .model.compensated import CompensatedState as CompensatedState
 from .model.observables import angular_velocity as angular_velocity
 from .model.observables import kinetic_energy as kinetic_energy
 from .model.observables import spatial_angular_velocity as spatial_angular_velocity
 from .model.observables import spatial_momentum as spatial_momentum
+from .model.state import State as State
+from .model.states import CompensatedState as CompensatedState
 from .model.states import DirectionState as DirectionState
 from .model.states import MomentumState as MomentumState
 from .model.states import ParticleState as ParticleState

@@ -260,4 +260,4 @@ print(f"error of LIEMID[EA] over that of the exact flight: {ratio:.0f}")
 # | symplectic | falls: the defect of a flight is of third order in the step; the energy drifts in the drift test |
 #
 # `make claims` measures all of this for every method in the library, and writes the page
-# [claims](../docs/claims.md).
+# [claims](../docs/reports/claims.md).

@@ -26,7 +26,7 @@ from midlie_jax.methods.runge_kutta import RungeKutta
 from midlie_jax.methods.splitting import Splitting
 
 # Methods are chosen here by what they are. A new one in the registry is in every law.
-METHODS = [entry.method for entry in ENTRIES.values() if entry.method.bodies is ml.RigidBody]
+METHODS = [entry.method for entry in ENTRIES.values() if issubclass(ml.RigidBody, entry.method.bodies)]
 ROTATION = [method.name for method in METHODS]
 PARTICLE = [entry.method.name for entry in ENTRIES.values() if entry.method.bodies is ml.Particles]
 RIGID_FLIGHTS = [flight for flight in FLIGHTS.values() if flight.body is ml.RigidBody]

@@ -31,7 +31,7 @@ from midlie_jax.cli.parser import read
 
 PROGRAMS = ("midlie", "pip", "python", "eval")
 PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("index", "start"))]
-PAGES += [page for page in sorted((ROOT / "docs").glob("*.md")) if page not in PAGES]
+PAGES += [page for page in sorted((ROOT / "docs").rglob("*.md")) if page not in PAGES]
 STARTS = ("midlie", "pip install", "python -m", "eval")
 PLACEHOLDER = re.compile(r"\b(SCENE|NAME|COMMAND|DATA\.csv|RUN\.zarr|FILE)\b")
 NOT_RUN = re.compile(r"<!-- not run: (.+?); (.+?) -->")

@@ -158,7 +158,7 @@ def test_a_step_that_loses_the_energy_is_not_sane():
     [
         ({"dt": 0.0}, "dt must be finite and not zero"),
         ({"dt": jnp.ones(3)}, "dt must be a scalar"),
-        ({"method": "Verlet"}, "check is for rigid bodies, but method 'Verlet' moves Particles"),
+        ({"method": "Verlet"}, "method 'Verlet' moves Particles, but body is RigidBody"),
         ({"start": jax.tree.map(lambda x: jnp.tile(x, (2, 2, 1)), SPINNING)}, "one leading axis"),
         ({"steps": 0}, "steps must be a positive"),
         ({"body": ml.RigidBody([[1.0, 1.0, 1.2]] * 3)}, "body"),

@@ -14,7 +14,7 @@ import jax
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -33,7 +33,7 @@ def test_there_is_something_to_run():
         "gradients",
         "fitting",
         "scatter",
-        "theory",
+        "exact-flight",
         "extending",
         "pictures",
     }
@@ -53,31 +53,33 @@ def test_every_page_is_in_the_site():
 
 
 TABLES = (
-    ("run", "performance"),
-    ("long_run", "theory"),
+    ("run", "performance", "reports/speed"),
+    ("networks", "reports/speed"),
+    ("compiler_options", "reports/speed"),
+    ("long_run", "reports/long-run"),
     ("work_precision", "how-it-compares"),
     ("choosing", "choosing-a-method"),
-    ("gpu", "gpu"),
-    ("kernels", "gpu"),
-    ("gradients", "gradients"),
-    ("published_fits", "fitting"),
+    ("gpu", "reports/gpu"),
+    ("kernels", "reports/gpu"),
+    ("gradients", "reports/gradient-costs"),
+    ("published_fits", "reports/published-fits"),
     ("scattered_tops", "scatter"),
-    ("ensembles", "ensembles"),
+    ("ensembles", "reports/large-runs"),
     ("observed", "api-observe"),
-    ("diffrax_pipeline", "diffrax"),
-    ("rounding", "rounding"),
-    ("rounding_growth", "rounding"),
-    ("rounding_cost", "rounding"),
+    ("diffrax_pipeline", "reports/pipeline"),
+    ("rounding", "reports/rounding"),
+    ("rounding_growth", "reports/rounding"),
+    ("rounding_cost", "reports/rounding"),
 )
 
 
 def test_tables_of_benchmarks_have_their_markers():
     """Each benchmark that writes into a page names the page, and finds its markers there."""
-    for script, page in TABLES:
+    for script, *pages in TABLES:
         code = (ROOT / "benchmarks" / f"{script}.py").read_text()
         begins, ends = (re.findall(f'"(<!-- {slash}[a-z ]+ -->)"', code) for slash in ("", "/"))
-        text = (ROOT / "docs" / f"{page}.md").read_text()
-        assert f'"{page}.md"' in code
+        text = "".join((ROOT / "docs" / f"{page}.md").read_text() for page in pages)
+        assert all(f'"{page}.md"' in code for page in pages)
         assert begins
         for begin, end in zip(begins, ends, strict=True):
             assert text.count(begin) == text.count(end) == 1

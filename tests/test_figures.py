@@ -4,6 +4,7 @@ None is drawn here; `make figures` draws them all.
 """
 
 import re
+from pathlib import Path
 
 import pytest
 from cases import benchmark
@@ -14,11 +15,12 @@ with_pages = benchmark("figures")
 choosing = benchmark("choosing")
 ROOT, DOCS = with_pages.ROOT, with_pages.DOCS
 COMMANDS = with_pages.commands()
-PICTURES = sorted(path.name for path in DOCS.iterdir() if path.suffix in (".png", ".gif"))
+FILES = {path.name: path for path in DOCS.rglob("*") if path.suffix in (".png", ".gif")}
+PICTURES = sorted(FILES)
 
 
 def test_every_picture_is_on_a_page_with_its_command():
-    shown = {name for page in DOCS.glob("*.md") for name, _ in with_pages.PICTURE.findall(page.read_text())}
+    shown = {Path(name).name for page in DOCS.rglob("*.md") for name, _ in with_pages.PICTURE.findall(page.read_text())}
     assert PICTURES
     assert set(PICTURES) == shown
     assert set(PICTURES) == set(COMMANDS)
@@ -31,7 +33,7 @@ def test_the_command_can_be_run(picture, monkeypatch):
     _, *words = with_pages.as_run(COMMANDS[picture])
     if words[:2] == ["-m", "midlie_jax"]:
         read(words[2:])
-        assert DOCS / picture in [ROOT / word for word in words]
+        assert FILES[picture] in [ROOT / word for word in words]
         return
     script, *options = words
     code = (ROOT / script).read_text()
@@ -46,7 +48,7 @@ def test_a_command_is_found_in_a_block_and_between_backticks():
 
 
 def test_the_fastest_methods_are_those_of_the_measured_page():
-    """`python benchmarks/choosing.py --write` after a change of docs/work-precision.md."""
+    """`python benchmarks/choosing.py --write` after a change of docs/reports/work-precision.md."""
     text = (DOCS / "choosing-a-method.md").read_text()
     table = text.split(choosing.BEGIN)[1].split(choosing.END)[0]
     rows = [f"| {' | '.join(cells)} |" for cells in choosing.rows()]

@@ -9,9 +9,9 @@ from cases import RIGID_FLIGHTS, quick, whole
 import midlie_jax as ml
 from midlie_jax.cli import stability
 from midlie_jax.methods import limits
-from midlie_jax.methods.inertia import Inertia
 from midlie_jax.methods.runge_kutta import DOP853, GBS12, RK4
 from midlie_jax.methods.schemes import SCHEMES
+from midlie_jax.model.inertia import Inertia
 from midlie_jax.model.torques import DipoleInField, FromPotential
 
 OMEGA = 2.0  # of small oscillations of the needle

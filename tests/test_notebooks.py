@@ -67,7 +67,7 @@ def test_the_outputs_are_of_one_run_without_errors(script):
 
 
 def test_all_pictures_are_small():
-    files = [path for folder in ("docs", "notebooks", "tests") for path in (ROOT / folder).iterdir()]
+    files = [path for folder in ("docs", "docs/reports", "notebooks", "tests") for path in (ROOT / folder).iterdir()]
     files = [path for path in files if path.suffix in (".png", ".gif")]
     total = sum(path.stat().st_size for path in files) + sum(sum(pictures(script)) for script in SCRIPTS)
     assert total < LARGEST, f"{total / 1e6:.2f} MB of pictures"

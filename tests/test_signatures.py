@@ -1,6 +1,6 @@
 """The drivers take the same arguments under the same names, in the same order, with the same defaults.
 
-docs/conventions.md has the table: `python tests/test_signatures.py` prints it.
+docs/api.md has the table: `python tests/test_signatures.py` prints it.
 """
 
 import inspect
@@ -29,7 +29,7 @@ DEFAULTS = {
     ("steps", "check"): "None: as many as a trial needs",
     ("method", "fit"): "by keyword, JACOBI[EA]: most fits take it",
 }
-PAGE = Path(__file__).parents[1] / "docs" / "conventions.md"
+PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 
 
 def parameters(name):
@@ -44,7 +44,7 @@ def shown(parameter):
 
 
 def table():
-    """The table of docs/conventions.md."""
+    """The table of docs/api.md."""
     order = {}
     for name in DRIVERS:
         for key in parameters(name):

@@ -119,17 +119,17 @@ def test_the_derivative_of_a_symmetric_body_is_that_of_any_body(scale, axis):
 def test_carrying_a_pose_is_flying_and_turning(flight):
     """In value and derivative, also where both are known, and in the second derivative by the momentum."""
     moments, momentum, attitude = jnp.array(MOMENTS[1]), jnp.array(MOMENTA[1]), ml.so3.exp(jnp.array([0.3, -0.5, 0.9]))
-    h, t, no_step = jnp.asarray(0.2), jnp.asarray(0.0), jnp.asarray(False)
+    h, no_step = jnp.asarray(0.2), jnp.asarray(False)
     increment, _, parts = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-    known = Known(increment, parts, ml.RigidState.turn(cp.quaternion(attitude), increment, no_step, t))
+    known = Known(increment, parts, ml.RigidState.turn(cp.quaternion(attitude), increment, no_step))
 
     def apart(moments, h, momentum, attitude):
         increment, change, _ = flight.fly(flights.Inertia.of(ml.RigidBody(moments)), h, cp.vector(momentum))
-        return jnp.stack([*change, *ml.RigidState.turn(cp.quaternion(attitude), increment, no_step, t)])
+        return jnp.stack([*change, *ml.RigidState.turn(cp.quaternion(attitude), increment, no_step)])
 
     def together(moments, h, momentum, attitude, known=None):
         inertia, pose = flights.Inertia.of(ml.RigidBody(moments)), cp.quaternion(attitude)
-        flown, end = flight.carry(ml.RigidState, inertia, h, cp.vector(momentum), pose, no_step, t, known)
+        flown, end = flight.carry(ml.RigidState, inertia, h, cp.vector(momentum), pose, no_step, known)
         return jnp.stack([*flown.change, *end])
 
     where = moments, h, momentum, attitude

@@ -9,12 +9,13 @@ into arrays again (`pack`).
 array.
 """
 
+import operator
+from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from .internals import Tracer
@@ -37,6 +38,25 @@ def quaternion(array: Array) -> Quaternion:
 def pack(entries: tuple[Array, ...]) -> Array:
     """Components as one array, along a new last axis: the inverse of `vector` and of `quaternion`."""
     return jnp.stack(entries, axis=-1)
+
+
+def _is_components(leaf: Any) -> bool:
+    return type(leaf) is tuple and bool(leaf) and not isinstance(leaf[0], tuple)
+
+
+def packed(tree: Any) -> Any:
+    """A tree with each vector and quaternion as one array; other leaves are unchanged."""
+    return wrapped(tree, pack)
+
+
+def unpacked(tree: Any) -> Any:
+    """A tree with each array as its components along the last axis: the inverse of `packed`."""
+    return jax.tree.map(lambda x: tuple(x[..., i] for i in range(x.shape[-1])), tree)
+
+
+def wrapped(tree: Any, wrap: Callable[[Any], Any]) -> Any:
+    """A tree with `wrap` of each vector and quaternion in its place."""
+    return jax.tree.map(lambda x: wrap(x) if _is_components(x) else x, tree, is_leaf=_is_components)
 
 
 def add(a: Vector, b: Vector) -> Vector:
@@ -62,7 +82,11 @@ def dot(a: Vector, b: Vector) -> Array:
 
 def norm(a: Vector) -> Array:
     """|a|, whose derivative at a = 0 is defined as zero."""
-    square = dot(a, a)
+    return root(dot(a, a))
+
+
+def root(square: Array) -> Array:
+    """The square root, whose derivative at zero is defined as zero."""
     nonzero = square > 0
     return jnp.where(nonzero, jnp.sqrt(jnp.where(nonzero, square, jnp.ones_like(square))), jnp.zeros_like(square))
 
@@ -160,45 +184,9 @@ def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> V
     return (result[0], result[1], result[2])
 
 
-# Hash factors for the bits of a float32 read as an integer. They are multiples of 2^9, which drops the sign and the
-# exponent, so the hash depends on the significand alone; significands that are close have very different hashes.
-_HASH_FACTORS = tuple(np.uint32(n << 9 & 0xFFFFFFFF).view(np.int32) for n in (0x9E3779B1, 0x85EBCA77))
-# The constants here and above are those of xxHash (Y. Collet) and MurmurHash3 (A. Appleby).
-_HASH_MIX = np.uint32(0x85EBCA6B).view(np.int32)
-_EXPONENT_BITS = np.int32(0x7F800000)
-
-
-def accumulate(x: Any, change: Any, t: Array) -> Any:
-    """x + change, for a number or tuple of numbers x to which a small change is added at every step; t is the time.
-
-    In float32 the sum is rounded up or down at random, with probabilities that make the rounding error zero on average
-    (stochastic rounding; Croci et al., R. Soc. Open Sci. 9 (2022) 211631). A slow motion changes x by nearly the same
-    amount at every step, and rounding to nearest would then err in the same direction thousands of times in a row. The
-    random numbers are hashes of the change and of the time, so equal arguments give equal results. If the time were not
-    hashed, equal changes, such as those of a constant torque, would always be rounded the same way. A change of zero
-    leaves x as it is.
-
-    In float64 the sum is rounded to nearest: for turns above 1e-6 radians per step, successive changes differ by more
-    than one unit in the last place of x.
-    """
-    return jax.tree.map(lambda x, change: _accumulate(x, change, t), x, change)
-
-
-def _accumulate(x: Array, change: Array, t: Array) -> Array:
-    if x.dtype != "float32":
-        return x + change
-    hashes = (
-        jax.lax.bitcast_convert_type(y.astype(x.dtype), jnp.int32) * factor
-        for y, factor in zip((change, t), _HASH_FACTORS, strict=True)
-    )
-    bits = sum(hashes)
-    # In a steady motion `bits` grows by nearly equal amounts and could be correlated with the rounding error. Mixing in
-    # the upper half of the bits breaks the correlation.
-    mixed = (bits ^ jax.lax.shift_right_logical(bits, np.int32(16))) * _HASH_MIX
-    offset = mixed.astype(x.dtype) * 2.0**-55  # within half a unit in the last place of numbers from 1 to 2
-    offset = jnp.where(change == 0, jnp.zeros_like(offset), offset)
-    power_of_two = jax.lax.bitcast_convert_type(jax.lax.bitcast_convert_type(x, jnp.int32) & _EXPONENT_BITS, x.dtype)
-    return x + (change + offset * power_of_two)
+def tree_add(x: Any, change: Any) -> Any:
+    """x + change, of two trees of numbers."""
+    return jax.tree.map(operator.add, x, change)
 
 
 def compensated(x: Any, low: Any, change: Any) -> tuple[Any, Any]:

@@ -46,7 +46,8 @@ class Traits(NamedTuple):
 
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
-    closed = jax.make_jaxpr(function)(*arguments)
+    # A function of its own: JAX looks for an earlier trace of the same one, and would compare the arrays in a pytree.
+    closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)
     used = used_inputs(closed)
     reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
     return Traits(any(map(is_expensive, closed.jaxpr.eqns)), count_operations(closed), reads)
@@ -66,8 +67,8 @@ def _suits_arrays(closed: ClosedJaxpr) -> bool:
     return any(scalars > least and scalars > entries * arrays for least, entries in _ON_ARRAYS)
 
 
-def _on_arrays(function: Callable[..., Array], arguments: Any) -> list[Any]:
-    """The entries of the result of a function that is evaluated on arrays, in loops of its own.
+def _on_arrays(function: Callable[..., Any], arguments: Any) -> Any:
+    """The result of a function that is evaluated on arrays, in loops of its own; each array as its entries.
 
     The borders are scalars: a loop that ended with the arrays would compute all before them once for each entry.
     """
@@ -79,7 +80,7 @@ def _on_arrays(function: Callable[..., Array], arguments: Any) -> list[Any]:
         lambda x: jnp.stack(x.entries) if is_vector(x) else jnp.asarray(x), split(arguments), is_leaf=is_vector
     )
     result = split(function(*arrays))
-    return split([result[i] for i in np.ndindex(result.shape)])
+    return jax.tree.map(lambda x: split(tuple(x[i] for i in np.ndindex(x.shape))), result)
 
 
 class Packed(NamedTuple):
@@ -94,18 +95,15 @@ class _Entries(NamedTuple):
     places: np.ndarray
 
 
-def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list[Any], jax.ShapeDtypeStruct]:
+def by_components(function: Callable[..., Any], *arguments: Any) -> tuple[Any, Any]:
     """Evaluates a function of arrays on arguments whose vectors are represented by their entries.
 
     Args:
-        function: returns one array.
+        function: returns a pytree of arrays.
         arguments: pytrees of scalars and `Packed` vectors; the function receives the latter as arrays.
 
     Returns:
-        The entries of the result in row-major order, and its shape and dtype.
-
-    Raises:
-        ValueError: the function returns something other than one array.
+        The result with the entries of each array, in row-major order, as a tuple; and the shape and dtype of each.
     """
     pool = Pool()
     leaves, structure = jax.tree.flatten(arguments, is_leaf=lambda x: isinstance(x, Packed))
@@ -119,13 +117,10 @@ def by_components(function: Callable[..., Array], *arguments: Any) -> tuple[list
         inputs.append(_Entries(pool.store(leaf.entries if vector else [leaf], aval.shape)))
         avals.append(aval)
     closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, avals))
-    if not isinstance(out, jax.ShapeDtypeStruct):
-        raise ValueError(f"the torque must return one array, got {type(out).__name__}; use jnp.stack([...]).")
     if _suits_arrays(closed):
         return _on_arrays(function, arguments), out
-    (result,) = _replay(pool, closed, inputs)
-    places = result.places if isinstance(result, _Entries) else _to_entries(pool, result).places
-    return pool.at(places), out
+    results = [x if isinstance(x, _Entries) else _to_entries(pool, x) for x in _replay(pool, closed, inputs)]
+    return jax.tree.unflatten(jax.tree.structure(out), [tuple(pool.at(x.places)) for x in results]), out
 
 
 def _to_entries(pool: Pool, value: Any) -> _Entries:

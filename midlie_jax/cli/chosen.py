@@ -67,7 +67,7 @@ def methods(chosen: Sequence[str | Method]) -> list[Method]:
     """
     found: dict[str, Method] = {}
     for one in map(method, chosen):
-        if one.bodies is not RigidBody:
+        if not issubclass(RigidBody, one.bodies):
             raise ValueError(f"method {one.name!r} does not move a rigid body; choose from `midlie methods`.")
         if not bool(found.setdefault(one.name, one) == one):
             raise ValueError(

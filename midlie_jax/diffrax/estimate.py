@@ -28,7 +28,6 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.short_series import LARGEST_SQUARE, half_turn
-from ..methods.inertia import Inertia
 from ..methods.system import AnyMotion, Motion, System
 
 REFERENCE_ORDER = 3  # order of the companion; its local error is of order h^(REFERENCE_ORDER + 1)
@@ -51,6 +50,40 @@ class History(NamedTuple):
         return cls(jax.tree.map(lambda p: p * 0, momentum), h * 0)
 
 
+def _of_rates(
+    system: System,
+    h: Array,
+    motion: AnyMotion,
+    end: AnyMotion,
+    torques: tuple[Any, Any],
+    history: History,
+    fraction: Array,
+    rate: Array,
+) -> tuple[AnyMotion, History, Array]:
+    """The companion of a state whose pose is more than a rotation: both sums are of the rates of its components."""
+
+    def rates(motion: AnyMotion, torque: Any) -> tuple[Any, Any, Any]:
+        """The rates of momentum and pose, and the second derivative of the pose."""
+        velocity = system.velocity(motion.momentum)
+        force = system.kind.momentum_rate(motion.momentum, velocity, torque)
+        pose = system.kind.rate(motion.pose, velocity)
+        _, second = jax.jvp(system.kind.rate, (motion.pose, velocity), (pose, system.velocity(force)))
+        return force, pose, second
+
+    (f0, q0, s0), (f1, q1, s1) = rates(motion, torques[0]), rates(end, torques[1])
+
+    def momentum(start: Array, a: Array, b: Array, slope: Array) -> Array:
+        return start + (h / 2 * (a + b) - h / 6 * fraction * ((b - a) - h * slope))
+
+    def pose(start: Array, a: Array, b: Array, c: Array, d: Array) -> Array:
+        return start + (h / 2 * (a + b) - h * h / 12 * (d - c))
+
+    target = Motion(
+        jax.tree.map(momentum, motion.momentum, f0, f1, history.slope), jax.tree.map(pose, motion.pose, q0, q1, s0, s1)
+    )
+    return target, History(jax.tree.map(lambda a, b: rate * (b - a), f0, f1), h), jnp.array(True)
+
+
 def companion(
     system: System, h: Array, motion: AnyMotion, end: AnyMotion, torques: tuple[Any, Any], history: History
 ) -> tuple[AnyMotion, History, Array]:
@@ -70,11 +103,8 @@ def companion(
     fraction = h / jnp.where(total == 0, jnp.ones_like(total), total)
     rate = 1 / jnp.where(h == 0, jnp.ones_like(h), h)
     v0, v1 = system.velocity(motion.momentum), system.velocity(end.momentum)
-    if not isinstance(system.inertia, Inertia):
-        change = torques[1] - torques[0]
-        impulse = h / 2 * (torques[0] + torques[1]) - h / 6 * fraction * (change - h * history.slope)
-        travel = h / 2 * (v0 + v1) - h * h / 12 * system.inertia.velocity(change)
-        return Motion(motion.momentum + impulse, motion.pose + travel), History(rate * change, h), jnp.array(True)
+    if not system.kind.turns:
+        return _of_rates(system, h, motion, end, torques, history, fraction, rate)
 
     def acceleration(momentum: cp.Vector, velocity: cp.Vector, torque: cp.Vector) -> cp.Vector:
         return system.velocity(system.kind.momentum_rate(momentum, velocity, torque))

@@ -11,8 +11,8 @@ from jax import Array
 from .._kernel import components as cp
 from .._kernel.fusion import begin, fuse, split
 from .._kernel.short_series import WIDEST_SQUARE, half_angle
-from ..model.states import DirectionState, RigidState
-from .term import ambient_rate, like
+from ..model.states import RigidState
+from .term import ambient_rate, unchecked
 
 _HALVINGS = 2  # of the angle of a turn, until the polynomials for its sine and cosine are exact
 LARGEST_TURN = 2**_HALVINGS * WIDEST_SQUARE**0.5  # radians, within a step
@@ -41,10 +41,10 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
     t1: Any
     y0: Any
     y1: Any
-    velocity0: Array
-    velocity1: Array
-    torque0: Array
-    torque1: Array
+    velocity0: Any
+    velocity1: Any
+    torque0: Any
+    torque1: Any
     h: Array
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
@@ -65,7 +65,7 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
     each of these arrays entry by entry.
     """
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
-    return _rigid_state_at(dense, s) if isinstance(dense.y0, RigidState) else _arrays_at(dense, s)
+    return _rigid_state_at(dense, s) if dense.y0.pose_is_attitude else _arrays_at(dense, s)
 
 
 def part_of_step(t0: Any, t1: Any, t: Any, dtype: Any) -> Array:
@@ -108,10 +108,10 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     cubic = cp.add(cp.scale(end, vector), cp.subtract(cp.scale(slope1, change), cp.scale(slope0, difference)))
     p = 1 - end + end * rest[0] - slope1 * cp.dot(vector, difference), *cubic
     turn = cp.normalised(cp.multiply(_exponential(cp.scale(s, mean), s * s * square), p))
-    attitude = RigidState.turn(poses[0], turn, jnp.array(False), s)
+    attitude = RigidState.turn(poses[0], turn, jnp.array(False))
     momentum = _rotated(cp.conjugate(turn), spatial)
     momentum, attitude = fuse(jax.tree.map(lambda x: x + invalid, (momentum, attitude)))
-    return like(dense.y0, cp.pack(momentum), cp.pack(attitude))
+    return unchecked(type(dense.y0), momentum, attitude)
 
 
 def _rotated(q: cp.Quaternion, v: cp.Vector) -> cp.Vector:
@@ -132,8 +132,8 @@ def _exponential(turn: cp.Vector, square: Array) -> cp.Quaternion:
 def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
     """The state at the part s of the step; each array is a cubic."""
     y0, y1, h = dense.y0, dense.y1, dense.h
-    rate0 = ambient_rate(y0, y0.unpack(dense.velocity0), y0.unpack(dense.torque0))
-    rate1 = ambient_rate(y1, y1.unpack(dense.velocity1), y1.unpack(dense.torque1))
+    rate0 = ambient_rate(y0, *y0.components((dense.velocity0, dense.torque0)))
+    rate1 = ambient_rate(y1, *y1.components((dense.velocity1, dense.torque1)))
     scaled = (jax.tree.map(lambda x: h * x, rate) for rate in (rate0, rate1))
     start, end, slope0, slope1 = map(jax.tree.leaves, (y0, y1, *scaled))
     weights = _weights(s)
@@ -141,9 +141,7 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
         a + weights[0] * (b - a) + weights[1] * c + weights[2] * d
         for a, b, c, d in zip(start, end, slope0, slope1, strict=True)
     ]
-    if isinstance(y0, DirectionState):
-        leaves[1] = leaves[1] / jnp.sqrt(jnp.sum(leaves[1] ** 2))
-    return like(y0, *leaves)
+    return jax.tree.unflatten(jax.tree.structure(y0), leaves).normalised()
 
 
 def _weights(s: Array) -> tuple[Array, Array, Array]:

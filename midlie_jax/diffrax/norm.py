@@ -3,11 +3,8 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import Array
-
-from ..model.states import RigidState
 
 
 class RotationNorm(eqx.Module):
@@ -28,11 +25,5 @@ class RotationNorm(eqx.Module):
     angle: float | Array = 1.0
 
     def __call__(self, error: Any) -> Array:
-        momentum_error, *other_errors = [jnp.sqrt(jnp.sum(leaf**2)) for leaf in jax.tree.leaves(error)]
-        # The difference of two unit quaternions is half the angle between them; that of two directions is the angle.
-        factor = 2.0 if isinstance(error, RigidState) else 1.0
-        return (
-            jnp.maximum(momentum_error / self.momentum, factor * other_errors[0] / self.angle)
-            if other_errors
-            else momentum_error / self.momentum
-        )
+        momentum, angle = error.sizes()
+        return jnp.maximum(momentum / self.momentum, angle / self.angle)

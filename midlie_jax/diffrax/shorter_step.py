@@ -20,6 +20,7 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.torques import TorqueLike
 from .interpolation import part_of_step
+from .term import of_flat
 
 
 class Start(eqx.Module):
@@ -82,7 +83,8 @@ def _state_at(dense: ShorterStep, t: Any) -> Any:
     s = part_of_step(dense.t0, dense.t1, t, h.dtype)
     system = System.of(body, torque, y0, start_time)
     ends = start_time, jnp.where(s == 1, end_time, start_time + s * h)
-    stored = None if force is None else system.kind.unpack(force)
-    progress = Progress(system.motion(y0), stored, jnp.asarray(FINE))
+    motion = system.motion(y0)
+    stored = None if force is None else of_flat(force, motion.momentum)
+    progress = Progress(motion, stored, jnp.asarray(FINE))
     (end, _, judged), _ = method.advance(system, ends, lambda clock: (*clock, None), s * h, progress)
     return jax.tree.map(lambda x: jnp.where(is_fine(judged), x, jnp.nan), system.state(end))

@@ -24,7 +24,7 @@ from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
 from .shorter_step import ShorterStep, Start
-from .term import RigidBodyTerm, as_time, check, like
+from .term import RigidBodyTerm, as_time, check, flat, of_flat, unchecked
 
 
 class Memory(NamedTuple):
@@ -39,14 +39,13 @@ class Memory(NamedTuple):
     history: Array
 
     @classmethod
-    def of(cls, system: System, force: Any, history: History) -> "Memory":
+    def of(cls, force: Any, history: History) -> "Memory":
         """The memory of a torque as components, and of a history."""
-        return cls(system.kind.pack(force), jnp.append(system.kind.pack(history.slope), history.span))
+        return cls(flat(force), jnp.append(flat(history.slope), history.span))
 
-    def unpacked(self, system: System) -> tuple[Any, History]:
-        """The torque as components, and the history."""
-        slope = system.kind.unpack(self.history[:-1].reshape(self.force.shape))
-        return system.kind.unpack(self.force), History(slope, self.history[-1])
+    def unpacked(self, like: Any) -> tuple[Any, History]:
+        """The torque as components, of the form of the momentum `like`, and the history."""
+        return of_flat(self.force, like), History(of_flat(self.history[:-1], like), self.history[-1])
 
 
 class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
@@ -195,7 +194,7 @@ def _step(
         fresh = partial(_new_memory, system, start_time, motion, begins_with_force)
         memory = jax.lax.cond(made_jump, fresh, lambda kept=memory: kept)
     force = memory.force
-    stored_force, stored_history = memory.unpacked(system)
+    stored_force, stored_history = memory.unpacked(motion.momentum)
     progress = Progress(motion, stored_force if begins_with_force else None, jnp.asarray(FINE))
     (end, method_force, judged), _ = method.advance(
         system, (start_time, end_time), lambda clock: (*clock, None), h, progress
@@ -211,19 +210,19 @@ def _step(
     start_torque = stored_force if begins_with_force else system.force(start_time, motion)
     dense = {"y0": y0, "y1": y1, "h": h}
     for i, (momentum, torque) in enumerate(((motion.momentum, start_torque), (end.momentum, end_torque))):
-        dense[f"velocity{i}"] = system.kind.pack(system.vector_in_user_axes(system.velocity(momentum)))
-        dense[f"torque{i}"] = system.kind.pack(system.vector_in_user_axes(torque))
+        dense[f"velocity{i}"] = cp.packed(system.vector_in_user_axes(system.velocity(momentum)))
+        dense[f"torque{i}"] = cp.packed(system.vector_in_user_axes(torque))
     ok = is_fine(judged) & cp.all_finite(y1)
     stop = jax.lax.stop_gradient
     step_data = stop(motion), stop(end), (stop(stored_force), stop(end_torque)), stop(stored_history)
     target, history, valid = companion(system._replace(inertia=stop(system.inertia)), stop(h), *step_data)
     target, history, valid = fuse((target, history, valid))
     user_target = system.in_user_axes(target)
-    error = jax.tree.map(jnp.subtract, y1, like(y1, y1.pack(user_target.momentum), y1.pack_pose(user_target.pose)))
+    error = jax.tree.map(jnp.subtract, y1, unchecked(type(y1), user_target.momentum, user_target.pose))
     error = jax.tree.map(lambda e: jnp.where(ok & valid, e, jnp.full_like(e, jnp.inf)), jax.lax.stop_gradient(error))
     # Derivatives do not pass through a torque that only the error estimate reads.
     next_force = next_force if begins_with_force else jax.lax.stop_gradient(end_torque)
-    return y1, error, dense, force, Memory.of(system, next_force, history), ok
+    return y1, error, dense, force, Memory.of(next_force, history), ok
 
 
 @jax.custom_jvp
@@ -247,7 +246,7 @@ def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: 
     """The memory at the time t without a step before: the torque at t, and no history."""
     force = system.force(t, motion)
     next_force = force if begins_with_force else jax.lax.stop_gradient(force)
-    return Memory.of(system, next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
+    return Memory.of(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))
 
 
 def _single_term(terms: Any) -> RigidBodyTerm:

@@ -4,21 +4,24 @@ The functions below the class are helpers shared by the subpackage, to convert b
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
+from .._kernel import components as cp
 from .._kernel.checks import described, same_dtype
 from ..drivers.arguments import check_moves
 from ..methods.base import Method
 from ..methods.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
-from ..model.compensated import CompensatedState
-from ..model.state import State
+from ..model.state import AnyState, State
+from ..model.states import CompensatedState
 from ..model.torques import TorqueLike
 
 
@@ -31,13 +34,13 @@ class Rates(NamedTuple):
 
     Attributes:
         ambient: the derivative of the state's arrays, as a state of the same class.
-        velocity: body-frame angular velocity (3,); for particles the velocity.
-        torque: body-frame torque (3,); for particles the force.
+        velocity: body-frame angular velocity (3,); for particles the velocity; in general, of the form of the momentum.
+        torque: body-frame torque (3,); for particles the force; likewise.
     """
 
     ambient: Any
-    velocity: Array
-    torque: Array
+    velocity: Any
+    torque: Any
 
 
 class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
@@ -79,7 +82,7 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         motion = system.motion(y)
         force = system.vector_in_user_axes(system.force(as_time(t, y), motion))
         velocity = system.vector_in_user_axes(system.velocity(motion.momentum))
-        return Rates(ambient_rate(y, velocity, force), y.pack(velocity), y.pack(force))
+        return Rates(ambient_rate(y, velocity, force), cp.packed(velocity), cp.packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
         """The step t1 - t0."""
@@ -94,13 +97,30 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
     """The derivative of the arrays of the state y, under this velocity and torque or force."""
     momentum, pose = y.parts()
-    return like(y, y.pack(y.momentum_rate(momentum, velocity, force)), y.pack_pose(y.rate(pose, velocity)))
+    return unchecked(type(y), y.momentum_rate(momentum, velocity, force), y.rate(pose, velocity))
 
 
-def like(y: Any, *arrays: Any) -> Any:
-    """A state of y's class with these arrays, unchecked: the class itself would reject derivatives of quaternions."""
-    structure = jax.tree.structure(y)
-    return jax.tree.unflatten(structure, arrays[: structure.num_leaves])
+def unchecked(kind: type[AnyState], momentum: Any, pose: Any) -> Any:
+    """`kind.join`, unchecked: the class itself would reject derivatives of quaternions, but sees no traced numbers."""
+    return _joined(kind)(momentum, pose)
+
+
+@cache
+def _joined(kind: type[AnyState]) -> Any:
+    return jax.jit(kind.join, inline=True)
+
+
+def flat(tree: Any) -> Array:
+    """All numbers of a tree as one array."""
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
+
+
+def of_flat(flat: Array, like: Any) -> Any:
+    """The tree of these numbers, of the form of another."""
+    leaves, structure = jax.tree.flatten(like)
+    ends = np.cumsum([np.size(leaf) for leaf in leaves])
+    parts = [flat[end - np.size(leaf) : end].reshape(jnp.shape(leaf)) for leaf, end in zip(leaves, ends, strict=True)]
+    return structure.unflatten(parts)
 
 
 def as_time(t: Any, y: Any) -> Array:

@@ -320,12 +320,12 @@ def _density_and_slope(system: System, density: Any, t: Array, progress: Progres
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
     """The density of a motion in components; it is evaluated in the same way as a torque."""
-    (value, *_), like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
+    value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
     if like.shape:
         raise ValueError(
             f"density must return one number, got an array of shape {like.shape}; reduce it, e.g. jnp.sum."
         )
-    return jnp.asarray(value, t.dtype)
+    return jnp.asarray(jax.tree.leaves(value)[0], t.dtype)
 
 
 def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:

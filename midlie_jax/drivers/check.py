@@ -17,13 +17,14 @@ from .._kernel.components import is_traced
 from ..methods.base import Method
 from ..methods.limits import resonance, resonance_half_width
 from ..methods.splitting import Splitting
-from ..model.bodies import RigidBody, TensorBody
+from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .arguments import as_method, as_scalar, check_system
 from .ensemble import as_batch
 from .facts import FAST
+from .rounding import Rounding
 from .trials import Trial, Trials
 
 _ORDERS = (1, 2, 3)  # the k of the resonances at h omega = pi / k that are looked for
@@ -59,6 +60,8 @@ class Check(NamedTuple):
             and for methods without kicks.
         order: this k; 0 if there is none.
         resonant: whether a body is, at the start, within the width of the resonance.
+        rounding: what decides the rounding of the run; `rounding.error(steps)` is the error of the momentum, over its
+            size, after a number of steps, and `rounding.loses(steps)` says whether the run needs a `CompensatedState`.
         suggested: the longest step found, with the sign of dt, that is sane by a trial of its own. Infinity if nothing
             turns the body; 0 if no sane step was found. No promise is made for what comes after the trial, nor that
             the step is accurate: `midlie_jax.recommend` measures accuracy.
@@ -80,10 +83,15 @@ class Check(NamedTuple):
     order: int
     resonant: bool
     suggested: float
+    rounding: Rounding
 
     @property
     def parts(self) -> list[tuple[str, str]]:
         """The text in parts, each with a heading."""
+        return self.parts_of(self.steps)
+
+    def parts_of(self, steps: int) -> list[tuple[str, str]]:
+        """The same, with the rounding of a run of so many steps."""
         verdict = "sane" if self.sane else "NOT sane"
         if math.isinf(self.suggested):
             better = "any step is"
@@ -99,8 +107,8 @@ class Check(NamedTuple):
             limit = f"the limit is {self.limit:.2g}" if math.isfinite(self.limit) else "no limit is known"
             parts.append(("torque", f"rate {self.rate:.2g}, times the step {self.stiffness:.2g}; {limit}"))
         if self.resonance > 0.5 and self.order:
-            steps, near = 2 * self.order / self.resonance, "within" if self.resonant else "outside"
-            text = f"{steps:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
+            period, near = 2 * self.order / self.resonance, "within" if self.resonant else "outside"
+            text = f"{period:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
             parts.append(("resonance", f"{text} {2 * self.order}"))
         if not self.solved:
             trial = (
@@ -112,6 +120,7 @@ class Check(NamedTuple):
         else:
             trial = f"{self.steps} steps succeed; the energy changes by {self.energy_error:.1g} of its scale"
         parts.append(("trial", trial))
+        parts.append(("rounding", self.rounding.text(steps)))
         return parts
 
     def __str__(self) -> str:
@@ -122,7 +131,7 @@ class Check(NamedTuple):
 
 def check(
     method: Method | str,
-    body: RigidBody | TensorBody,
+    body: Body,
     torque: TorqueLike | None,
     start: AnyState,
     *,
@@ -153,13 +162,14 @@ def check(
         raise ValueError("check needs numbers, but an argument is traced; call it outside jit, vmap and grad.")
     check_state("start", start)
     method = as_method(method)
-    if not issubclass(method.bodies, RigidBody):
-        raise ValueError(f"check is for rigid bodies, but method {method.name!r} moves {method.bodies.__name__}.")
+    if not start.own_axes:
+        raise ValueError(f"check is for bodies that turn, but start is a {type(start).__name__}.")
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    if start.momentum.ndim not in (1, 2):
+    axes = start.momentum.ndim - start.own_axes
+    if axes not in (0, 1):
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
-    if start.momentum.ndim == 1:  # with one body nothing has rows
+    if axes == 0:  # with one body nothing has rows
         check_system(method, body, torque, start)
         start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
@@ -180,7 +190,7 @@ def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     return Check(
         *(method.name, dt, sane, own.steps, own.lasted == own.steps, own.lasted, own.energy_error),
         *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
-        *(nearest, order, resonant, math.copysign(suggested, dt)),
+        *(nearest, order, resonant, math.copysign(suggested, dt), own.rounding),
     )
 
 

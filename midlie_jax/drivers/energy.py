@@ -14,7 +14,6 @@ from ..model.bodies import Body
 from ..model.compatibility import check_body, check_state, check_torque
 from ..model.observables import axes_of_bodies
 from ..model.state import AnyState, State
-from ..model.states import ParticleState
 from ..model.torques import TorqueLike, on_body, potential_of
 from .path import AnyPath
 from .rows import AUTO, torque_rows
@@ -49,7 +48,7 @@ def energy(
     """
     path = None if isinstance(motion, State) else motion
     state = getattr(path, "states", None) if path is not None else motion
-    if isinstance(state, ParticleState) or not isinstance(state, State):
+    if not isinstance(state, State) or not state.own_axes:
         return observables.energy(body, torque, motion, t)
     check_state("motion", state)
     check_body(body, state)

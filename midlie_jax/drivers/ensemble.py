@@ -9,7 +9,7 @@ from jax.sharding import Mesh
 
 from .._kernel.checks import as_count, as_floats, described, require_finite
 from ..methods.base import Method
-from ..model.bodies import Body, RigidBody, principal_of
+from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike
@@ -151,8 +151,7 @@ def as_batch(
         )
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(dt)
-    principal = principal_of(body)
-    own_body = isinstance(principal, RigidBody) and principal.moments.ndim == 2
+    own_body = len(body.batch) == 1
     rows = (
         jax.tree.map(lambda _: own_body, body),
         torque_rows(torque, torque_axes, body, own_body, start, count),

@@ -1,6 +1,8 @@
 """What is known of a body in a field at one moment, for the rules by which `check` judges a step."""
 
 import math
+import operator
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -25,28 +27,34 @@ class Facts(NamedTuple):
 
     Attributes:
         turn_rate: the angle per unit of time that the method's reach bounds, ().
-        linear: the body under the linearised torque alone, as a matrix of rotation vector and momentum, (6, 6).
-        nutation: |Pi| over the mean of the two moments that are nearest to each other, ().
+        linear: the body under the linearised torque alone, as a matrix of its k velocities' displacements (a rotation
+            vector for a rigid body) and its momentum, (2 k, 2 k).
+        nutation: the frequency of a fast spin, `Body.inertia().nutation`, ().
+        changes: the speeds at which flight and torque change the momentum, over its size, (2,); see `Rounding`.
+        variations: the speeds at which these vary, over its size, (2,).
     """
 
     turn_rate: Any
     linear: Any
     nutation: Any
+    changes: Any
+    variations: Any
 
     @classmethod
     def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
         """The facts of one body; may be traced."""
         system = System.of(body, torque, state, t)
         motion = system.motion(state)
-        moments = jnp.sort(cp.pack(system.inertia.moments))
-        low_pair = moments[1] - moments[0] < moments[2] - moments[1]
-        mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
         turn_rate = method.turn_rate(system.inertia, motion.momentum)
-        return cls(turn_rate, _linearised(system, t, motion), cp.norm(motion.momentum) / mean)
+        size = _norm(motion.momentum)
+        speed, pull, jerk = _speeds(system, t, motion)
+        changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])
+        nutation = system.inertia.nutation(motion.momentum)
+        return cls(turn_rate, linearised(system, t, motion), nutation, changes, variations)
 
     @property
     def rates(self) -> Any:
-        """The rates lambda of the torque, (..., 6); infinite where the torque or its derivative is not."""
+        """The rates lambda of the torque, (..., 2 k); infinite where the torque or its derivative is not."""
         finite = np.all(np.isfinite(self.linear), axis=(-1, -2), keepdims=True)
         values = np.linalg.eigvals(np.where(finite, np.asarray(self.linear, np.float64), 0))
         return np.where(finite[..., 0], values, np.inf)
@@ -62,19 +70,39 @@ class Facts(NamedTuple):
         return np.hypot(self.turn_rate, 2 * growth)
 
 
-def _linearised(system: System, t: Array, motion: Any) -> Array:
-    """The matrix of (rotation vector, momentum) under the linearised torque alone, without the motion of the body."""
-    units = jnp.eye(3, dtype=motion.momentum[0].dtype)
+def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array]:
+    """|Omega|, |T|, and the speed |dT/dt| at which the torque changes along the motion."""
+    velocity = system.velocity(motion.momentum)
+    torque = system.force(t, motion)
+    rates = system.kind.momentum_rate(motion.momentum, velocity, torque), system.kind.rate(motion.pose, velocity)
+    _, change = jax.jvp(system.force, (t, motion), (jnp.ones_like(t), Motion(*rates)))
+    return cp.root(system.inertia.square_of_turn(1.0, motion.momentum)), _norm(torque), _norm(change)
+
+
+def _norm(tree: Any) -> Array:
+    """The root of the sum of the squares of all numbers."""
+    return cp.root(reduce(operator.add, (leaf * leaf for leaf in jax.tree.leaves(tree))))
+
+
+def linearised(system: System, t: Array, motion: Any) -> Array:
+    """The matrix of (displacement, momentum) under the linearised torque alone, without the motion of the body."""
+    leaves, structure = jax.tree.flatten(motion.momentum)
+    units = jnp.eye(len(leaves), dtype=leaves[0].dtype)
     still = jnp.zeros_like(units)
 
-    def change(momentum: Array, turn: Array) -> Array:
-        pose = system.kind.rate(motion.pose, cp.vector(turn))
-        moved = Motion(cp.vector(momentum), pose)
-        return cp.pack(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
+    def tree(row: Array) -> Any:
+        return structure.unflatten([row[i] for i in range(len(leaves))])
 
-    # One trace of the torque for all six directions.
+    def flat(tree: Any) -> Array:
+        return jnp.stack(jax.tree.leaves(tree))
+
+    def change(momentum: Array, displacement: Array) -> Array:
+        moved = Motion(tree(momentum), system.kind.rate(motion.pose, tree(displacement)))
+        return flat(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
+
+    # One trace of the torque for all directions.
     changes = jax.vmap(change)(jnp.concatenate([still, units]), jnp.concatenate([units, still]))
-    speeds = jax.vmap(lambda momentum: cp.pack(system.velocity(cp.vector(momentum))))(units)
+    speeds = jax.vmap(lambda momentum: flat(system.velocity(tree(momentum))))(units)
     return jnp.concatenate([jnp.concatenate([still, speeds]), changes], axis=1).T
 
 

@@ -37,8 +37,8 @@ from .._kernel.repeat import repeat
 from .._kernel.weierstrass import sigma_functions
 from ..methods.flights.jacobi import LARGEST_TURN, Jacobi
 from ..methods.flights.jacobi_momentum import Invariants
-from ..methods.inertia import Inertia
 from ..model.bodies import RigidBody
+from ..model.inertia import Inertia
 from .free_axes import Labels
 
 _TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`

@@ -126,7 +126,7 @@ def recommend(
         ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
             no candidate reached the tolerance (the message names a torque that is stiff or not finite).
     """
-    if not isinstance(start, RigidState):
+    if not hasattr(start, "attitude"):
         raise ValueError(
             f"start must be a midlie_jax.RigidState, because errors are of the attitude, got {described(start)}."
         )

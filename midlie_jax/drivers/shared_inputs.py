@@ -71,7 +71,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     pairs = zip(jax.tree.leaves((body, torque, start)), jax.tree.leaves(rows[:3]), strict=True)
     marks = [mark for leaf, mark in pairs if eqx.is_array(leaf)]
 
-    def torque_alone(arrays: Any, t: Array) -> Array:
+    def torque_alone(arrays: Any, t: Array) -> Any:
         body, torque, start = eqx.combine(arrays, functions)
         return on_body(torque, body)(t, start)
 

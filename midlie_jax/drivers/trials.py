@@ -10,11 +10,14 @@ import numpy as np
 
 from .._kernel.compiler import tuned_jit
 from ..methods.base import Method
+from ..model.state import AnyState
+from ..model.states import CompensatedState
 from .adjoints import Forward
 from .chunks import chunk_size, run_ensemble, shared_tables
 from .ensemble import Batch
 from .facts import Facts, energies_if_constant, stability_limits
 from .path import Path
+from .rounding import Rounding
 
 TURN_SHARE = 0.8  # a sane step turns the body by at most this share of the method's reach
 RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps a period for LIEMID[EA]
@@ -62,6 +65,7 @@ class Trial(NamedTuple):
         bounds: what reach and stability limit say along the motion.
         longest_at_start: the longest step that they allow at the start alone.
         nutation, rates: of each body at the start, (bodies,), as in `Facts`; of the rates the largest modulus.
+        rounding: what rounding leaves, from the mean of each body's speeds.
     """
 
     h: float
@@ -72,6 +76,7 @@ class Trial(NamedTuple):
     longest_at_start: float
     nutation: np.ndarray
     rates: np.ndarray
+    rounding: Rounding
 
     @property
     def fine(self) -> bool:
@@ -111,6 +116,7 @@ class Trials:
             Bounds.of(method, at_start).longest,
             at_start.nutation,
             np.max(np.abs(at_start.rates), axis=-1),
+            _rounding(batch.mapped[2], abs(dt), facts, trusted),
         )
 
 
@@ -124,6 +130,18 @@ def _along(method: Method, mapped: Any, shared: Any, path: Path[Any]) -> tuple[F
         return facts, energies_if_constant(body, torque, states, path.times)
 
     return jax.vmap(of_one)(mapped, path.states)
+
+
+def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> Rounding:
+    """Of the means of the speeds at the trusted states, all finite."""
+
+    def mean(speeds: np.ndarray) -> np.ndarray:
+        good = trusted[..., None] & np.isfinite(speeds)
+        return (np.where(good, speeds, 0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)).T
+
+    eps = float(jnp.finfo(start.momentum.dtype).eps)
+    compensated = isinstance(start, CompensatedState)
+    return Rounding(eps, compensated, h * mean(facts.changes), h * h * mean(facts.variations))
 
 
 def _energy_error(energies: Any, trusted: np.ndarray) -> float:

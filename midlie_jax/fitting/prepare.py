@@ -9,9 +9,8 @@ import numpy as np
 from .._kernel.checks import as_count, described
 from ..drivers.arguments import as_method, check_system
 from ..methods.base import Method
-from ..model.bodies import Particles, RigidBody, TensorBody, principal_of
+from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.state import AnyState
-from ..model.states import DirectionState, RigidState
 from .layout import Layout
 from .measurements import Attitudes, Directions, Measurement, Positions, Rates, check_parts
 from .residuals import Model, Problem
@@ -100,7 +99,7 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
             f"model must take the values of the guess and return (body, torque, start): {error}"
         ) from error
     method = check_system(method, body, torque, start)
-    if isinstance(body, Particles):
+    if not start.own_axes:
         raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
     if torque is None:
         _check_speeds(body, start, measurements)
@@ -108,7 +107,7 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
         raise ValueError(f"the guess is {layout.start().dtype} but the start of the model {start.momentum.dtype}.")
     for m in measurements:
         kind = type(m).__name__
-        suits = isinstance(start, RigidState) or (isinstance(m, Directions) and isinstance(start, DirectionState))
+        suits = hasattr(start, "attitude") or (isinstance(m, Directions) and hasattr(start, "direction"))
         if isinstance(m, Attitudes | Positions | Directions) and not suits:
             raise ValueError(
                 f"{kind} need the attitude, but the model starts from a {type(start).__name__}; return a RigidState."

@@ -19,9 +19,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from ..methods.base import Method
-from ..model import so3
 from ..model.state import AnyState
-from ..model.states import RigidState
 from .layout import Layout
 from .measurements import Attitudes, Measurement, Rates
 from .sampling import Grid
@@ -107,7 +105,7 @@ class Problem(eqx.Module):
                 rates = m.values[_nearest(m, times)]
                 rates = rates if m.bias is None else rates - m.bias(values)[None]
                 states = eqx.tree_at(lambda s: s.momentum, states, jax.vmap(body.momentum)(rates))
-            if isinstance(m, Attitudes) and isinstance(states, RigidState):
+            if isinstance(m, Attitudes):  # which only a state with an attitude can be compared with
                 states = eqx.tree_at(lambda s: s.attitude, states, m.values[_nearest(m, times)])
         return Data(data.layout, data.measurements, states)
 
@@ -124,30 +122,25 @@ def unknowns(data: Data) -> Float[Array, " u"]:
     vector = data.layout.start()
     if data.anchors is None:
         return vector
-    count = data.anchors.momentum.shape[0] * (6 if isinstance(data.anchors, RigidState) else 3)
-    return jnp.concatenate([vector, jnp.zeros(count, vector.dtype)])
+    return jnp.concatenate([vector, jnp.zeros(data.anchors.minus(data.anchors).size, vector.dtype)])
 
 
 def _moved(states: AnyState, moves: Float[Array, "s k"]) -> AnyState:
-    """The states with the momentum changed by moves[:, :3] times its length, and turned by moves[:, 3:] radians."""
-    size = jnp.linalg.norm(states.momentum, axis=-1, keepdims=True)
-    size = jnp.where(size == 0, jnp.ones_like(size), size)
-    states = eqx.tree_at(lambda s: s.momentum, states, states.momentum + size * moves[:, :3])
-    if isinstance(states, RigidState):
-        turned = so3.multiply(states.attitude, so3.exp(moves[:, 3:]))
-        states = eqx.tree_at(lambda s: s.attitude, states, turned)
-    return states
+    """The states moved by increments whose part of the momentum is in units of its length."""
+    return states.plus(moves * _units(states, moves))
 
 
 def _defects(ends: AnyState, starts: AnyState) -> Float[Array, "s k"]:
-    """The relative changes of momentum, and the rotations, from the ends of segments to the starts of the next."""
-    size = jnp.linalg.norm(starts.momentum, axis=-1, keepdims=True)
-    size = jnp.where(size == 0, jnp.ones_like(size), size)
-    defects = (starts.momentum - ends.momentum) / size
-    if isinstance(ends, RigidState) and isinstance(starts, RigidState):
-        turn = so3.log(so3.multiply(so3.conjugate(ends.attitude), starts.attitude))
-        defects = jnp.concatenate([defects, turn], axis=-1)
-    return defects
+    """The increments from the ends of segments to the starts of the next, in the same units."""
+    increments = starts.minus(ends)
+    return increments / _units(starts, increments)
+
+
+def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s k"]:
+    """The length of the momentum for its three numbers, and 1 radian for the rest."""
+    size = jnp.linalg.norm(states.momentum, axis=-1, keepdims=True)
+    ones = jnp.ones_like(increments)
+    return ones.at[..., :3].set(jnp.where(size == 0, jnp.ones_like(size), size))
 
 
 @eqx.filter_custom_jvp

@@ -89,7 +89,7 @@ class Method(eqx.Module):
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
-        return cp.norm(inertia.velocity(momentum))
+        return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def stability_limit(self, direction: complex) -> float:
         """The largest h |lambda| under a torque for which a disturbance goes as exp(lambda t); infinity if unknown.

@@ -24,9 +24,9 @@ from jax import Array
 
 from .._kernel import components as cp
 from .._kernel.replay import traits
+from ..model.inertia import Inertia
 from ..model.state import AnyState
 from ..model.torques import TorqueLike, potential_of
-from .inertia import Inertia
 from .system import AnyMotion, Motion, System
 
 OPERATIONS = 800  # about as many as the projection has for a simple torque
@@ -72,10 +72,10 @@ def projected(
     energy = _energy(system, t0, t1, h, start)
     if energy is None:
         return end, True
-    second = (_square if system.torque is None else _about_axis)(system, t0, h, start)
+    second = _square(system, h, start) if system.torque is None else _about_axis(system, t0, h, start)
     error, size = jnp.abs(energy.change(end)), _size_of_energy(system, t0, t1, h, end)
     for corrections in _CORRECTIONS:
-        end = _corrected(system, t0, h, end, energy, second, corrections)
+        end = _corrected(system, h, end, energy, second, corrections)
     eps = float(jnp.finfo(h.dtype).eps)
     # A potential whose terms are larger than their sum is rounded more coarsely than the last place of `size`. A change
     # that is left is taken for that if corrections as small as the error of the step cannot fail.
@@ -84,7 +84,7 @@ def projected(
 
 
 def _corrected(
-    system: System, t0: Array, h: Array, end: AnyMotion, energy: _Invariant, second: _Invariant | None, corrections: int
+    system: System, h: Array, end: AnyMotion, energy: _Invariant, second: _Invariant | None, corrections: int
 ) -> AnyMotion:
     """The end after some corrections along the gradients where it was."""
     inertia: Inertia = system.inertia
@@ -114,8 +114,8 @@ def _corrected(
             y = inverse * (b * e - a * m)  # zero where the gradients are parallel, as b and m are
             momentum = cp.add(momentum, cp.scale(y, side.momentum))
             turn = cp.add(turn, cp.scale(unit * y, side.turn))
-        moved = system.pushed(end, momentum, t0)
-        pose = system.kind.shift(moved.pose, system.kind.rate(moved.pose, turn), h == 0, t0)
+        moved = system.pushed(end, momentum)
+        pose = system.kind.shift(moved.pose, system.kind.rate(moved.pose, turn), h == 0)
         end = Motion(moved.momentum, pose)
     return end
 
@@ -184,9 +184,8 @@ def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invar
     return _Invariant(change, gradient)
 
 
-def _square(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invariant:
+def _square(system: System, h: Array, start: AnyMotion) -> _Invariant:
     """Half the square of the momentum."""
-    del t0
     inertia: Inertia = system.inertia
 
     def change(motion: AnyMotion) -> Array:

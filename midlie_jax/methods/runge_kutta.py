@@ -13,12 +13,11 @@ import equinox as eqx
 import jax
 from jax import Array
 
-from .._kernel import components as cp
 from .._kernel.fusion import cut
 from .._kernel.platform import on_cpu
 from .._kernel.rules import count_operations
 from .._kernel.verdict import verdict
-from ..model.bodies import RigidBody
+from ..model.bodies import Body, RigidBody
 from . import tableau
 from .base import Method
 from .extrapolation import Extrapolation
@@ -60,7 +59,7 @@ class RungeKutta(Method):
         self.order = formula.order
         self.symmetric = self.symplectic = self.keeps_momentum = False
         self.projects = projects
-        self.bodies = RigidBody
+        self.bodies = RigidBody if projects else Body
         self.evaluations = formula.evaluations + projects
 
     def __hash__(self) -> int:
@@ -102,16 +101,16 @@ class RungeKutta(Method):
             in_loop = evaluations if ends else in_loop + evaluations
             return cut(tree) if ends else tree
 
-        turn = cp.scale(h, system.velocity(motion.momentum))
+        turn = system.inertia.square_of_turn(h, motion.momentum)
         change = self.formula.change(rates, pause, motion)
         if self.projects:
             change = pause(change, OPERATIONS // per_evaluation)
-        end = system.pushed(motion, change.momentum, t0)
-        end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0, t0))
+        end = system.pushed(motion, change.momentum)
+        end = Motion(end.momentum, system.kind.shift(end.pose, change.pose, h == 0))
         kept: Array | bool = True
         if self.projects:
             end, kept = projected(system, t0, t1, h, motion, end)
-        return end, None, verdict(kept, (cp.dot(turn, turn), self.formula.reach**2))
+        return end, None, verdict(kept, (turn, self.formula.reach**2))
 
 
 @eqx.filter_jit

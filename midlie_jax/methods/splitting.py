@@ -12,7 +12,7 @@ from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
 from .._kernel.keep import kept
 from .._kernel.platform import on_cpu
 from .._kernel.verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier
-from ..model.bodies import Body, RigidBody, principal_of
+from ..model.bodies import Body
 from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
@@ -76,10 +76,7 @@ class Splitting(Method):
         return decay_limit(self.scheme) if decays else oscillator_limit(self.scheme)
 
     def fitted(self, body: Body) -> "Splitting":
-        principal = principal_of(body)
-        if not isinstance(principal, RigidBody) or cp.is_traced(principal.moments):
-            return self
-        flight = self.flight.fitted(principal.moments)
+        flight = self.flight.fitted(body.in_principal_axes())
         return self if flight == self.flight else Splitting(flight, self.scheme, self.name)
 
     def keeps_force(self, system: System) -> bool:
@@ -191,14 +188,14 @@ class _Stages(NamedTuple):
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         system, known = self.system, self.known.pop() if self.known else None
         if isinstance(self.flight, ExactFlight) and system.kind.has_pose:
-            arguments = system.inertia, a * self.h, motion, self.h == 0, self.t0, known
+            arguments = system.inertia, a * self.h, motion, self.h == 0, known
             flown, pose, ok = _carry(self.flight, system.kind, *arguments)
             if self.flown is not None:
                 self.flown.append(Known(flown.increment, flown.parts, motion.pose))
-            return system.pushed(Motion(motion.momentum, pose), flown.change, self.t0), ok
+            return system.pushed(Motion(motion.momentum, pose), flown.change), ok
         increment, change, ok = _fly(self.flight, system.kind.has_pose, system.inertia, a * self.h, motion.momentum)
-        motion = system.pushed(motion, change, self.t0)
-        return Motion(motion.momentum, system.turned(motion.pose, increment, self.t0, self.h)), ok
+        motion = system.pushed(motion, change)
+        return Motion(motion.momentum, system.turned(motion.pose, increment, self.h)), ok
 
     def evaluate(self, c: Any, g: float, motion: AnyMotion) -> Any:
         if self.system.torque is None:
@@ -214,7 +211,7 @@ class _Stages(NamedTuple):
             midpoint = Motion(added(motion.momentum, b * self.h / 2, force), motion.pose)
             force = self.system.force(self._time(c), midpoint)
         change = jax.tree.map(lambda f: b * self.h * f, force)
-        pushed = self.system.pushed(motion, change, self.t0)
+        pushed = self.system.pushed(motion, change)
         # What follows the first kick reads the motion after it, and not the force that the last step left.
         first = isinstance(c, float) and c == 0.0 and not self.system.reads_momentum
         return kept(pushed) if first else pushed
@@ -244,10 +241,9 @@ def _carry(
     h: Array,
     motion: AnyMotion,
     no_step: Array,
-    t: Array,
     known: Known | None,
 ) -> tuple[Flown, Any, Array | bool]:
     """An exact flight of momentum and pose, traced once like `_fly`."""
-    flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, t, known)
+    flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, known)
     ok = True if known is not None else flight.verdict(inertia, h, motion.momentum)
     return flown, pose, ok

@@ -11,10 +11,9 @@ from jax import Array
 from .._kernel import components as cp
 from .._kernel.fusion import fuse_derivative, split
 from .._kernel.replay import traits
-from ..model.bodies import Body, RigidBody, TensorBody, principal_of
+from ..model.bodies import Body
 from ..model.state import AnyState, P, Q
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
-from .inertia import Inertia
 
 T = TypeVar("T")
 _LONG_TORQUE = 150  # operations
@@ -38,8 +37,7 @@ class System(NamedTuple):
     for a `TensorBody`.
 
     Attributes:
-        inertia: `Inertia` for a rigid body, the `Particles` for particles; both have
-            `velocity(momentum)` and `commutator(force)`.
+        inertia: the constants of the body, `Body.inertia()`.
         torque: a function of (t, state), or None.
         kind: the class of the state.
         reads_momentum: whether the torque depends on the momentum, as damping and control do.
@@ -63,9 +61,7 @@ class System(NamedTuple):
         Raises:
             ValueError: the torque needs numbers where JAX has only tracers.
         """
-        axes = cp.quaternion(body.axes) if isinstance(body, TensorBody) else None
-        principal = principal_of(body)
-        inertia = Inertia.of(principal) if isinstance(principal, RigidBody) else principal
+        axes, inertia = body.axes_of_user(), body.in_principal_axes().inertia()
         if torque is None:
             return cls(inertia, None, type(start), reads_momentum=False, costly=False, long=False, axes=axes)
         torque = on_body(torque, body)
@@ -99,7 +95,7 @@ class System(NamedTuple):
         motion: AnyMotion = Motion(*state.parts())
         if self.axes is None:
             return motion
-        return Motion(cp.rotate_back(self.axes, motion.momentum), self.kind.rotate(motion.pose, self.axes))
+        return Motion(self.kind.vector_in(self.axes, motion.momentum), self.kind.pose_in(self.axes, motion.pose))
 
     def state(self, motion: AnyMotion) -> AnyState:
         """The inverse of `motion`."""
@@ -110,36 +106,28 @@ class System(NamedTuple):
         """A motion in principal components, converted to the user's components."""
         if self.axes is None:
             return motion
-        pose = self.kind.rotate(motion.pose, cp.conjugate(self.axes))
+        pose = self.kind.pose_in(cp.conjugate(self.axes), motion.pose)
         return Motion(self.vector_in_user_axes(motion.momentum), pose)
 
     def vector_in_user_axes(self, vector: Any) -> Any:
         """A vector in principal components, converted to the user's components."""
-        return vector if self.axes is None else cp.rotate(self.axes, vector)
+        return vector if self.axes is None else self.kind.vector_in(cp.conjugate(self.axes), vector)
 
     def velocity(self, momentum: P) -> P:
         """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
         return self.inertia.velocity(momentum)
 
-    def rates(self, motion: Motion[cp.Vector, Q], h: Array, force: cp.Vector | None) -> Motion[cp.Vector, Q]:
-        """h times the right-hand side of a body's equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
+    def rates(self, motion: Motion[P, Q], h: Array, force: P | None) -> Motion[P, Q]:
+        """h times the right-hand side of the equations of motion."""
+        return Motion(*self.kind.rates(self.inertia, h, motion.momentum, motion.pose, force))
 
-        A Runge-Kutta method spends nearly all its time here, so the operations are as few as possible: the products of
-        h with the inverse moments and their gaps are computed once a step.
-        """
-        change = self.inertia.gyroscopic(h, motion.momentum)
-        if force is not None:
-            change = cp.add(change, cp.scale(h, force))
-        turn = cp.times(cp.scale(h, self.inertia.inverses), motion.momentum)
-        return Motion(change, self.kind.rate(motion.pose, turn))
+    def pushed(self, motion: Motion[P, Q], change: P) -> Motion[P, Q]:
+        """The motion after the momentum changes by `change`."""
+        return Motion(*self.kind.push(motion.momentum, motion.pose, change))
 
-    def pushed(self, motion: Motion[P, Q], change: P, t: Array) -> Motion[P, Q]:
-        """The motion after the momentum changes by `change`, in a step that starts at time t."""
-        return Motion(*self.kind.push(motion.momentum, motion.pose, change, t))
-
-    def turned(self, pose: Q, increment: Any, t: Array, h: Array) -> Q:
-        """The pose after a flight with this increment, in a step of h that starts at time t."""
-        return self.kind.turn(pose, increment, h == 0, t)
+    def turned(self, pose: Q, increment: Any, h: Array) -> Q:
+        """The pose after a flight with this increment, in a step of h."""
+        return self.kind.turn(pose, increment, h == 0)
 
     def force(self, t: Array, motion: Motion[P, Any]) -> P:
         """The torque in principal components, or the force on particles; zero if the system has no torque."""
@@ -177,20 +165,19 @@ class System(NamedTuple):
         return self._torque_boundary(added(force, 2 * weight, change))
 
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
-        entries, returned = self.evaluate(torque, t, motion)
-        _check_force(returned, self.kind.pack(motion.momentum))
-        return self._vector(entries)
+        value, returned = self.evaluate(torque, t, motion)
+        _check_force(returned, cp.packed(motion.momentum))
+        return self._vector(value)
 
-    def _vector(self, entries: list[Any]) -> Any:
-        """A vector in principal components, from its entries in the user's."""
-        vector: Any = self.kind.from_entries(entries)
-        return vector if self.axes is None else cp.rotate_back(self.axes, vector)
+    def _vector(self, vector: Any) -> Any:
+        """A vector in principal components, from one in the user's."""
+        return vector if self.axes is None else self.kind.vector_in(self.axes, vector)
 
     def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
         """The number `function(t, state)`, such as a potential energy."""
         motion = self._torque_boundary(motion)
-        (entry,), _ = self.evaluate(lambda t, state: jnp.reshape(function(t, state), 1), t, motion)
-        return self._torque_boundary(entry)
+        value, _ = self.evaluate(lambda t, state: jnp.reshape(function(t, state), 1), t, motion)
+        return self._torque_boundary(value[0])
 
     def fixed_axis(self, t: Array, motion: AnyMotion) -> Any:
         """A direction fixed in space about which the torque has no component, in principal components; None if unknown.
@@ -200,11 +187,11 @@ class System(NamedTuple):
         torque = self.torque
         if not isinstance(torque, Torque) or torque.fixed_axis(self.state(motion)) is None:
             return None
-        entries, _ = self.evaluate(lambda t, state: cp.pack(cast(Any, torque.fixed_axis(state))), t, motion)
-        return self._vector(entries)
+        axis, _ = self.evaluate(lambda t, state: cp.pack(cast(Any, torque.fixed_axis(state))), t, motion)
+        return self._vector(axis)
 
-    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Any:
-        """The entries of the array `function(t, state)`, and the shape and dtype of this array."""
+    def evaluate(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> tuple[Any, Any]:
+        """The value `function(t, state)` on components, and the shapes and dtypes of its arrays; see `State`."""
         user_motion = self.in_user_axes(motion)
         return self.kind.evaluate(function, t, user_motion.momentum, user_motion.pose)
 
@@ -218,8 +205,17 @@ def _zeros(momentum: P) -> P:
     return jax.tree.map(jnp.zeros_like, momentum)
 
 
-def _check_force(returned: jax.ShapeDtypeStruct, like: Array) -> None:
-    """Raises a ValueError unless the torque returned an array of the momentum's shape and dtype."""
+def _check_force(returned: Any, momentum: Any) -> None:
+    """Raises a ValueError unless the torque returned arrays of the momentum's form, shapes and dtype."""
+    if jax.tree.structure(returned) != jax.tree.structure(momentum):
+        wanted = "one array" if isinstance(momentum, Array) else f"a {type(momentum).__name__}"
+        cure = "use jnp.stack([...])" if isinstance(momentum, Array) else "of arrays like the momentum in `State.parts`"
+        raise ValueError(f"the torque must return {wanted}, got {type(returned).__name__}; {cure}.")
+    for found, like in zip(jax.tree.leaves(returned), jax.tree.leaves(momentum), strict=True):
+        _check_array(found, like)
+
+
+def _check_array(returned: jax.ShapeDtypeStruct, like: Array) -> None:
     shape, dtype = tuple(returned.shape), returned.dtype
     if shape == tuple(like.shape) and dtype == like.dtype:
         return

@@ -3,6 +3,7 @@
 Every kind of body converts momentum to velocity (`velocity`) and velocity to momentum (`momentum`).
 """
 
+from abc import abstractmethod
 from typing import Any
 
 import equinox as eqx
@@ -15,6 +16,7 @@ from jaxtyping import Float
 from .._kernel import components as cp
 from .._kernel.checks import as_floats, require, require_finite, require_rows
 from . import so3
+from .inertia import Inertia
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
@@ -43,7 +45,43 @@ def _symmetric(matrix: np.ndarray) -> bool:
     return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=tolerance))
 
 
-class RigidBody(eqx.Module):
+class Body(eqx.Module):
+    """What moves: the base class of the kinds of body.
+
+    A kind of your own defines `inertia`, and the rest where it differs from what stands here; docs/extending.md shows
+    one. Its momentum and velocity have the form of the momentum of its state: arrays outside the steps, components in
+    them (`State.parts`).
+    """
+
+    @abstractmethod
+    def inertia(self) -> Any:
+        """The constants of a run, computed once, as a pytree with four methods on components.
+
+        `velocity(momentum)` is I^-1 Pi; `commutator(force)` the rate of change of the components of a force as the body
+        turns with the velocity I^-1 T, zero where nothing turns; `square_of_turn(h, momentum)` is |h Omega|^2, which
+        bounds the steps of the Runge-Kutta methods; and `nutation(momentum)` the frequency of a fast spin, for
+        `midlie_jax.check`, zero if there is none. Those of a rigid body are `midlie_jax.flights.Inertia.of(body)`.
+        """
+
+    def velocity(self, momentum: Any) -> Any:
+        """The velocity for a momentum, as arrays."""
+        return cp.packed(self.inertia().velocity(cp.unpacked(momentum)))
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The sizes of the leading axes of a batch of bodies."""
+        return ()
+
+    def in_principal_axes(self) -> "Body":
+        """The body in the axes in which it is moved."""
+        return self
+
+    def axes_of_user(self) -> cp.Quaternion | None:
+        """The quaternion that takes components in these axes to those of the user; None where both are the same."""
+        return None
+
+
+class RigidBody(Body):
     """A rigid body turning about a fixed point or its centre of mass.
 
     Attributes:
@@ -107,6 +145,15 @@ class RigidBody(eqx.Module):
         sign = jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
         return cls(moments, physical=physical), axes * sign[..., None, None]
 
+    def inertia(self) -> Inertia:
+        """The constants of a run."""
+        return Inertia.of(self)
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The sizes of the leading axes of a batch of bodies."""
+        return self.moments.shape[:-1]
+
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular velocity I^-1 Pi, body frame."""
         return cp.pack(tuple(p / i for p, i in zip(cp.vector(momentum), cp.vector(self.moments), strict=True)))
@@ -121,7 +168,7 @@ class RigidBody(eqx.Module):
         return jnp.sum(self.moments, axis=-1)
 
 
-class TensorBody(eqx.Module):
+class TensorBody(Body):
     """A rigid body with a full inertia tensor, in any frame fixed in the body ("your frame").
 
     Momentum, attitude, torque and angular velocity are all in your frame; `midlie_jax.integrate` and the other drivers
@@ -149,6 +196,23 @@ class TensorBody(eqx.Module):
         self.principal, axes = RigidBody.from_tensor(tensor, physical=physical)
         self.axes = so3.from_matrix(axes)
 
+    def inertia(self) -> Inertia:
+        """The constants of a run, in the principal frame."""
+        return self.principal.inertia()
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The sizes of the leading axes of a batch of bodies."""
+        return self.principal.batch
+
+    def in_principal_axes(self) -> RigidBody:
+        """`principal`."""
+        return self.principal
+
+    def axes_of_user(self) -> cp.Quaternion:
+        """`axes` as components."""
+        return cp.quaternion(self.axes)
+
     @property
     def tensor(self) -> Float[Array, "*batch 3 3"]:
         """The inertia tensor in your frame."""
@@ -173,7 +237,7 @@ class TensorBody(eqx.Module):
         return so3.rotate(so3.conjugate(self.axes), vector)
 
 
-class Particles(eqx.Module):
+class Particles(Body):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
     Attributes:
@@ -207,6 +271,10 @@ class Particles(eqx.Module):
             raise ValueError("mass must be positive definite: its Cholesky factorisation failed.")
         self.mass = factor
 
+    def inertia(self) -> "Particles":
+        """The particles themselves; they are moved as arrays."""
+        return self
+
     def velocity(self, momentum: Array) -> Array:
         """The velocity u' = M^-1 p."""
         if self.mass.ndim == 2:
@@ -223,10 +291,15 @@ class Particles(eqx.Module):
         """Zero: the axes along which a force has its components do not turn, as those of a rigid body do."""
         return jnp.zeros_like(force)
 
+    def square_of_turn(self, h: Array | float, momentum: Array) -> Array:
+        """Zero: nothing turns."""
+        return h * jnp.zeros((), momentum.dtype)
 
-Body = RigidBody | TensorBody | Particles
+    def nutation(self, momentum: Array) -> Array:
+        """Zero: nothing spins."""
+        return jnp.zeros((), momentum.dtype)
 
 
 def principal_of(body: Any) -> Any:
-    """A `TensorBody` in its principal frame; any other argument unchanged."""
-    return body.principal if isinstance(body, TensorBody) else body
+    """The body in its principal axes; anything but a body unchanged."""
+    return body.in_principal_axes() if isinstance(body, Body) else body

@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 
 from .._kernel.checks import described
-from .bodies import RigidBody, principal_of
+from .bodies import principal_of
 from .state import AnyState, State
 
 
@@ -23,7 +23,8 @@ def check_body(body: Any, state: AnyState) -> None:
     """Raises unless the body is of the kind that the state belongs to."""
     if not isinstance(principal_of(body), state.body):
         kind = state.body.__name__
-        cure = "" if isinstance(body, eqx.Module) else f"; make one with midlie_jax.{kind}"
+        own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
+        cure = "" if own else f"; make one with midlie_jax.{kind}"
         raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
 
 
@@ -35,13 +36,24 @@ def check_torque(torque: Any) -> None:
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     """Raises unless the state has `batch` leading axes, and the body at most as many; particles are not checked."""
-    principal = principal_of(body)
-    if not isinstance(principal, RigidBody):
+    if not state.own_axes:
         return
-    moments = "body.moments" if principal is body else "body.principal.moments"
-    for argument, array, min_axes in ((moments, principal.moments, 0), (f"{name}.momentum", state.momentum, batch)):
-        if not min_axes <= array.ndim - 1 <= batch:
+    shapes = (
+        (_name_of_moments(body), (*body.batch, 3), len(body.batch), 0),
+        (
+            f"{name}.momentum",
+            state.momentum.shape,
+            state.momentum.ndim - state.own_axes,
+            batch,
+        ),
+    )
+    for argument, shape, axes, least in shapes:
+        if not least <= axes <= batch:
             wanted, cure = "(3,)", "map over a batch with jax.vmap, or use midlie_jax.ensemble"
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
-            raise ValueError(f"{argument} must be {wanted}, got {array.shape}; {cure}.")
+            raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")
+
+
+def _name_of_moments(body: Any) -> str:
+    return "body.moments" if body.in_principal_axes() is body else "body.principal.moments"

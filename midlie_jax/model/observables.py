@@ -10,13 +10,14 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from .._kernel import components as cp
 from .._kernel.checks import as_floats, described
 from .._kernel.replay import traits
 from . import so3
-from .bodies import Body, Particles, RigidBody, TensorBody, principal_of
+from .bodies import Body, RigidBody, TensorBody
 from .compatibility import check_body, check_state, check_torque
 from .state import AnyState, BodyState, State
-from .states import ParticleState, RigidState, attitude_of
+from .states import RigidState, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
@@ -33,8 +34,9 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
     Raises:
         ValueError: the state does not belong to the body, or the states of n bodies have another first axis than n.
     """
-    products = state.momentum * _velocity(body, state)
-    return jnp.sum(products, axis=None if isinstance(body, Particles) else -1) / 2
+    products = jax.tree.map(jnp.multiply, _momentum(state), _velocity(body, state))
+    sums = [jnp.sum(leaf, axis=-1 if state.own_axes else None) for leaf in jax.tree.leaves(products)]
+    return sum(sums[1:], start=sums[0]) / 2
 
 
 def energy(
@@ -62,7 +64,7 @@ def energy(
         if t is not None:
             raise ValueError("a path has its own times; do not pass t.")
         state, t, path_shape = motion.states, motion.times, motion.times.shape
-        if isinstance(state, ParticleState) and len(path_shape) != motion.ok.ndim + 1:
+        if not state.own_axes and len(path_shape) != motion.ok.ndim + 1:
             raise ValueError(
                 "for a path of an ensemble of particles map energy over its states by jax.vmap and pass t."
             )
@@ -70,7 +72,7 @@ def energy(
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
     check_body(body, state)
     check_torque(torque)
-    if any(leaf.ndim > max_axes for leaf, max_axes in _arrays_with_max_axes(body)):
+    if body.batch:
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
     t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
     batch = _batch_shape(state, path_shape)
@@ -94,20 +96,13 @@ def energy(
     return function(state, times)
 
 
-def _arrays_with_max_axes(body: Body) -> list[tuple[Array, int]]:
-    """The arrays of a body, each with the largest number of axes that it can have in a single body."""
-    if isinstance(body, Particles):
-        return [(body.mass, 2)]
-    return [(leaf, 1) for leaf in jax.tree.leaves(body)]
-
-
 def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...]:
     """The sizes of the leading axes of a state.
 
     A particle state can have any shape, so the number of its leading axes is that of its path's times.
     """
     shape = state.momentum.shape
-    return shape[: len(path_shape)] if isinstance(state, ParticleState) else shape[:-1]
+    return shape[: -state.own_axes] if state.own_axes else shape[: len(path_shape)]
 
 
 def angular_velocity(body: RigidBody | TensorBody, state: BodyState[Any]) -> Float[Array, "*batch 3"]:
@@ -148,17 +143,22 @@ def spatial_momentum(state: RigidState) -> Float[Array, "*batch 3"]:
     return so3.rotate(attitude_of(state), state.momentum)
 
 
-def _velocity(body: Body, state: AnyState) -> Array:
+def _velocity(body: Body, state: AnyState) -> Any:
     """The velocity of each state of one body; or of n bodies, whose states have the leading axis n."""
     check_state("state", state)
     check_body(body, state)
 
-    def velocity(body: Body, momentum: Array) -> Array:
+    def velocity(body: Body, momentum: Any) -> Any:
         return body.velocity(momentum)
 
     for _ in range(axes_of_bodies(body, state)):
         velocity = jax.vmap(velocity)
-    return velocity(body, state.momentum)
+    return velocity(body, _momentum(state))
+
+
+def _momentum(state: AnyState) -> Any:
+    """The whole momentum of a state as arrays."""
+    return cp.packed(state.parts()[0])
 
 
 def axes_of_bodies(body: Body, state: AnyState) -> int:
@@ -167,13 +167,13 @@ def axes_of_bodies(body: Body, state: AnyState) -> int:
     Raises:
         ValueError: the states do not have one row for each body.
     """
-    principal = principal_of(body)
-    if not isinstance(principal, RigidBody):
+    bodies = body.batch
+    if not bodies:
         return 0
-    bodies, states = principal.moments.shape[:-1], state.momentum.shape[:-1]
+    states = state.momentum.shape[: -state.own_axes]
     if states and bodies != states[: len(bodies)]:
         raise ValueError(
-            f"moments {principal.moments.shape} and momentum {state.momentum.shape} do not fit; of n bodies give "
+            f"moments {(*bodies, 3)} and momentum {state.momentum.shape} do not fit; of n bodies give "
             "moments (n, 3) and a momentum (n, 3) or (n, ..., 3), the bodies first; map over other axes with jax.vmap."
         )
     return len(bodies) if states else 0

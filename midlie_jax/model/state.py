@@ -1,11 +1,10 @@
-"""States: the momentum of a body or of particles, and its configuration.
+"""`State`, the momentum of a body or of particles and its configuration, as steps, torques and drivers see it.
 
 A state holds the momentum and as much of the configuration as a problem needs: nothing (`MomentumState`), one direction
 (`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). Users work with arrays, the integration
 steps with components: `parts` splits a state into a momentum of type P and a *pose*, the configuration, of type Q. The
-class of a state defines how a rotation changes the pose (`turn`), the rates of change of the pose and the momentum
-(`rate`, `momentum_rate`), and how a function written on states is evaluated on components (`evaluate`). So the rest of
-the package need not distinguish the kinds of state.
+class of a state defines how a flight changes the pose (`turn`) and the rates of change of pose and momentum (`rate`,
+`momentum_rate`). So the rest of the package need not distinguish the kinds of state.
 """
 
 from abc import abstractmethod
@@ -26,33 +25,36 @@ from .bodies import RigidBody
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles
 Q = TypeVar("Q")  # a pose in a step: components, or an array for particles
 Time = Array | float | int
-# The value of a function: the entries of an array (constants can be NumPy values), and its shape and dtype.
-Value = tuple[list[Any], jax.ShapeDtypeStruct]
+Described = dict[str, tuple[tuple[str, ...], dict[str, str]]]
 
 
 class State(eqx.Module, Generic[P, Q]):
-    """The interface of a state to the steps and the torques."""
+    """The momentum and the configuration of what moves: the base class of the kinds of state.
+
+    A kind of your own is a subclass with its arrays as fields, `momentum` first, the class variable `body`, and six
+    short methods: `parts`, `join`, `rotate`, `turn`, `rate` and `momentum_rate`. The rest follows from these; override
+    what should differ. docs/extending.md shows one, with its body and its flight.
+
+    In a step, momentum and pose are tuples of scalars (x, y, z) and (w, x, y, z), which a step is made of, or named
+    tuples of such tuples. Velocities and forces have the form of the momentum.
+
+    Attributes:
+        momentum: the momentum, or the part of it whose dtype and leading axes stand for all.
+        body: the kind of body that this state belongs to.
+        own_axes: how many trailing axes of each array belong to one body; the others are a batch. 0: any number.
+        long_sums: whether its sums are so long that two flights do not fit one compiled loop.
+        has_pose: without a pose, a flight need not compute how the body turns.
+        turns: whether an increment is a rotation in the body frame alone, a quaternion.
+        pose_is_attitude: whether the pose is the attitude and nothing else.
+    """
 
     momentum: eqx.AbstractVar[Array]
-    body: ClassVar[type]  # the kind of body that this state belongs to
-    own_axes: ClassVar[int] = 1  # how many trailing axes of each array belong to one body; the others are a batch
-    long_sums: ClassVar[bool] = False  # whether its sums are so long that two flights do not fit one compiled loop
-    has_pose: ClassVar[bool] = True  # without a pose, a flight need not compute how the body turns
-
-    def check_batch(self) -> None:
-        """Raises a ValueError unless all arrays have the same batch axes."""
-        same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
-
-    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """The body components of a vector in the space frame; a ValueError if the state holds no direction."""
-        del vector
-        raise ValueError(
-            f"a {type(self).__name__} knows no direction; start from a DirectionState or a RigidState instead."
-        )
-
-    def vertical(self) -> cp.Vector:
-        """The space z axis in body components; a ValueError if the state holds no direction."""
-        return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
+    body: ClassVar[type]
+    own_axes: ClassVar[int] = 1
+    long_sums: ClassVar[bool] = False
+    has_pose: ClassVar[bool] = True
+    turns: ClassVar[bool] = False
+    pose_is_attitude: ClassVar[bool] = False
 
     @abstractmethod
     def parts(self) -> tuple[P, Q]:
@@ -63,38 +65,19 @@ class State(eqx.Module, Generic[P, Q]):
     def join(cls, momentum: P, pose: Q) -> "State[P, Q]":
         """The inverse of `parts`."""
 
-    @classmethod
-    @abstractmethod
-    def of(cls, momentum: Array, pose: Any) -> "State[P, Q]":
-        """The state with this momentum and pose as arrays; the pose of a `MomentumState` is ()."""
-
     @staticmethod
     @abstractmethod
     def rotate(pose: Q, increment: Any) -> Q:
-        """The pose after the body turns by `increment`, a rotation in the body frame; for particles, a displacement."""
-
-    @staticmethod
-    def push(momentum: P, pose: Q, change: P, t: Array) -> tuple[P, Q]:
-        """Momentum and pose after the momentum changes by `change` in the step that starts at time t.
-
-        The change is added with the rounding of `accumulate`. A state that keeps what this rounding loses has it in the
-        pose; for all others the pose is unchanged.
-        """
-        return cp.accumulate(momentum, change, t), pose
+        """The pose after an increment of a flight: a rotation in the body frame; for particles, a displacement."""
 
     @staticmethod
     @abstractmethod
-    def turn(pose: Q, increment: Any, no_step: Array, t: Array) -> Q:
-        """`rotate` for a pose that is turned at every step; t is the time of this step.
+    def turn(pose: Q, increment: Any, no_step: Array) -> Q:
+        """`rotate` for a pose that is turned at every step.
 
-        The change is added with the rounding of `accumulate`, and the length of the pose is corrected for earlier
-        rounding errors. Where `no_step` is True (a step of size zero), no bit is changed.
+        The length of a quaternion or direction is corrected for earlier rounding errors. Where `no_step` is True (a
+        step of size zero), no bit is changed.
         """
-
-    @staticmethod
-    @abstractmethod
-    def shift(pose: Q, change: Q, no_step: Array, t: Array) -> Q:
-        """pose + change, normalised by one Newton step; where `no_step` is True, no bit is changed."""
 
     @staticmethod
     @abstractmethod
@@ -109,30 +92,115 @@ class State(eqx.Module, Generic[P, Q]):
         It is jointly linear in velocity and force.
         """
 
+    @staticmethod
+    def push(momentum: P, pose: Q, change: P) -> tuple[P, Q]:
+        """Momentum and pose after the momentum changes by `change`.
+
+        A state that keeps what the rounding of this sum loses has it in the pose; for all others the pose is unchanged.
+        """
+        return cp.tree_add(momentum, change), pose
+
+    @staticmethod
+    def shift(pose: Q, change: Q, no_step: Array) -> Q:
+        """pose + change, for Runge-Kutta methods; where `no_step` is True, no bit is changed.
+
+        A state whose pose has lengths that must stay one corrects them by one Newton step.
+        """
+        del no_step
+        return cp.tree_add(pose, change)
+
     @classmethod
-    @abstractmethod
-    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: P, pose: Q) -> Value:
-        """The value `function(t, state)` of a function written on states with arrays, evaluated on components."""
+    def rates(cls, inertia: Any, h: Array, momentum: P, pose: Q, force: P | None) -> tuple[P, Q]:
+        """h times the right-hand side of the equations of motion, of momentum and pose."""
+
+        def scaled(tree: P) -> P:
+            return jax.tree.map(lambda x: h * x, tree)
+
+        velocity = scaled(inertia.velocity(momentum))
+        impulse: P = jax.tree.map(jnp.zeros_like, momentum) if force is None else scaled(force)
+        return cls.momentum_rate(momentum, velocity, impulse), cls.rate(pose, velocity)
 
     @staticmethod
-    @abstractmethod
-    def from_entries(entries: list[Any]) -> P:
-        """A force from the entries that `evaluate` returns."""
+    def components(arrays: Any) -> Any:
+        """A momentum, force or pose as in a step, from the same with arrays in place of the tuples of scalars."""
+        return cp.unpacked(arrays)
+
+    @classmethod
+    def of(cls, momentum: Any, pose: Any) -> "State[P, Q]":
+        """The state with the momentum and the pose of `parts`, each tuple of scalars as one array."""
+        return cls.join(*cls.components((momentum, pose)))
+
+    @classmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: P, pose: Q) -> tuple[Any, Any]:
+        """The value `function(t, state)` of a function written on states with arrays, evaluated on components.
+
+        Returns:
+            The value, each of its arrays as a tuple of its entries; and shape and dtype of each.
+        """
+        entries = cp.wrapped((momentum, pose), Packed)
+        return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *entries)
 
     @staticmethod
-    @abstractmethod
-    def pack(vector: P) -> Array:
-        """A velocity or force as one array."""
+    def vector_in(axes: cp.Quaternion, vector: P) -> P:
+        """A momentum or force in axes that are turned by `axes` with respect to those in which it is given."""
+        del axes, vector
+        raise ValueError("this kind of state knows no other axes than the principal ones; define `vector_in`.")
 
-    @staticmethod
-    @abstractmethod
-    def pack_pose(pose: Q) -> Any:
-        """A pose, or its rate of change, as one array; () where there is none."""
+    @classmethod
+    def pose_in(cls, axes: cp.Quaternion, pose: Q) -> Q:
+        """A pose for body axes that are turned by `axes`."""
+        return cls.rotate(pose, axes)
 
-    @staticmethod
-    @abstractmethod
-    def unpack(array: Array) -> P:
-        """The inverse of `pack`."""
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """The body components of a vector in the space frame; a ValueError if the state holds no direction."""
+        del vector
+        raise ValueError(
+            f"a {type(self).__name__} knows no direction; start from a DirectionState or a RigidState instead."
+        )
+
+    def vertical(self) -> cp.Vector:
+        """The space z axis in body components; a ValueError if the state holds no direction."""
+        return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
+
+    def fixed_direction(self) -> cp.Vector | None:
+        """The one direction of space that the state knows, in body components; None if it knows all or none."""
+        return None
+
+    def normalised(self) -> "State[P, Q]":
+        """The state with unit length of what must have it, after its arrays were interpolated."""
+        return self
+
+    def plus(self, increment: Array) -> "State[P, Q]":
+        """The state moved by an increment (..., k): the change of the momentum, then that of the pose in radians.
+
+        By default the increment is added to the arrays. A state that is turned takes a rotation vector in the body
+        frame, (..., 3), so that increments can be estimated, averaged and interpolated like any vector.
+        """
+        moved, begin = list[Array](), 0
+        for leaf in jax.tree.leaves(self):
+            end = begin + leaf.shape[-1]
+            moved.append(leaf + increment[..., begin:end])
+            begin = end
+        return jax.tree.unflatten(jax.tree.structure(self), moved)
+
+    def minus(self, other: Any) -> Array:
+        """The increment (..., k) from another state to this one: `other.plus(self.minus(other))` is this state."""
+        pairs = zip(jax.tree.leaves(self), jax.tree.leaves(other), strict=True)
+        return jnp.concatenate([a - b for a, b in pairs], axis=-1)
+
+    def sizes(self) -> tuple[Array, Array]:
+        """Of a state that is a small difference of two: the size of the momentum, and that of the rest, in radians."""
+        momentum, *others = [jnp.sum(leaf**2) for leaf in jax.tree.leaves(self)]
+        return jnp.sqrt(momentum), jnp.sqrt(sum(others, start=jnp.zeros_like(momentum)))
+
+    @classmethod
+    def described(cls) -> Described:
+        """For files: by the name of a field, the name of its last dimension, and its long_name, units and frame."""
+        return {}
+
+    def check_batch(self) -> None:
+        """Raises a ValueError unless all arrays have the same batch axes."""
+        same_batch(**{field.name: (getattr(self, field.name), self.own_axes) for field in fields(self)})
 
 
 AnyState = State[Any, Any]
@@ -143,28 +211,26 @@ class BodyState(State[cp.Vector, Q]):
     """A state of one rigid body: the methods that are the same for all three kinds of pose."""
 
     body: ClassVar[type] = RigidBody
+    turns: ClassVar[bool] = True
 
     @staticmethod
     def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
         return cp.add(cp.cross(momentum, velocity), force)
 
     @classmethod
-    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: Q) -> Value:
-        packed = tuple(Packed(tuple(part)) if part else () for part in (momentum, pose))  # pyright: ignore
-        return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *packed)
+    def rates(
+        cls, inertia: Any, h: Array, momentum: cp.Vector, pose: Q, force: cp.Vector | None
+    ) -> tuple[cp.Vector, Q]:
+        """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
+
+        A Runge-Kutta method spends nearly all its time here, so the operations are as few as possible: the products of
+        h with the inverse moments and their gaps are computed once a step.
+        """
+        change = inertia.gyroscopic(h, momentum)
+        if force is not None:
+            change = cp.add(change, cp.scale(h, force))
+        return change, cls.rate(pose, cp.times(cp.scale(h, inertia.inverses), momentum))
 
     @staticmethod
-    def from_entries(entries: list[Any]) -> Any:
-        return entries[0], entries[1], entries[2]
-
-    @staticmethod
-    def pack(vector: cp.Vector) -> Array:
-        return cp.pack(vector)
-
-    @staticmethod
-    def pack_pose(pose: Any) -> Any:
-        return cp.pack(pose) if pose else ()
-
-    @staticmethod
-    def unpack(array: Array) -> cp.Vector:
-        return cp.vector(array)
+    def vector_in(axes: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        return cp.rotate_back(axes, vector)

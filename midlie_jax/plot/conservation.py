@@ -15,7 +15,7 @@ from ..model import torques
 from ..model.bodies import RigidBody, TensorBody
 from ..model.observables import energy, kinetic_energy, spatial_momentum
 from ..model.state import BodyState
-from ..model.states import DirectionState, RigidState
+from ..model.states import with_attitude
 from ..model.torques import TorqueLike
 
 
@@ -87,15 +87,15 @@ def momentum_change(torque: TorqueLike | None, states: BodyState[Any]) -> Change
     size = np.linalg.norm(np.asarray(states.momentum)[..., :1, :], axis=-1)
     name, changed = "spatial momentum", "not conserved: the torque changes it"
     direction, letter, which = _conserved_direction(torque)
-    if direction is not None and isinstance(states, RigidState | DirectionState):
+    if direction is not None and states.has_pose:
         along = _along(states, direction / (np.linalg.norm(direction) or 1.0))
         values = _relative(np.abs(along - along[..., :1]), size)
         return Change(values, name, f"|π{letter} - π{letter}₀| / |π₀|", f"{which}, which is conserved")
-    if not isinstance(states, RigidState):
+    if not hasattr(states, "attitude"):
         lengths = np.linalg.norm(np.asarray(states.momentum), axis=-1)
         name, formula = "length of the momentum", "(|Π| - |Π₀|) / |Π₀|"
         return Change(_relative(lengths - size, size), name, formula, reason="" if torque is None else changed)
-    momenta = np.asarray(spatial_momentum(states))
+    momenta = np.asarray(spatial_momentum(with_attitude(states)))
     whole = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
     formula = "|π - π₀| / |π₀|"
     if torque is None:
@@ -114,9 +114,10 @@ def _conserved_direction(torque: Any) -> tuple[np.ndarray | None, str, str]:
 
 def _along(states: Any, direction: np.ndarray) -> np.ndarray:
     """The component of the spatial momentum along a unit vector of space."""
-    if isinstance(states, RigidState):
-        return np.asarray(spatial_momentum(states)) @ direction
-    return np.sum(np.asarray(states.momentum) * np.asarray(states.direction), axis=-1)
+    if hasattr(states, "attitude"):
+        return np.asarray(spatial_momentum(with_attitude(states))) @ direction
+    along: Any = states.seen_from_body(tuple(map(jnp.asarray, direction)))
+    return np.sum(np.asarray(states.momentum) * np.stack(along, axis=-1), axis=-1)
 
 
 def _relative(change: np.ndarray, scale: np.ndarray) -> np.ndarray:

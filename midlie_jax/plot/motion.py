@@ -9,7 +9,7 @@ from .._kernel.checks import described
 from ..drivers.path import AdaptivePath, Path
 from ..model.bodies import RigidBody, TensorBody
 from ..model.observables import angular_velocity
-from ..model.state import BodyState
+from ..model.state import BodyState, State
 from ..model.states import attitude_of
 
 
@@ -51,8 +51,8 @@ def motion_of(path: Any) -> Motion:
     Raises:
         ValueError: it is not a path of one rigid body, or fewer than two of its states can be trusted.
     """
-    states = getattr(path, "states", None)
-    if not isinstance(path, Path | AdaptivePath) or not isinstance(states, BodyState):
+    states: Any = getattr(path, "states", None)
+    if not isinstance(path, Path | AdaptivePath) or not (isinstance(states, State) and states.own_axes):
         raise ValueError(
             f"path must be a path of a rigid body with its states, got {described(path)} that holds "
             f"{described(states)}; integrate without observe=."

@@ -17,7 +17,6 @@ from .._kernel.checks import described, require_function, shown
 from .._kernel.typed_by import TypedBy
 from ..drivers.path import AnyPath, States
 from ..model.state import BodyState
-from ..model.states import DirectionState, RigidState
 from .edge import name_at_edge
 from .motion import Motion, motion_of
 from .style import BLUE, remark
@@ -168,9 +167,4 @@ def _interpolated(t: Array, times: Array, states: Any) -> Any:
     own = jnp.eye(_NEIGHBOURS, dtype=bool)
     factors = (t - times)[None, :] / jnp.where(own, 1, times[:, None] - times[None, :])
     weights = jnp.prod(jnp.where(own, 1, factors), axis=1)
-    mean = jax.tree.map(lambda leaf: weights @ leaf, states)
-    momentum, rest = mean.momentum, jax.tree.leaves(mean)[1:]
-    if isinstance(states, RigidState | DirectionState):
-        pose = rest[0] / jnp.linalg.norm(rest[0])
-        return type(states).of(momentum, pose)
-    return type(states).of(momentum, ())
+    return jax.tree.map(lambda leaf: weights @ leaf, states).normalised()

@@ -13,10 +13,9 @@ import numpy as np
 from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody
-from ..model.state import AnyState
+from ..model.state import AnyState, State
 from ..model.states import RigidState
 from .names import parameter
-from .variables import STATES
 
 _MOMENTS, _PRINCIPAL, _AXES = "body.moments", "body.principal.moments", "body.axes"
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
@@ -92,15 +91,25 @@ def states_of(file: str | File) -> AnyState:
     """
     source = File(file)
     arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
-    kinds = {kind.__name__: kind for kind in STATES}
-    kind = kinds.get(str(arrays.get("state")))
+    kind = _kinds(State).get(str(arrays.get("state")))
     names = [field.name for field in fields(kind)] if kind else []  # pyright: ignore[reportArgumentType]
     if kind is None or any(name not in arrays for name in names):
-        raise ValueError(f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=.")
+        raise ValueError(
+            f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
+            "defines a kind of state of your own must have been imported."
+        )
     blank = object.__new__(kind)  # unchecked, as the states of a failed run must be
     for name in names:
         object.__setattr__(blank, name, 0.0)
     return jax.tree.unflatten(jax.tree.structure(blank), [jnp.asarray(arrays[name][:]) for name in names])
+
+
+def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
+    """The kinds of state that are known, by their names, also those that users have defined."""
+    found = {kind.__name__: kind}
+    for own in kind.__subclasses__():
+        found |= _kinds(own)
+    return found
 
 
 def _of_file(source: File) -> Mapping[str, Any]:

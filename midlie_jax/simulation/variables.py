@@ -9,48 +9,11 @@ import numpy as np
 
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
-from ..model.compensated import CompensatedState
-from ..model.states import DirectionState, MomentumState, ParticleState, RigidState
 from .names import named
 from .plan import Plan
 
 BODY, GROUP, TIME = "body", "group", "time"  # names of dimensions
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
-_BODY_MOMENTUM = {
-    "long_name": "angular momentum in the body frame, about the fixed point or the centre of mass",
-    "units": "mass length2 time-1",
-    "frame": "body",
-}
-# For each array of each state: the name of its last dimension, and its attributes.
-STATES: dict[type, dict[str, tuple[tuple[str, ...], dict[str, str]]]] = {
-    MomentumState: {"momentum": (("axis",), _BODY_MOMENTUM)},
-    DirectionState: {
-        "momentum": (("axis",), _BODY_MOMENTUM),
-        "direction": (("axis",), {"long_name": "space z axis in body components", "units": "1", "frame": "body"}),
-    },
-    RigidState: {
-        "momentum": (("axis",), _BODY_MOMENTUM),
-        "attitude": (
-            ("quaternion",),
-            {
-                "long_name": "unit quaternion, scalar first, that takes body components to space components",
-                "units": "1",
-                "frame": "body to space",
-            },
-        ),
-    },
-    ParticleState: {
-        "momentum": ((), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
-        "position": ((), {"long_name": "position", "units": "length", "frame": "space"}),
-    },
-}
-
-
-_LOST = "what rounding has lost of the {}, to be added to it"
-STATES[CompensatedState] = STATES[RigidState] | {
-    "low_momentum": (("axis",), _BODY_MOMENTUM | {"long_name": _LOST.format("momentum")}),
-    "low_attitude": (("quaternion",), {"long_name": _LOST.format("attitude"), "units": "1", "frame": "body to space"}),
-}
 
 
 class Variable(NamedTuple):
@@ -83,7 +46,7 @@ def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
 def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, Variable]:
     """The variables that a run writes, by name: of bodies (body, time, ...), or of a statistic (group, time, ...)."""
     first = (GROUP, plan.groups) if isinstance(observe, Statistic) else (BODY, plan.bodies)
-    known = STATES.get(type(seen), {}) if observe is None else {}
+    known = seen.described() if observe is None else {}
     found: dict[str, Variable] = {}
     for name, leaf in named(seen).items():
         dims, attributes = known.get(name, ((), {"long_name": name}))

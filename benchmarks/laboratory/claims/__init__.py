@@ -2,5 +2,5 @@
 
 `measure` finds the numbers of one method (`structure` its defects of symplecticity, `counting` the work of a step,
 `drift` the published drift test), `verdicts` holds them against what the paper and the registry claim, and `page`
-writes docs/claims.md. `command` does all of it, for `benchmarks/claims.py`.
+writes docs/reports/claims.md. `command` does all of it, for `benchmarks/claims.py`.
 """

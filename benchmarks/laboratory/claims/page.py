@@ -1,4 +1,4 @@
-"""The tables of the claims, for the terminal and for docs/claims.md."""
+"""The tables of the claims, for the terminal and for docs/reports/claims.md."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

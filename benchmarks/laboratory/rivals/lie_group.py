@@ -91,7 +91,7 @@ class RKMK4(_OnTheGroup):
                 stage_pose = cp.multiply(pose, _exp(u)[0])
         increment, square = _exp(_weighted(turns))
         momentum = cp.add(start, _weighted(impulses))
-        turned = system.turned(pose, increment, t0, h)
+        turned = system.turned(pose, increment, h)
         return Motion(cp.rotate_back(turned, momentum), turned), None, square <= LARGEST_SQUARE
 
 
@@ -123,7 +123,7 @@ class CF4(_OnTheGroup):
         inner, inner_square = _exp(_sum((0.25, v1), (1 / 6, v2), (1 / 6, v3), (-1 / 12, v4)))
         outer, outer_square = _exp(_sum((-1 / 12, v1), (1 / 6, v2), (1 / 6, v3), (0.25, v4)))
         momentum = cp.add(start, _weighted([f1, f2, f3, f4]))
-        turned = system.turned(cp.multiply(pose, inner), outer, t0, h)
+        turned = system.turned(cp.multiply(pose, inner), outer, h)
         ok = (inner_square <= LARGEST_SQUARE) & (outer_square <= LARGEST_SQUARE)
         return Motion(cp.rotate_back(turned, momentum), turned), None, ok
 

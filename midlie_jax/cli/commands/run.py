@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...drivers.check import Check, check
+from ...drivers.check import check
 from ...drivers.integrate import integrate
 from ...drivers.path import Path
 from ...drivers.timing import Load, Timing, cores, timed, user_clock
@@ -42,9 +42,9 @@ def run(options: argparse.Namespace) -> None:
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
-    checked = check(method, scene.body, scene.torque, few, dt=dt, steps=min(steps, MOST_STEPS))
+    checked = check(method, scene.body, scene.torque, few, dt=dt, steps=min(steps, MOST_STEPS)).parts_of(steps)
     if options.out and options.out.lower().endswith(".zarr"):
-        print(*(f"{name}: {value}" for name, value in checked.parts), sep="\n")
+        print(*(f"{name}: {value}" for name, value in checked), sep="\n")
         long_run(options, method, scene, dt, steps, start)
         return
     every = _save_every(steps, options.bodies, _MANY if options.out or options.plot else _FEW)
@@ -135,7 +135,9 @@ def _since(path: Path[RigidState]) -> str:
     return f"; the first after time {float(path.times[0, max(last_good, 0)]):g}"
 
 
-def _report(record: Record, checked: Check, since: str, compile_seconds: float, timing: Timing, load: Load) -> None:
+def _report(
+    record: Record, checked: list[tuple[str, str]], since: str, compile_seconds: float, timing: Timing, load: Load
+) -> None:
     count = len(record.ok)
     failed = int(np.sum(~record.ok))
     print(f"{record.headline}, on the {jax.default_backend().upper()}")
@@ -143,7 +145,7 @@ def _report(record: Record, checked: Check, since: str, compile_seconds: float, 
     clock = user_clock().name + (f" on {cores()} cores" if cores() > 1 else " on one core")
     warning = load.warning()
     for name, value in (
-        *checked.parts,
+        *checked,
         ("energy error, largest relative", record.energy_change.in_words),
         ("momentum error, largest relative", record.momentum_change.in_words),
         ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),

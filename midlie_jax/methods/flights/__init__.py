@@ -12,7 +12,7 @@ from types import ModuleType
 from ..._kernel import components as components
 from ..._kernel import short_series as short_series
 from ...model.bodies import RigidBody
-from ..inertia import Inertia as Inertia
+from ...model.inertia import Inertia as Inertia
 from ..listing import Listing
 from .base import Flight as Flight
 from .jacobi import Jacobi as Jacobi

@@ -9,7 +9,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.verdict import as_verdict, is_fine
-from ...model.bodies import Particles, RigidBody
+from ...model.bodies import Body
 
 
 class Flight(eqx.Module):
@@ -39,7 +39,7 @@ class Flight(eqx.Module):
     order: ClassVar[int | None]
     symplectic: ClassVar[bool]
     symmetric: ClassVar[bool] = True
-    body: ClassVar[type[RigidBody] | type[Particles]]
+    body: ClassVar[type[Body]]
     equal_moments: ClassVar[bool] = False
     solves: ClassVar[int] = 0
     per_loop: ClassVar[int]
@@ -48,13 +48,13 @@ class Flight(eqx.Module):
     one_loop: ClassVar[bool] = True
     reach: ClassVar[float] = math.inf
 
-    def fitted(self, moments: Array) -> "Flight":
-        """This flight specialised to bodies with these moments, (..., 3), which must be known, not traced.
+    def fitted(self, body: Body) -> "Flight":
+        """This flight specialised to a body in its principal axes, or to a batch of bodies.
 
         Raises:
-            ValueError: the flight cannot move a body with these moments.
+            ValueError: the numbers of the body are known, not traced, and the flight cannot move it.
         """
-        del moments
+        del body
         return self
 
     def moves(self, moments: Array) -> bool:
@@ -78,7 +78,7 @@ class Flight(eqx.Module):
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
-        return cp.norm(inertia.velocity(momentum))
+        return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
         """The flight of a state without a pose (`MomentumState`), which needs no increment.

@@ -13,8 +13,8 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ...model.bodies import RigidBody
+from ...model.inertia import Inertia
 from ...model.state import AnyState
-from ..inertia import Inertia
 from .base import JudgedFlight
 from .turn_tangent import Changes, with_zeros
 
@@ -85,11 +85,10 @@ class ExactFlight(JudgedFlight):
         momentum: cp.Vector,
         pose: Any,
         no_step: Array,
-        t: Array,
         known: Known | None = None,
     ) -> tuple[Flown, Any]:
         """`fly`, and with it the pose after the flight, `kind.turn`, whose derivative is shorter than that of both."""
-        return _carry(self, kind, inertia, h, momentum, known, pose, no_step, t)
+        return _carry(self, kind, inertia, h, momentum, known, pose, no_step)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -130,19 +129,18 @@ def _carry(
     known: Known | None,
     pose: Any,
     no_step: Array,
-    t: Array,
 ) -> tuple[Flown, Any]:
     flown = _fly(flight, inertia, h, momentum, known)
-    return flown, kind.turn(pose, flown.increment, no_step, t) if known is None else known.pose
+    return flown, kind.turn(pose, flown.increment, no_step) if known is None else known.pose
 
 
 def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
     """The pose at the start turns by chi and by its own change, and both are carried along by the flight."""
-    *_, pose, no_step, t = primals
+    *_, pose, no_step = primals
     flown, end = _carry(flight, kind, *primals)
     flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)
     both = jax.tree.map(jnp.add, with_zeros(tangents[4], pose), kind.rate(pose, chi))
-    _, end_dot = jax.jvp(lambda pose: kind.turn(pose, flown.increment, no_step, t), (pose,), (both,))
+    _, end_dot = jax.jvp(lambda pose: kind.turn(pose, flown.increment, no_step), (pose,), (both,))
     return (flown, end), (flown_dot, end_dot)
 
 

@@ -38,7 +38,7 @@ from ..._kernel import components as cp
 from ..._kernel.short_series import half_angle, half_turn
 from ..._kernel.verdict import verdict
 from ..._kernel.weierstrass import step_functions
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 from .exact import ExactFlight, Flown
 from .jacobi_momentum import Invariants, lag, momentum_change
 from .turn_tangent import Changes, turn_of

@@ -23,7 +23,7 @@ from jax import Array
 
 from ..._kernel import components as cp
 from ..._kernel.weierstrass import moment_functions, sigma_functions
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 
 # The square of the relative change of the momentum below which a change counts as short: an error of its length, even
 # if every one of 1e5 steps repeats it, shows less than the other roundings.

@@ -22,7 +22,7 @@ from ..._kernel.fusion import split
 from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, LARGEST_TURN, arctangent, arctangent_slope, share_of_one
 from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 from .base import JudgedFlight
 
 # By dtype: the number of Newton steps with the plain Jacobian, then with each full Jacobian. They suffice for

@@ -23,7 +23,7 @@ from ..._kernel.fusion import split
 from ..._kernel.newton import newton_pairs
 from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 from .base import JudgedFlight
 
 # Pairs of Newton steps from the explicit guess; enough for h |Omega| <= 0.7, where two roots come close to each other.

@@ -12,7 +12,7 @@ from ..._kernel import components as cp
 from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, spin
 from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 from .base import JudgedFlight
 from .symmetric import bounded, larger_rate, symmetric_turn
 

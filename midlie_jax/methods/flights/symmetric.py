@@ -16,7 +16,8 @@ from jax import Array
 from ..._kernel import components as cp
 from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle
 from ..._kernel.verdict import verdict
-from ..inertia import Inertia
+from ...model.bodies import Body
+from ...model.inertia import Inertia
 from .exact import ExactFlight, Flown
 from .symmetric_tangent import Functions, Turning
 from .turn_tangent import Changes, is_zero, with_zeros
@@ -44,12 +45,15 @@ class Symmetric(ExactFlight):
     per_kernel: ClassVar[int] = 4
     reach: ClassVar[float] = WIDEST_TURN
 
-    def fitted(self, moments: Array) -> "Symmetric":
-        """This flight with the axis of symmetry fixed, if all bodies with these moments, (..., 3), share an axis.
+    def fitted(self, body: Body) -> "Symmetric":
+        """This flight with the axis of symmetry fixed, if all of a batch of rigid bodies share an axis.
 
         Raises:
             ValueError: no two moments of a body are equal.
         """
+        moments = getattr(body, "moments", None)
+        if moments is None or cp.is_traced(moments):
+            return self
         a, b, c = (1 / np.asarray(moments)[..., k] for k in range(3))
         equal = {2: _equal(a, b), 0: _equal(b, c), 1: _equal(c, a)}  # axis 2 comes first and is chosen for a ball
         if not np.all(equal[0] | equal[1] | equal[2]):

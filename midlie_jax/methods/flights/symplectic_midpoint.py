@@ -20,7 +20,7 @@ from ..._kernel.newton import newton_pairs
 from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, stumpff
 from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 from .base import JudgedFlight
 from .lie_midpoint import free_start
 

@@ -12,7 +12,7 @@ from ..._kernel import components as cp
 from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, spin
 from ..._kernel.verdict import verdict
 from ...model.bodies import RigidBody
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 from .base import JudgedFlight
 
 # Index of the axis and fraction of h, for each rotation.

@@ -25,7 +25,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from ..._kernel import components as cp
-from ..inertia import Inertia
+from ...model.inertia import Inertia
 
 # The square of a turn, in radians, that is too small for any derivative but that with respect to the momentum.
 _NO_TURN = {"float64": 1e-280, "float32": 1e-28}

@@ -48,8 +48,8 @@ class AKW(Implicit):
         rate = cp.add(cp.cross(*mean_and_turn(cp.scale(0, motion.momentum))), cp.scale(h, force))
         half, remaining = newton(residual, cp.scale(0.5, rate), ITERATIONS)
         turn = mean_and_turn(half)[1]
-        end = system.pushed(motion, cp.scale(2, half), t0)
-        end = Motion(end.momentum, system.turned(end.pose, _cayley(turn), t0, h))
+        end = system.pushed(motion, cp.scale(2, half))
+        end = Motion(end.momentum, system.turned(end.pose, _cayley(turn), h))
         ok = verdict(converged(remaining, end.momentum, motion.momentum), (cp.dot(turn, turn), 4 * LARGEST_SQUARE))
         return end, system.force(t1, end), ok
 

@@ -44,10 +44,10 @@ class NewmarkBody(Implicit):
         ahead = cp.add(motion.momentum, cp.scale(0.5, impulse))
         w = cp.scale(h / 2, system.velocity(ahead))
         half = half_turn(w)
-        turned = Motion(motion.momentum, system.turned(motion.pose, cp.square(half), t0, h))
+        turned = Motion(motion.momentum, system.turned(motion.pose, cp.square(half), h))
 
         def end(end_impulse: cp.Vector) -> Motion[cp.Vector, Any]:
-            return system.pushed(turned, cp.scale(0.5, cp.add(impulse, end_impulse)), t0)
+            return system.pushed(turned, cp.scale(0.5, cp.add(impulse, end_impulse)))
 
         # The torque is evaluated once for all iterations, unless it reads the momentum, which is the unknown.
         torque = None if system.reads_momentum else system.force(t1, turned)

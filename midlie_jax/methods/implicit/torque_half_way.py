@@ -10,8 +10,8 @@ from ..._kernel import components as cp
 from ..._kernel.newton import newton
 from ..._kernel.short_series import half_turn
 from ..._kernel.verdict import verdict
+from ...model.inertia import Inertia
 from ..flights.lie_midpoint import free_start
-from ..inertia import Inertia
 from ..system import Motion, System
 from .base import ITERATIONS, Implicit, converged
 
@@ -55,9 +55,9 @@ class TorqueHalfWay(Implicit):
         w, remaining = newton(residual, free_start(double, y), ITERATIONS)
         half, torque_impulse = impulse(w)
         turned = cp.rotation_change(cp.conjugate(cp.square(half)), motion.momentum)
-        end = system.pushed(motion, cp.add(turned, cp.rotate_back(half, torque_impulse)), t0)
+        end = system.pushed(motion, cp.add(turned, cp.rotate_back(half, torque_impulse)))
         bounds = _bounds_of_single_root(inertia, h, w, motion.momentum, end.momentum)
-        end = Motion(end.momentum, system.turned(end.pose, cp.square(half), t0, h))
+        end = Motion(end.momentum, system.turned(end.pose, cp.square(half), h))
         return end, None, verdict(converged(remaining, cp.times(double, w), y), *bounds)
 
 

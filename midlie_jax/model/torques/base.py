@@ -17,9 +17,8 @@ from ..._kernel import components as cp
 from ..._kernel.checks import require_function
 from ..bodies import RigidBody, TensorBody
 from ..state import Time
-from ..states import DirectionState
 
-TorqueLike = Callable[[Any, Any], Array]
+TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
 
 class Torque(eqx.Module):
@@ -115,8 +114,9 @@ class Sum(Torque):
         for term in self.terms:
             require_function("a torque", term, "t, state")
 
-    def __call__(self, t: Time, state: Any) -> Array:
-        return sum((term(t, state) for term in self.terms[1:]), start=self.terms[0](t, state))
+    def __call__(self, t: Time, state: Any) -> Any:
+        forces = [term(t, state) for term in self.terms]
+        return jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *forces)
 
     def potential(self, t: Time, state: Any) -> Array:
         parts = [potential_of(term)(t, state) for term in self.terms]
@@ -169,21 +169,21 @@ class FromPotential(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state")
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         kind = type(state)
         momentum, pose = state.parts()
         gradient = jax.grad(lambda p: self.function(t, kind.join(momentum, p)))(pose)
         # dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
         # is the transpose of `rate`, applied to the gradient.
         (neg_torque,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(gradient)
-        return jax.tree.map(jnp.negative, neg_torque) if isinstance(neg_torque, jax.Array) else -cp.pack(neg_torque)
+        return jax.tree.map(jnp.negative, cp.packed(neg_torque))
 
     def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
         """The direction of a `DirectionState`, on which alone the potential depends."""
-        return cp.vector(state.direction) if isinstance(state, DirectionState) else None
+        return state.fixed_direction()
 
 
 class VelocityDependent(Torque):
@@ -206,7 +206,7 @@ class VelocityDependent(Torque):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state")
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         return self.function(t, state)
 
     @property
@@ -232,7 +232,7 @@ class ReadsBody(Torque):
     def on(self, body: Any) -> Torque:
         return OnBody(self, body)
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body)(t, state).")
 
     def potential(self, t: Time, state: Any) -> Array:
@@ -250,7 +250,7 @@ class OnBody(Torque):
     torque: ReadsBody
     body: RigidBody | TensorBody
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         return self.torque.at(t, state, self.body)
 
     def potential(self, t: Time, state: Any) -> Array:

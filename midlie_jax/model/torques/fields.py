@@ -14,7 +14,6 @@ from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, 
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
 from ..state import AnyState, Time
-from ..states import DirectionState
 from .base import ReadsBody, Torque
 
 
@@ -175,6 +174,6 @@ def to_body_components(vector: Array | Callable[[Any], Array], t: Time, state: A
 
 def require_all_directions(state: AnyState) -> Any:
     """The state itself; a ValueError for a `DirectionState`, which can convert vectors of one space direction only."""
-    if isinstance(state, DirectionState):
+    if state.fixed_direction() is not None:
         raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
     return state

@@ -12,10 +12,11 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, require_finite
-from .state import Value
-from .states import RigidState, shift_change, turn_change
+from ..._kernel import components as cp
+from ..._kernel.checks import as_floats, require_finite
+from ..state import Described
+from .momentum import BODY_MOMENTUM
+from .rigid import RigidState, shift_change, turn_change
 
 
 class CompensatedPose(NamedTuple):
@@ -47,6 +48,7 @@ class CompensatedState(RigidState):
     low_momentum: Float[Array, "*batch 3"]
     low_attitude: Float[Array, "*batch 4"]
     long_sums: ClassVar[bool] = True
+    pose_is_attitude: ClassVar[bool] = False
 
     def __init__(self, momentum: Any, attitude: Any, low_momentum: Any = None, low_attitude: Any = None):
         momentum, attitude = as_floats("momentum", momentum, (3,)), as_floats("attitude", attitude, (4,))
@@ -64,8 +66,7 @@ class CompensatedState(RigidState):
         return cls(cp.pack(momentum), attitude, low_momentum, low_attitude)
 
     @staticmethod
-    def push(momentum: cp.Vector, pose: Any, change: cp.Vector, t: Array) -> tuple[cp.Vector, Any]:
-        del t
+    def push(momentum: cp.Vector, pose: Any, change: cp.Vector) -> tuple[cp.Vector, Any]:
         momentum, low = cp.compensated(momentum, pose.low_momentum, change)
         return momentum, pose._replace(low_momentum=low)
 
@@ -78,13 +79,11 @@ class CompensatedState(RigidState):
         )
 
     @staticmethod
-    def turn(pose: Any, increment: cp.Quaternion, no_step: Array, t: Array) -> Any:
-        del t
+    def turn(pose: Any, increment: cp.Quaternion, no_step: Array) -> Any:
         return _changed(pose, turn_change(pose.attitude, increment, no_step))
 
     @staticmethod
-    def shift(pose: Any, change: Any, no_step: Array, t: Array) -> Any:
-        del t
+    def shift(pose: Any, change: Any, no_step: Array) -> Any:
         return _changed(pose, shift_change(pose.attitude, change.attitude, no_step))
 
     @staticmethod
@@ -93,8 +92,17 @@ class CompensatedState(RigidState):
         return CompensatedPose(RigidState.rate(pose.attitude, velocity), (zero, zero, zero, zero), (zero, zero, zero))
 
     @classmethod
-    def evaluate(cls, function: Any, t: Array, momentum: cp.Vector, pose: Any) -> Value:
+    def evaluate(cls, function: Any, t: Array, momentum: cp.Vector, pose: Any) -> tuple[Any, Any]:
         return RigidState.evaluate(function, t, momentum, pose.attitude)
+
+    @classmethod
+    def described(cls) -> Described:
+        lost = "what rounding has lost of the {}, to be added to it"
+        attitude = {"long_name": lost.format("attitude"), "units": "1", "frame": "body to space"}
+        return super().described() | {
+            "low_momentum": (("axis",), BODY_MOMENTUM | {"long_name": lost.format("momentum")}),
+            "low_attitude": (("quaternion",), attitude),
+        }
 
 
 def _changed(pose: CompensatedPose, change: cp.Quaternion) -> CompensatedPose:

@@ -1,12 +1,11 @@
 """`Inertia`: the principal moments of a rigid body, and the constants that flights compute from them once per run."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
 from .._kernel import components as cp
-from ..model.bodies import RigidBody
 
 _LARGEST_START = 12.0  # the largest h |Omega| at the start of a flight, in radians
 
@@ -38,7 +37,8 @@ class Inertia(NamedTuple):
     middle: cp.Vector
 
     @classmethod
-    def of(cls, body: RigidBody) -> "Inertia":
+    def of(cls, body: Any) -> "Inertia":
+        """Of a body with principal `moments`, (..., 3)."""
         a, b, c = moments = cp.vector(body.moments)
         largest = cp.largest(moments)
         per_unit = 1 / largest
@@ -85,6 +85,18 @@ class Inertia(NamedTuple):
         return cp.times(
             cp.times(scaled, (momentum[1], momentum[2], momentum[0])), (momentum[2], momentum[0], momentum[1])
         )
+
+    def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
+        """|h Omega|^2, of the angle by which the body turns in a short time h."""
+        turn = cp.scale(h, self.velocity(momentum))
+        return cp.dot(turn, turn)
+
+    def nutation(self, momentum: cp.Vector) -> Array:
+        """|Pi| over the mean of the two moments that are nearest to each other."""
+        moments = jnp.sort(cp.pack(self.moments))
+        low_pair = moments[1] - moments[0] < moments[2] - moments[1]
+        mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
+        return cp.norm(momentum) / mean
 
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
         """h times the momentum, in units of the largest moment: the turn of a ball with that moment."""

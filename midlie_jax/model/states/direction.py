@@ -1,0 +1,115 @@
+"""`DirectionState`: momentum and one direction of space."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._kernel import components as cp
+from ..._kernel.checks import as_floats, is_unit, require, require_finite
+from ..state import BodyState, Described
+from .length import length_correction
+from .momentum import BODY_MOMENTUM
+
+
+class DirectionState(BodyState[cp.Vector]):
+    """The state of a rigid body in a field with one fixed direction d in space: six numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+        direction: the unit vector d in body components, R^T d, (..., 3). For `HeavyTop` d is the upward vertical, for
+            `DipoleInField` the direction of the field.
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, or a direction whose length is not 1 to 1e-3.
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    direction: Float[Array, "*batch 3"]
+
+    def __init__(self, momentum: Any, direction: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        self.direction = as_floats("direction", direction, (3,))
+        self.check_batch()
+        require_finite("momentum", self.momentum)
+        require("direction", self.direction, is_unit, "must be a unit vector", "divide it by its norm.")
+
+    def parts(self) -> tuple[cp.Vector, cp.Vector]:
+        return cp.vector(self.momentum), cp.vector(self.direction)
+
+    @classmethod
+    def join(cls, momentum: cp.Vector, pose: cp.Vector) -> "DirectionState":
+        return cls(cp.pack(momentum), cp.pack(pose))
+
+    @staticmethod
+    def rotate(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
+        return cp.rotate_back(increment, pose)
+
+    @staticmethod
+    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
+        correction = length_correction(cp.dot(pose, pose), no_step)
+        change = cp.rotation_change(cp.conjugate(increment), pose)
+        # The length is corrected along the new pose; along another direction, errors of the length would grow.
+        return cp.add(pose, cp.add(change, cp.scale(correction, cp.add(pose, change))))
+
+    @staticmethod
+    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
+        new_pose = cp.add(pose, change)
+        correction = length_correction(cp.dot(new_pose, new_pose), no_step)
+        return cp.add(pose, cp.add(change, cp.scale(correction, new_pose)))
+
+    @staticmethod
+    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(pose, velocity)
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """The body components of a space vector, which must point in the direction d of the field."""
+        return cp.scale(cp.norm(vector), cp.vector(self.direction))
+
+    def vertical(self) -> cp.Vector:
+        """The space z axis in body components, provided that the direction d is the space z axis."""
+        return cp.vector(self.direction)
+
+    def fixed_direction(self) -> cp.Vector:
+        """The direction d in body components."""
+        return cp.vector(self.direction)
+
+    def normalised(self) -> "DirectionState":
+        length = jnp.sqrt(jnp.sum(self.direction**2, axis=-1, keepdims=True))
+        return eqx.tree_at(lambda s: s.direction, self, self.direction / length)
+
+    def plus(self, increment: Array) -> "DirectionState":
+        """The momentum changed by increment[..., :3], and the direction turned by the angle increment[..., 3:], (2,).
+
+        The second is a vector in the plane across the direction, along two axes that depend on the direction alone.
+        """
+        across = increment[..., 3:4] * _across(self.direction)[0] + increment[..., 4:5] * _across(self.direction)[1]
+        angle = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True))
+        turned = jnp.cos(angle) * self.direction + jnp.sinc(angle / jnp.pi) * across
+        return DirectionState(self.momentum + increment[..., :3], turned)
+
+    def minus(self, other: Any) -> Array:
+        """The change of the momentum, and the turn (2,) of the direction, from another state to this one."""
+        cosine = jnp.sum(self.direction * other.direction, axis=-1, keepdims=True)
+        across = self.direction - cosine * other.direction
+        sine = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True))
+        turn = across / jnp.where(sine == 0, 1, jnp.sinc(jnp.arctan2(sine, cosine) / jnp.pi))
+        along = [jnp.sum(turn * axis, axis=-1, keepdims=True) for axis in _across(other.direction)]
+        return jnp.concatenate([self.momentum - other.momentum, *along], axis=-1)
+
+    @classmethod
+    def described(cls) -> Described:
+        direction = {"long_name": "space z axis in body components", "units": "1", "frame": "body"}
+        return {"momentum": (("axis",), BODY_MOMENTUM), "direction": (("axis",), direction)}
+
+
+def _across(direction: Array) -> tuple[Array, Array]:
+    """Two unit vectors across a unit vector and each other, (..., 3); smooth but at one direction (J. R. Frisvad)."""
+    x, y, z = (direction[..., i : i + 1] for i in range(3))
+    sign = jnp.where(z < 0, -1, 1).astype(direction.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = jnp.concatenate([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    return first, jnp.concatenate([b, sign + y * y * a, -y], axis=-1)

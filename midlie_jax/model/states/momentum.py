@@ -1,0 +1,63 @@
+"""`MomentumState`, and how files describe a momentum in the body frame."""
+
+from typing import Any, ClassVar
+
+from jax import Array
+from jaxtyping import Float
+
+from ..._kernel import components as cp
+from ..._kernel.checks import as_floats, require_finite
+from ..state import BodyState, Described
+
+BODY_MOMENTUM = {
+    "long_name": "angular momentum in the body frame, about the fixed point or the centre of mass",
+    "units": "mass length2 time-1",
+    "frame": "body",
+}
+
+
+class MomentumState(BodyState[tuple[()]]):
+    """The state of a rigid body without its attitude: three numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    has_pose: ClassVar[bool] = False
+
+    def __init__(self, momentum: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        require_finite("momentum", self.momentum)
+
+    def parts(self) -> tuple[cp.Vector, tuple[()]]:
+        return cp.vector(self.momentum), ()
+
+    @classmethod
+    def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "MomentumState":
+        del pose
+        return cls(cp.pack(momentum))
+
+    @staticmethod
+    def rotate(pose: tuple[()], increment: cp.Quaternion) -> tuple[()]:
+        del increment
+        return pose
+
+    @staticmethod
+    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
+        del increment, no_step
+        return pose
+
+    @staticmethod
+    def shift(pose: tuple[()], change: tuple[()], no_step: Array) -> tuple[()]:
+        del change, no_step
+        return pose
+
+    @staticmethod
+    def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
+        del velocity
+        return pose
+
+    @classmethod
+    def described(cls) -> Described:
+        return {"momentum": (("axis",), BODY_MOMENTUM)}

@@ -1,0 +1,93 @@
+"""`ParticleState`: momenta and positions, as arrays of any shape."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._kernel.checks import as_floats, require_finite
+from ..bodies import Particles
+from ..state import Described, State
+
+
+class ParticleState(State[Array, Array]):
+    """Positions and momenta of particles.
+
+    Attributes:
+        momentum: p, of any shape, such as (n,).
+        position: u, of the same shape.
+
+    Raises:
+        ValueError: different shapes, wrong dtypes, or NaN or infinity.
+    """
+
+    momentum: Float[Array, "..."]
+    position: Float[Array, "..."]
+    body: ClassVar[type] = Particles
+    own_axes: ClassVar[int] = 0  # the arrays can have any shape, so no axes are known to be a batch
+
+    def __init__(self, momentum: Any, position: Any):
+        self.momentum = as_floats("momentum", momentum)
+        self.position = as_floats("position", position)
+        require_finite("momentum", self.momentum)
+        require_finite("position", self.position)
+        if self.momentum.shape != self.position.shape:
+            raise ValueError(f"momentum {self.momentum.shape} and position {self.position.shape} must have one shape.")
+
+    def parts(self) -> tuple[Array, Array]:
+        return self.momentum, self.position
+
+    @classmethod
+    def join(cls, momentum: Array, pose: Array) -> "ParticleState":
+        return cls(momentum, pose)
+
+    @staticmethod
+    def rotate(pose: Array, increment: Array) -> Array:
+        return pose + increment
+
+    @staticmethod
+    def turn(pose: Array, increment: Array, no_step: Array) -> Array:
+        del no_step
+        return pose + increment
+
+    @staticmethod
+    def shift(pose: Array, change: Array, no_step: Array) -> Array:
+        del no_step
+        return pose + change
+
+    @staticmethod
+    def rate(pose: Array, velocity: Array) -> Array:
+        del pose
+        return velocity
+
+    @staticmethod
+    def momentum_rate(momentum: Array, velocity: Array, force: Array) -> Array:
+        del momentum, velocity
+        return force
+
+    @staticmethod
+    def components(arrays: Any) -> Any:
+        return arrays
+
+    @classmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Array, pose: Array) -> tuple[Any, Any]:
+        value = function(t, cls.join(momentum, pose))
+        return value, jax.ShapeDtypeStruct(jnp.shape(value), jnp.result_type(value))
+
+    def plus(self, increment: Array) -> "ParticleState":
+        momentum, position = jnp.split(increment, 2, axis=-1)
+        shape = self.momentum.shape
+        return ParticleState(self.momentum + momentum.reshape(shape), self.position + position.reshape(shape))
+
+    def minus(self, other: Any) -> Array:
+        return jnp.concatenate([(self.momentum - other.momentum).ravel(), (self.position - other.position).ravel()])
+
+    @classmethod
+    def described(cls) -> Described:
+        return {
+            "momentum": ((), {"long_name": "linear momentum", "units": "mass length time-1", "frame": "space"}),
+            "position": ((), {"long_name": "position", "units": "length", "frame": "space"}),
+        }

@@ -1,0 +1,159 @@
+"""`RigidState`: momentum and attitude."""
+
+from typing import Any, ClassVar, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._kernel import components as cp
+from ..._kernel.checks import as_floats, is_unit, require, require_finite
+from .. import so3
+from ..state import AnyState, BodyState, Described
+from .length import length_correction
+from .momentum import BODY_MOMENTUM
+
+
+class RigidState(BodyState[cp.Quaternion]):
+    """The momentum and attitude of a rigid body: seven numbers.
+
+    Attributes:
+        momentum: body-frame angular momentum Pi, (..., 3).
+        attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    attitude: Float[Array, "*batch 4"]
+    pose_is_attitude: ClassVar[bool] = True
+
+    def __init__(self, momentum: Any, attitude: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        self.attitude = as_floats("attitude", attitude, (4,))
+        self.check_batch()
+        require_finite("momentum", self.momentum)
+        require("attitude", self.attitude, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
+
+    def parts(self) -> tuple[cp.Vector, cp.Quaternion]:
+        return cp.vector(self.momentum), cp.quaternion(self.attitude)
+
+    @classmethod
+    def join(cls, momentum: cp.Vector, pose: cp.Quaternion) -> "RigidState":
+        return cls(cp.pack(momentum), cp.pack(pose))
+
+    @staticmethod
+    def rotate(pose: cp.Quaternion, increment: cp.Quaternion) -> cp.Quaternion:
+        return cp.multiply(pose, increment)
+
+    @staticmethod
+    def turn(pose: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+        return _turn(pose, increment, no_step)
+
+    @staticmethod
+    def shift(pose: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+        return cp.tree_add(pose, shift_change(pose, change, no_step))
+
+    @staticmethod
+    def rate(pose: cp.Quaternion, velocity: cp.Vector) -> cp.Quaternion:
+        w, x, y, z = pose
+        a, b, c = cp.scale(0.5, velocity)
+        return (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """The body components of a vector in the space frame, R^T vector."""
+        return cp.rotate_back(cp.quaternion(self.attitude), vector)
+
+    def vertical(self) -> cp.Vector:
+        """The space z axis in body components: the last row of R."""
+        w, x, y, z = cp.quaternion(self.attitude)
+        return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
+
+    def normalised(self) -> "RigidState":
+        length = jnp.sqrt(jnp.sum(self.attitude**2, axis=-1, keepdims=True))
+        return eqx.tree_at(lambda s: s.attitude, self, self.attitude / length)
+
+    def plus(self, increment: Array) -> "RigidState":
+        """The momentum changed by increment[..., :3], and turned by the rotation vector increment[..., 3:]."""
+        attitude = so3.multiply(self.attitude, so3.exp(increment[..., 3:]))
+        return type(self)(self.momentum + increment[..., :3], attitude)
+
+    def minus(self, other: Any) -> Array:
+        """The change of the momentum and the rotation vector, body frame, from another state to this one: (..., 6)."""
+        turn = so3.log(so3.multiply(so3.conjugate(other.attitude), self.attitude))
+        return jnp.concatenate([self.momentum - other.momentum, turn], axis=-1)
+
+    def sizes(self) -> tuple[Array, Array]:
+        """The difference of two unit quaternions is half the angle between them."""
+        return jnp.sqrt(jnp.sum(self.momentum**2)), 2 * jnp.sqrt(jnp.sum(self.attitude**2))
+
+    @classmethod
+    def described(cls) -> Described:
+        attitude = {
+            "long_name": "unit quaternion, scalar first, that takes body components to space components",
+            "units": "1",
+            "frame": "body to space",
+        }
+        return {"momentum": (("axis",), BODY_MOMENTUM), "attitude": (("quaternion",), attitude)}
+
+
+def with_attitude(state: AnyState) -> RigidState:
+    """The state itself, if it has an attitude; a ValueError for any other state."""
+    if not hasattr(state, "attitude"):
+        raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
+    return cast(RigidState, state)
+
+
+def attitude_of(state: AnyState) -> Array:
+    """The attitude (..., 4) of a state; a ValueError for one without."""
+    return with_attitude(state).attitude
+
+
+@jax.custom_jvp
+def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+    """`RigidState.turn`, whose derivative needs no product of attitude and increment."""
+    return cp.tree_add(attitude, turn_change(attitude, increment, no_step))
+
+
+def _turn_tangent(primals: Any, tangents: Any) -> tuple[cp.Quaternion, cp.Quaternion]:
+    """The turned attitude is (1 + k) q Q, where the correction k of the length changes by -q . dq."""
+    (q, increment, no_step), (dq, d_increment, _) = primals, tangents
+    k = length_correction(_square(q), no_step)
+    along = jnp.where(no_step, jnp.zeros_like(k), q[0] * dq[0] + cp.dot(q[1:], dq[1:]))
+    factor = 1 + k
+    w, x, y, z = (factor * dot - along * part for part, dot in zip(q, dq, strict=True))
+    turned, own = cp.multiply((w, x, y, z), increment), cp.multiply(q, d_increment)
+    w, x, y, z = (a + factor * b for a, b in zip(turned, own, strict=True))
+    return _turn(q, increment, no_step), (w, x, y, z)
+
+
+_turn.defjvp(_turn_tangent)
+
+
+def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+    """What `RigidState.turn` adds to the attitude.
+
+    The product is computed as a change of the attitude and rounded only once. Rounding the product and then its length
+    would turn the attitude slightly, and in the same direction at every step. The correction accounts for the lengths
+    of both factors.
+    """
+    correction = length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
+    w, x, y, z = increment
+    factor = 1 + correction
+    return cp.multiply(attitude, ((w - 1) * factor + correction, factor * x, factor * y, factor * z))
+
+
+def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
+    """What `RigidState.shift` adds to the attitude: the change, and a correction of the length."""
+    w, x, y, z = (p + c for p, c in zip(attitude, change, strict=True))
+    k = length_correction(_square((w, x, y, z)), no_step)
+    a, b, c, d = change
+    return a + k * w, b + k * x, c + k * y, d + k * z
+
+
+def _square(q: cp.Quaternion) -> Array:
+    """The squared length |q|^2."""
+    return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]

@@ -1,0 +1,213 @@
+"""A kind of body and state from outside the package, `travelling.py`, through every driver.
+
+It falls in a uniform field, is drawn to the origin the more the further its axis is turned there, and has gravity on
+its axis: neither its place nor its attitude moves by itself.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import numbers, quick, whole
+from scipy.integrate import solve_ivp
+from travelling import Momenta, Place, Travel, Traveller, Travelling
+
+import midlie_jax as ml
+
+BODY = Traveller(jnp.array([1.0, 2.0, 2.5]), jnp.array(3.0))
+START = Travelling(
+    jnp.array([1.0, 0.8, -1.3]),
+    ml.so3.exp(jnp.array([0.3, -0.2, 0.1])),
+    jnp.array([3.0, 6, 9]),
+    jnp.array([0.5, 0.2, 2]),
+)
+SPAN = 0.64
+
+
+def potential(weight, t, state):
+    frame = ml.so3.to_matrix(state.attitude)
+    return 29.43 * state.position[2] + weight * frame[2, 2] + 0.5 * jnp.sum(state.position**2) * frame[0, 1]
+
+
+def pull(weight=2.0):
+    return ml.torques.FromPotential(jax.tree_util.Partial(potential, jnp.asarray(weight)))
+
+
+def end(method, steps, weight=2.0, torque=True, **options):
+    method = ml.method(Travel(), method) if method in ("EA", "CHIN4A", "SRKN6b") else method
+    force = pull(weight) if torque else None
+    return ml.integrate(method, BODY, force, START, dt=SPAN / steps, steps=steps, save_every=steps, **options)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The end of the motion by SciPy on the 13 numbers; the force by the package's derivative of the potential."""
+
+    @jax.jit
+    def rate(y):
+        state = Travelling(y[:3], y[3:7], y[7:10], y[10:])
+        force = pull()(0.0, state)
+        velocity = BODY.velocity(Momenta(state.momentum, state.linear))
+        quaternion = ml.so3.multiply(state.attitude, jnp.concatenate([jnp.zeros(1), velocity.angular])) / 2
+        turning = jnp.cross(state.momentum, velocity.angular) + force.angular
+        return jnp.concatenate([turning, quaternion, force.linear, velocity.linear])
+
+    y0 = np.concatenate(jax.tree.leaves(START))
+    return solve_ivp(lambda t, y: rate(y), (0, SPAN), y0, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+
+
+def error(state, truth):
+    return float(np.max(np.abs(np.concatenate([np.asarray(x).reshape(-1) for x in jax.tree.leaves(state)]) - truth)))
+
+
+def test_it_takes_sixty_lines():
+    text = Path(__file__).with_name("travelling.py").read_text()
+    assert sum(bool(line.strip()) for line in text.splitlines()) <= 60
+    page = (Path(__file__).parent.parent / "docs" / "extending.md").read_text()
+    assert text.split("import midlie_jax as ml\n", 1)[1].strip() in page
+
+
+def test_a_free_one_moves_as_two_bodies_would():
+    path = numbers(quick(partial(end, "EA", 16, torque=False))())
+    alone = ml.integrate(
+        "JACOBI[EA]",
+        ml.RigidBody(BODY.moments),
+        None,
+        ml.RigidState(START.momentum, START.attitude),
+        dt=SPAN / 16,
+        steps=16,
+    )
+    np.testing.assert_allclose(path.states.attitude[-1], alone.states.attitude[-1], atol=1e-14)
+    np.testing.assert_allclose(path.states.position[-1], START.position + SPAN / 3 * START.linear, atol=1e-14)
+    np.testing.assert_array_equal(path.states.linear[-1], START.linear)
+
+
+@pytest.mark.parametrize(
+    ("method", "order"), [("EA", 2), *whole(("CHIN4A", 4), ("SRKN6b", 6)), ("RK4", 4), *whole(("GBS12", 12))]
+)
+def test_methods_have_their_order(method, order, truth):
+    steps = 2 if method == "GBS12" else 16
+    paths = [quick(partial(end, method, n))() for n in (steps, 2 * steps)]
+    coarse, fine = (error(jax.tree.map(lambda x: x[-1], path.states), truth) for path in paths)
+    assert all(path.ok for path in paths)
+    assert fine < 1e-3
+    assert np.log2(coarse / fine) > order - 0.7
+
+
+def test_the_energy_is_kept_by_a_symplectic_method():
+    path = quick(
+        lambda: ml.integrate(ml.method(Travel(), "EA"), BODY, pull(), START, dt=0.01, steps=400, save_every=10)
+    )()
+    energies = np.asarray(ml.energy(BODY, pull(), path))
+    assert path.ok
+    assert np.ptp(energies) < 3e-3 * np.ptp(np.asarray(ml.kinetic_energy(BODY, path.states)))
+
+
+def test_ensemble_simulate_and_a_split_run_give_the_run_of_one(tmp_path):
+    many = jax.tree.map(lambda x: jnp.stack([x, x, x]), START)
+    run = {"dt": 0.01, "steps": 64, "save_every": 32}
+    method = ml.method(Travel(), "EA")
+    one = quick(lambda: ml.integrate(method, BODY, pull(), START, **run))()
+    path = ml.ensemble(method, BODY, pull(), many, torque_axes=None, **run)
+    for x, y in zip(jax.tree.leaves(path.states), jax.tree.leaves(one.states), strict=True):
+        np.testing.assert_allclose(x, np.broadcast_to(y, x.shape), atol=1e-13)
+    saved = ml.simulate(method, BODY, pull(), many, out=tmp_path / "run.zarr", torque_axes=None, progress=False, **run)
+    assert saved.ok.all()
+    for x, y in zip(jax.tree.leaves(saved.states()), jax.tree.leaves(path.states), strict=True):
+        np.testing.assert_allclose(x, y, atol=1e-13)
+    middle = jax.tree.map(lambda x: x[:, 1], path.states)
+    rest = ml.ensemble(method, BODY, pull(), middle, torque_axes=None, first_step=32, dt=0.01, steps=32)
+    for x, y in zip(jax.tree.leaves(rest.states), jax.tree.leaves(path.states), strict=True):
+        np.testing.assert_array_equal(x, y[:, -1])
+
+
+def test_adaptive_steps_follow_a_density(truth):
+    path = ml.integrate_adaptive(
+        ml.method(Travel(), "EA"),
+        BODY,
+        pull(),
+        START,
+        density=lambda t, s: 1 + 0.1 * jnp.sum(s.position**2),
+        dt=0.02,
+        t1=SPAN,
+        steps=100,
+    )
+    assert path.ok
+    assert error(jax.tree.map(lambda x: x[-1], path.states), truth) < 1e-2
+
+
+@pytest.mark.parametrize("dense", ["cubic", *whole("step")])
+def test_diffrax_takes_it(dense, truth):
+    """Constant and controlled steps, dense output, and diffrax's own solver of the same term."""
+    term = ml.RigidBodyTerm(BODY, pull())
+    times = jnp.array([SPAN / 3, SPAN])
+    control = diffrax.PIDController(rtol=0, atol=1e-5, norm=ml.RotationNorm())
+    ours = diffrax.diffeqsolve(
+        term,
+        ml.LieSolver(ml.method(Travel(), "EA"), dense=dense),
+        0.0,
+        SPAN,
+        0.01,
+        START,
+        saveat=diffrax.SaveAt(ts=times),
+        stepsize_controller=control,
+    )
+    control = diffrax.PIDController(rtol=1e-10, atol=1e-10)
+    theirs = diffrax.diffeqsolve(
+        term, diffrax.Tsit5(), 0.0, SPAN, 0.01, START, saveat=diffrax.SaveAt(ts=times), stepsize_controller=control
+    )
+    for k in (0, 1):
+        a, b = (jax.tree.map(lambda x, k=k: x[k], s.ys) for s in (ours, theirs))
+        assert error(a, np.concatenate(jax.tree.leaves(b))) < 2e-3
+    assert error(jax.tree.map(lambda x: x[-1], theirs.ys), truth) < 1e-7
+
+
+@pytest.mark.parametrize(
+    "adjoint", [ml.Reversible(), *whole(ml.Checkpointed(), ml.Forward())], ids=lambda x: type(x).__name__
+)
+def test_gradients(adjoint):
+    def place(weight):
+        return end("EA", 16, weight, adjoint=adjoint).states.position[-1, 0]
+
+    derivative = jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.grad
+    found, h = float(quick(derivative(place))(2.0)), 1e-4
+    run = quick(place)
+    assert found == pytest.approx(float(run(2 + h) - run(2 - h)) / (2 * h), rel=1e-6)
+    assert abs(found) > 1e-5
+
+
+def test_check_judges_its_step():
+    method = ml.method(Travel(), "EA")
+    found = ml.check(method, BODY, pull(), START, dt=0.01, steps=100)
+    assert found.solved
+    assert found.turn > 0
+    # A spring of the strength |R_01| at most pulls the mass 3 to the origin.
+    assert 0.1 < found.rate < 20
+    assert not ml.check(method, BODY, pull(), START, dt=5.0, steps=100).sane
+
+
+def test_increments_are_added_and_found_again():
+    """By default increments are differences of the arrays."""
+    moved = START.plus(jnp.arange(13.0) / 100)
+    np.testing.assert_allclose(moved.minus(START), jnp.arange(13.0) / 100, atol=1e-15)
+
+
+def test_wrong_forces_are_refused_with_what_is_wanted():
+    def plain(t, state):
+        return jnp.zeros(3)
+
+    def short(t, state):
+        return Momenta(jnp.zeros(3), jnp.zeros(2))
+
+    for torque, message in ((plain, "must return a Momenta"), (short, r"must return float64\[3\].*got float64\[2\]")):
+        with pytest.raises(ValueError, match=message):
+            ml.integrate(ml.method(Travel(), "EA"), BODY, torque, START, dt=0.01, steps=1)
+    with pytest.raises(ValueError, match="belongs to a Traveller"):
+        ml.integrate(ml.method(Travel(), "EA"), ml.RigidBody(BODY.moments), None, START, dt=0.01, steps=1)
+    with pytest.raises(ValueError, match="moves RigidBody, but body is Traveller"):
+        ml.integrate("JACOBI[EA]", BODY, None, START, dt=0.01, steps=1)
+    assert Place._fields == ("attitude", "position")
