@@ -11,10 +11,9 @@ commit, is written again by the resumed run. A part that takes long has a file w
 
 import os
 import shutil
-import sys
 import warnings
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -66,27 +65,26 @@ class Store(Sink):
     def locked(self) -> Generator[None]:
         """Keeps other processes from writing to the store, until this one ends or leaves the context.
 
-        The operating system takes the lock from a process that is killed. On Windows there is no lock.
+        The operating system takes the lock from a process that is killed; its file is left then, and does no harm.
 
         Raises:
             ValueError: another process holds the lock.
         """
-        if sys.platform == "win32":
-            yield
-            return
-        import fcntl
+        from filelock import FileLock, Timeout
 
-        folder = os.open(self.path, os.O_RDONLY)
+        lock = FileLock(self.path / "checkpoint" / "lock")
         try:
-            try:
-                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise ValueError(
-                    f"another run is writing to {self.path}; wait for its end or choose another folder."
-                ) from None
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise ValueError(
+                f"another run is writing to {self.path}; wait for its end or choose another folder."
+            ) from None
+        try:
             yield
         finally:
-            os.close(folder)  # which releases the lock
+            with suppress(PermissionError):  # Windows removes no file that is open
+                Path(lock.lock_file).unlink(missing_ok=True)  # before the release: after it, it may be another's
+            lock.release()
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
         """Writes a part, and commits it."""
