@@ -210,13 +210,6 @@ def test_damage_is_found_named_and_repaired(tmp_path, reference, damage, file, n
     assert simulated(path, resume=True).repaired == ()
 
 
-def test_a_reader_finds_a_flipped_byte_too(tmp_path):
-    simulated(tmp_path / "run.zarr")
-    flip(tmp_path / "run.zarr/momentum/c/0/0/0")
-    with pytest.raises(ValueError, match="checksum"):
-        xarray.open_zarr(tmp_path / "run.zarr").momentum.load()
-
-
 def pulled(t, state):
     """A torque that stops being a number for a body that comes near one direction."""
     up = ml.so3.to_matrix(state.attitude)[2]
@@ -284,6 +277,36 @@ def test_one_run_at_a_time(tmp_path):
     simulated(tmp_path / "run.zarr")
     with Store(tmp_path / "run.zarr").locked(), pytest.raises(ValueError, match="another run is writing"):
         simulated(tmp_path / "run.zarr", resume=True)
+    assert simulated(tmp_path / "run.zarr", resume=True).computed == 0
+
+
+LOCKING = """
+import sys, time
+from pathlib import Path
+from midlie_jax.simulation.store import Store
+with Store(Path(sys.argv[1])).locked():
+    print("locked", flush=True)
+    time.sleep(300)
+"""
+
+
+def test_a_lock_ends_with_the_process_that_holds_it(tmp_path):
+    """While it lives another process is refused at once; once it is killed, what is left of its lock bars nobody."""
+    path = tmp_path / "run.zarr"
+    simulated(path)
+    process = subprocess.Popen([sys.executable, "-c", LOCKING, str(path)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "locked\n"
+        began = time.perf_counter()
+        with pytest.raises(ValueError, match="another run is writing"), Store(path).locked():
+            pass
+        assert time.perf_counter() - began < 5
+    finally:
+        process.kill()
+        process.communicate()
+    assert (path / "checkpoint/lock").exists()
+    assert simulated(path, resume=True).repaired == ()
+    assert not (path / "checkpoint/lock").exists()
 
 
 @pytest.mark.parametrize(

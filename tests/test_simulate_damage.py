@@ -5,6 +5,8 @@ import shutil
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import zarr
+from zarr.codecs import Crc32cCodec
 
 import midlie_jax as ml
 
@@ -69,6 +71,54 @@ def test_damage_to_any_file_is_said_in_words(stored, tmp_path, how):
     assert ml.simulation.inspect(path).damaged == ()
 
 
+def test_damage_to_the_first_bad_states_of_a_run_that_is_not_complete_is_said(tmp_path):
+    """They may be ahead of the last commit, so they are compared with both that are kept beside the states."""
+    path, written = tmp_path / "run.zarr", []
+
+    def stop(work):
+        written.append(work)
+        if len(written) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(path, "states", steps=9, progress=stop)
+    found = ml.simulation.inspect(path)
+    assert 0 < found.done < found.total
+    assert found.damaged == ()
+    zarr.open_group(path, mode="r+")["first_bad"][:2] = [10, 7]
+    assert ml.simulation.inspect(path).damaged == ("first_bad of group 0",)
+
+
+@pytest.fixture
+def of_earlier_versions(monkeypatch):
+    """Lets stores be written as by earlier versions, with a checksum at the end of each file of numbers as well."""
+    create = zarr.Group.create_array
+
+    def checked(group, name, **options):
+        sums = {"compressors": [Crc32cCodec()]} if options.get("compressors", "") is None else {}
+        return create(group, name, **{**options, **sums})
+
+    with monkeypatch.context() as patch:
+        patch.setattr(zarr.Group, "create_array", checked)
+        yield
+
+
+@pytest.mark.parametrize("how", DAMAGES)
+def test_a_store_of_an_earlier_version_is_read_checked_and_mended(tmp_path, of_earlier_versions, how):
+    path = tmp_path / "run.zarr"
+    run(path, "states")
+    file = path / "momentum/c/1/0/0"
+    assert file.stat().st_size == 2 * 2 * 3 * 8 + 4
+    with xarray.open_zarr(path) as opened:
+        expected = opened.load()
+    assert ml.simulation.inspect(path).damaged == ()
+    damage(file, how)
+    assert ml.simulation.inspect(path).damaged == ("momentum of segment 0, group 1",)
+    assert run(path, "states", resume=True).repaired == ("momentum of segment 0, group 1",)
+    with xarray.open_zarr(path) as opened:
+        assert opened.load().identical(expected)
+
+
 def inspected(path):
     try:
         return ml.simulation.inspect(path), ""
@@ -100,8 +150,6 @@ def test_resuming_mends_descriptions_names_and_spare_states(stored, tmp_path):
 
 
 def test_attributes_of_the_readers_own_may_be_added(stored, tmp_path):
-    import zarr
-
     copy = tmp_path / "run.zarr"
     shutil.copytree(stored[0], copy)
     zarr.open_group(copy, mode="r+").attrs["remark"] = "tops of May"

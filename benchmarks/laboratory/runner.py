@@ -15,8 +15,8 @@ from jax import Array
 
 from midlie_jax._kernel import components as cp
 from midlie_jax._kernel.compiler import compiler_options
-from midlie_jax._kernel.verdict import FINE
-from midlie_jax.drivers.clock import ends_of_step, time_of
+from midlie_jax.drivers.clock import time_of
+from midlie_jax.drivers.program import begin, take_turns
 from midlie_jax.methods.base import Method, Progress
 from midlie_jax.methods.system import System
 from midlie_jax.model.bodies import RigidBody
@@ -79,17 +79,12 @@ class Runner:
 def _path(method: Method, most: int, row: Rows, first: Array, every: Array, count: Array) -> tuple[RigidState, Array]:
     zero = jnp.zeros_like(row.dt)
     system = System.of(row.body, row.torque, row.start, zero)
-    motion = system.motion(row.start)
-    force = system.force(time_of(zero, row.dt, first), motion) if method.keeps_force(system) else None
-
-    def advance(n: Array, progress: Progress) -> Progress:
-        return method.advance(system, (zero, row.dt), partial(ends_of_step, n), row.dt, progress)[0]
 
     def save(k: Array, carry: tuple[Progress, RigidState]) -> tuple[Progress, RigidState]:
-        begin = first + k * every
-        progress = jax.lax.fori_loop(begin, begin + every, advance, carry[0])
+        progress = take_turns(method, system, (zero, row.dt), first + k * every, every, carry[0])
         return progress, jax.tree.map(lambda all, x: all.at[k].set(x), carry[1], system.state(progress.motion))
 
     saved = jax.tree.map(lambda x: jnp.zeros((most, *x.shape), x.dtype), row.start)
-    progress, saved = jax.lax.fori_loop(0, count, save, (Progress(motion, force, jnp.asarray(FINE)), saved))
+    progress = begin(method, system, row.start, time_of(zero, row.dt, first))
+    progress, saved = jax.lax.fori_loop(0, count, save, (progress, saved))
     return saved, progress.ok & cp.all_finite(progress.motion)

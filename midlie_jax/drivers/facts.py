@@ -32,6 +32,7 @@ class Facts(NamedTuple):
         nutation: the frequency of a fast spin, `Body.inertia().nutation`, ().
         changes: the speeds at which flight and torque change the momentum, over its size, (2,); see `Rounding`.
         variations: the speeds at which these vary, over its size, (2,).
+        acceleration: |d Omega/dt|, ().
     """
 
     turn_rate: Any
@@ -39,6 +40,7 @@ class Facts(NamedTuple):
     nutation: Any
     changes: Any
     variations: Any
+    acceleration: Any
 
     @classmethod
     def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
@@ -47,10 +49,10 @@ class Facts(NamedTuple):
         motion = system.motion(state)
         turn_rate = method.turn_rate(system.inertia, motion.momentum)
         size = _norm(motion.momentum)
-        speed, pull, jerk = _speeds(system, t, motion)
+        speed, pull, jerk, acceleration = _speeds(system, t, motion)
         changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])
         nutation = system.inertia.nutation(motion.momentum)
-        return cls(turn_rate, linearised(system, t, motion), nutation, changes, variations)
+        return cls(turn_rate, linearised(system, t, motion), nutation, changes, variations, acceleration)
 
     @property
     def rates(self) -> Any:
@@ -70,13 +72,14 @@ class Facts(NamedTuple):
         return np.hypot(self.turn_rate, 2 * growth)
 
 
-def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array]:
-    """|Omega|, |T|, and the speed |dT/dt| at which the torque changes along the motion."""
+def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array, Array]:
+    """|Omega|, |T|, the speed |dT/dt| at which the torque changes along the motion, and |d Omega/dt|."""
     velocity = system.velocity(motion.momentum)
     torque = system.force(t, motion)
     rates = system.kind.momentum_rate(motion.momentum, velocity, torque), system.kind.rate(motion.pose, velocity)
     _, change = jax.jvp(system.force, (t, motion), (jnp.ones_like(t), Motion(*rates)))
-    return cp.root(system.inertia.square_of_turn(1.0, motion.momentum)), _norm(torque), _norm(change)
+    speed, acceleration = (cp.root(system.inertia.square_of_turn(1.0, x)) for x in (motion.momentum, rates[0]))
+    return speed, _norm(torque), _norm(change), acceleration
 
 
 def _norm(tree: Any) -> Array:

@@ -2,7 +2,8 @@
 
 `recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
 `integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative.
-`tests/test_work_precision.py` checks that its results equal those of `integrate`.
+`tests/test_work_precision.py` checks that its results equal those of `integrate`. `take_turns` is that loop, for all
+who need one with a number of steps that is not known to the compiler.
 """
 
 import math
@@ -22,6 +23,7 @@ from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from . import shared_inputs
 from .clock import ends_of_step
+from .shared_inputs import SharedInputs
 
 
 class Program:
@@ -101,15 +103,6 @@ def _run(
     if inputs is not None:
         system = system._replace(costly=inputs.costly)
 
-    def begin(start: AnyState) -> Progress:
-        motion = system.motion(start)
-        return Progress(motion, system.force(t0, motion) if method.keeps_force(system) else None, jnp.asarray(FINE))
-
-    def advance(progress: Progress, n: Array, row: Any) -> Progress:
-        if inputs is not None:
-            return inputs.advance(system, t0, dt, dt, progress, n, row)
-        return method.advance(system, (t0, dt), partial(ends_of_step, n), dt, progress)[0]
-
     def take_block(block: Array, progress: Progress) -> Progress:
         before = block * shared_inputs.BLOCK
         if inputs is None:
@@ -119,17 +112,53 @@ def _run(
             indices = before * unroll + jnp.arange(shared_inputs.BLOCK * unroll, dtype=jnp.int32)
             rows = inputs.table(system, t0, dt, jnp.broadcast_to(dt, indices.shape), indices)
 
-        def turn(i: Array, progress: Progress) -> Progress:
-            for k in range(unroll):
-                row = jax.tree.map(lambda x, k=k: x[i * unroll + k], rows)
-                progress = advance(progress, (before + i) * unroll + k, row)
-            return progress
+        def of_body(progress: Progress) -> Progress:
+            return take_turns(method, system, (t0, dt), before * unroll, turns_in_block, progress, unroll, inputs, rows)
 
-        return jax.lax.map(jax.vmap(lambda p: jax.lax.fori_loop(0, turns_in_block, turn, p)), progress)
+        return jax.lax.map(jax.vmap(of_body), progress)
 
     parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
-    progress = jax.vmap(jax.vmap(begin))(parts)
+    progress = jax.vmap(jax.vmap(lambda start: begin(method, system, start, t0)))(parts)
     blocks = 1 if inputs is None else -(-turns // shared_inputs.BLOCK)
     progress = jax.lax.fori_loop(0, blocks, take_block, progress)
     progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
     return jax.vmap(system.state)(progress.motion), progress.ok
+
+
+def begin(method: Method, system: System, start: AnyState, t: Array) -> Progress:
+    """The progress of a body before the first step of its run, at the time t."""
+    motion = system.motion(start)
+    return Progress(motion, system.force(t, motion) if method.keeps_force(system) else None, jnp.asarray(FINE))
+
+
+def take_turns(
+    method: Method,
+    system: System,
+    clock: tuple[Array, Array],
+    first: Array,
+    turns: Array,
+    progress: Progress,
+    unroll: int = 1,
+    inputs: SharedInputs | None = None,
+    rows: Any = None,
+) -> Progress:
+    """The progress of a body after `turns` turns, each of `unroll` steps, the first of which has the index `first`.
+
+    Args:
+        clock: t0 and dt.
+        turns: their number, an argument of the compiled program.
+        inputs, rows: what all bodies share, and the table of it with a row for each of the steps, if there is any.
+    """
+    t0, dt = clock
+
+    def turn(i: Array, progress: Progress) -> Progress:
+        for k in range(unroll):
+            n = first + i * unroll + k
+            if inputs is None:
+                progress = method.advance(system, clock, partial(ends_of_step, n), dt, progress)[0]
+            else:
+                row = jax.tree.map(lambda x, k=k: x[i * unroll + k], rows)
+                progress = inputs.advance(system, t0, dt, dt, progress, n, row)
+        return progress
+
+    return jax.lax.fori_loop(0, turns, turn, progress)

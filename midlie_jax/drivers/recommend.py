@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel import components as cp
 from .._kernel.checks import described, shown
 from ..methods.registry import DEFAULT, ENTRIES, exact_flight
 from ..methods.registry import method as find_method
@@ -33,6 +32,7 @@ from ..model.states import RigidState
 from ..model.torques import TorqueLike
 from .arguments import as_scalar, check_system
 from .check import check
+from .facts import Facts
 from .program import Program
 from .timing import timed
 from .trials import MOST_STEPS
@@ -364,29 +364,13 @@ def _speed(body: Any, start: RigidState) -> float:
 
 
 def _rates(body: Any, torque: Any, start: RigidState, t0: Array) -> tuple[float, float]:
-    """The largest rate of the equations of motion linearised at the start, and the rate of the motion itself.
+    """The largest rate of the torque linearised at the start, and the rate of the motion itself.
 
-    The largest rate is the largest modulus of an eigenvalue. The rate of the motion is the larger of |Omega| and the
-    square root of |d Omega/dt|.
+    The rate of the motion is the larger of |Omega| and the square root of |d Omega/dt|.
     """
-    leaves, structure = jax.tree.flatten(start)
-    one = jnp.ones((), start.momentum.dtype)
-    # A `TensorBody` has the same eigenvalues in its principal axes as in the user's axes.
-    system = System.of(body, torque, start, t0)
-
-    def rates(flat: Array) -> Array:
-        state = jax.tree.unflatten(structure, (flat[:3], flat[3:]))
-        motion = system.motion(state)
-        rate = system.rates(motion, one, system.force(t0, motion))
-        return jnp.concatenate([cp.pack(system.vector_in_user_axes(rate.momentum)), cp.pack(rate.pose)])
-
-    flat = jnp.concatenate(leaves)
-    rate, slope = (np.asarray(f(flat), np.float64) for f in (jax.jit(rates), jax.jit(jax.jacfwd(rates))))
-    if not (np.all(np.isfinite(slope)) and np.all(np.isfinite(rate))):
-        return math.inf, math.inf
-    change = np.asarray(body.velocity(jnp.asarray(rate[:3], start.momentum.dtype)), np.float64)
-    motion_rate = max(_speed(body, start), float(np.linalg.norm(change)) ** 0.5)
-    return float(np.abs(np.linalg.eigvals(slope)).max()), motion_rate
+    facts = jax.tree.map(np.asarray, jax.jit(lambda: Facts.of(find_method(DEFAULT), body, torque, start, t0))())
+    largest = float(np.max(np.abs(facts.rates)))
+    return largest, max(_speed(body, start), float(facts.acceleration) ** 0.5) if math.isfinite(largest) else math.inf
 
 
 def _progress_printer(progress: Any, count: int) -> Callable[[str], None]:

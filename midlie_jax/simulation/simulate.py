@@ -140,8 +140,10 @@ def _checked_path(out: Any, resume: bool) -> Path:
         raise ValueError(
             f"{path} cannot be resumed, nor shared by several processes; choose a name that ends in .zarr."
         )
-    if path.suffix == ".zarr" and find_spec("zarr") is None:
-        raise ImportError("a .zarr store needs Zarr: pip install 'midlie_jax[io]', or give a name that ends in .npz.")
+    if path.suffix == ".zarr" and not (find_spec("zarr") and find_spec("filelock")):
+        raise ImportError(
+            "a .zarr store needs Zarr and filelock: pip install 'midlie_jax[io]', or give a name that ends in .npz."
+        )
     if path.exists() and not resume:
         raise ValueError(f"{path} exists; pass resume=True to go on with its run, or choose another name.")
     if not path.parent.is_dir():

@@ -11,17 +11,16 @@ commit, is written again by the resumed run. A part that takes long has a file w
 
 import os
 import shutil
-import sys
 import warnings
-import zlib
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from . import description
+from . import checksums, description
+from .checksums import checksum, or_none, sealed
 from .description import ATTRIBUTE
 from .kept import Kept
 from .plan import Part, Plan
@@ -66,27 +65,26 @@ class Store(Sink):
     def locked(self) -> Generator[None]:
         """Keeps other processes from writing to the store, until this one ends or leaves the context.
 
-        The operating system takes the lock from a process that is killed. On Windows there is no lock.
+        The operating system takes the lock from a process that is killed; its file is left then, and does no harm.
 
         Raises:
             ValueError: another process holds the lock.
         """
-        if sys.platform == "win32":
-            yield
-            return
-        import fcntl
+        from filelock import FileLock, Timeout
 
-        folder = os.open(self.path, os.O_RDONLY)
+        lock = FileLock(self.path / "checkpoint" / "lock")
         try:
-            try:
-                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise ValueError(
-                    f"another run is writing to {self.path}; wait for its end or choose another folder."
-                ) from None
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise ValueError(
+                f"another run is writing to {self.path}; wait for its end or choose another folder."
+            ) from None
+        try:
             yield
         finally:
-            os.close(folder)  # which releases the lock
+            with suppress(PermissionError):  # Windows removes no file that is open
+                Path(lock.lock_file).unlink(missing_ok=True)  # before the release: after it, it may be another's
+            lock.release()
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
         """Writes a part, and commits it."""
@@ -98,7 +96,7 @@ class Store(Sink):
         self._root[_FIRST_BAD][bodies] = first_bad
         written = *(seen[name] for name in self._seen), *(state[name] for name in self._states), first_bad
         sums = [checksum(values) for values in written]
-        self._commits[part.segment, part.group] = _sealed(sums)
+        self._commits[part.segment, part.group] = sealed(sums)
         self._kept.remove(part.group)
 
     def keep(self, part: Part, begun: Begun) -> None:
@@ -134,7 +132,7 @@ class Store(Sink):
         for segment in range(count):
             part = Part(segment, group)
             for name, expected in zip(self._seen, self._sums(part), strict=False):
-                if _read(lambda name=name, part=part: self._arrays[name][self._place(name, part)]) != expected:
+                if checksums.found(lambda name=name: self._arrays[name], *self._place(name, part)) != expected:
                     found.append(f"{name} of {part}")
         return found
 
@@ -144,16 +142,16 @@ class Store(Sink):
         found: list[str] = []
         if segments < self.plan.segments:
             part = Part(segments, group)
-            commit = _or_none(lambda: self._commits[part.segment, part.group])
+            commit = or_none(lambda: self._commits[part.segment, part.group])
             if commit is None or commit.any():
                 found.append(f"the commit of {part}")
-        now = _read(lambda: self._root[_FIRST_BAD][bodies])
-        if segments == self.plan.segments:  # before, it may be ahead of the last commit
-            slot = (segments - 1) % 2
-            then = _read(lambda: self._checkpoint[_FIRST_BAD][slot, bodies])
-        else:
-            then = now
-        if now is None or now != (then or now):
+        now = checksums.found(lambda: self._root[_FIRST_BAD], bodies)
+        # Before the end of the run it may be ahead of the last commit.
+        slots = [(segments - 1) % 2] if segments == self.plan.segments else [0, 1]
+        then = [checksums.found(lambda: self._checkpoint[_FIRST_BAD], slot, bodies) for slot in slots]
+        if not segments:
+            then.append(checksum(np.full(self.plan.bodies_in(group), self.plan.saves, np.int32)))
+        if now is None or (None not in then and now not in then):
             found.append(f"{_FIRST_BAD} of group {group}")
         return found
 
@@ -162,7 +160,7 @@ class Store(Sink):
         bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
         names = (*self._states, _FIRST_BAD)
         return self._sums_of_state(part) == [
-            _read(lambda name=name: self._checkpoint[name][slot, bodies]) for name in names
+            checksums.found(lambda name=name: self._checkpoint[name], slot, bodies) for name in names
         ]
 
     def given_up(self, part: Part) -> bool:
@@ -172,7 +170,7 @@ class Store(Sink):
     def give_up(self, part: Part) -> None:
         """Says in the commit of a part that the states at its end are lost."""
         sums = self._sums(part)
-        self._commits[part.segment, part.group] = _sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
+        self._commits[part.segment, part.group] = sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
 
     def forget(self, group: int, segments: int) -> None:
         """Takes back the commits of a group after its first `segments` segments."""
@@ -183,9 +181,9 @@ class Store(Sink):
         found = np.full(self.plan.bodies, self.plan.saves, np.int32)
         for group in range(self.plan.groups):
             bodies, slot = self.plan.bodies_of(group), (self.committed(group) - 1) % 2
-            values = _or_none(lambda bodies=bodies: self._root[_FIRST_BAD][bodies])
+            values = or_none(lambda bodies=bodies: self._root[_FIRST_BAD][bodies])
             if values is None:
-                values = _or_none(lambda bodies=bodies, slot=slot: self._checkpoint[_FIRST_BAD][slot, bodies])
+                values = or_none(lambda bodies=bodies, slot=slot: self._checkpoint[_FIRST_BAD][slot, bodies])
             if values is not None:
                 found[bodies] = values
         return found
@@ -196,12 +194,13 @@ class Store(Sink):
 
     def holds(self, name: str, values: np.ndarray) -> bool:
         """Whether a variable of the root can be read and has these values."""
-        return name in self._root and _read(lambda: self._root[name][...]) == checksum(values)
+        return name in self._root and checksums.found(lambda: self._root[name]) == checksum(values)
 
     def damaged_whole(self) -> list[str]:
         """Names the variables of the root that no part writes and that are not what was written."""
         whole: dict[str, int] = self.attributes[ATTRIBUTE]["whole"]
-        return [name for name, expected in whole.items() if _read(lambda name=name: self._root[name][...]) != expected]
+        found = {name: checksums.found(lambda name=name: self._root[name]) for name in whole}
+        return [name for name, expected in whole.items() if found[name] != expected]
 
     def lost_descriptions(self) -> list[str]:
         """The files with descriptions of arrays that are not what was written."""
@@ -246,7 +245,7 @@ class Store(Sink):
             sums = [int(x) for x in self._commits[part.segment, part.group]]
         except Exception:  # a damaged commit is none
             return []
-        return sums[:-1] if sums == _sealed(sums[:-1]) else []
+        return sums[:-1] if sums == sealed(sums[:-1]) else []
 
 
 def create(
@@ -314,35 +313,11 @@ def create(
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def checksum(values: np.ndarray) -> int:
-    if values.dtype.kind not in "biufc":  # texts
-        return zlib.crc32(repr([str(value) for value in values.ravel()]).encode())
-    return zlib.crc32(np.ascontiguousarray(values).data)
-
-
 def _first_bad_attributes(plan: Plan) -> dict[str, str]:
     return {
         "long_name": "index in time of the first saved state that cannot be trusted",
         "description": f"{plan.saves} for a body whose states can all be trusted, as far as they are computed",
     }
-
-
-def _sealed(sums: list[int]) -> list[int]:
-    """Checksums followed by their own, which is not zero; so neither zeros nor a torn record are a commit."""
-    return [*sums, zlib.crc32(np.array(sums, np.uint32).tobytes()) or 1]
-
-
-def _read(read: Callable[[], Any]) -> int | None:
-    """The checksum of what is read; None if it cannot be read."""
-    values = _or_none(read)
-    return None if values is None else checksum(np.asarray(values))
-
-
-def _or_none(read: Callable[[], Any]) -> Any:
-    try:
-        return read()
-    except Exception:  # whatever a reader of damaged files raises
-        return None
 
 
 def _opened(path: Path, mode: Any) -> Any:
@@ -359,15 +334,13 @@ def _create(
 
     Where nothing is written yet, its integers are `missing`, and its floating-point numbers NaN.
     """
-    from zarr.codecs import Crc32cCodec
-
     return group.create_array(
         name,
         shape=variable.shape,
         dtype=variable.dtype,
         chunks=tuple(max(1, size) for size in chunks),
         fill_value=np.nan if np.issubdtype(variable.dtype, np.floating) else missing,
-        compressors=[Crc32cCodec()],  # a reader who knows nothing of commits finds a changed byte, too
+        compressors=None,
         dimension_names=variable.dims,
         attributes=variable.attributes,
         config={"write_empty_chunks": True},

@@ -1,0 +1,54 @@
+"""The checksums of what a run writes: they are kept in the store, and compared with what is read back from it."""
+
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+
+def checksum(values: np.ndarray) -> int:
+    if values.dtype.kind not in "biufc":  # texts
+        return zlib.crc32(repr([str(value) for value in values.ravel()]).encode())
+    return zlib.crc32(np.ascontiguousarray(values).data)
+
+
+def sealed(sums: list[int]) -> list[int]:
+    """Checksums followed by their own, which is not zero; so neither zeros nor a torn record are a commit."""
+    return [*sums, zlib.crc32(np.array(sums, np.uint32).tobytes()) or 1]
+
+
+def found(array: Callable[[], Any], *place: int | slice) -> int | None:
+    """The checksum of what an array of a store holds at a place, by default everywhere; None if that cannot be read.
+
+    The last chunks of an array may reach beyond its end. Nobody reads what fills them there, but a byte that has
+    changed there, too, says that the file is damaged.
+    """
+    values = or_none(lambda: _whole_at(array(), place))
+    return None if values is None else checksum(np.asarray(values))
+
+
+def or_none(read: Callable[[], Any]) -> Any:
+    try:
+        return read()
+    except Exception:  # whatever a reader of damaged files raises
+        return None
+
+
+def _whole_at(array: Any, place: tuple[int | slice, ...]) -> Any:
+    """What an array holds at a place that is made of chunks; None if what fills these beyond its end is damaged."""
+    ends = tuple(-(-length // size) * size for length, size in zip(array.shape, array.chunks, strict=True))
+    if not place or ends == array.shape:
+        return array[place or ...]
+    import zarr
+
+    longer = zarr.Array(zarr.AsyncArray(array.metadata.update_shape(ends), array.store_path))
+    inner = [slice(at, at + 1) if isinstance(at, int) else at for at in place]
+    outer = [slice(at.start, -(-at.stop // size) * size) for at, size in zip(inner, array.chunks, strict=False)]
+    chunks: Any = longer[tuple(outer)]
+    inside = tuple(slice(at.stop - at.start) for at in inner)
+    for axis, at in enumerate(inside):
+        beyond = chunks[(*[slice(None)] * axis, slice(at.stop, None))]
+        if checksum(beyond) != checksum(np.full_like(beyond, array.fill_value)):
+            return None
+    return chunks[inside]
