@@ -7,8 +7,8 @@ This is the only subpackage that imports diffrax, and only its public names. The
 solvers. They integrate the derivatives of the state's arrays, whereas `LieSolver` uses angular velocity and torque and
 moves on the group.
 
-Modules: `term` (body and torque), `solver` (the step), `estimate` (its error), `interpolation` and `shorter_step`
-(dense output by cubics and by steps), `norm` (the size of an error).
+Modules: `term` (body and torque), `solver` (the step), `estimate` (its error), `dense`, `interpolation` and
+`shorter_step` (dense output by cubics and by steps), `norm` (the size of an error).
 """
 
 from .interpolation import LieInterpolation as LieInterpolation

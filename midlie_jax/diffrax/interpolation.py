@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ from .._kernel import components as cp
 from .._kernel.fusion import begin, fuse, split
 from .._kernel.short_series import WIDEST_SQUARE, half_angle
 from ..model.states import RigidState
+from .dense import Dense, part_of_step
 from .term import ambient_rate, unchecked
 
 _HALVINGS = 2  # of the angle of a turn, until the polynomials for its sine and cosine are exact
@@ -19,7 +19,7 @@ LARGEST_TURN = 2**_HALVINGS * WIDEST_SQUARE**0.5  # radians, within a step
 _LEAST_COSINE = 0.5**0.5  # of half the rest of a turn
 
 
-class LieInterpolation(diffrax.AbstractLocalInterpolation):
+class LieInterpolation(Dense):
     """Interpolation between the ends of a step, on the group, with a local error of fourth order if the ends are exact.
 
     For a `RigidState` the attitude is R0 exp(s W) P(s), normalised, where W is h times the mean of both angular
@@ -47,13 +47,9 @@ class LieInterpolation(diffrax.AbstractLocalInterpolation):
     torque1: Any
     h: Array
 
-    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """The state at t0; with t1, the arrays at t1 minus the arrays at t0. `derivative` differentiates the arrays."""
-        del left
-        if t1 is not None:
-            return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
-        # A number would be a constant of the compiled program, which would then be compiled anew for each time.
-        return _state_at(self, t0 if eqx.is_array(t0) else jnp.asarray(t0, jnp.result_type(self.t0)))
+    def state_at(self, t: Array) -> Any:
+        """The state at the time t."""
+        return _state_at(self, t)
 
 
 @eqx.filter_jit
@@ -66,14 +62,6 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
     """
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
     return _rigid_state_at(dense, s) if dense.y0.pose_is_attitude else _arrays_at(dense, s)
-
-
-def part_of_step(t0: Any, t1: Any, t: Any, dtype: Any) -> Array:
-    """(t - t0) / (t1 - t0); zero in a step of no length."""
-    length = t1 - t0
-    no_step = length == 0
-    s = jnp.where(no_step, jnp.zeros_like(length), t - t0) / jnp.where(no_step, jnp.ones_like(length), length)
-    return s.astype(dtype)
 
 
 def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:

@@ -6,7 +6,6 @@ order p + 1 in the length for a method of order p, while the cubic of `LieInterp
 
 from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,7 +18,7 @@ from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
 from ..model.torques import TorqueLike
-from .interpolation import part_of_step
+from .dense import Dense, part_of_step
 from .term import of_flat
 
 
@@ -55,7 +54,7 @@ class Start(eqx.Module):
         return structure.unflatten([next(arrays) if m else x for m, x in zip(marks, others, strict=True)])
 
 
-class ShorterStep(diffrax.AbstractLocalInterpolation):
+class ShorterStep(Dense):
     """States inside a step, each computed by a shorter step of the method; NaN where its solve failed.
 
     Args:
@@ -67,12 +66,9 @@ class ShorterStep(diffrax.AbstractLocalInterpolation):
     t1: Any
     start: Start
 
-    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """The state at t0; with t1, the arrays at t1 minus the arrays at t0."""
-        del left
-        if t1 is not None:
-            return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
-        return _state_at(self, t0 if eqx.is_array(t0) else jnp.asarray(t0, jnp.result_type(self.t0)))
+    def state_at(self, t: Array) -> Any:
+        """The state at the time t."""
+        return _state_at(self, t)
 
 
 @eqx.filter_jit
