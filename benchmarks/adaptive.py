@@ -18,10 +18,10 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel.verdict import is_fine  # noqa: E402
+from midlie_jax.advice.timing import timed  # noqa: E402
 from midlie_jax.cli import scenes  # noqa: E402
-from midlie_jax.drivers.timing import timed  # noqa: E402
 from midlie_jax.methods.system import Motion, System  # noqa: E402  (for a step control that is not in the package)
+from midlie_jax.methods.verdict import is_fine  # noqa: E402
 
 METHODS = ("LIEMID[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]")
 

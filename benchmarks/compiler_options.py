@@ -23,7 +23,7 @@ NEITHER = f"{NARROW} --xla_disable_hlo_passes=none"  # a flag that is named hold
 
 def serve():
     """Answers each request, a method and a dtype, by the millions of body-steps a second."""
-    from midlie_jax.drivers.timing import pin
+    from midlie_jax.advice.timing import pin
 
     pin()  # before XLA counts the cores
     import jax
@@ -32,8 +32,8 @@ def serve():
     import jax.numpy as jnp
 
     import midlie_jax as ml
+    from midlie_jax.advice.timing import timed, user_clock
     from midlie_jax.cli import scenes
-    from midlie_jax.drivers.timing import timed, user_clock
 
     scene, runs = scenes.scene("P1"), {}
 
@@ -71,7 +71,7 @@ if __name__ == "__main__":
     if "--serve" in sys.argv:
         serve()
     else:
-        from midlie_jax._kernel.compiler import vector_width_options
+        from midlie_jax._xla.compiler import vector_width_options
 
         if not vector_width_options():
             sys.exit("this processor has no AVX-512, or XLA_FLAGS sets the width of vectors: nothing to compare.")

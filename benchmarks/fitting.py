@@ -21,7 +21,7 @@ jax.config.update("jax_enable_x64", True)
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import fitting  # noqa: E402
-from midlie_jax.drivers.timing import timed  # noqa: E402
+from midlie_jax.advice.timing import timed  # noqa: E402
 
 MOMENTS = np.array([0.00189422, 0.006211019, 0.007194665])  # NASA NESC check case 2, slug ft^2
 RATE = np.deg2rad([10.0, 20.0, 30.0])

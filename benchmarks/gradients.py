@@ -12,7 +12,7 @@ has the first.
 
 import time
 
-from midlie_jax.drivers.timing import pin
+from midlie_jax.advice.timing import pin
 
 pin()  # before XLA counts the cores
 
@@ -25,9 +25,9 @@ jax.config.update("jax_enable_x64", True)
 from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel.compiler import compiler_options, vector_width_options  # noqa: E402
+from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
+from midlie_jax.advice.timing import timed_in_turn  # noqa: E402
 from midlie_jax.cli import scenes  # noqa: E402
-from midlie_jax.drivers.timing import timed_in_turn  # noqa: E402
 
 BEGIN, END = "<!-- gradients -->", "<!-- /gradients -->"
 BODIES, STEPS, DT = 1000, 128, 0.005

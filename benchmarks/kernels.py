@@ -33,7 +33,7 @@ jax.config.update("jax_enable_x64", True)
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel import fusion  # noqa: E402
+from midlie_jax._xla import fusion  # noqa: E402
 from midlie_jax.drivers.arguments import as_method  # noqa: E402
 from midlie_jax.methods import runge_kutta  # noqa: E402
 from midlie_jax.methods.base import Method  # noqa: E402

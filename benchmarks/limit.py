@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from midlie_jax._kernel import components, short_series, weierstrass
+from midlie_jax._math import components, short_series, weierstrass
 from midlie_jax.methods.flights import jacobi, lie_midpoint
 from midlie_jax.methods.tableau import DOP853
 

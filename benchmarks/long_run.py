@@ -16,8 +16,8 @@ import numpy as np
 from pages import put
 
 import midlie_jax as ml
+from midlie_jax.advice.timing import pin
 from midlie_jax.cli import scenes
-from midlie_jax.drivers.timing import pin
 
 jax.config.update("jax_enable_x64", True)
 pin()

@@ -13,7 +13,7 @@ import argparse
 import time
 from collections.abc import Callable
 
-from midlie_jax.drivers.timing import pin
+from midlie_jax.advice.timing import pin
 
 pin()  # before XLA counts the cores
 
@@ -26,8 +26,8 @@ jax.config.update("jax_enable_x64", True)
 from pages import put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel import replay  # noqa: E402
-from midlie_jax.drivers.timing import timed  # noqa: E402
+from midlie_jax._xla import replay  # noqa: E402
+from midlie_jax.advice.timing import timed  # noqa: E402
 
 BODIES, DT = 1000, 0.005
 STEPS = {"integrate": 2000, "ensemble": 64}

@@ -18,7 +18,7 @@ jax.config.update("jax_enable_x64", True)
 from pages import command  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax.drivers.timing import pin, timed_in_turn  # noqa: E402
+from midlie_jax.advice.timing import pin, timed_in_turn  # noqa: E402
 
 BEGIN, END = "<!-- observed -->", "<!-- /observed -->"
 BODIES, STEPS, TURNS = 10_000, 100, 11

@@ -13,10 +13,10 @@ import jax
 from laboratory import frontier, rivals, work_precision
 from laboratory.frontier_chart import work_precision_chart
 
+from midlie_jax.advice.timing import cost_clock, one_core
 from midlie_jax.cli import chosen
 from midlie_jax.cli.commands.output import require, show_table
 from midlie_jax.cli.readers import OWN, file
-from midlie_jax.drivers.timing import cost_clock, one_core
 
 jax.config.update("jax_enable_x64", True)
 

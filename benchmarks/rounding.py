@@ -16,7 +16,7 @@ from laboratory.free_bodies import TURNS, free_bodies, spatial_momentum
 from pages import put
 
 import midlie_jax as ml
-from midlie_jax.drivers.timing import pin
+from midlie_jax.advice.timing import pin
 from midlie_jax.methods.flights import FLIGHTS
 
 jax.config.update("jax_enable_x64", True)

@@ -15,8 +15,8 @@ from pages import command
 from rounding_growth import BODIES, MODES, Case, Mode, cases, rows_of
 
 import midlie_jax as ml
-from midlie_jax.drivers.program import Program
-from midlie_jax.drivers.timing import pin, timed_in_turn
+from midlie_jax.advice.program import Program
+from midlie_jax.advice.timing import pin, timed_in_turn
 
 COPIES, CHUNK, STEPS, TURNS = 64, 256, 2000, 15
 BEGIN, END = "<!-- cost -->", "<!-- /cost -->"

@@ -23,9 +23,9 @@ from laboratory.runner import Rows, Runner
 from pages import DOCS, put
 
 import midlie_jax as ml
+from midlie_jax.advice.timing import pin
 from midlie_jax.cli import scenes
 from midlie_jax.cli.oracles import free_body
-from midlie_jax.drivers.timing import pin
 
 jax.config.update("jax_enable_x64", True)
 

@@ -35,9 +35,9 @@ from laboratory.rivals.problem import rates  # noqa: E402
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
-from midlie_jax._kernel.compiler import compiler_options, vector_width_options  # noqa: E402
+from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
+from midlie_jax.advice.timing import timed, user_clock  # noqa: E402
 from midlie_jax.cli import scenes  # noqa: E402
-from midlie_jax.drivers.timing import timed, user_clock  # noqa: E402
 from midlie_jax.methods.flights import FLIGHTS  # noqa: E402
 from midlie_jax.methods.registry import ENTRIES, paper_methods  # noqa: E402
 

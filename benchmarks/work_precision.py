@@ -24,7 +24,7 @@ from laboratory.families import FAMILIES
 from laboratory.frontier_chart import work_precision_chart
 from pages import put, shown
 
-from midlie_jax.drivers.timing import cost_clock, pin
+from midlie_jax.advice.timing import cost_clock, pin
 
 jax.config.update("jax_enable_x64", True)
 pin()

@@ -4,6 +4,10 @@ from . import diffrax as diffrax
 from . import fitting as fitting
 from . import plot as plot
 from . import simulation as simulation
+from .advice.check import Check as Check
+from .advice.check import check as check
+from .advice.recommend import Recommendation as Recommendation
+from .advice.recommend import recommend as recommend
 from .diffrax import LieInterpolation as LieInterpolation
 from .diffrax import LieSolver as LieSolver
 from .diffrax import RigidBodyTerm as RigidBodyTerm
@@ -13,16 +17,12 @@ from .drivers.adaptive import integrate_adaptive as integrate_adaptive
 from .drivers.adjoints import Checkpointed as Checkpointed
 from .drivers.adjoints import Forward as Forward
 from .drivers.adjoints import Reversible as Reversible
-from .drivers.check import Check as Check
-from .drivers.check import check as check
 from .drivers.energy import energy as energy
 from .drivers.ensemble import ensemble as ensemble
 from .drivers.free_motion import free_motion as free_motion
 from .drivers.integrate import integrate as integrate
 from .drivers.path import AdaptivePath as AdaptivePath
 from .drivers.path import Path as Path
-from .drivers.recommend import Recommendation as Recommendation
-from .drivers.recommend import recommend as recommend
 from .drivers.results import RESULTS as RESULTS
 from .fitting import fit as fit
 from .methods.as_typed import flights as flights

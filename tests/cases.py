@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax._kernel.platform import on_cpu
+from midlie_jax._xla.platform import on_cpu
 from midlie_jax.methods.flights import FLIGHTS
 from midlie_jax.methods.registry import ENTRIES
 from midlie_jax.methods.runge_kutta import RungeKutta

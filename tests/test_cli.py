@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
+from midlie_jax.advice.program import Program
 from midlie_jax.cli import convergence, scenes
 from midlie_jax.cli.commands import output
 from midlie_jax.cli.main import main
 from midlie_jax.cli.parser import read
-from midlie_jax.drivers.program import Program
 from midlie_jax.methods.registry import DEFAULT
 
 BROKEN = "SW"

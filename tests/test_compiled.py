@@ -23,7 +23,7 @@ BODY = (2.0, 3.0, 4.0)
 def loops_of(method):
     """How many loops over the batch a step should be.
 
-    The implicit methods have a loop over Newton's steps in the middle (see midlie_jax/_kernel/newton.py): one loop over
+    The implicit methods have a loop over Newton's steps in the middle (see midlie_jax/_math/newton.py): one loop over
     the batch before it and one after it. A splitting that loops over its stages has one for the last kick or flight.
     With the projection after it, the longest extrapolation is too long for one loop.
     """

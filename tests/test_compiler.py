@@ -9,7 +9,7 @@ import pytest
 from cases import CLASSES, by_turns, real, setup, suited
 
 import midlie_jax as ml
-from midlie_jax._kernel import compiler
+from midlie_jax._xla import compiler
 
 WIDE = {"xla_cpu_prefer_vector_width": 512}
 VECTORISED = {"xla_disable_hlo_passes": "small-while-loop-hoisting"}

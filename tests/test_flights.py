@@ -12,7 +12,7 @@ from cases import DTYPES, at, epsilon, quick, whole
 from laboratory.claims.structure import canonical
 
 import midlie_jax as ml
-from midlie_jax._kernel import components as cp
+from midlie_jax._math import components as cp
 from midlie_jax.cli.oracles import free_body
 from midlie_jax.methods import flights
 from midlie_jax.model import so3

@@ -7,7 +7,7 @@ import pytest
 from cases import quick
 
 import midlie_jax as ml
-from midlie_jax._kernel.fusion import begin, cut, fuse, fuse_derivative, split
+from midlie_jax._xla.fusion import begin, cut, fuse, fuse_derivative, split
 
 BODY = ml.RigidBody(jnp.array([1.0, 2.0, 3.0]))
 START = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), jnp.array([1.0, 0.0, 0.0, 0.0]))

@@ -12,7 +12,7 @@ from cases import quick, real
 from test_scalars import FUNCTIONS
 
 import midlie_jax as ml
-from midlie_jax._kernel.replay import Packed, by_components
+from midlie_jax._xla.replay import Packed, by_components
 
 BODY = ml.RigidBody(jnp.array([1.5, 1.5, 2.5]))
 DT, STEPS = 1 / 64, 16

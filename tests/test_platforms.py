@@ -13,7 +13,7 @@ import pytest
 from cases import CLASSES, by_turns, cast, epsilon, integrate, quick, rows, setup
 
 import midlie_jax as ml
-from midlie_jax._kernel.platform import on_cpu
+from midlie_jax._xla.platform import on_cpu
 from midlie_jax.drivers.chunks import chunk_size
 
 PLATFORMS = ["cpu", "cuda", "rocm", "tpu"]

@@ -14,8 +14,8 @@ from cases import quick
 from jax import ad_checkpoint, lax
 from test_scalars import FUNCTIONS
 
-from midlie_jax._kernel.replay import Packed, by_components
-from midlie_jax._kernel.rules import RULES, rule_for
+from midlie_jax._xla.replay import Packed, by_components
+from midlie_jax._xla.rules import RULES, rule_for
 
 TIME = np.float64(0.7)
 MOMENTUM = np.array([0.3, -1.2, 0.7])

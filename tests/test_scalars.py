@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from midlie_jax._kernel.replay import Packed, by_components
+from midlie_jax._xla.replay import Packed, by_components
 from midlie_jax.model import so3
 
 THREE = np.array([0.3, -1.2, 0.7])

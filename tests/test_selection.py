@@ -8,7 +8,7 @@ import pytest
 from cases import setup, true_motion
 
 import midlie_jax as ml
-from midlie_jax.drivers import recommend as selection
+from midlie_jax.advice import recommend as selection
 from midlie_jax.model import so3
 from midlie_jax.model.torques import BodyTorque, Damping, HeavyTop
 

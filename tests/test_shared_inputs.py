@@ -10,7 +10,7 @@ import pytest
 from cases import WAYS, by_turns, epsilon, firsts, quick, real
 
 import midlie_jax as ml
-from midlie_jax._kernel.hoisting import hoist
+from midlie_jax._xla.hoisting import hoist
 from midlie_jax.drivers import shared_inputs
 from midlie_jax.methods.runge_kutta import RungeKutta
 from midlie_jax.methods.splitting import Splitting

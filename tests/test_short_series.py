@@ -1,4 +1,4 @@
-"""The short polynomials of `_kernel/short_series.py`, up to the ends of their ranges, and the long turns they allow."""
+"""The short polynomials of `_math/short_series.py`, up to the ends of their ranges, and the long turns they allow."""
 
 from math import factorial
 
@@ -9,7 +9,7 @@ import pytest
 from cases import DTYPES, epsilon
 
 import midlie_jax as ml
-from midlie_jax._kernel import short_series
+from midlie_jax._math import short_series
 
 WIDEST = short_series.WIDEST_SQUARE
 

@@ -18,7 +18,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
 FLOORS = (
-    "_kernel", "model", "scattering", "methods", "drivers", "diffrax", "fitting", "plot", "simulation", "", "cli",
+    "_xla", "_math", "_checks", "model", "scattering", "methods", "drivers", "advice", "diffrax", "fitting", "plot",
+    "simulation", "", "cli",
 )  # fmt: skip
 
 
@@ -99,7 +100,7 @@ def test_nothing_but_the_command_imports_the_command():
     [
         ("model.bodies", "from ..methods import system"),
         ("methods.system", "from ..cli.scenes import scene"),
-        ("_kernel.fusion", "from midlie_jax.drivers.integrate import integrate"),
+        ("_xla.fusion", "from midlie_jax.drivers.integrate import integrate"),
         ("drivers.integrate", "import midlie_jax.diffrax.solver"),
     ],
 )
@@ -187,9 +188,9 @@ def test_importing_computes_nothing():
 
 
 def test_one_file_uses_what_jax_does_not_document():
-    """See midlie_jax/_kernel/internals.py; custom derivatives are documented."""
+    """See midlie_jax/_xla/internals.py; custom derivatives are documented."""
     private = re.compile(r"^\s*(?:from|import) jax\.(?:core|extend|interpreters|_src)\b", re.MULTILINE)
-    assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_kernel.internals"]
+    assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_xla.internals"]
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import midlie_jax as ml
+from midlie_jax.advice import timing
+from midlie_jax.advice.program import Program
+from midlie_jax.advice.timing import Load, Stopwatch, Timing, timed
 from midlie_jax.cli import convergence, scenes
-from midlie_jax.drivers import timing
-from midlie_jax.drivers.program import Program
-from midlie_jax.drivers.timing import Load, Stopwatch, Timing, timed
 
 
 class Machine:

@@ -10,8 +10,8 @@ from cases import quick
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
-from midlie_jax._kernel import components as cp
-from midlie_jax._kernel.weierstrass import moment_functions, sigma_functions
+from midlie_jax._math import components as cp
+from midlie_jax._math.weierstrass import moment_functions, sigma_functions
 from midlie_jax.methods import flights
 from midlie_jax.methods.flights import jacobi
 from midlie_jax.methods.flights.exact import ExactFlight, Known

@@ -14,9 +14,9 @@ from laboratory.rivals import heyoka_taylor, mujoco_steps, problem, scipy_dop853
 from laboratory.rivals.lie_group import CF4, RKMK4
 
 import midlie_jax as ml
+from midlie_jax.advice.program import Program
+from midlie_jax.advice.timing import Timing
 from midlie_jax.cli import closed_form, convergence, scenes
-from midlie_jax.drivers.program import Program
-from midlie_jax.drivers.timing import Timing
 from midlie_jax.methods.runge_kutta import DOP853, RK4
 
 

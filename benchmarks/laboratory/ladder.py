@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from midlie_jax._kernel.compiler import compiler_options
+from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.advice.program import Program
 from midlie_jax.drivers.chunks import chunk_size
 from midlie_jax.drivers.free_motion import free_motion
-from midlie_jax.drivers.program import Program
 from midlie_jax.methods.base import Method
 from midlie_jax.model.states import RigidState
 

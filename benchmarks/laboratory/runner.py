@@ -2,7 +2,7 @@
 
 Body, torque, start and step differ from row to row, and the number of steps is an argument of the compiled program. So
 a single compilation serves a ladder of steps, single steps from many neighbouring states, and a run of 1e8 steps that
-stops for samples. `drivers.program.Program` has one body, one torque and one step for all rows, and shares its inputs.
+stops for samples. `advice.program.Program` has one body, one torque and one step for all rows, and shares its inputs.
 """
 
 from functools import partial
@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from midlie_jax._kernel import components as cp
-from midlie_jax._kernel.compiler import compiler_options
+from midlie_jax._math import components as cp
+from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.advice.program import begin, take_turns
 from midlie_jax.drivers.clock import time_of
-from midlie_jax.drivers.program import begin, take_turns
 from midlie_jax.methods.base import Method, Progress
 from midlie_jax.methods.system import System
 from midlie_jax.model.bodies import RigidBody

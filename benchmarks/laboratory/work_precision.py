@@ -11,10 +11,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from midlie_jax.advice.timing import Load, cost_clock, spread_in_words
 from midlie_jax.cli import chosen, scenes
 from midlie_jax.cli.closed_form import axis_third, exact_ends
 from midlie_jax.cli.scenes import Scene
-from midlie_jax.drivers.timing import Load, cost_clock, spread_in_words
 from midlie_jax.methods.base import Method
 from midlie_jax.methods.projection import steady_potential
 from midlie_jax.methods.registry import ENTRIES, exact_flight

@@ -14,7 +14,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from .._kernel.checks import described
+from .._checks.arguments import described
 from ..drivers.arguments import as_method
 from ..methods.base import Method
 from ..methods.flights import Flight

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..drivers.program import Program
-from ..drivers.timing import Stopwatch
+from ..advice.program import Program
+from ..advice.timing import Stopwatch
 from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model import so3

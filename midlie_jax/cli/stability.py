@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.compiler import compiler_options
-from ..drivers.facts import FAST, Facts, stability_limits
+from .._xla.compiler import compiler_options
+from ..advice.facts import FAST, Facts, stability_limits
 from ..drivers.integrate import integrate
 from ..methods.base import Method
 from ..methods.limits import resonance

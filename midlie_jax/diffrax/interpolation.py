@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.fusion import begin, fuse, split
-from .._kernel.short_series import WIDEST_SQUARE, half_angle
+from .._math import components as cp
+from .._math.short_series import WIDEST_SQUARE, half_angle
+from .._xla.fusion import begin, fuse, split
 from ..model.states import RigidState
 from .dense import Dense, part_of_step
 from .term import ambient_rate, unchecked

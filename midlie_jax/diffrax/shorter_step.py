@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.fusion import is_stored
-from .._kernel.verdict import FINE, is_fine
+from .._xla.fusion import is_stored
 from ..methods.base import Method, Progress
 from ..methods.system import System
+from ..methods.verdict import FINE, is_fine
 from ..model.bodies import Body
 from ..model.torques import TorqueLike
 from .dense import Dense, part_of_step

@@ -10,16 +10,16 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import described
-from .._kernel.fusion import fuse, is_stored, split
-from .._kernel.verdict import FINE, is_fine
+from .._checks.arguments import described
+from .._math import components as cp
+from .._xla.fusion import fuse, is_stored, split
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
 from ..methods.schemes import KICK
 from ..methods.splitting import Splitting
 from ..methods.system import AnyMotion, System
+from ..methods.verdict import FINE, is_fine
 from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation

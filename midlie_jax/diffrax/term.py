@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import described, same_dtype
+from .._checks.arguments import described, same_dtype
+from .._math import components as cp
 from ..drivers.arguments import check_moves
 from ..methods.base import Method
 from ..methods.system import System

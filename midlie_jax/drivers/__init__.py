@@ -1,1 +1,1 @@
-"""The drivers: `integrate`, `integrate_adaptive` and `ensemble` take many steps; `recommend` chooses a method."""
+"""The drivers: `integrate`, `integrate_adaptive` and `ensemble` take many steps; `free_motion` needs none."""

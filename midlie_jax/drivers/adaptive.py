@@ -20,7 +20,7 @@ integrable or nearly so. For an asymmetric top the mean of the energy error wand
 constant step is better.
 
 The loop carries the next step in addition to rho, so that the divisions are computed between two steps and the step
-itself remains one loop (see `_kernel.fusion`). A step of length zero leaves a motion unchanged, bit for bit. A body
+itself remains one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for bit. A body
 that has reached t1 or has failed takes such steps while the rest of the batch goes on, without a select over its state.
 """
 
@@ -32,14 +32,14 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import as_count, described, require_finite, same_dtype
-from .._kernel.compiler import tuned_jit
-from .._kernel.fusion import fuse
-from .._kernel.mesh import all_promoted, axes_of_run
-from .._kernel.verdict import FINE, UNFOLLOWED, earlier
+from .._checks.arguments import as_count, described, require_finite, same_dtype
+from .._math import components as cp
+from .._xla.compiler import tuned_jit
+from .._xla.fusion import fuse
+from .._xla.mesh import all_promoted, axes_of_run
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
+from ..methods.verdict import FINE, UNFOLLOWED, earlier
 from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT

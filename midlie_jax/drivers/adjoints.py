@@ -15,9 +15,9 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from .._kernel.checks import as_count, described
-from .._kernel.internals import is_zero_tangent, make_primitive
-from .._kernel.keep import recomputed
+from .._checks.arguments import as_count, described
+from .._xla.internals import is_zero_tangent, make_primitive
+from .._xla.keep import recomputed
 from ..methods.base import Method, Progress
 from ..methods.system import System
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import as_count, as_floats, described, require_finite, same_dtype, shown
-from .._kernel.components import is_traced
+from .._checks.arguments import as_count, as_floats, described, require_finite, same_dtype, shown
+from .._math.components import is_traced
 from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from .._kernel.compiler import tuned_jit
-from .._kernel.platform import on_cpu
+from .._xla.compiler import tuned_jit
+from .._xla.platform import cores, on_cpu
 from ..methods.base import Method
 from ..methods.system import System
 from . import shared_inputs
@@ -27,7 +27,6 @@ from .legs import Leg
 from .observe import Observe, Statistic
 from .path import Path, end_alone
 from .shared_inputs import Rows, SharedInputs
-from .timing import cores
 
 _CHUNK = 256  # bodies moved at once on one core
 _VECTOR = 8  # bodies: chunks of other than multiples of this were measured to take up to four times as long

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel.checks import as_floats
+from .._checks.arguments import as_floats
 from ..model import observables
 from ..model.bodies import Body
 from ..model.compatibility import check_body, check_state, check_torque

@@ -7,7 +7,7 @@ import jax
 from jax import Array
 from jax.sharding import Mesh
 
-from .._kernel.checks import as_count, as_floats, described, require_finite
+from .._checks.arguments import as_count, as_floats, described, require_finite
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state

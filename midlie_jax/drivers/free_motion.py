@@ -11,16 +11,16 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, require_finite
-from .._kernel.compiler import tuned_jit
-from .._kernel.fusion import begin, fuse
-from .._kernel.verdict import FINE, LOST
+from .._checks.arguments import as_floats, require_finite
+from .._math import components as cp
+from .._xla.compiler import tuned_jit
+from .._xla.fusion import begin, fuse
+from ..methods.flights.free_orbit import Orbit
 from ..methods.system import Motion, System
+from ..methods.verdict import FINE, LOST
 from ..model.bodies import Body, principal_of
 from ..model.state import StateT
 from .arguments import as_method, as_scalar, check_system
-from .free_orbit import Orbit
 from .path import Path
 from .results import result_of
 

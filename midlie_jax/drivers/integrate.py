@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import as_count
-from .._kernel.compiler import tuned_jit
-from .._kernel.mesh import all_promoted, axes_of_run, promoted
-from .._kernel.verdict import FINE, UNCOUNTED
+from .._checks.arguments import as_count
+from .._math import components as cp
+from .._xla.compiler import tuned_jit
+from .._xla.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
+from ..methods.verdict import FINE, UNCOUNTED
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body

@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel.platform import on_cpu
-from .._kernel.verdict import FINE
+from .._xla.platform import on_cpu
 from ..methods.base import Method, Progress
 from ..methods.system import System
+from ..methods.verdict import FINE
 
 # Steps of a turn on an accelerator, about. There the host asks after each turn whether there is another one.
 _LONG_TURN = 64

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from .._kernel.checks import as_floats, described, require_finite, shown
+from .._checks.arguments import as_floats, described, require_finite, shown
 from ..model import observables, so3
 from ..model.bodies import Body
 from ..model.state import AnyState

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from .._kernel import components as cp
-from .._kernel.typed_by import TypedBy
+from .._checks.typed_by import TypedBy
+from .._math import components as cp
 from ..model.state import AnyState
 
 S = TypeVar("S")  # the class of the states of a path

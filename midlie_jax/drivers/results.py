@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel.verdict import BEYOND, FINE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED
+from ..methods.verdict import BEYOND, FINE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED
 
 
 class RESULTS(eqx.Enumeration):

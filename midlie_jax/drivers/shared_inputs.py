@@ -1,7 +1,7 @@
 """Inputs that no body owns, computed once for an ensemble: the place on an orbit, the course of a field in time.
 
 XLA would compute them in every chunk of bodies anew. `find` traces one step of one body and splits it
-(`_kernel/hoisting.py`): what is expensive, changes from step to step and depends on nothing that a body has of its own
+(`_xla/hoisting.py`): what is expensive, changes from step to step and depends on nothing that a body has of its own
 goes to `SharedInputs.rows`, a table with one row for each step; `SharedInputs.advance` is the step that reads its row.
 """
 
@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel.hoisting import Hoisted, depends, hoist
-from .._kernel.verdict import FINE
+from .._xla.hoisting import Hoisted, depends, hoist
 from ..methods.base import Method, Progress
 from ..methods.system import System
+from ..methods.verdict import FINE
 from ..model.torques import on_body
 from .clock import ends_of_step
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel.checks import described
+from .._checks.arguments import described
 from .parameters import Parameter
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, is_unit, require, require_finite
+from .._checks.arguments import as_floats, is_unit, require, require_finite
+from .._math import components as cp
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody
 from ..model.state import AnyState

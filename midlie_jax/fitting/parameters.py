@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel.checks import as_floats, is_unit, require, require_finite
+from .._checks.arguments import as_floats, is_unit, require, require_finite
 from ..model import so3
 
 Scale = Literal["free", "fixed"]

@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .._kernel.checks import as_count, described
+from .._checks.arguments import as_count, described
 from ..drivers.arguments import as_method, check_system
 from ..methods.base import Method
 from ..model.bodies import RigidBody, TensorBody, principal_of

@@ -15,8 +15,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from .._kernel.checks import require, require_finite
-from .._kernel.components import is_traced
+from .._checks.arguments import require, require_finite
+from .._math.components import is_traced
 from ..drivers.arguments import as_method
 from ..drivers.clock import time_of
 from ..drivers.integrate import integrate

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.fusion import begin, fuse
-from .._kernel.mesh import NONE, Axes, all_promoted
-from .._kernel.verdict import earlier, is_fine
+from .._math import components as cp
+from .._xla.fusion import begin, fuse
+from .._xla.mesh import NONE, Axes, all_promoted
 from ..model.bodies import Body
 from .system import AnyMotion, System
+from .verdict import earlier, is_fine
 
 
 class Progress(NamedTuple):
@@ -26,7 +26,7 @@ class Progress(NamedTuple):
     Attributes:
         motion: momentum and pose.
         force: the torque at this motion if the method keeps the torque from step to step, else None.
-        verdict: of the first step that failed, or fine, (); see `_kernel.verdict`.
+        verdict: of the first step that failed, or fine, (); see `methods.verdict`.
     """
 
     motion: AnyMotion

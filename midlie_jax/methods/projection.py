@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.replay import traits
+from .._math import components as cp
+from .._xla.replay import traits
 from ..model.inertia import Inertia
 from ..model.state import AnyState
 from ..model.torques import TorqueLike, potential_of

@@ -7,7 +7,7 @@ from typing import NamedTuple, overload
 
 from jax import Array
 
-from .._kernel.checks import described, unknown
+from .._checks.arguments import described, unknown
 from ..model.bodies import RigidBody
 from . import flights, schemes
 from .base import Method

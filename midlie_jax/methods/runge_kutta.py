@@ -13,10 +13,9 @@ import equinox as eqx
 import jax
 from jax import Array
 
-from .._kernel.fusion import cut
-from .._kernel.platform import on_cpu
-from .._kernel.rules import count_operations
-from .._kernel.verdict import verdict
+from .._xla.fusion import cut
+from .._xla.platform import on_cpu
+from .._xla.rules import count_operations
 from ..model.bodies import Body, RigidBody
 from . import tableau
 from .base import Method
@@ -25,6 +24,7 @@ from .formula import Formula
 from .limits import runge_kutta_limit
 from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
+from .verdict import verdict
 
 # Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
 # operations a step takes 40 times as long as in loops of half that length. On a GPU longer kernels are divided, too.

@@ -7,11 +7,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.fusion import begin, cut, fuse, fuse_derivative, split
-from .._kernel.keep import kept
-from .._kernel.platform import on_cpu
-from .._kernel.verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier
+from .._math import components as cp
+from .._xla.fusion import begin, cut, fuse, fuse_derivative, split
+from .._xla.keep import kept
+from .._xla.platform import on_cpu
 from ..model.bodies import Body
 from ..model.state import AnyState
 from .base import Method
@@ -21,6 +20,7 @@ from .limits import decay_limit, oscillator_limit
 from .scheme import Scheme
 from .stages import FLIGHT, KICK, run
 from .system import AnyMotion, Motion, System, added
+from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier
 
 
 class Splitting(Method):

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.fusion import fuse_derivative, split
-from .._kernel.replay import traits
+from .._math import components as cp
+from .._xla.fusion import fuse_derivative, split
+from .._xla.replay import traits
 from ..model.bodies import Body
 from ..model.state import AnyState, P, Q
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent

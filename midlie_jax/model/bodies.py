@@ -13,8 +13,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, require, require_finite, require_rows
+from .._checks.arguments import as_floats, require, require_finite, require_rows
+from .._math import components as cp
 from . import so3
 from .inertia import Inertia
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import equinox as eqx
 
-from .._kernel.checks import described
+from .._checks.arguments import described
 from .bodies import principal_of
 from .state import AnyState, State
 

@@ -14,8 +14,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, require
+from .._checks.arguments import as_floats, require
+from .._math import components as cp
 from .state import AnyState, Time
 from .torques import TorqueLike
 

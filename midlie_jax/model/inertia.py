@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
+from .._math import components as cp
 
 _LARGEST_START = 12.0  # the largest h |Omega| at the start of a flight, in radians
 

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, described
-from .._kernel.replay import traits
+from .._checks.arguments import as_floats, described
+from .._math import components as cp
+from .._xla.replay import traits
 from . import so3
 from .bodies import Body, RigidBody, TensorBody
 from .compatibility import check_body, check_state, check_torque

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel import components as cp
-from .._kernel.checks import as_floats, require_finite
+from .._checks.arguments import as_floats, require_finite
+from .._math import components as cp
 
 _KEPLER_ITERATIONS = 8
 _SMOOTH_ITERATIONS = 2  # the last iterations, which are differentiated

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._kernel import components as cp
+from .._math import components as cp
 
 # With these numbers of terms the series and their derivatives are exact to rounding below these arguments.
 _SERIES_TERMS = 12

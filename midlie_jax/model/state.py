@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import same_batch
-from .._kernel.replay import Packed, by_components
+from .._checks.arguments import same_batch
+from .._math import components as cp
+from .._xla.replay import Packed, by_components
 from .bodies import RigidBody
 
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._kernel.checks import as_count
+from .._checks.arguments import as_count
 from .several import Bodies, Paths, grid, panels
 from .style import BLUE, GREY, ORANGE, SKY, new_figure
 from .turning import FACES, Turning, picture_file, turnings

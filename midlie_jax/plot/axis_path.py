@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._kernel.checks import as_floats, described, is_unit, shown
+from .._checks.arguments import as_floats, described, is_unit, shown
 from ..drivers.path import AnyPath
 from ..model import so3
 from ..model.states import RigidState

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._kernel.checks import described
+from .._checks.arguments import described
 from .edge import name_at_edge
 from .style import BLUE
 

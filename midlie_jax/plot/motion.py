@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._kernel.checks import described
+from .._checks.arguments import described
 from ..drivers.path import AdaptivePath, Path
 from ..model.bodies import RigidBody, TensorBody
 from ..model.observables import angular_velocity

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import described, require_function, shown
-from .._kernel.typed_by import TypedBy
+from .._checks.arguments import described, require_function, shown
+from .._checks.typed_by import TypedBy
 from ..drivers.path import AnyPath, States
 from ..model.state import BodyState
 from .edge import name_at_edge

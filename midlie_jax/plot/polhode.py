@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._kernel.checks import described
+from .._checks.arguments import described
 from ..drivers.path import AnyPath
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.state import BodyState

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._kernel.checks import as_count, described
+from .._checks.arguments import as_count, described
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from .axis_path import as_axis, directions

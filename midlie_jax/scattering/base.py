@@ -7,8 +7,8 @@ import equinox as eqx
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import described, require, require_finite, shown
-from .._kernel.components import is_traced
+from .._checks.arguments import described, require, require_finite, shown
+from .._math.components import is_traced
 
 _ROUNDED = 1e-6  # how far correlations may be off: those of numbers rounded to float32 are
 

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.checks import is_unit, require
-from .._kernel.fusion import split
+from .._checks.arguments import is_unit, require
+from .._math import components as cp
+from .._xla.fusion import split
 from ..model import so3
 from .base import Distribution, as_numbers, as_positive
 from .numbers import Normal

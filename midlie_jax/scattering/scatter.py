@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import FLOATS, described, require_finite
-from .._kernel.components import is_traced
+from .._checks.arguments import FLOATS, described, require_finite
+from .._math.components import is_traced
 from .base import Distribution
 
 _BLOCK = 1024  # bodies a call of the compiled program; a power of two, so that vector instructions leave no remainder

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._kernel.platform import on_cpu
+from .._xla.platform import on_cpu
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe
 from .names import named

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 from jax.sharding import Mesh
 
-from .._kernel.compiler import tuned_jit
+from .._xla.compiler import tuned_jit
 from ..drivers.adjoints import as_adjoint
 from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.ensemble import Batch

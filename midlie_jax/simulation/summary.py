@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._kernel.typed_by import TypedBy
+from .._checks.typed_by import TypedBy
 from ..drivers.observe import Statistic
 from ..drivers.path import States
 from .describe import Whole

@@ -6,9 +6,9 @@ import shlex
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from midlie_jax._xla.platform import cores
 from midlie_jax.cli import chosen
 from midlie_jax.cli.commands.output import progress_bar, require, show_table
-from midlie_jax.drivers.timing import cores
 from midlie_jax.methods.base import Method
 from midlie_jax.methods.flights import FLIGHTS
 from midlie_jax.methods.registry import ENTRIES

@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from midlie_jax.advice.program import Program
 from midlie_jax.cli import chosen
 from midlie_jax.cli.oracles import lagrange_top
 from midlie_jax.cli.scenes import perturbed, scene
-from midlie_jax.drivers.program import Program
 from midlie_jax.methods.base import Method
 from midlie_jax.methods.registry import method as find_method
 from midlie_jax.methods.splitting import Splitting

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from midlie_jax._kernel.compiler import vector_width_options
+from midlie_jax._xla.compiler import vector_width_options
 
 from .problem import Point, Problem, orbit_of, radius, rates
 

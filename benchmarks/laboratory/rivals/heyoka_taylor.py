@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from midlie_jax._kernel.compiler import vector_width_options
+from midlie_jax._xla.compiler import vector_width_options
 from midlie_jax.cli.scenes import Scene
 
 from .problem import Point, Problem, matrix, orbit_of, orbit_rates, orbit_start, program, rates

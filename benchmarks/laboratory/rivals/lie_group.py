@@ -11,9 +11,9 @@ from typing import Any
 import equinox as eqx
 from jax import Array
 
-from midlie_jax._kernel import components as cp
-from midlie_jax._kernel.fusion import fuse
-from midlie_jax._kernel.short_series import LARGEST_SQUARE, half_turn
+from midlie_jax._math import components as cp
+from midlie_jax._math.short_series import LARGEST_SQUARE, half_turn
+from midlie_jax._xla.fusion import fuse
 from midlie_jax.methods.base import Method
 from midlie_jax.methods.system import AnyMotion, Motion, System
 from midlie_jax.model.bodies import RigidBody

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from midlie_jax.advice.timing import Timing, timed, timed_in_turn
 from midlie_jax.cli.scenes import Scene
-from midlie_jax.drivers.timing import Timing, timed, timed_in_turn
 from midlie_jax.model import torques
 from midlie_jax.model.orbits import KeplerOrbit
 

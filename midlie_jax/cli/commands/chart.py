@@ -4,7 +4,7 @@ import argparse
 import math
 import os
 
-from ...drivers.timing import Load, cost_clock, one_core, spread_in_words
+from ...advice.timing import Load, cost_clock, one_core, spread_in_words
 from ...methods.registry import paper_methods
 from .. import charts, chosen, convergence
 from .output import progress_bar, require, show_table

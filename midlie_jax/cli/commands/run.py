@@ -10,11 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...drivers.check import check
+from ..._xla.platform import cores
+from ...advice.check import check
+from ...advice.timing import Load, Timing, timed, user_clock
+from ...advice.trials import MOST_STEPS
 from ...drivers.integrate import integrate
 from ...drivers.path import Path
-from ...drivers.timing import Load, Timing, cores, timed, user_clock
-from ...drivers.trials import MOST_STEPS
 from ...methods.base import Method
 from ...model.states import RigidState
 from .. import chosen, scenes

@@ -9,8 +9,8 @@ first. To write a flight, use the arithmetic of `components` and `short_series` 
 import sys
 from types import ModuleType
 
-from ..._kernel import components as components
-from ..._kernel import short_series as short_series
+from ..._math import components as components
+from ..._math import short_series as short_series
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia as Inertia
 from ..listing import Listing

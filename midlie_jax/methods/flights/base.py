@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import equinox as eqx
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.verdict import as_verdict, is_fine
+from ..._math import components as cp
 from ...model.bodies import Body
+from ..verdict import as_verdict, is_fine
 
 
 class Flight(eqx.Module):
@@ -72,7 +72,7 @@ class Flight(eqx.Module):
         """
 
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]:
-        """The flight with a verdict in place of `ok`, which says why the result is invalid (`_kernel.verdict`)."""
+        """The flight with a verdict in place of `ok`, which says why the result is invalid (`methods.verdict`)."""
         increment, change, ok = self(inertia, h, momentum)
         return increment, change, as_verdict(ok)
 

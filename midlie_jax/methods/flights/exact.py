@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel import components as cp
+from ..._math import components as cp
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
 from ...model.state import AnyState

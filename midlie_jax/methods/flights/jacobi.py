@@ -5,7 +5,7 @@ are rational in the components before the step and in functions of the step alon
 needed. The angle about the spatial momentum is an elliptic integral of the third kind. Its addition theorem leaves a
 function of the step and the argument of a complex number that is rational as well. The formulas need no sorting of the
 moments and have no special case at the separatrix or for equal moments. They use no period and no arithmetic-geometric
-mean, only three short sums in the invariants of the step (`_kernel.weierstrass`), a few roots and a reciprocal.
+mean, only three short sums in the invariants of the step (`_math.weierstrass`), a few roots and a reciprocal.
 
 For a unit of time, with (l, m, n) cyclic, a_l = 1/I_n - 1/I_m so that Pi_l' = a_l Pi_m Pi_n, i the axis of the middle
 moment, (i, j, k) cyclic, K = a_k Pi_j^2 - a_j Pi_k^2, and Weierstrass's function wp whose
@@ -34,11 +34,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.short_series import half_angle, half_turn
-from ..._kernel.verdict import verdict
-from ..._kernel.weierstrass import step_functions
+from ..._math import components as cp
+from ..._math.short_series import half_angle, half_turn
+from ..._math.weierstrass import step_functions
 from ...model.inertia import Inertia
+from ..verdict import verdict
 from .exact import ExactFlight, Flown
 from .jacobi_momentum import Invariants, lag, momentum_change
 from .turn_tangent import Changes, turn_of

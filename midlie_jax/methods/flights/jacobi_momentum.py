@@ -21,8 +21,8 @@ from typing import NamedTuple
 import jax
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.weierstrass import moment_functions, sigma_functions
+from ..._math import components as cp
+from ..._math.weierstrass import moment_functions, sigma_functions
 from ...model.inertia import Inertia
 
 # The square of the relative change of the momentum below which a change counts as short: an error of its length, even

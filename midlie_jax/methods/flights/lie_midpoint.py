@@ -17,12 +17,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.fusion import split
-from ..._kernel.short_series import LARGEST_TANGENT_SQUARE, LARGEST_TURN, arctangent, arctangent_slope, share_of_one
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.short_series import LARGEST_TANGENT_SQUARE, LARGEST_TURN, arctangent, arctangent_slope, share_of_one
+from ..._xla.fusion import split
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
+from ..verdict import verdict
 from .base import JudgedFlight
 
 # By dtype: the number of Newton steps with the plain Jacobian, then with each full Jacobian. They suffice for

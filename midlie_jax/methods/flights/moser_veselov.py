@@ -18,12 +18,12 @@ from typing import Any, ClassVar
 import jax
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.fusion import split
-from ..._kernel.newton import newton_pairs
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.newton import newton_pairs
+from ..._xla.fusion import split
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
+from ..verdict import verdict
 from .base import JudgedFlight
 
 # Pairs of Newton steps from the explicit guess; enough for h |Omega| <= 0.7, where two roots come close to each other.

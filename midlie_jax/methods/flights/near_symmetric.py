@@ -8,11 +8,11 @@ from typing import ClassVar
 
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, spin
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, spin
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
+from ..verdict import verdict
 from .base import JudgedFlight
 from .symmetric import bounded, larger_rate, symmetric_turn
 

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle
 from ...model.bodies import Body
 from ...model.inertia import Inertia
+from ..verdict import verdict
 from .exact import ExactFlight, Flown
 from .symmetric_tangent import Functions, Turning
 from .turn_tangent import Changes, is_zero, with_zeros

@@ -20,8 +20,8 @@ from typing import NamedTuple
 import jax
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.short_series import cosine_and_sinc, stumpff
+from ..._math import components as cp
+from ..._math.short_series import cosine_and_sinc, stumpff
 from .turn_tangent import Changes
 
 

@@ -14,13 +14,13 @@ from typing import Any, ClassVar
 import jax
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.fusion import split
-from ..._kernel.newton import newton_pairs
-from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, stumpff
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.newton import newton_pairs
+from ..._math.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn, stumpff
+from ..._xla.fusion import split
 from ...model.bodies import RigidBody
 from ...model.inertia import Inertia
+from ..verdict import verdict
 from .base import JudgedFlight
 from .lie_midpoint import free_start
 

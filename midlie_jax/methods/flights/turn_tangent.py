@@ -24,7 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
-from ..._kernel import components as cp
+from ..._math import components as cp
 from ...model.inertia import Inertia
 
 # The square of a turn, in radians, that is too small for any derivative but that with respect to the momentum.

@@ -5,11 +5,11 @@ from typing import Any
 import equinox as eqx
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.newton import newton
-from ..._kernel.short_series import LARGEST_SQUARE, LARGEST_TURN
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.newton import newton
+from ..._math.short_series import LARGEST_SQUARE, LARGEST_TURN
 from ..system import Motion, System
+from ..verdict import verdict
 from .base import ITERATIONS, Implicit, converged
 
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel import components as cp
+from ..._math import components as cp
 from ...model.bodies import RigidBody
 from ..base import Method
 from ..system import System

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel.verdict import verdict
 from ...model.bodies import Particles
 from ..system import Motion, System
+from ..verdict import verdict
 from .base import ITERATIONS, Implicit
 
 

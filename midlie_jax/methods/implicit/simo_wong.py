@@ -2,7 +2,7 @@
 
 import equinox as eqx
 
-from ..._kernel import components as cp
+from ..._math import components as cp
 from .torque_half_way import TorqueHalfWay
 
 

@@ -6,13 +6,13 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.newton import newton
-from ..._kernel.short_series import half_turn
-from ..._kernel.verdict import verdict
+from ..._math import components as cp
+from ..._math.newton import newton
+from ..._math.short_series import half_turn
 from ...model.inertia import Inertia
 from ..flights.lie_midpoint import free_start
 from ..system import Motion, System
+from ..verdict import verdict
 from .base import ITERATIONS, Implicit, converged
 
 _LARGEST_HALF_TURN = 0.75  # radians

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._kernel import components as cp
-from ..._kernel.checks import as_floats, require_finite
+from ..._checks.arguments import as_floats, require_finite
+from ..._math import components as cp
 from ..state import Described
 from .momentum import BODY_MOMENTUM
 from .rigid import RigidState, shift_change, turn_change

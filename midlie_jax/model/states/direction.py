@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._kernel import components as cp
-from ..._kernel.checks import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._math import components as cp
 from ..state import BodyState, Described
 from .length import length_correction
 from .momentum import BODY_MOMENTUM

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 from jax import Array
 from jaxtyping import Float
 
-from ..._kernel import components as cp
-from ..._kernel.checks import as_floats, require_finite
+from ..._checks.arguments import as_floats, require_finite
+from ..._math import components as cp
 from ..state import BodyState, Described
 
 BODY_MOMENTUM = {

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._kernel.checks import as_floats, require_finite
+from ..._checks.arguments import as_floats, require_finite
 from ..bodies import Particles
 from ..state import Described, State
 

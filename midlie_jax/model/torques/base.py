@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..._kernel import components as cp
-from ..._kernel.checks import require_function
+from ..._checks.arguments import require_function
+from ..._math import components as cp
 from ..bodies import RigidBody, TensorBody
 from ..state import Time
 

@@ -9,8 +9,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._kernel import components as cp
-from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..._math import components as cp
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
 from ..state import AnyState, Time

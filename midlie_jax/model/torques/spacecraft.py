@@ -14,8 +14,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._kernel import components as cp
-from ..._kernel.checks import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
+from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
+from ..._math import components as cp
 from .. import so3
 from ..bodies import RigidBody, TensorBody
 from ..state import AnyState, Time

@@ -14,16 +14,16 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel.compiler import compiler_options
-from .._kernel.verdict import FINE
+from .._xla.compiler import compiler_options
+from ..drivers import shared_inputs
+from ..drivers.clock import ends_of_step
+from ..drivers.shared_inputs import SharedInputs
 from ..methods.base import Method, Progress
 from ..methods.system import System
+from ..methods.verdict import FINE
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from . import shared_inputs
-from .clock import ends_of_step
-from .shared_inputs import SharedInputs
 
 
 class Program:

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .internals import Tracer
+from .._xla.internals import Tracer
 
 Vector = tuple[Array, Array, Array]
 Quaternion = tuple[Array, Array, Array, Array]

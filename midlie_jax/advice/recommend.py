@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import described, shown
+from .._checks.arguments import described, shown
+from ..drivers.arguments import as_scalar, check_system
 from ..methods.registry import DEFAULT, ENTRIES, exact_flight
 from ..methods.registry import method as find_method
 from ..methods.runge_kutta import RungeKutta
@@ -30,7 +31,6 @@ from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.observables import angular_velocity
 from ..model.states import RigidState
 from ..model.torques import TorqueLike
-from .arguments import as_scalar, check_system
 from .check import check
 from .facts import Facts
 from .program import Program

@@ -12,8 +12,10 @@ import jax
 import numpy as np
 from jax import Array
 
-from .._kernel.checks import as_count
-from .._kernel.components import is_traced
+from .._checks.arguments import as_count
+from .._math.components import is_traced
+from ..drivers.arguments import as_method, as_scalar, check_system
+from ..drivers.ensemble import as_batch
 from ..methods.base import Method
 from ..methods.limits import resonance, resonance_half_width
 from ..methods.splitting import Splitting
@@ -21,8 +23,6 @@ from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
-from .arguments import as_method, as_scalar, check_system
-from .ensemble import as_batch
 from .facts import FAST
 from .rounding import Rounding
 from .trials import Trial, Trials

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .components import is_traced
+from .._math.components import is_traced
 
 FLOATS = ("float32", "float64")
 _NAMED = 8  # rows that a message names

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
+from ..._math import components as cp
 
 
 class Labels(NamedTuple):

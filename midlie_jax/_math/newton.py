@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .._xla.fusion import fuse, split
 from . import components as cp
-from .fusion import fuse, split
 
 Residual = Callable[[cp.Vector], cp.Vector]
 

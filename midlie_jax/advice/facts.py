@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.replay import traits
+from .._math import components as cp
+from .._xla.replay import traits
 from ..methods.base import Method
 from ..methods.system import Motion, System
 from ..model.observables import kinetic_energy

@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._kernel.compiler import tuned_jit
+from .._xla.compiler import tuned_jit
+from ..drivers.adjoints import Forward
+from ..drivers.chunks import chunk_size, run_ensemble, shared_tables
+from ..drivers.ensemble import Batch
+from ..drivers.path import Path
 from ..methods.base import Method
 from ..model.state import AnyState
 from ..model.states import CompensatedState
-from .adjoints import Forward
-from .chunks import chunk_size, run_ensemble, shared_tables
-from .ensemble import Batch
 from .facts import Facts, energies_if_constant, stability_limits
-from .path import Path
 from .rounding import Rounding
 
 TURN_SHARE = 0.8  # a sane step turns the body by at most this share of the method's reach

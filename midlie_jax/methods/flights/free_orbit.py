@@ -7,7 +7,7 @@ second is that of the middle moment,
     angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
 
 where `angle` is that of the first axis about the spatial momentum. From u = 0 on, JACOBI's flight gives both exactly
-for a short time, which `_kernel.elliptic` doubles as often as needed. Addition theorems give the angle and the momentum
+for a short time, which `_math.elliptic` doubles as often as needed. Addition theorems give the angle and the momentum
 for the same time from the start u0 on; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below w1),
 sign that of I3 - I1, and the momentum p at the start,
 
@@ -29,17 +29,17 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from .._kernel import components as cp
-from .._kernel.elliptic import Complex, Modulus, Point, half_angle_of, normalised, product, smallest_complement
-from .._kernel.fusion import begin, fuse
-from .._kernel.powers import exponent, power, unit
-from .._kernel.repeat import repeat
-from .._kernel.weierstrass import sigma_functions
-from ..methods.flights.jacobi import LARGEST_TURN, Jacobi
-from ..methods.flights.jacobi_momentum import Invariants
-from ..model.bodies import RigidBody
-from ..model.inertia import Inertia
+from ..._math import components as cp
+from ..._math.elliptic import Complex, Modulus, Point, half_angle_of, normalised, product, smallest_complement
+from ..._math.powers import exponent, power, unit
+from ..._math.weierstrass import sigma_functions
+from ..._xla.fusion import begin, fuse
+from ..._xla.repeat import repeat
+from ...model.bodies import RigidBody
+from ...model.inertia import Inertia
 from .free_axes import Labels
+from .jacobi import LARGEST_TURN, Jacobi
+from .jacobi_momentum import Invariants
 
 _TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
 _DOUBLINGS = {"float64": 52, "float32": 23}  # after more, no digit of the phase is left
@@ -60,7 +60,7 @@ class Orbit(NamedTuple):
         levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle from the start on.
         modulus: of the elliptic functions.
         rate: of u.
-        n, root: as in `_kernel.elliptic`; the angle grows with the sign of `root`.
+        n, root: as in `_math.elliptic`; the angle grows with the sign of `root`.
         omega: a bound of the angular velocity.
     """
 

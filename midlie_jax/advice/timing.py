@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, NamedTuple
 
-from .._kernel.platform import on_cpu
+from .._xla.platform import cores, on_cpu
 
 _BUSY = 0.85  # the machine was busy if this process got a smaller share of its core
 
@@ -164,11 +164,6 @@ class Load:
             f"The machine was busy: this process had {share:.0%} of the processor time that it asked for. Only "
             "differences much larger than the spread of the times are meaningful; measure again on a quiet machine."
         )
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def pin() -> None:

@@ -1,5 +1,6 @@
 """Where programs run: on CPUs or on an accelerator, which want steps and batches in portions of different size."""
 
+import os
 from typing import Any
 
 import jax
@@ -14,3 +15,8 @@ def on_cpu() -> bool:
     config: Any = jax.config  # its annotations do not know the option
     device = config.jax_default_device
     return (device if isinstance(device, str) else getattr(device, "platform", jax.default_backend())) == "cpu"
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
