@@ -1,10 +1,10 @@
 # Each target makes what it needs in .venv first, with the newest Python of this machine; a second call finds it there.
 # PYTHON=python3.11 chooses another Python for a new .venv.
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
-#   make test               as many of the tests as 5 minutes on two cores allow, of each law something first
-#   make test-all           all laws for one method of each kind: half an hour; PART=2/3 runs the second of three parts
+#   make test               a fixed set of the tests, under 5 minutes on two cores: all but what is marked `sample`
+#   make test-rest          what make test leaves out: an hour; MINUTES=45 skips what would begin later
+#   make test-all           both: all laws for one method of each kind
 #   make test-full          every law for every method, dtype and driver: hours
-#   make costs              test-all, and keeps the measured costs from which test chooses: tests/costs.json
 #   make notebooks          executes the notebooks, each of which must end without an error within 3 minutes; LIMIT=400
 #                           allows 400 seconds
 #   make notebooks-write    makes the notebooks from their scripts, with their outputs: notebooks/*.ipynb
@@ -29,17 +29,14 @@ first = $(shell for v in $(1); do for python in "python$$v" "$$(pyenv root 2>/de
 PYTHON ?= $(call first,$(VERSIONS))
 OLDEST ?= $(call first,3.11 3.12 3.13)
 SCENE ?= P1
-MINUTES ?= 5
-BUDGET ?= 300
-PART ?= 1/1
 LIMIT ?= 180
 JAX ?= jax[cuda13]
-# In the order of tests/conftest.py, which also says what one worker runs.
+# tests/conftest.py says what one worker runs.
 PYTEST = .venv/bin/pytest -n 2 --no-loadscope-reorder
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test test-all costs test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench claims rivals gpu \
+.PHONY: chart test test-rest test-all test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench claims rivals gpu \
 	kernels docs figures test-release test-lowest
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
@@ -47,13 +44,13 @@ chart: .venv/.cli
 	.venv/bin/midlie chart $(SCENE)
 
 test: .venv/.test
-	$(PYTEST) --budget $(BUDGET)
+	$(PYTEST) --sample
 
 test-all: .venv/.test
-	$(PYTEST) --part $(PART)
+	$(PYTEST)
 
-costs: .venv/.test
-	$(PYTEST) --costs
+test-rest: .venv/.test
+	$(PYTEST) --rest $(if $(MINUTES),--minutes $(MINUTES))
 
 test-full: .venv/.test
 	$(PYTEST) -m "full or not full"
@@ -81,7 +78,7 @@ lint: .venv/.lint
 	.venv/bin/pyright --pythonpath .venv/bin/python -p tests
 
 fuzz: .venv/.fuzz
-	.venv/bin/python tests/fuzz.py --minutes $(MINUTES)
+	.venv/bin/python tests/fuzz.py --minutes $(or $(MINUTES),5)
 
 bench: .venv/.bench
 	.venv/bin/python benchmarks/run.py

@@ -8,10 +8,10 @@ import gc
 import os
 import subprocess
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 
-import budget
 import jax
 import pytest
 
@@ -33,11 +33,9 @@ def known(flag):
 
 def pytest_addoption(parser):
     parser.addoption("--accelerator", action="store_true", help="run on an accelerator; fail without one")
-    parser.addoption(
-        "--budget", type=float, metavar="SECONDS", help="run what takes this processor time, see budget.py"
-    )
-    parser.addoption("--part", metavar="K/N", help="run part K, counted from 1, of N of about the same cost")
-    parser.addoption("--costs", action="store_true", help="keep the processor time of each test in costs.json")
+    parser.addoption("--sample", action="store_true", help="of a law marked sample(n) its first n parameters")
+    parser.addoption("--rest", action="store_true", help="what --sample leaves out")
+    parser.addoption("--minutes", type=float, metavar="N", help="skip the tests that would begin after N minutes")
 
 
 def pytest_configure(config):
@@ -55,75 +53,45 @@ def pytest_configure(config):
 
 # Files whose laws read the same compiled runs; the others are one group each.
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
-WHOLE = {"test_docs", "test_shard_map"}  # what they compute, in a process of its own, is one whole
-MEASURED: dict[str, float] = {}  # processor seconds of the tests that have run
-TEST, START = pytest.StashKey[budget.Test](), pytest.StashKey[float]()
-
-
-def group_of(name):
-    """The group of a node id."""
-    stem = Path(name.partition("::")[0]).stem
-    return TOGETHER.get(stem, stem)
+BEGAN = time.monotonic()
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """A group is one worker's, so that a program that it needs twice is compiled once.
+    """A group of files is one worker's, so that a program that it needs twice is compiled once.
 
-    `--dist loadgroup` promises this; but xdist 3.8 with pytest 9.2 spreads the tests of a group over the workers.
+    `--dist loadgroup` of xdist 3.8 would do this by writing the group into `item._nodeid` (xdist/remote.py), which
+    pytest 9.2 does not read.
     """
     from xdist.scheduler import LoadScopeScheduling
 
     class Groups(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            return group_of(nodeid)
+            stem = Path(nodeid.partition("::")[0]).stem
+            return TOGETHER.get(stem, stem)
 
     return Groups(config, log)
 
 
-def pytest_itemcollected(item):
-    item.stash[TEST] = budget.Test.of(item.nodeid, group_of(item.nodeid), item.path.stem in WHOLE)
-
-
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """Leaves out what `--budget` and `--part` do not choose; the most expensive files come first."""
-    costs, tests = budget.known_costs(), [item.stash[TEST] for item in items]
-    names = {test.name for test in tests}
-    if config.option.part:
-        which, parts = map(int, config.option.part.split("/"))
-        names &= budget.part(tests, costs, which - 1, parts)
-    if config.option.budget:
-        names &= budget.chosen(tests, costs, config.option.budget)
-    config.hook.pytest_deselected(items=[item for item in items if item.stash[TEST].name not in names])
-    groups = Counter()
-    for test in tests:
-        groups[test.unit[0]] += costs.get(test.name, 0.0) * (test.name in names)
-    items[:] = sorted(
-        (item for item in items if item.stash[TEST].name in names), key=lambda item: -groups[item.stash[TEST].unit[0]]
-    )
+    """With `--sample` the set of `make test`: of each law marked `sample(n)` the first n; with `--rest` the others."""
+    if not (config.option.sample or config.option.rest):
+        return
+    seen, chosen = Counter(), []
+    for item in items:
+        law, marker = item.nodeid.partition("[")[0], item.get_closest_marker("sample")
+        seen[law] += 1
+        sampled = marker is None or seen[law] <= marker.args[0]
+        chosen.append(sampled == config.option.sample)
+    config.hook.pytest_deselected(items=[item for item, own in zip(items, chosen, strict=True) if not own])
+    items[:] = [item for item, own in zip(items, chosen, strict=True) if own]
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    item.stash[START] = budget.processor_time()
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_teardown(item):
-    cost = budget.processor_time() - item.stash[START]
-    item.user_properties.append((budget.COST, (item.stash[TEST].name, cost)))
-
-
-def pytest_runtest_logreport(report):
-    if report.when == "teardown":
-        name, cost = dict(report.user_properties)[budget.COST]
-        MEASURED[name] = cost
-
-
-def pytest_sessionfinish(session):
-    if session.config.option.costs and not hasattr(session.config, "workerinput"):
-        budget.keep_costs(MEASURED)
+    limit = item.config.option.minutes
+    if limit is not None and time.monotonic() - BEGAN > 60 * limit:
+        pytest.skip(f"{limit:g} minutes are over")
 
 
 @pytest.fixture(scope="module", autouse=True)

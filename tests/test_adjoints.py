@@ -38,6 +38,7 @@ def gap(found, expected):
     return max(float(jnp.max(jnp.abs(x - y)) / jnp.max(jnp.abs(y))) for x, y in pairs)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", each(SYMMETRIC, FEW))
 def test_every_adjoint_gives_the_same_value_and_gradient(name):
     given = parameters(name)
@@ -50,6 +51,7 @@ def test_every_adjoint_gives_the_same_value_and_gradient(name):
     assert gap(forward, gradient) <= 1e-11
 
 
+@pytest.mark.sample(0)
 def test_the_way_back_over_ten_thousand_steps():
     """Of a regular motion, Lagrange's top; 16 states are kept, so the rounding of 625 steps adds up."""
     name = "SYMMETRIC[EA]"
@@ -60,6 +62,7 @@ def test_the_way_back_over_ten_thousand_steps():
     assert gap(found, kept) <= 1e-9
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("dtype", "bound"), [("float64", 4e-9), ("float32", 1.4e-3)])
 def test_the_way_back_between_two_kept_states_is_right_to_the_stated_bound(dtype, bound):
     """Of tops that turn by up to a radian a step, over the longest distance that `Reversible` takes by itself."""
@@ -81,6 +84,7 @@ def test_the_way_back_between_two_kept_states_is_right_to_the_stated_bound(dtype
     assert jnp.linalg.norm(turns, axis=1).max() <= bound
 
 
+@pytest.mark.sample(0)
 def test_memory_of_the_way_back_does_not_grow_with_the_steps():
     def memory(adjoint, steps):
         gradient = jax.grad(partial(loss, "SYMMETRIC[EA]", adjoint, steps=steps, save_every=steps))
@@ -92,6 +96,7 @@ def test_memory_of_the_way_back_does_not_grow_with_the_steps():
     assert memory(ml.Checkpointed(every=400), 160_000) <= memory(ml.Checkpointed(), 160_000) / 50
 
 
+@pytest.mark.sample(0)
 def test_seven_numbers_are_kept_of_a_step_that_begins_with_a_kick():
     """Momentum and attitude; neither the force of the last step nor the momentum before the kick."""
 
@@ -107,6 +112,7 @@ def test_seven_numbers_are_kept_of_a_step_that_begins_with_a_kick():
     assert numbers <= 7.6  # with the index of the step, an integer of four bytes
 
 
+@pytest.mark.sample(0)
 def test_arrays_that_a_torque_closes_over_have_derivatives():
     given = parameters("SYMMETRIC[EA]")
 
@@ -126,6 +132,7 @@ def test_arrays_that_a_torque_closes_over_have_derivatives():
     assert abs(slopes[1] - slopes[0]) <= 1e-12 * abs(slopes[0])
 
 
+@pytest.mark.sample(0)
 def test_second_derivatives_of_the_way_back():
     name = "SYMMETRIC[EA]"
 
@@ -137,6 +144,7 @@ def test_second_derivatives_of_the_way_back():
     assert abs(back - kept) <= 1e-11 * abs(kept)
 
 
+@pytest.mark.sample(0)
 def test_an_ensemble_goes_back_as_each_of_its_bodies():
     momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, 5)[:, None])
     starts = ml.RigidState(momenta, jnp.tile(jnp.asarray(CASE.attitude), (5, 1)))
@@ -179,6 +187,7 @@ def test_every_is_a_positive_integer(adjoint, every):
         adjoint(every=every)
 
 
+@pytest.mark.sample(0)
 def test_forward_mode_alone_refuses_reverse_mode():
     with pytest.raises(ValueError, match="has no reverse derivative"):
         jax.grad(partial(loss, "SYMMETRIC[EA]", ml.Forward()))(parameters("SYMMETRIC[EA]"))
@@ -187,6 +196,7 @@ def test_forward_mode_alone_refuses_reverse_mode():
 BATCH = 1003  # a number that nothing else in the program has
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 1)])
 def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops):
     """Without those that only add up what a step contributes to the derivatives of shared parameters."""

@@ -68,6 +68,7 @@ FRAMES = [
 OTHERS = [(m, name) for m in ("AKW", "DOP853") for name in TORQUES if (m, name) not in FRAMES]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("method", "name"), [*FRAMES, *whole(*OTHERS)])
 def test_a_body_keeps_the_frame_of_its_tensor(method, name):
     torque = TORQUES[name]
@@ -89,6 +90,7 @@ def test_tensor_velocity_and_momentum_are_those_of_the_matrix():
     np.testing.assert_allclose(BODY.trace, np.trace(TENSOR), atol=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_tensors_of_many_bodies():
     """A batch of tensors, in `from_tensor`, `TensorBody` and `ensemble`."""
     turns = so3.to_matrix(so3.exp(jnp.asarray(RNG.normal(size=(4, 3)))))
@@ -103,6 +105,7 @@ def test_tensors_of_many_bodies():
     close(jax.tree.map(lambda x: x[2], path.states), jax.tree.map(lambda x: x[-1], solo.states))
 
 
+@pytest.mark.sample(0)
 def test_other_states_and_drivers_know_the_frame():
     """A direction, a momentum alone, an adaptive step, diffrax: all as the full state under `integrate`."""
     path = ml.integrate("JACOBI[EA]", BODY, TOP, START, dt=0.02, steps=20, save_every=20)
@@ -181,6 +184,7 @@ def orbiting(eccentricity):
     return ml.torques.GravityGradient(None, orbit, 1.0)
 
 
+@pytest.mark.sample(0)
 def test_energy_asks_for_the_time_that_it_depends_on():
     """On an eccentric orbit; a path brings its own times, and a state must be given one."""
     body, torque = ml.RigidBody(jnp.asarray(MOMENTS)), orbiting(0.3)
@@ -204,6 +208,7 @@ def test_energy_asks_for_the_time_that_it_depends_on():
         ml.energy(ml.RigidBody(jnp.ones((4, 3))), None, path)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", [ml.RigidBody, ml.TensorBody])
 def test_of_many_bodies_with_many_states_each_is_that_of_each_state(kind):
     """Moments and weights have one row for each body, and there are as many saved states as bodies."""
@@ -256,6 +261,7 @@ def test_energy_finds_the_arrays_of_a_torque_that_have_rows():
         ml.energy(body, ml.torques.HeavyTop(weights), three, torque_axes=0)
 
 
+@pytest.mark.sample(0)
 def test_energy_of_an_ensemble_and_of_particles():
     body = ml.RigidBody(jnp.asarray(MOMENTS))
     starts = jax.tree.map(lambda x: jnp.tile(x, (3, 1)), START)
@@ -295,6 +301,7 @@ def test_quaternions_of_other_programs():
     assert so3.slerp(ours, ours[::-1], 0.5).shape == (6, 4)
 
 
+@pytest.mark.sample(0)
 def test_gradient_in_a_tensor_equals_differences():
     def end(entry):
         tensor = TENSOR.at[0, 1].add(entry).at[1, 0].add(entry)

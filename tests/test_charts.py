@@ -123,6 +123,7 @@ def looks(line):
     return line.get_color(), line.get_linestyle(), line.get_marker()
 
 
+@pytest.mark.sample(1)
 def test_no_two_lines_look_alike(figure):
     for panel in figure.axes:
         found = [looks(line) for line in lines(panel)]
@@ -233,6 +234,7 @@ def test_no_leader_crosses_a_name(figure):
                     assert not crosses(leader, boxes[other]), (text.get_text(), other.get_text())
 
 
+@pytest.mark.sample(1)
 def test_the_heading_touches_no_panel_and_fits(figure):
     renderer = figure.canvas.get_renderer()
     heads = [text.get_window_extent(renderer) for text in figure.texts]
@@ -245,6 +247,7 @@ def test_the_heading_touches_no_panel_and_fits(figure):
             assert head.y0 - panel.get_tightbbox(renderer).y1 > 2  # pixels
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("title", TITLES)
 def test_every_scene_title_fits(title):
     busy = "The machine was busy. " * 12
@@ -333,6 +336,7 @@ def record(name, bodies=1, states=300, **changes):
     return made._replace(**changes)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("bodies", [1, 40])
 @pytest.mark.parametrize("name", ["P1", "bruls-cardona", "free-asymmetric", "gravity-gradient", "pulsed-body"])
 def test_a_run_is_drawn_with_units_and_without_collisions(name, bodies):

@@ -19,6 +19,7 @@ SPINNING = ml.RigidState([0.0, 0.0, 3.6], ml.so3.exp(jnp.array([0.1, 0.0, 0.0]))
 EA = "SYMMETRIC[EA]"  # compiles fastest
 
 
+@pytest.mark.sample(0)
 def test_the_numbers_are_those_of_the_definitions():
     found = ml.check(EA, BODY, NEEDLE, AT_REST, dt=-0.1)
     assert (found.method, found.dt, found.sane, found.solved) == (EA, -0.1, True, True)
@@ -68,6 +69,7 @@ def test_each_reason_is_named():
     assert "within the width of the resonance at 6" in str(resonant)
 
 
+@pytest.mark.sample(0)
 def test_a_batch_is_judged_by_its_worst_body():
     momenta = jnp.array([[0.0, 0.0, 1.0], [0.5, 0.0, 3.0], [0.0, 2.0, 0.0]])
     states = ml.RigidState(momenta, jnp.tile(SPINNING.attitude, (3, 1)))
@@ -105,6 +107,7 @@ def of_scene(name):
     return made.body, made.torque, made.start
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     ("name", "system", "dt"),
     [
@@ -188,6 +191,7 @@ def path_of(torque, save_every, start=SPINNING):
     return quick(lambda s: ml.integrate(EA, BODY, torque, s, dt=0.1, steps=20, save_every=save_every))(start)
 
 
+@pytest.mark.sample(0)
 def test_the_first_bad_state_is_the_first_that_an_infinite_momentum_or_a_failed_flight_reaches():
     """The kick at 1.1 ends step 11, and the flight of step 12 is the first that fails."""
     for torque, step in ((switched_on, 12), (nan_later, 11)):

@@ -44,6 +44,7 @@ def ball(states, stretch=1.0):
     return ml.RigidState(stretch * momentum, ml.so3.multiply(states.attitude, turns))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("stretch", "defect", "area"), [(1.0, 0, 0), (1.01, 0.013, 0.0201)])
 def test_defects_of_a_map_that_is_known(stretch, defect, area):
     """A stretch by 1 + e changes the form by e times its entries, at most 1.3 here, and areas by (1 + e)^2 - 1."""
@@ -80,6 +81,7 @@ PROPERTIES = {
 }
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", PROPERTIES)
 def test_a_property_is_seen_where_it_is_and_missed_where_it_is_not(name):
     assert PROPERTIES[name](measured(HAS))

@@ -25,6 +25,7 @@ def forced(name, kind, state, first, dtype):
     return ml.integrate(name, body, torque, start, dt=s.dt, t0=s.t0, steps=32, save_every=8, first_step=first)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", each(few=["JACOBI[CHIN4A]", "LIEMID[I]", "NMB"]))
 def test_it_moves_like_a_rigid_state_and_a_split_run_equals_the_whole(name):
     """In float32 like one in float64, to a few units in the last place; and split to the bit, low parts included."""
@@ -59,6 +60,7 @@ def momentum_errors(flight, kind):
     return np.sqrt(np.mean(error.reshape(len(TURNS), BODIES) ** 2, axis=1))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("flight", [EXACT[0], *whole(*EXACT[1:])], ids=lambda flight: flight.name)
 def test_its_rounding_is_that_of_the_changes(flight):
     """In proportion to the turn of a step, where that of a `RigidState` does not depend on the turn."""
@@ -71,6 +73,7 @@ def start_of(kind):
     return kind(jnp.array([1.0, 0.8, -1.3]), ml.so3.exp(jnp.array([0.5, -0.3, 0.8])))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("adjoint", [ml.Reversible(), *whole(ml.Checkpointed())], ids=lambda x: type(x).__name__)
 def test_its_gradient_is_that_of_a_rigid_state(adjoint):
     def height(weight, kind):
@@ -90,6 +93,7 @@ def test_its_gradient_is_that_of_a_rigid_state(adjoint):
     assert abs(found - truth) <= 1e-13
 
 
+@pytest.mark.sample(0)
 def test_a_body_with_a_full_tensor_moves_like_one_with_a_rigid_state():
     tensor = jnp.array([[2.0, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 1.7]])
     ends = [

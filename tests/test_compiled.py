@@ -69,6 +69,7 @@ DEAR = r"\b(dot|convolution|custom-call|gather|sine|cosine|tan|power|exponential
 JOINED = rf"\[{BATCH},\d\]\S* concatenate\("
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(COUNTED))
 def test_a_step_is_as_many_loops_as_it_should_be(name, dtype):
     count, text = loops(name, TORQUES["components"], dtype)
@@ -77,6 +78,7 @@ def test_a_step_is_as_many_loops_as_it_should_be(name, dtype):
     assert not re.search(JOINED, text)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("torque", ["arrays", "potential", "none"])
 def test_any_way_of_writing_the_torque_gives_one_loop(torque):
     count, text = loops("LIEMID[EA]", TORQUES[torque], jnp.float64)
@@ -91,6 +93,7 @@ def test_what_no_step_may_hold_is_found_where_it_is():
     assert re.search(DEAR, text)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", [ml.RigidState, ml.MomentumState])
 def test_a_doubling_of_free_motion_is_one_loop(kind):
     """And nothing of it sorts, indexes or calls a dear function, inside the loop or out of it."""

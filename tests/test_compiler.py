@@ -71,6 +71,7 @@ def test_the_bodies_are_counted(options):
     assert (counts, shared, many) == ([1, 5, 6], 1, 7)
 
 
+@pytest.mark.sample(0)
 def test_the_options_reach_every_program_that_runs_at_once_and_no_other(options):
     """An option that no compiler knows makes every program fail to which it is given."""
     spins = jnp.array([1.0, 1.1])
@@ -86,6 +87,7 @@ def test_the_options_reach_every_program_that_runs_at_once_and_no_other(options)
         assert np.isfinite(transform(partial(end, steps=next(steps)))(1.0 + 0 * spins[0]))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(CLASSES, CLASSES))
 def test_wide_vectors_change_no_bit_and_vectorised_steps_no_more_than_rounding(name, dtype):
     s = setup()

@@ -79,6 +79,7 @@ def length(part):
     return np.linalg.norm(part, axis=-1, keepdims=True)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(few=FREE))
 def test_spatial_momentum_of_a_free_body(name, dtype):
     """R Pi with R the rotation that the attitude stands for; that the attitude stays unit is the next law."""
@@ -102,6 +103,7 @@ def test_attitude_stays_a_unit_quaternion(name, dtype):
     assert changes.max() <= 2 * epsilon(dtype), changes / epsilon(dtype)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "dtype"), by_turns([*LIEMID, "LIEMID[I]"]))
 def test_energy_of_a_symmetric_free_body(name, dtype):
     """I Psi = h exp(-Psi/2) Pi keeps the part of Pi along the axis of symmetry, and |Pi| by construction."""
@@ -118,6 +120,7 @@ def flight_only(parts):
     return Splitting(flights.LieMidpoint(), schemes.Scheme("flight", 2, stages, "this test"), "flight")
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     ("parts", "names", "dtype"),
     [
@@ -141,6 +144,7 @@ def test_liemid_without_torque_is_the_flight(parts, names, dtype):
         assert gap(implicit, explicit) <= 4 * steps * epsilon(dtype), gap(implicit, explicit) / epsilon(dtype)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(few=CLASSES))
 def test_momentum_alone_follows_the_whole(name, dtype):
     """Without attitude the momentum is that of the full state, to 4 units of rounding a step."""
@@ -156,6 +160,7 @@ def test_momentum_alone_follows_the_whole(name, dtype):
 FLOWN = [f"{flight.name}[E1]" for flight in RIGID_FLIGHTS]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns([*FLOWN, *ROTATION], few=[*FLOWN, *CLASSES]))
 def test_a_pose_keeps_its_length_at_any_turn_that_is_not_refused(name, dtype):
     """What rounding takes from the length of a direction or an attitude does not grow, turned by up to 2.4 radians."""

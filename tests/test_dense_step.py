@@ -28,6 +28,7 @@ def by_step(name):
     return ml.LieSolver(name, dense="step")
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", NAMES)
 def test_inside_a_step_the_error_is_that_of_a_step(name):
     @eqx.filter_jit(compiler_options=QUICK)
@@ -46,6 +47,7 @@ def test_inside_a_step_the_error_is_that_of_a_step(name):
     assert slope > ml.method(name).order + 0.8
 
 
+@pytest.mark.sample(0)
 def test_every_way_of_asking_gives_the_state_of_a_shorter_step():
     """Saved times and the whole solution, mapped over a batch, for a body in a frame of its own."""
     turned = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.2, 0.5])))
@@ -98,6 +100,7 @@ def north(t, y, args, **kwargs):
     return ml.so3.to_matrix(y.attitude)[0, 2]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("mode", ["ForwardMode", pytest.param("RecursiveCheckpointAdjoint", marks=pytest.mark.full)])
 def test_an_event_has_the_error_of_the_method_and_a_derivative(mode):
     """A crossing of Lagrange's top in closed form; the cubic is wrong by much more at the same step."""

@@ -56,6 +56,7 @@ def numbers(state):
 FREE = (jnp.array(0.0), jnp.array(0.0))
 
 
+@pytest.mark.sample(0)
 def test_one_term_under_six_solvers_agrees_at_their_orders():
     """And who keeps the spatial momentum of a free body: ours to rounding, theirs by their orders."""
     newton = optimistix.Newton(rtol=1e-11, atol=1e-11)
@@ -85,6 +86,7 @@ def test_one_term_under_six_solvers_agrees_at_their_orders():
     assert min(drifts[:-1]) > 100 * drifts[-1]
 
 
+@pytest.mark.sample(0)
 def test_there_and_back():
     for name in ("LIEMID[EA]", "NMB"):
         solver = ml.LieSolver(name)
@@ -114,6 +116,7 @@ FAMILIES = {
 }
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", FAMILIES)
 def test_estimate_is_the_local_error_or_above(name):
     """On a second step; the first has no history, and an estimate of second order in the momentum."""
@@ -149,6 +152,7 @@ def test_estimate_is_the_local_error_or_above(name):
     assert solver.error_order(term) == min(momentum, attitude)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["LIEMID[E2]", "LIEMID[EA]", "SYMMETRIC[SRKN6b]"])
 def test_controller_holds_its_tolerance(name):
     """Momentum and attitude in turn command the step; both go with the tolerance as the orders say."""
@@ -172,6 +176,7 @@ def test_controller_holds_its_tolerance(name):
         assert errors[-1] < 1e3 * tolerances[-1]
 
 
+@pytest.mark.sample(0)
 def test_failed_steps_are_rejected():
     """A first step too long for the flight's equation to be solved, with a controller and without."""
     solver, fast = ml.LieSolver("LIEMID[EA]"), start(8.0)
@@ -188,6 +193,7 @@ def test_failed_steps_are_rejected():
     assert bool(solution.result == diffrax.RESULTS.successful)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     ("name", "controller", "dense", "evaluations"),
     [("LIEMID[EA]", "PIDController", True, 1), ("LIEMID[EA*]", "PIDController", False, 2)],
@@ -212,6 +218,7 @@ def test_torque_evaluations(name, controller, dense, evaluations):
     assert evaluations * STEPS <= len(count) <= evaluations * STEPS + 2
 
 
+@pytest.mark.sample(0)
 def test_backsolve_approaches_the_derivative_of_the_motion():
     """By the recipe, a solver of diffrax for the way back: off by the method's error, a quarter at half the step."""
 
@@ -234,6 +241,7 @@ def north(t, y, args, **kwargs):
     return ml.so3.to_matrix(y.attitude)[0, 2]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("mode", ["ForwardMode", pytest.param("RecursiveCheckpointAdjoint", marks=pytest.mark.full)])
 def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
     """Against Lagrange's top in closed form; the derivative against differences of the closed form's crossing."""
@@ -268,6 +276,7 @@ def test_event_time_and_its_gradient_are_those_of_the_true_motion(mode):
     assert abs(coarse - exact(weight)) > 1e-10  # it is the step that makes it right
 
 
+@pytest.mark.sample(0)
 def test_pitfalls_of_the_readme():
     """A constant step that does not divide the time, and a torque that is a new function on every call."""
     steps = diffrax.SaveAt(steps=True)
@@ -292,6 +301,7 @@ def test_pitfalls_of_the_readme():
         assert len(traces) == expected
 
 
+@pytest.mark.sample(0)
 def test_float32():
     cast = partial(jax.tree.map, lambda x: x.astype(jnp.float32) if eqx.is_array(x) else x)
     times = [jnp.float32(t) for t in (T0, T0 + 1, DT)]
@@ -312,6 +322,7 @@ def test_float32():
         diffrax.diffeqsolve(term, ml.LieSolver(), T0, T0 + 1, DT, cast(start()), cast(ARGS))
 
 
+@pytest.mark.sample(0)
 def test_kept_torque_is_renewed_after_a_jump(capfd):
     def push(t):
         return jnp.where(t < 0.75, jnp.zeros_like(t), 3 * jnp.ones_like(t)) * jnp.ones(3)
@@ -341,6 +352,7 @@ def test_a_step_hands_few_numbers_to_its_reverse_derivative(name):
     assert len(jax.tree.leaves(jax.eval_shape(pullback, y0, ARGS))) < 60
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", ["LIEMID[EA]", "LIEMID[E2]", "JACOBI[EA]"])
 def test_equal_steps_compute_neither_estimate_nor_dense_output(name):
     """The compiler removes both where nothing uses them: of the loops that `fuse` makes, that of the step is left."""

@@ -117,6 +117,7 @@ def torque_use(method):
 KEEPS = firsts(torque_use)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", each(few=KEEPS))
 def test_outputs_equal_integrate(name):
     """With every kind of output; the controllers take turns, and so do one body and a batch."""
@@ -131,6 +132,7 @@ def test_outputs_equal_integrate(name):
         compare(row(found, i) if batched else found, row(paths(name), i))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", PARTICLE)
 def test_particles_equal_integrate(name):
     compare(quick(lambda w: outputs(name, w, "PIDController", TS))(ARGS[0]), row(paths(name), 2))
@@ -143,6 +145,7 @@ PAIRS = [
 ]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "controller", "adjoint"), PAIRS)
 def test_derivatives_equal_differences(name, controller, adjoint):
     """Of a method that keeps its torque, of one that solves for it, and of one that is handed it."""

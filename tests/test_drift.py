@@ -27,6 +27,7 @@ def drift(name: str) -> Drift:
     return drift_test(ml.method(name))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", DRIFTS)
 def test_the_drift_runs_are_ok(name):
     assert drift(name).ok
@@ -69,6 +70,7 @@ def cancelling_potential(t, state):
     return (d - 1) ** 2 - 0.3 / jnp.sqrt(2 * (3 - jnp.sum(well * Q)))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("momentum", "attitude"), CLOSE)
 def test_a_solve_down_to_the_rounding_of_its_torque_is_ok(momentum, attitude):
     start = ml.RigidState(jnp.array(momentum), jnp.array(attitude))
@@ -87,17 +89,20 @@ def test_published_drift_of_the_energy(name):
     assert not is_published_drift(drift(name), float(first), -float(last))
 
 
+@pytest.mark.sample(0)
 def test_the_exact_flight_has_no_drift():
     found = drift("JACOBI[EA]")
     np.testing.assert_allclose(found.eighths, -1.05e-3, atol=0.01e-3)
     assert is_published_drift(found, *PUBLISHED_DRIFTS["JACOBI[EA]"])
 
 
+@pytest.mark.sample(0)
 def test_the_drift_of_the_midpoint_method_is_linear():
     gains = np.diff(drift("LIEMID[EA]").eighths[0])
     assert np.ptp(gains) < 0.03 * gains.mean()
 
 
+@pytest.mark.sample(0)
 def test_the_late_drift_of_akw_is_chaotic():
     """Its published figure for the last eighth is one draw: copies that differ by 1e-14 part ways half way through."""
     found = drift("AKW")

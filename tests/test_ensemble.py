@@ -57,6 +57,7 @@ def together(dtype, save_every, chunk):
     )
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_each_body_moves_as_it_would_alone(dtype):
     path = together(dtype, 4, 3)
@@ -71,6 +72,7 @@ def test_each_body_moves_as_it_would_alone(dtype):
             np.testing.assert_allclose(mine, its, rtol=0, atol=4 * STEPS * epsilon(dtype))
 
 
+@pytest.mark.sample(0)
 def test_the_cut_changes_nothing_and_the_end_is_the_end():
     """A cut that fills its last chunk, one that does not, and none: the same to rounding; the end alone, too."""
     whole = together("float64", 4, 100)
@@ -85,6 +87,7 @@ def test_the_cut_changes_nothing_and_the_end_is_the_end():
         np.testing.assert_allclose(mine, its, rtol=0, atol=4 * STEPS * epsilon("float64"))
 
 
+@pytest.mark.sample(0)
 def test_shared_arguments_and_the_gradient():
     """One body, torque and step for all: times are shared, and the gradient is the sum of those of the bodies."""
     body, dt = ml.RigidBody(jnp.asarray(MOMENTS[0])), 0.02
@@ -210,6 +213,7 @@ MIXED = {
 }
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", MIXED)
 def test_parameters_with_a_row_a_body_are_found(name):
     torque, alone = MIXED[name]
@@ -255,6 +259,7 @@ def test_what_can_be_read_in_two_ways_is_refused(torque, count, words):
         ml.ensemble(METHOD, BODY, torque, start, dt=0.02, steps=STEPS)
 
 
+@pytest.mark.sample(0)
 def test_each_reading_is_taken_when_it_is_said():
     """The shared spectrum and rows of its own strengths, and a drag for each axis, as one body alone has them."""
     names = [name for name, leaf in named(LINES) if leaf is STRENGTHS or "[2]" in name]

@@ -32,6 +32,7 @@ class Explicit(ml.flights.Flight):
         return increment, cp.rotation_change(cp.conjugate(increment), momentum), cp.dot(w, w) <= 1
 
 
+@pytest.mark.sample(0)
 def test_a_flight_from_outside_is_on_the_chart_beside_the_rest():
     """In as many lines as the class above has."""
     scene, rungs = scenes.scene("free-asymmetric"), [128, 256, 512]
@@ -62,6 +63,7 @@ def test_a_flight_from_outside_has_a_name_of_its_own():
         ml.method(Other(), "EA")
 
 
+@pytest.mark.sample(0)
 def test_a_scheme_from_outside():
     """Verlet's method with the kick in two parts is the paper's."""
     kick, flight = ml.schemes.KICK, ml.schemes.FLIGHT

@@ -25,6 +25,7 @@ def spin(sigma=0.1, n=5, **changes):
     return Rates(**({"times": np.arange(float(n)), "values": rates, "sigma": sigma} | changes))
 
 
+@pytest.mark.sample(0)
 def test_sigmas_are_relative_unless_they_are_said_to_be_absolute():
     """The mean of n numbers: its deviation is s / sqrt(n), by the scatter with Student's t, or by the given sigma."""
     start = {"rate": Free([0.0, 0.0, 0.0])}
@@ -40,6 +41,7 @@ def test_sigmas_are_relative_unless_they_are_said_to_be_absolute():
         (relative.coordinates - rates) / 0.1).ravel(), atol=1e-9)  # fmt: skip
 
 
+@pytest.mark.sample(0)
 def test_the_best_of_several_starts_counts_and_a_line_shows_progress(capfd):
     """Of a pendulum's measured direction there are two minima: the guess lies in the wrong one."""
 
@@ -129,6 +131,7 @@ def test_what_is_wrong_is_said_before_anything_is_traced(name, monkeypatch):
         act()
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("options", [{"segments": 2}, {"segments": 2, "starts": 2}, {"first_span": 1.5}])
 def test_segments_starts_and_spans_end_at_the_same_estimate(options):
     """They are ways to the optimum, which is the mean of the rates."""

@@ -36,6 +36,7 @@ def data(tmp_path):
     return file
 
 
+@pytest.mark.sample(0)
 def test_the_moments_and_rates_of_a_file_are_found_and_drawn(data, tmp_path):
     picture = tmp_path / "fit.png"
     columns = ["--columns", "seconds", "p", "q", "r"]
@@ -131,6 +132,7 @@ def interval(out):
     return [float(x) for x in re.search(r"moments\[0\] / moments\[2\] .*\[([\d.]+), ([\d.]+)\]", out).groups()]
 
 
+@pytest.mark.sample(0)
 def test_a_bias_that_nobody_asked_for_is_not_ok_and_with_it_the_truth_is_found(tmp_path):
     """A degree and a half per second."""
     file = log(tmp_path, bias=np.deg2rad(1.5))
@@ -147,6 +149,7 @@ def test_a_bias_that_nobody_asked_for_is_not_ok_and_with_it_the_truth_is_found(t
     assert abs(float(re.search(r"bias\[0\] +(\S+)", out)[1]) - np.deg2rad(1.5)) < 2e-3
 
 
+@pytest.mark.sample(0)
 def test_residuals_far_above_a_given_sigma_are_not_ok(tmp_path):
     code, out, err = midlie_fit(log(tmp_path), "--unit", "rad/s", "--sigma", "0.003")
     assert code == 2
@@ -154,6 +157,7 @@ def test_residuals_far_above_a_given_sigma_are_not_ok(tmp_path):
     assert "NOT ok" in out
 
 
+@pytest.mark.sample(0)
 def test_a_magnetometer_with_hard_iron_is_fitted_together_with_the_gyroscope(tmp_path):
     options = ["--sigma", "0.01", "--magnetometer", "mx", "my", "mz", "--magnetometer-sigma", "0.4", "--hard-iron"]
     code, out, err = midlie_fit(log(tmp_path), "--unit", "rad/s", *options)
@@ -164,6 +168,7 @@ def test_a_magnetometer_with_hard_iron_is_fitted_together_with_the_gyroscope(tmp
     np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
 
 
+@pytest.mark.sample(0)
 def test_a_value_that_is_wrong_is_named_by_its_line(tmp_path):
     file = log(tmp_path)
     rows = file.read_text().split("\n")

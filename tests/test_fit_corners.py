@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from cases import quick, turn
 from scipy.spatial.transform import Rotation
 from test_fit_parameters import TENSOR
@@ -27,6 +28,7 @@ def true_rates(moments, rate, times):
     return np.asarray(path.states.momentum) / moments
 
 
+@pytest.mark.sample(0)
 def test_starts_five_percent_off_converge_near_the_separatrix():
     """Moments, rates, and both, off by 5 %, mapped over: with the guess the body turns over early or late."""
     moments, rate, sigma = np.array([1.0, 2.0, 2.6]), np.array([0.03, 1.0, 0.03]), 1e-3
@@ -54,6 +56,7 @@ def test_starts_five_percent_off_converge_near_the_separatrix():
     assert 0.9 < found.rms[0] < 1.1
 
 
+@pytest.mark.sample(0)
 def test_a_full_tensor_and_an_attitude_are_found_from_a_direction_that_changes():
     """A gyroscope and a sensor of a direction that moves in space; the tensor up to its factor."""
     attitude, rate = turn(0.5, -0.3, 0.8), np.array([0.5, 0.3, 0.4])
@@ -107,6 +110,7 @@ def fitted(moments, sigma, noise=0.0, dtype="float64"):
     return ml.fit(free, guess, data, method=METHOD, dt=0.125)
 
 
+@pytest.mark.sample(0)
 def test_a_fit_in_float32_is_that_in_float64():
     """To a tenth of a standard deviation; all that it returns is float32."""
     single, double = (fitted(MOMENTS, 1e-3, noise=1e-3, dtype=dtype) for dtype in ("float32", "float64"))
@@ -120,6 +124,7 @@ def test_a_fit_in_float32_is_that_in_float64():
     assert not double.flat
 
 
+@pytest.mark.sample(0)
 def test_sigmas_below_what_rounding_leaves_do_not_keep_the_optimiser_going():
     result = fitted(MOMENTS, 1e-16)
     assert result.ok

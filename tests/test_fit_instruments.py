@@ -41,6 +41,7 @@ def tumbling(values):
     return body, None, ml.DirectionState(body.momentum(values["rate"]), values["field"])
 
 
+@pytest.mark.sample(0)
 def test_hard_iron_the_bias_of_a_gyroscope_and_a_late_clock_are_found_together():
     """The field is measured in its own unit and before the start, too: the first row is LATE earlier."""
     compass = STRENGTH * field_seen() + IRON
@@ -66,6 +67,7 @@ def test_hard_iron_the_bias_of_a_gyroscope_and_a_late_clock_are_found_together()
     assert len(found.names) == 3 + 3 + 3 + 3 + 3 + 1
 
 
+@pytest.mark.sample(0)
 def test_an_attitude_that_cannot_be_told_is_named_with_what_can_be_fixed():
     def pointing(values):
         body = ml.RigidBody(MOMENTS)

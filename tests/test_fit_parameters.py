@@ -37,6 +37,7 @@ PHYSICAL = {
 }
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_a_parameter_is_one_to_one_onto_physical_values(name):
     parameter = PARAMETERS[name]

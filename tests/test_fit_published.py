@@ -25,6 +25,7 @@ def resampled():
     return quick(jax.vmap(lambda rates: fitting.fit_arrays(plan, guess, published.brick_data(rates))))(copies), copies
 
 
+@pytest.mark.sample(0)
 def test_the_brick_has_the_published_inertia():
     result = published.fitted_brick()
     assert result.ok
@@ -44,6 +45,7 @@ def test_the_brick_has_the_published_inertia():
     assert all(f"{value:.10g}" in text for value in [*alone.coordinates, *alone.intervals.ravel()])
 
 
+@pytest.mark.sample(0)
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """Each of the published numbers, in 90 to 99 of 100 copies with noise of 1e-3 of the angular velocity."""
     many, _ = resampled()
@@ -66,6 +68,7 @@ def test_the_covariance_is_that_of_the_scatter():
     np.testing.assert_allclose(*correlations, rtol=0, atol=0.42)
 
 
+@pytest.mark.sample(0)
 def test_a_free_body_gives_ratios_of_moments_only():
     """The fit says so, or flags it; and the ratios are found all the same."""
     whole = published.brick_guess() | {"moments": Moments(published.BRICK)}
@@ -88,6 +91,7 @@ def test_a_free_body_gives_ratios_of_moments_only():
     assert np.all(np.isinf(interval))
 
 
+@pytest.mark.sample(0)
 def test_the_satellite_has_the_published_ratios_of_moments():
     """From its rates at the start and after five orbits, within the intervals of what is known of them."""
     result = published.fitted_satellite()

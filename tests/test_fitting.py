@@ -89,6 +89,7 @@ def plan(segments=1):
     return fitting.prepare(top, guess(), measured(), method=METHOD, dt=DT, segments=segments)
 
 
+@pytest.mark.sample(0)
 def test_states_between_steps_are_those_of_the_motion():
     """A free body by JACOBI: the flight is exact, so each time has the digits of the closed form."""
     body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([1.0, 0.8, -1.3], turn(0.5, -0.3, 0.8))
@@ -99,12 +100,14 @@ def test_states_between_steps_are_those_of_the_motion():
     np.testing.assert_allclose(found.states.attitude, truth.states.attitude, rtol=0, atol=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_states_between_steps_have_the_order_of_the_method():
     runs = [quick(lambda v, h=h: ml.fitting.states_at(METHOD, *top(v), TIMES, dt=h))(TRUTH) for h in (0.08, 0.04, 2e-3)]
     coarse, fine = (np.abs(run.states.momentum - runs[2].states.momentum).max() for run in runs[:2])
     assert 12 < coarse / fine < 20
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("instrument", range(4))
 def test_residuals_are_zero_at_the_truth(instrument):
     """Whatever the sign of a quaternion and the length of a direction; missing values count zero."""
@@ -137,6 +140,7 @@ def test_residuals_are_angles_and_lengths_over_sigma():
     np.testing.assert_allclose(found.reshape(2, 3), [[0, -0.5, 0]] * 2, atol=1e-13)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("segments", [3, *whole(1)])
 def test_the_jacobian_equals_differences(segments):
     """With respect to every unknown: the parameters, and with several segments the states at their starts."""
@@ -154,6 +158,7 @@ def test_the_jacobian_equals_differences(segments):
     np.testing.assert_allclose(jacobian, differences, rtol=0, atol=1e-7 * np.abs(jacobian).max())
 
 
+@pytest.mark.sample(0)
 def test_all_parameters_are_found_from_all_instruments():
     """Without noise: the moments with their scale, for the torque is known up to the weight and sets no scale alone."""
     known = guess(moments=Moments([1.1, 2.1, 2.4], scale="fixed"))
@@ -195,6 +200,7 @@ def test_a_number_that_matters_little_is_named_if_it_can_change_as_much_as_the_o
     assert confounded(Spectrum.of(jnp.asarray(jacobian)), list("abc"), np.array([100.0, 1.0, 1.0])) == [["b", "c"]]
 
 
+@pytest.mark.sample(0)
 def test_float32_times_between_steps_are_told_from_those_on_the_grid_in_long_runs():
     """After 6000 steps a float32 still has the time to a thousandth of a step: half a step is not rounding."""
     body, rate, dt = ml.RigidBody(jnp.ones(3, "float32")), jnp.array([0.0, 0.0, 1.0], "float32"), 0.01

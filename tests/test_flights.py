@@ -93,6 +93,7 @@ def solve_all(moments, momentum):
     return path.states.attitude[-1], path.states.momentum[-1], path.ok
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
 def test_solves_every_step_of_up_to_a_radian_and_a_half(dtype, scale):
@@ -117,6 +118,7 @@ def test_solves_every_step_of_up_to_a_radian_and_a_half(dtype, scale):
     assert error.max() <= 8 * epsilon(dtype)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_never_a_silent_wrong_answer(dtype):
     """Whatever the size of the turn, True means that the residual is small: checked in float64."""
@@ -154,6 +156,7 @@ SLOPE = jax.jacfwd(along, 1)
 DERIVATIVES = [quick(function) for function in (along, SLOPE, jax.jacfwd(SLOPE, 1))]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("turn", [0.0, 0.1, 2.0])
 def test_derivative_is_that_of_the_implicit_function(turn):
     """Of first and second order, for |Psi| up to 2, against differences of high order: their error is 1e-9 and 1e-6."""
@@ -176,12 +179,14 @@ SYMPLECTIC = [
 ]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("flight", SYMPLECTIC, ids=lambda f: f.name)
 def test_symplectic_to_rounding(flight):
     assert flight.symplectic
     assert max(defects(flight)) < 1e-14
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("flight", [flights.MoserVeselov4(), flights.MoserVeselov6()], ids=lambda f: f.name)
 def test_preprocessed_moments_are_not_symplectic(flight):
     """They depend on the momentum: the defect is of the order of a step's error."""
@@ -190,6 +195,7 @@ def test_preprocessed_moments_are_not_symplectic(flight):
     assert abs(np.log2(found[1] / found[2]) - flight.order - 1) < 0.1, found
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("flight", [*SYMPLECTIC, flights.MoserVeselov6()], ids=lambda f: f.name)
 def test_says_false_where_it_turned_too_far(flight):
     """No flight is silently wrong: a step of five radians is refused."""
@@ -209,6 +215,7 @@ def test_symmetric_flight_says_false_for_an_asymmetric_body():
 UNEQUAL = {2: [1.4, 1.4, 0.8], 0: [0.8, 1.4, 1.4], 1: [1.4, 0.8, 1.4]}
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("axis", UNEQUAL)
 def test_symmetric_flight_is_about_whichever_axis_it_is(axis):
     """Found from moments that are known, by `integrate`, `ensemble` and diffrax alike; the motion is JACOBI's."""
@@ -254,6 +261,7 @@ def derivatives_of_jacobi(*point):
     return jax.jacfwd(exact, (0, 1, 2))(*point), jax.jacfwd(jax.jacrev(exact, 2), 2)(*point)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("axis", [1, *whole(2, 0)])
 def test_symmetric_flight_has_the_derivative_of_the_motion(axis):
     """In each moment by itself, which parts the two equal ones; in time and momentum; forward and reverse."""
@@ -272,6 +280,7 @@ def test_symmetric_flight_has_the_derivative_of_the_motion(axis):
 PROPORTIONS = 10.0 ** np.arange(-6.0, 0.5)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("flight", [FLIGHT, *SYMPLECTIC, flights.MoserVeselov6()], ids=lambda f: f.name)
 def test_increments_and_their_derivatives_are_right_in_proportion(flight):
     """In float32, for turns from a millionth to one: errors are a few units in the last place of the turn itself."""
@@ -354,6 +363,7 @@ def tumbling(dtype):
 APPROXIMATE = [f for f in (FLIGHT, *SYMPLECTIC, flights.MoserVeselov4(), flights.MoserVeselov6()) if f.order]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("flight", APPROXIMATE, ids=lambda f: f.name)
 def test_order_of_a_flight(flight):
     """The error of one flight is of the order's next power of its length, in momentum and attitude."""
@@ -370,6 +380,7 @@ def test_order_of_a_flight(flight):
         assert abs(slope - flight.order - 1) < 0.1, errors
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_jacobi_is_exact(dtype):
     """To a few units in the last place, the energy with it; and the series that says so is that of the oracle."""
@@ -392,6 +403,7 @@ def test_jacobi_is_exact(dtype):
         np.testing.assert_allclose(attitude[row].astype(float), exact[1][0], rtol=0, atol=1e-15)
 
 
+@pytest.mark.sample(0)
 def test_jacobi_has_its_derivative_everywhere():
     """In moments, time and momentum together, in reverse, against differences of high order: their error is 1e-12."""
     cases = (

@@ -45,6 +45,7 @@ def fastest(moments, momentum):
     return np.sqrt(np.sum(momentum**2 / moments, axis=-1) / moments.min(axis=-1))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_it_is_the_closed_form(dtype):
     """To 8 eps (1 + Omega |t|), times what a long body magnifies; the sign of the quaternion follows the motion."""
@@ -81,6 +82,7 @@ def test_near_the_separatrix_it_is_the_motion_of_data_that_differ_by_rounding():
         assert np.all(error <= swing + 8 * epsilon("float64") * (1 + times)), (distance, error, swing)
 
 
+@pytest.mark.sample(0)
 def test_every_state_and_a_tensor_body_move_alike():
     """And as `integrate` moves them; a tensor body in its own frame."""
     axes = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.5, 0.9])))
@@ -97,6 +99,7 @@ def test_every_state_and_a_tensor_body_move_alike():
             jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=3e-15), found.states, after)
 
 
+@pytest.mark.sample(0)
 def test_its_derivatives_are_differences():
     """In moments, momentum and time together."""
     move, times = np.random.default_rng(2).normal(size=7), jnp.array([0.7, 40.0])
@@ -114,6 +117,7 @@ def test_its_derivatives_are_differences():
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-7)
 
 
+@pytest.mark.sample(0)
 def test_the_derivative_in_reverse_is_that_in_forward_mode():
     body, times = ml.RigidBody([1.0, 2.0, 2.6]), jnp.array([0.7, 40.0])
     momentum, move = np.array([0.3, 1.1, -0.4]), np.array([0.2, -0.5, 1.0])
@@ -127,6 +131,7 @@ def test_the_derivative_in_reverse_is_that_in_forward_mode():
     assert float(reverse @ move) == pytest.approx(float(forward), rel=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_a_body_alone_moves_as_in_a_batch_bit_for_bit():
     """Though a batch doubles the time as often as the body and the time with the largest turn need."""
     body, times = ml.RigidBody([1.0, 2.0, 2.6]), jnp.array([0.1, -3.0, 1e5])
@@ -142,6 +147,7 @@ def test_a_body_alone_moves_as_in_a_batch_bit_for_bit():
             np.testing.assert_array_equal(many[row], jnp.concatenate(each))
 
 
+@pytest.mark.sample(0)
 def test_what_cannot_be_exact_says_so():
     body, start = ml.RigidBody([1.0, 2.0, 3.0]), ml.RigidState([1.0, 0.2, 0.3], ONE)
     assert not ml.free_motion(body, start, [1.0, 1e17]).ok

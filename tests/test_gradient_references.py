@@ -29,6 +29,7 @@ def slopes(name, adjoint, given, **run):
     return jnp.stack([jnp.sum(g * m) for g, m in zip(gradient, moves, strict=True)])
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "adjoint"), [*TAKEN, *whole(*LEFT)])
 def test_gradients_of_ten_thousand_steps_equal_fifty_digits(name, adjoint):
     expected = references.stored()[name]
@@ -60,6 +61,7 @@ def point(name, changes):
     return tuple(np.asarray(given[group], np.float64) for group in GROUPS)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "adjoint"), [*FEW, *whole(*REST)])
 def test_gradients_equal_fifty_digits_where_formulas_tend_to_fail(name, adjoint):
     points = [point(name, changes) for changes in POINTS.values()]
@@ -80,6 +82,7 @@ def test_every_symmetric_method_has_stored_references():
 
 
 # A million steps; and a gradient in float32. Regular motions, Lagrange's top.
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("dtype", "steps", "bound"), [("float64", 1_000_000, 1e-6), ("float32", 10_000, 1e-3)])
 def test_the_gradient_of_a_long_way_back(dtype, steps, bound):
     name = "SYMMETRIC[EA]"

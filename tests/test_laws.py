@@ -68,6 +68,7 @@ def truth(body, equal):
 MEASURED = [method.name for method in METHODS if method.order <= 4 and not getattr(method, "small", None)]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", each(MEASURED))
 def test_order(name):
     """Measured on an asymmetric body under a torque that depends on attitude and time, at the smallest steps.
@@ -86,6 +87,7 @@ def test_order(name):
         assert np.all(np.abs(slopes - order) < (0.1 if order <= 2 else 0.2)), (slopes, errors)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", each(few=SINGLE))
 def test_float32_follows_float64(name):
     """Each step rounds a few times, and the motion magnifies it little in this time: half a unit a step at most."""
@@ -98,6 +100,7 @@ def test_float32_follows_float64(name):
         assert difference <= roundings(name) / 2 * epsilon("float32"), difference / epsilon("float32")
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize(("name", "dtype"), TAKEN)
 def test_symmetric_methods_come_back(name, dtype):
     """N steps of dt, then N of -dt. The others miss by their own error, of 1e-3 or more here at order 1."""
@@ -115,6 +118,7 @@ def missed(there, back, dtype):
     return [gap(at(returned.states, row, -1), at(out.states, row, 0)) for row in SHORT]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_first_order_methods_are_adjoint(dtype):
     """A step of -dt by one undoes a step of dt by the other."""
@@ -141,6 +145,7 @@ def test_times_come_from_the_integer():
 FLOWN = [f"{flight.name}[EA]" for flight in RIGID_FLIGHTS]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", each(list(dict.fromkeys([*FLOWN, *ROTATION])), few=[*FLOWN, *WAYS]))
 def test_thirty_radians_a_step_are_refused(name):
     """By every method: none has a step of which such a turn is a part of the truth."""

@@ -36,6 +36,7 @@ def end_adaptive(torque):
     return energy(path)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("run", [end, end_adaptive])
 def test_derivatives_pass_by_keys_and_integers(run):
     """Reverse, mapped over keys, is forward; by an integer there is none; a typed key is as good as a raw one."""

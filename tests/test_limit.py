@@ -22,6 +22,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.skipif(not limit.compilers(), reason="`make test` needs no C compiler, and this machine has none")
 @pytest.mark.parametrize(("method", "dtype"), PAIRS)
 def test_c_program_agrees_with_the_package(method, dtype):

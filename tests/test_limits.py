@@ -94,6 +94,7 @@ def test_a_spin_about_a_principal_axis_fails_at_the_reach(name):
 REACHING = [f for f in RIGID_FLIGHTS if not f.name.startswith("DMV")]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("moments", [(1.0, 1.0, 0.4), *whole(((1.0, 1.0, 1.7),), ((1.0, 2.0, 2.5),))])
 @pytest.mark.parametrize("flight", REACHING, ids=lambda flight: flight.name)
 def test_a_flight_is_ok_up_to_its_reach_and_not_beyond(flight, moments):

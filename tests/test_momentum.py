@@ -43,6 +43,7 @@ def problems(count=4000):
     return np.concatenate([moments, special[0]]), np.concatenate([momentum, special[1]])
 
 
+@pytest.mark.sample(0)
 @EVERY
 def test_it_is_the_change_of_the_whole_flight(flight):
     """To some units in the last place of the change itself; and `ok` means the same."""
@@ -58,6 +59,7 @@ def test_it_is_the_change_of_the_whole_flight(flight):
         assert np.all(error <= 12 * epsilon(dtype) * turn * size)
 
 
+@pytest.mark.sample(0)
 @EVERY
 def test_no_time_changes_nothing_and_the_way_back_returns(flight):
     moments, momentum = problems()
@@ -77,6 +79,7 @@ def test_no_time_changes_nothing_and_the_way_back_returns(flight):
     assert np.all(error <= 40 * epsilon("float64") * size)
 
 
+@pytest.mark.sample(0)
 @EVERY
 def test_its_derivatives_are_those_of_the_whole_flight(flight):
     """In moments, time and momentum together, in every special case."""
@@ -97,6 +100,7 @@ def test_its_derivatives_are_those_of_the_whole_flight(flight):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=2e-13), whole, alone)
 
 
+@pytest.mark.sample(0)
 @EVERY
 def test_its_reverse_derivative_is_its_forward_derivative(flight):
     moments, momentum = map(jnp.array, SPECIAL[0])
@@ -109,6 +113,7 @@ def test_its_reverse_derivative_is_its_forward_derivative(flight):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=0, atol=1e-14), forward, reverse)
 
 
+@pytest.mark.sample(0)
 @EVERY
 def test_one_body_moves_as_in_a_batch(flight):
     """Under a torque of time; vectorised code contracts other products into fused multiply-adds."""

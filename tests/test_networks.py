@@ -64,6 +64,7 @@ def operations(function):
     return [type_.shape for type_ in types]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", TORQUES)
 def test_a_wider_network_is_no_longer_program(name):
     counts = []
@@ -89,6 +90,7 @@ def last(states):
     return jax.tree.map(lambda x: x[-1], states)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["network", "cheap"])
 def test_a_run_under_a_network_continues_to_the_bit_and_may_be_mapped(name):
     torque = TORQUES[name](8)
@@ -107,6 +109,7 @@ def test_a_run_under_a_network_continues_to_the_bit_and_may_be_mapped(name):
         np.testing.assert_allclose(member, row, atol=1e-14)
 
 
+@pytest.mark.sample(0)
 def test_every_adjoint_has_the_gradient_of_a_network():
     arrays, rest = eqx.partition(TORQUES["network"](8), eqx.is_array)
     start = jax.tree.map(lambda x: x[0], starts())

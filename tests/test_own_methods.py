@@ -45,6 +45,7 @@ def folder(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
+@pytest.mark.sample(0)
 def test_the_chart_takes_a_method_and_a_scene_of_a_module_in_the_current_folder(folder):
     options = ["--steps", "64", "--levels", "2", "--methods", "LIEMID[EA]", "own_numbers:my_method"]
     outcome = midlie("chart", "own_numbers:my_scene", *options)
@@ -55,6 +56,7 @@ def test_the_chart_takes_a_method_and_a_scene_of_a_module_in_the_current_folder(
     assert struct.unpack(">II", (folder / "chart-P1.png").read_bytes()[16:24])[0] > 1000
 
 
+@pytest.mark.sample(0)
 def test_the_maps_of_stability_take_it(folder):
     midlie_options = ["--methods", "own_numbers:my_method", "--grid", "2", "--steps", "20", "--out", "maps.png"]
     outcome = midlie("stability", "own_numbers:my_scene", *midlie_options)
@@ -121,6 +123,7 @@ def test_a_run_refuses_what_a_chart_refuses(name, folder):
     assert errors[0].partition(" (see")[0] == errors[1].partition(" (see")[0] != ""
 
 
+@pytest.mark.sample(0)
 def test_python_takes_objects_and_names_alike(folder):
     own = chosen.methods(["own_numbers:my_method", "LIEMID[EA]", ml.method("LIEMID[EA]")])
     assert [method.name for method in own] == [NAME, "LIEMID[EA]"]

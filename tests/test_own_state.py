@@ -86,6 +86,7 @@ def test_a_free_one_moves_as_two_bodies_would():
     np.testing.assert_array_equal(path.states.linear[-1], START.linear)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("method", "order"), [("EA", 2), *whole(("CHIN4A", 4), ("SRKN6b", 6)), ("RK4", 4), *whole(("GBS12", 12))]
 )
@@ -125,6 +126,7 @@ def test_ensemble_simulate_and_a_split_run_give_the_run_of_one(tmp_path):
         np.testing.assert_array_equal(x, y[:, -1])
 
 
+@pytest.mark.sample(0)
 def test_adaptive_steps_follow_a_density(truth):
     path = ml.integrate_adaptive(
         ml.method(Travel(), "EA"),
@@ -140,6 +142,7 @@ def test_adaptive_steps_follow_a_density(truth):
     assert error(jax.tree.map(lambda x: x[-1], path.states), truth) < 1e-2
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dense", ["cubic", *whole("step")])
 def test_diffrax_takes_it(dense, truth):
     """Constant and controlled steps, dense output, and diffrax's own solver of the same term."""
@@ -166,6 +169,7 @@ def test_diffrax_takes_it(dense, truth):
     assert error(jax.tree.map(lambda x: x[-1], theirs.ys), truth) < 1e-7
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     "adjoint", [ml.Reversible(), *whole(ml.Checkpointed(), ml.Forward())], ids=lambda x: type(x).__name__
 )

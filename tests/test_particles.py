@@ -52,6 +52,7 @@ def chain(name, dt, dtype="float64", mass=MASS, momentum=PUSH, position=PLACE, t
 DT = 1 / (16 << np.arange(4))
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", PARTICLE)
 def test_order(name):
     def rate(t, y):
@@ -64,12 +65,14 @@ def test_order(name):
         assert abs(np.log2(errors[-2] / errors[-1]) - order) < 0.1, errors
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", PARTICLE)
 def test_symmetric_methods_come_back(name, dtype):
     assert comes_back(name, name, dtype) == ml.method(name).symmetric
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_first_order_methods_are_adjoint(dtype):
     assert comes_back("symplectic Euler", "adjoint symplectic Euler", dtype)
@@ -134,6 +137,7 @@ def test_implicit_midpoint_satisfies_its_equation():
     np.testing.assert_allclose(u[1:] - u[:-1], dt * np.linalg.solve(MASS, (p[1:] + p[:-1]).T / 2).T, atol=slack)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", PARTICLE)
 def test_scalar_diagonal_and_full_mass_agree(name, dtype):
@@ -146,6 +150,7 @@ def test_scalar_diagonal_and_full_mass_agree(name, dtype):
                 assert np.abs(x - y).max() <= 4 * STEPS * epsilon(dtype)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", PARTICLE)
 def test_split_batched_and_zero_steps(name):
     """A split run is the whole to the bit, a batch its runs to rounding, and a step of no length nothing at all."""

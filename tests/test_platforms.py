@@ -38,6 +38,7 @@ def on_gpu(monkeypatch):
     jax.clear_caches()
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", METHODS)
 def test_outputs_leave_a_step_through_a_reduction_on_cpus_alone(name):
     traced = jax.jit(jax.vmap(lambda s: integrate(name, s, steps=4, save_every=4))).trace(cast(SETUPS, "float32"))
@@ -47,6 +48,7 @@ def test_outputs_leave_a_step_through_a_reduction_on_cpus_alone(name):
         assert not re.search(MANY_OPERANDS, texts[platform])
 
 
+@pytest.mark.sample(0)
 def test_long_steps_are_cut_on_a_gpu_and_short_ones_are_not(on_gpu):
     for name, cuts in (("GBS12", True), ("DOP853", False), ("JACOBI[EA]", False)):
         text = jax.jit(partial(top, name)).trace(START).lower(lowering_platforms=("cuda",)).as_text()
@@ -75,6 +77,7 @@ def test_a_turn_of_the_loop_has_more_steps_on_an_accelerator(monkeypatch):
     assert there["LIEMID[EA]"] == there["GBS12"] == 1
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(DIFFERENT, DIFFERENT))
 def test_what_is_traced_for_a_gpu_computes_the_same(name, dtype, on_gpu):
     """Though its loops have other turns: 7 steps are no multiple of any."""

@@ -203,6 +203,7 @@ def test_what_is_not_conserved_is_said_and_not_drawn(flat, free):
     assert np.max(np.abs(found.momentum)) < 1e-12
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("direction", [1, -1, 0])
 def test_crossings_are_where_the_closed_form_says(flat, direction):
     """A symmetric body under no torque: Pi_1 = a cos(r t), Pi_2 = -a sin(r t) with r = Pi_3 (1/I3 - 1/I1)."""

@@ -96,6 +96,7 @@ def in_turns(*axes):
     return [*few, *whole(*(values for values in product(*axes) if values not in few))]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("case", "dtype", "name"), in_turns(CASES, [*DTYPES, *DTYPES[::-1]], KEEPING))
 def test_energy_and_momentum_about_the_axis_stay(name, dtype, case):
     """To rounding, whose errors walk."""
@@ -117,6 +118,7 @@ def plain(name):
     return next(m.name for m in METHODS if isinstance(m, RungeKutta) and m.formula == method.formula and not m.projects)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", KEEPING)
 def test_without_the_projection_they_do_not_stay(name):
     """At a step at which the projected method keeps them to rounding."""
@@ -126,6 +128,7 @@ def test_without_the_projection_they_do_not_stay(name):
         assert max(moved) < 1e-12 if stays else min(moved) > 1e-9, (method, moved)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("case", "name"), in_turns([x for x in CASES if x not in ("sleeping", "at rest")], KEEPING))
 def test_a_projected_step_is_as_accurate(name, case):
     """Also where a body swings to rest, and where the gradients of the invariants are parallel."""
@@ -140,6 +143,7 @@ def test_a_projected_step_is_as_accurate(name, case):
     assert errors[name] <= 4 * errors[plain(name)] + 1e-13, errors
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", KEEPING)
 def test_the_order_remains(name):
     """Measured where errors are above rounding and the projection is at work."""
@@ -214,6 +218,7 @@ NOT_CONSERVED = {
 }
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("torque", "name"), in_turns(NOT_CONSERVED, KEEPING))
 def test_where_no_energy_is_known_the_step_is_left_as_it_is(torque, name):
     both = [
@@ -223,6 +228,7 @@ def test_where_no_energy_is_known_the_step_is_left_as_it_is(torque, name):
     jax.tree.map(np.testing.assert_array_equal, *both)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), in_turns(KEEPING, DTYPES))
 def test_however_it_is_run(name, dtype):
     """In two parts to the bit, in a batch to rounding; a step of no length changes no bit."""
@@ -248,6 +254,7 @@ def test_however_it_is_run(name, dtype):
     jax.tree.map(lambda x, y: np.testing.assert_array_equal(x[2], jnp.broadcast_to(y, x[2].shape)), batch, start)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", KEEPING)
 def test_its_derivative_is_the_difference(name):
     """With respect to start, moments and weight together; also where a body starts at rest."""

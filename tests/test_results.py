@@ -22,6 +22,7 @@ def moments(name):
     return ml.RigidBody([5.0, 5.0, 1.0] if equal_moments(name) else [5.0, 4.0, 1.5])
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", [m for m in BUILDS if issubclass(ml.RigidBody, ml.method(m).bodies)])
 def test_a_step_that_is_too_long_and_a_number_that_is_not_finite_are_told_apart(name):
     """However many steps follow before a state is saved, by when all numbers may be anything."""
@@ -47,6 +48,7 @@ def test_each_body_of_a_batch_has_its_own():
     assert (many.result == RESULTS.beyond_reach).tolist() == [False, True, False]
 
 
+@pytest.mark.sample(0)
 def test_other_drivers_have_reasons_of_their_own():
     body = moments("SYMMETRIC[EA]")
     count = jax.jit(lambda first: ml.integrate("SYMMETRIC[EA]", body, None, FAST, dt=1e-3, steps=4, first_step=first))

@@ -83,6 +83,7 @@ def unbiased(found):
         assert np.sqrt(np.mean(change**2, axis=1)).max() <= 1, (name, np.sqrt(np.mean(change**2, axis=1)))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     ("flight", "dtype"), by_turns(RIGID_FLIGHTS, few=RIGID_FLIGHTS), ids=lambda x: getattr(x, "name", x)
 )
@@ -141,6 +142,7 @@ def test_check_estimates_the_rounding_of_a_free_body(kind, turn):
     assert told.loses(steps) == (kind is ml.RigidState and turn < epsilon("float32") ** 0.5)
 
 
+@pytest.mark.sample(0)
 def test_a_force_gradient_changes_no_bit_of_the_momentum_about_an_axis_of_symmetry():
     """Gravity has no torque about this axis, and the two moments that its gradient compares are equal."""
     moments, momentum, attitude, _ = free_bodies(True, "float32", count=BODIES, seed=6)
@@ -171,6 +173,7 @@ def tops(dtype):
     return *starts, np.stack([end[0][0] for end in ends]), np.stack([end[1][0] for end in ends])
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(EXACT))
 def test_more_steps_of_a_forced_top_round_no_worse_than_their_square_root(name, dtype):
     """Against the closed form, momentum and attitude; and the energy, whose mean error stays zero."""
@@ -209,6 +212,7 @@ RATES = {"float32": [2.0**-54, 2.0**54], "float64": [2.0**-450, 2.0**450]}
 FREE_RATES = {"float32": [2.0**-62, 2.0**62], "float64": [2.0**-510, 2.0**510]}
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns([*FLOWN, *OTHERS], few=[*FLOWN, *WAYS]))
 def test_units_change_no_bit(name, dtype):
     """Of mass, by a power of two: moments, momentum and torque. Of time: momentum, the square in the torque, and dt."""

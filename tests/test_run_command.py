@@ -28,6 +28,7 @@ def loaded(path) -> dict[str, np.ndarray]:
         return dict(file)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_a_run_is_run_again_from_its_file(tmp_path, dtype):
     """Every number that the run needs is in the file, and gives the states in the file."""
@@ -101,6 +102,7 @@ def test_a_csv_has_named_columns_and_gives_back_the_numbers(tmp_path, bodies, dt
         np.testing.assert_array_equal(numbers, [made.times[n], *made.momenta[body, n], *made.attitudes[body, n]])
 
 
+@pytest.mark.sample(0)
 def test_a_prime_number_of_steps_keeps_as_many_states(tmp_path):
     """4001 steps have no divisor; the run is made of two parts, and ends where one in one piece does."""
     path = tmp_path / "run.npz"
@@ -123,6 +125,7 @@ def test_states_are_kept_at_every_so_many_steps(steps, most):
     assert run._save_every(steps, 2**25, most) == steps
 
 
+@pytest.mark.sample(0)
 def test_a_run_that_fails_is_reported_saved_and_drawn(tmp_path):
     npz, png = tmp_path / "run.npz", tmp_path / "run.png"
     said = midlie_run("P1", "--dt", "3", "--steps", "4", "--bodies", "2", "--out", str(npz), "--plot", str(png))

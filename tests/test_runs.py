@@ -61,6 +61,7 @@ def solo(name, dtype, row):
 FEW = [*product(WAYS, ["float64"]), *product(CLASSES[:2], ["float32"])]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), [*FEW, *whole(*(x for x in product(ROTATION, DTYPES) if x not in FEW))])
 def test_a_batch_equals_its_runs(name, dtype):
     """Vectorised code contracts other products into fused multiply-adds: 4 units a step of the state's size."""
@@ -74,6 +75,7 @@ def test_a_batch_equals_its_runs(name, dtype):
             assert np.all(np.abs(x - y) <= allowed * np.linalg.norm(y, axis=-1, keepdims=True))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("mapped", ["moments", "weight", "strength", "momentum", "attitude", "dt", "t0"])
 def test_each_argument_can_be_mapped_alone(mapped):
     """The rest unbatched. One method is enough: mapping is the driver's business."""
@@ -92,6 +94,7 @@ def bits(a, b):
         np.testing.assert_array_equal(x, y)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("row", [0, TOP], ids=["swing", "top"])
 @pytest.mark.parametrize("name", each(few=WAYS))
 def test_a_split_run_equals_the_whole(name, row):
@@ -117,6 +120,7 @@ def test_a_batched_run_split_equals_the_whole(name):
     bits(at(found.states, slice(None), left), at(whole.states, slice(None), slice(middle, None)))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", each(few=CLASSES))
 def test_one_direction_follows_the_whole(name):
     """A top needs no more than the vertical: momentum and last row of R as the full state gives them."""

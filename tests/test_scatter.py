@@ -54,6 +54,7 @@ def assert_same_bits(found, expected):
 # ---- whose draw it is ----
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_a_body_is_the_same_in_any_company(dtype):
     """Alone, in groups of sizes around those of the blocks, in any order, and at every place of a block."""
@@ -67,6 +68,7 @@ def test_a_body_is_the_same_in_any_company(dtype):
         assert_same_bits(jax.tree.map(np.asarray, some), jax.tree.map(lambda x, rows=rows: x[rows], whole))
 
 
+@pytest.mark.sample(0)
 def test_a_quantity_is_the_same_whatever_others_there_are():
     whole = ml.scatter(KEY, 300, **EVERY)
     assert list(whole) == list(EVERY)
@@ -89,6 +91,7 @@ def fingerprint(drawn):
     return hashlib.sha256(b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(drawn))).hexdigest()
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("arguments", [("float64", ROUNDED), *whole((("float64",),), (("float32",),))], ids=" ".join)
 def test_processes_with_other_devices_draw_the_same(arguments):
     """With the compiler as users have it. Python's hash of a name is another in each process, and must not matter."""
@@ -200,6 +203,7 @@ def test_directions_and_rotations_are_uniform(dtype):
     assert stats.kstest(angle, lambda a: (a - np.sin(a)) / np.pi).statistic < SMIRNOV
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_rotations_near_a_mean_have_its_errors(dtype):
     for deviation, covariance in (([0.1, 0.2, 0.3], None), (None, 0.01 * SEMIDEFINITE[:3, :3])):

@@ -155,6 +155,7 @@ MOMENTA = [
 ]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "momentum", "tolerance"), MOMENTA)
 def test_published_momentum(name, momentum, tolerance):
     assert worst(end(name).momentum, momentum) < tolerance
@@ -198,6 +199,7 @@ CENTRES = [
 ]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("time", "centre"), CENTRES)
 def test_published_centre_of_the_bruls_cardona_top(time, centre):
     assert worst(end(f"bruls-cardona {time}").rotation[:, 1], centre) < 1e-12
@@ -209,11 +211,13 @@ def test_published_velocity_of_the_bruls_cardona_top():
     assert worst(end("bruls-cardona 2").velocity, velocity) < 1e-10
 
 
+@pytest.mark.sample(0)
 def test_published_rates_of_the_gravity_gradient_satellite():
     rates = (-1.97989570839746e-5, -0.001080027400090759, -0.0007098670173048437)
     assert worst(end("gravity-gradient").velocity, rates) < 2.3e-13  # as far as NASA's run agrees with others
 
 
+@pytest.mark.sample(0)
 def test_published_rates_of_the_pulsed_body():
     rates = (-0.0007282187220568775, -0.0008332384627087039, -0.0002424925044840342)
     axes = np.asarray(scenes.scene("pulsed-body").axes)
@@ -312,6 +316,7 @@ def errors(name: str) -> np.ndarray:
     return np.stack([of_momentum, np.linalg.norm(rotation - np.array(P1_ROTATION), axis=(-2, -1))], axis=-1)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ERRORS)
 def test_the_table_of_errors(name):
     for found, pair in zip(errors(name), ERRORS[name].split(), strict=True):
@@ -319,6 +324,7 @@ def test_the_table_of_errors(name):
             assert abs(error - float(text)) < 0.1 * float(text) + half_last_digit(text)
 
 
+@pytest.mark.sample(0)
 def test_the_papers_ordering():
     """From the best to the worst, on the finer steps; on the coarsest some momenta cross."""
     order = ["LIEMID[EA]", "LIEMID[E2]", "LIEMID[I]", "LIEMID[E1]", "SW", "NMB", "AKW"]
@@ -372,6 +378,7 @@ def test_an_unknown_scene_names_all():
     assert all(name in str(error.value) for name in scenes.scenes())
 
 
+@pytest.mark.sample(37)
 @pytest.mark.parametrize("dtype", [None, "float32", "float64"])
 @pytest.mark.parametrize("name", scenes.scenes())
 def test_a_scene_is_whole(name, dtype):
@@ -427,6 +434,7 @@ def test_the_slow_top_falls_and_the_dzhanibekov_body_turns_over():
     assert momenta[:, 1].min() < -7.99 < 7.99 < momenta[:, 1].max()
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_perturbed_copies(dtype):
     scene, size, count = scenes.scene("P1-tilted", dtype), 1e-3, 2000

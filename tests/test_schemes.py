@@ -29,6 +29,7 @@ def truth():
     return solve_ivp(rate, (0, 3), [0.3, 0.8, 0.7, -0.4], "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", schemes.SCHEMES)
 def test_order(name):
     scheme = schemes.SCHEMES[name]
@@ -157,6 +158,7 @@ def symmetric_moments(scene, symmetric):
     return {"moments": [1.5, 1.5, 2.5]} if symmetric and scene else {}
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ROTATIONS)
 def test_order_on_a_forced_body(name):
     """Momentum and attitude of three tops, at the smallest steps whose error is far above that of the truth."""

@@ -26,6 +26,7 @@ def results(names):
     return found
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("names", [RUNS, *whole(OTHERS)], ids=["each way", "other flights"])
 def test_runs_are_those_of_one_device_without_a_message(names):
     for name, found in results(names).items():
@@ -33,6 +34,7 @@ def test_runs_are_those_of_one_device_without_a_message(names):
         assert (name, found["gap"] < 1e-13, found["messages"]) == (name, True, 0)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("names", [SLOPES, *whole(OTHER_SLOPES)], ids=["one", "others"])
 def test_a_gradient_is_summed_over_the_devices_once(names):
     """By what all devices share, after the loop over steps and not within it."""

@@ -60,6 +60,7 @@ def difference(a, b):
     return max(float(jnp.max(jnp.abs(x - y))) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(WAYS, FEW))
 def test_an_ensemble_with_prepared_inputs_moves_as_each_body_alone(name, dtype):
     """To rounding, of which the prepared inputs have another than those in the step."""
@@ -75,6 +76,7 @@ def test_an_ensemble_with_prepared_inputs_moves_as_each_body_alone(name, dtype):
     assert difference(together.states, apart.states) < 16 * STEPS * epsilon(dtype)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["JACOBI[EA]", "JACOBI[SRKN14a]", "GBS8"])
 def test_a_run_in_two_parts_is_the_whole_run_bit_for_bit(name):
     whole = run(name, "float64", save_every=8)
@@ -88,6 +90,7 @@ def test_a_run_in_two_parts_is_the_whole_run_bit_for_bit(name):
     )
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["JACOBI[EA]", "DOP853", "JACOBI[SRKN14a]"])
 def test_the_loop_over_steps_holds_nothing_expensive(name):
     """Only the table is computed with expensive operations, in blocks of rows; no loop over the bodies has any."""
@@ -106,6 +109,7 @@ def test_what_a_body_has_of_its_own_is_not_shared():
     assert found("JACOBI[EA]", "float64", None) is None
 
 
+@pytest.mark.sample(0)
 def test_orbits_of_their_own_move_each_body_on_its_own():
     """A parameter with a row for each body makes the place its own; the same ensemble gives each its own motion."""
     speeds = jnp.array([[1.0, 0, 0], [0, 1.1, 0], [0, 0, 0.9]])
@@ -124,6 +128,7 @@ def test_orbits_of_their_own_move_each_body_on_its_own():
         assert difference(jax.tree.map(lambda x, n=n: x[n], together.states), end) < 1e-14
 
 
+@pytest.mark.sample(0)
 def test_derivatives_pass_through_the_table():
     """In a parameter of the shared input; in reverse through the ensemble, against forward through each body."""
 
@@ -147,6 +152,7 @@ def test_derivatives_pass_through_the_table():
     assert float(reverse) == pytest.approx(float(forward), rel=1e-12)
 
 
+@pytest.mark.sample(0)
 def test_inputs_of_any_kind_are_shared():
     """Random numbers of the time, a table, a loop, a branch: as in each body alone."""
     key, table = jax.random.key(3), jnp.linspace(0, 1, 50)

@@ -47,6 +47,7 @@ def test_what_the_polynomials_do_to_a_length_is_far_below_rounding_for_small_tur
     assert abs(cosine**2 + x * sine**2 - 1).max() < epsilon("float64") / 40
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["SYMMETRIC[E1]", "NEARSYM[E1]"])
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_a_symmetric_body_turns_by_up_to_4_4_radians_in_a_flight(dtype, name):

@@ -28,6 +28,7 @@ def other():
     return ml.free_motion(SLIM, START, jnp.linspace(0.0, 3.0, 31))
 
 
+@pytest.mark.sample(0)
 def test_bodies_side_by_side_have_one_clock_and_each_its_own_motion(path, other):
     both = turnings([(BRICK, path), (SLIM, other)], "e2", 13, most=100)
     for shown, alone in zip(both, (turning(BRICK, path, 1, 13, 100), turning(SLIM, other, 1, 7, 100)), strict=True):

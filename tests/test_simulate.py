@@ -48,6 +48,7 @@ def reference(tmp_path_factory):
     return contents(path)
 
 
+@pytest.mark.sample(0)
 def test_a_simulation_is_the_ensemble(tmp_path, reference):
     """Its path, bit for bit; xarray opens it, with names, units and frames."""
     result = simulated(tmp_path / "run.zarr")
@@ -71,6 +72,7 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
     np.testing.assert_allclose(path.times, run.time, rtol=1e-15)
 
 
+@pytest.mark.sample(0)
 def test_what_all_bodies_share_is_computed_for_each_segment(tmp_path):
     """Under a field that goes round; the state with which a segment begins lies on the mesh of the one before."""
     field = ml.torques.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
@@ -83,6 +85,7 @@ def test_what_all_bodies_share_is_computed_for_each_segment(tmp_path):
     np.testing.assert_array_equal(path.states.attitude, run.attitude)
 
 
+@pytest.mark.sample(0)
 def test_a_small_run_fits_one_file(tmp_path, reference):
     result = simulated(tmp_path / "run.npz")
     with result.open() as file:
@@ -113,6 +116,7 @@ CREATED = 5  # writes that create the store: the time, two parameters, the names
 WRITES = 16 * 7  # in the 16 parts: two variables, two states, first_bad twice, and the commit
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("nth", range(5))
 def test_a_run_stopped_at_any_write_ends_with_the_same_bits(tmp_path, monkeypatch, reference, nth):
     """Also if the resumed run is stopped again."""
@@ -184,6 +188,7 @@ DAMAGE = {
 }
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("damage", DAMAGE)
 @pytest.mark.parametrize(
     ("file", "name"),
@@ -216,6 +221,7 @@ def pulled(t, state):
     return jnp.sqrt(up[2] + 0.9) * jnp.cross(up, jnp.array([0.0, 0.0, 1.0]))
 
 
+@pytest.mark.sample(0)
 def test_a_body_that_fails_leaves_the_others_untouched(tmp_path):
     """NaN from a torque, a momentum that overflows, and a solve that ends without a solution."""
     momenta = MOMENTA.copy()
@@ -237,6 +243,7 @@ def test_a_body_that_fails_leaves_the_others_untouched(tmp_path):
     assert f"body {min(failed)} from saved state {bad.first_bad[min(failed)]}" in str(bad)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -370,6 +377,7 @@ def optimised(tmp_path_factory, cache):
     return contents(path)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("seed", [0, 1, *whole(*range(2, 20))])
 def test_a_killed_run_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
     """Killed by SIGKILL at a random instant, and resumed by another process."""
@@ -384,12 +392,14 @@ def test_a_killed_run_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
     assert_same(tmp_path / "run.zarr", optimised)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("devices", [2, 4])
 def test_devices_compute_the_same_bits(tmp_path, cache, optimised, devices):
     finished(*start_process(tmp_path / "run.zarr", cache, "--devices", devices))
     assert_same(tmp_path / "run.zarr", optimised)
 
 
+@pytest.mark.sample(0)
 def test_processes_compute_the_same_bits(tmp_path, cache, optimised):
     """Two processes with two devices each write one store."""
     with socket.socket() as free:
@@ -409,6 +419,7 @@ def said(capsys, *arguments):
     return code, captured.out + captured.err
 
 
+@pytest.mark.sample(0)
 def test_the_commands(tmp_path, capsys):
     """A run of a scene into a store, its repetition, and a look at it; and what these refuse."""
     path, picture = tmp_path / "run.zarr", tmp_path / "run.png"

@@ -48,6 +48,7 @@ def damage(file, how):
     file.unlink() if data is None else file.write_bytes(data)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("how", DAMAGES)
 def test_damage_to_any_file_is_said_in_words(stored, tmp_path, how):
     path, expected, _ = stored

@@ -27,6 +27,7 @@ def found(torque=None, observe=None):
 CHANGED = np.array([0.1, 0.2, 0.3]), np.array([0.1, 0.2, np.nextafter(0.3, 1)])
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("hide", SEEN)
 def test_a_number_is_found_wherever_it_hides(hide):
     """One that differs in its last bit is another run, in `observe` and in the torque; the same number is not."""
@@ -80,6 +81,7 @@ def test_a_random_key_can_be_a_parameter():
     assert "torque.key" in " ".join(differences(before, after))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("hide", [in_two_jits, called_back], ids=["closed over", "called back"])
 def test_a_run_is_not_mixed_with_another(tmp_path, hide):
     """As `simulate` itself refuses it, after a stop in the middle; the file is left as it was."""

@@ -114,6 +114,7 @@ def stop_after(count):
     return progress
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", RUNS)
 def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, references, name):
     """With legs of any length, after stops of which most are in the middle of a part."""
@@ -134,6 +135,7 @@ def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, re
     same(path, expected)
 
 
+@pytest.mark.sample(0)
 def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
     """One long part of 240 steps that takes minutes: it is stopped in the middle, and goes on from there."""
     run = partial(simulated, tmp_path / "run.zarr", save_every=None, segment=None, group=None)
@@ -153,6 +155,7 @@ def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
     assert result.repaired == ()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("cut", [{"group": 50, "segment": None, "save_every": 120}, {"group": 25, "segment": 6}])
 @pytest.mark.parametrize("price", [1e-5, 0.1, 0.7, 4.0, 13.0])
 def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price, cut):
@@ -212,6 +215,7 @@ CRASHES = {
 }
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("crash", CRASHES)
 def test_a_kill_while_a_part_is_kept_leaves_what_was_kept_before(tmp_path, monkeypatch, references, crash):
     path, run = tmp_path / "run.zarr", RUNS["tops"]
@@ -236,6 +240,7 @@ def test_a_kill_while_a_part_is_kept_leaves_what_was_kept_before(tmp_path, monke
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("place", ["start", "middle", "end", "half", "nothing"])
 def test_damage_to_what_is_kept_is_named_and_computed_again(tmp_path, monkeypatch, references, place):
     path, run = tmp_path / "run.zarr", RUNS["tops"]
@@ -275,6 +280,7 @@ def test_ctrl_c_keeps_what_is_computed_of_a_part(tmp_path, monkeypatch):
     assert ml.simulation.inspect(path).done == 16 * 50
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("seed", [0, *whole(*range(1, 10))])
 def test_a_late_run_that_is_killed_ends_with_the_same_bits(tmp_path, cache, optimised, seed):
     """Killed by SIGKILL while it keeps all the time, and resumed by a process with more devices; as users get it."""
@@ -299,6 +305,7 @@ def test_the_stops_are_the_turns_and_the_saved_states(every, turn):
         assert found == min(stop for stop in stops if stop >= begin + max(steps, 1))
 
 
+@pytest.mark.sample(0)
 def test_long_turns_make_the_same_steps(tmp_path, monkeypatch, references):
     """Those of an accelerator, of which the last one before a saved state is shorter."""
     with monkeypatch.context() as patch:

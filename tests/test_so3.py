@@ -129,6 +129,7 @@ def check_jets(function, exact, points, dtype, bounds):
 
 
 # The closed forms beyond a = 1 divide differences of order a^2 or a^3 by them, once more for each derivative.
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize(
     ("function", "exact", "bounds"),
@@ -143,6 +144,7 @@ def test_functions_of_a_vector(function, exact, bounds, dtype):
     check_jets(function, exact, vectors(ANGLES + NEAR_PI, dtype), dtype, bounds)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_log(dtype):
     with mpmath.workdps(DIGITS):
@@ -156,6 +158,7 @@ def test_log(dtype):
     check_jets(so3.log, exact_log, np.concatenate([points, -points[points[:, 0] > 1e-9]]), dtype, (4, 16, 64))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_log_at_pi_and_of_opposite_quaternions(dtype):
     q = jnp.concatenate([jnp.zeros((len(AXES), 1), dtype), jnp.asarray(AXES, dtype)], axis=1)
@@ -168,6 +171,7 @@ def test_log_at_pi_and_of_opposite_quaternions(dtype):
 # ---- against SciPy ----
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_operations_agree_with_scipy(dtype):
     rng = np.random.default_rng(1)
@@ -197,6 +201,7 @@ def check_identity(function, points, dtype, bounds):
     assert all(e <= b * epsilon(dtype) for e, b in zip(errors, bounds, strict=True)), np.array(errors) / epsilon(dtype)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_log_undoes_exp_through_the_matrix(dtype):
     # Up to just short of pi; each of the four formulas of from_matrix is met.
@@ -204,6 +209,7 @@ def test_log_undoes_exp_through_the_matrix(dtype):
     check_identity(lambda v: so3.log(so3.from_matrix(so3.to_matrix(so3.exp(v)))), points, dtype, (8, 32, 32, 256))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_dexp_is_the_derivative_of_exp(dtype):
     """exp(v + r s) exp(-v) turns by dexp(v, r) s, and in the body by dexp(-v, r) s."""

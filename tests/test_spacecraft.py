@@ -19,6 +19,7 @@ def run(torque, method="JACOBI[EA]", dt=0.02, steps=500, body=BODY, start=START,
     return path
 
 
+@pytest.mark.sample(0)
 def test_damping_takes_the_energy_at_the_rate_of_its_power():
     path = run(torques.Damping(jnp.array([0.1, 0.2, 0.0])), dt=0.005, steps=1000)
     # dE/dt = Omega . T, by the trapezium rule on the momentum of a fine run.
@@ -31,6 +32,7 @@ def test_damping_takes_the_energy_at_the_rate_of_its_power():
     assert energy[-1] < 0.7 * energy[0]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("turn", [0.3, 3.0, -2.5])
 def test_control_brings_a_body_to_its_target_and_to_rest(turn):
     """From either side of half a turn, by the short way: no more than the angle at the start."""
@@ -55,6 +57,7 @@ def test_control_is_a_spring_of_its_stiffness_and_friction_for_small_angles():
     np.testing.assert_allclose(so3.log(path.states.attitude)[:, 1], exact, atol=2e-6 * angle)
 
 
+@pytest.mark.sample(0)
 def test_a_gyrostat_keeps_its_whole_momentum_and_its_energy():
     """R (Pi + h) to the second order of the steps, and the kinetic energy of the body to more."""
     errors = []
@@ -81,6 +84,7 @@ def test_a_rotor_may_be_part_of_the_moment_of_inertia():
     np.testing.assert_allclose(found, exact, atol=1e-5)
 
 
+@pytest.mark.sample(0)
 def test_wheels_that_speed_up_turn_a_body_at_rest_the_other_way():
     """I Omega = -h: what the motors give to the wheels, the body loses; all of R (Pi + h) stays."""
 
@@ -131,6 +135,7 @@ def test_drag_pushes_against_the_wind_and_turns_the_lever_down_it():
     assert along == pytest.approx(-1, abs=1e-6)
 
 
+@pytest.mark.sample(0)
 def test_gravity_gradient_of_the_body_on_which_it_acts():
     """With no moments of its own it takes the body's, in the frame of a full tensor too."""
     own, named = (torques.GravityGradient(m, ORBIT, 1.0) for m in (None, BODY.moments))
@@ -141,6 +146,7 @@ def test_gravity_gradient_of_the_body_on_which_it_acts():
     np.testing.assert_allclose(run(own, steps=10).states.momentum, run(named, steps=10).states.momentum, rtol=1e-14)
 
 
+@pytest.mark.sample(0)
 def test_a_torque_of_the_body_reads_what_it_acts_on():
     def friction(t, state, body):
         del t

@@ -22,6 +22,7 @@ def ensemble(**options):
     return ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, START, **{**RUN, **options})
 
 
+@pytest.mark.sample(0)
 def test_a_mesh_changes_no_bit_and_its_loops_send_nothing():
     """In a process with four devices, compiled as users get it; see `meshes.py`."""
     script = Path(__file__).parent / "meshes.py"
@@ -32,6 +33,7 @@ def test_a_mesh_changes_no_bit_and_its_loops_send_nothing():
         assert (name, result["same"], result["messages in loops"]) == (name, True, 0)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("chunk", [7, 100])
 @pytest.mark.parametrize("save_every", [10, None])
 def test_observables_are_those_of_the_states(chunk, save_every):
@@ -66,6 +68,7 @@ def test_observables_are_those_of_the_states(chunk, save_every):
 LARGE = START.momentum.at[4].set(1e200)  # a body that overflows
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("chunk", [7, 100])
 def test_statistics_are_those_of_the_bodies_that_can_be_trusted(chunk):
     start = ml.RigidState(LARGE, START.attitude)
@@ -92,6 +95,7 @@ def momentum(t, state):
     return state.momentum
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_statistics_of_truths_and_whole_numbers_are_those_of_real_numbers(dtype):
     """In the precision of the run, or of the edges where they have more digits."""
@@ -129,6 +133,7 @@ def test_a_value_that_is_no_number_is_in_no_bin():
     np.testing.assert_array_equal(histogram.part(values, counted), [3, 2])
 
 
+@pytest.mark.sample(0)
 def test_statistics_in_a_file_are_merged_over_groups(tmp_path):
     """Also of bodies that failed in an earlier segment."""
     momenta = MOMENTA.copy()

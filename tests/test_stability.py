@@ -19,6 +19,7 @@ def midlie(*arguments: str) -> tuple[int, str, str]:
     return code, out.getvalue(), err.getvalue()
 
 
+@pytest.mark.sample(0)
 def test_the_command_measures_and_draws(tmp_path):
     png = tmp_path / "maps.png"
     options = ["--methods", "SYMMETRIC[EA]", "--grid", "3", "--steps", "100", "--out", str(png)]

@@ -176,6 +176,7 @@ def test_fitting_is_imported_when_it_is_first_asked_for():
     assert said.split() == ["False", "True", "True"]
 
 
+@pytest.mark.sample(0)
 def test_importing_computes_nothing():
     """A program may choose the devices, or join other processes (`jax.distributed.initialize`), after its imports."""
     names = [f"{PACKAGE}.{name}" for name in modules() if name and not name.endswith("__main__")]

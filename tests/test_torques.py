@@ -31,6 +31,7 @@ FIELDS["sum"] = FIELDS["generic top"] + FIELDS["dipole"]
 FIELDS["sum of three"] = FIELDS["sum"] + FIELDS["gradient"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", FIELDS)
 def test_torque_is_minus_the_slope_of_the_potential(name):
     """Turning the body by exp(s e_k) from the right changes V by -torque_k s."""
@@ -128,6 +129,7 @@ DAMPED = [
 ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", each(DAMPED, few=WAYS))
 def test_damped_top_keeps_the_order_up_to_two(name):
     torque = torques.HeavyTop(2.0, (0.48, 0.6, 0.64)) + torques.VelocityDependent(drag)
@@ -164,6 +166,7 @@ def test_circular_orbit():
     np.testing.assert_allclose(acceleration, -MU * orbit(0.4) / radius**3, atol=1e-15)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("eccentricity", [0.0, 0.1, 0.5, 0.8])
 @pytest.mark.parametrize("phase", [0.0, 2.0, np.pi])
 def test_kepler_orbit_obeys_gravity(eccentricity, phase):

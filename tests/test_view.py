@@ -58,6 +58,7 @@ def test_faces_are_seen_from_outside():
         np.testing.assert_allclose(a + c, b + d, atol=1e-15)
 
 
+@pytest.mark.sample(0)
 def test_frames_are_evenly_spaced_and_the_body_turns_between_saved_states(path):
     shown = turning(BRICK, path, 2, 37, most=100)
     np.testing.assert_allclose(np.diff(shown.times), 12.0 / 36)
@@ -71,6 +72,7 @@ def test_frames_are_evenly_spaced_and_the_body_turns_between_saved_states(path):
     np.testing.assert_allclose(backward.corners[::-1], shown.corners, atol=1e-12)
 
 
+@pytest.mark.sample(0)
 def test_a_fast_body_is_shown_at_saved_states_and_the_picture_says_so():
     fast = ml.free_motion(
         ml.RigidBody([5.0, 5.0, 1.0]), ml.RigidState([1.0, 0.0, 50.0], START.attitude), jnp.arange(9.0)
@@ -86,6 +88,7 @@ def frames_of(file):
         return [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(picture)]
 
 
+@pytest.mark.sample(0)
 def test_a_gif_has_the_frames_that_were_asked_for_each_another(path, tmp_path):
     file = ml.plot.animate(BRICK, path, tmp_path / "brick.gif", frames=12, rate=10.0, size=200, background="#111111")
     with Image.open(file) as picture:
@@ -102,6 +105,7 @@ def test_a_gif_has_the_frames_that_were_asked_for_each_another(path, tmp_path):
     assert all(np.max(f[:3, :3]) < 40 for f in frames)  # the background
 
 
+@pytest.mark.sample(0)
 def test_the_default_gif_is_small(path, tmp_path):
     file = ml.plot.animate(BRICK, path, tmp_path / "brick.gif")
     assert file.stat().st_size < 400_000
@@ -231,6 +235,7 @@ def runs(tmp_path_factory):
     return folder
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["command.npz", "simulate.npz", "simulate.zarr"])
 @pytest.mark.parametrize("body", [0, 2])
 def test_a_body_of_a_saved_run_is_that_of_the_run(runs, name, body):
@@ -247,6 +252,7 @@ def test_a_body_of_a_saved_run_is_that_of_the_run(runs, name, body):
     assert (bool(found.path.ok), int(found.path.first_bad), found.bodies) == (True, 21, 3)
 
 
+@pytest.mark.sample(0)
 def test_midlie_view_writes_what_is_asked_for(runs, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
@@ -280,6 +286,7 @@ def test_midlie_view_says_what_is_wrong(runs, tmp_path):
     assert not (tmp_path / "view.html").exists()
 
 
+@pytest.mark.sample(0)
 def test_a_run_that_failed_is_shown_up_to_there(tmp_path):
     """The step is far too large for the implicit method, which fails at once or soon."""
     file = tmp_path / "failed.npz"

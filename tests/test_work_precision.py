@@ -36,6 +36,7 @@ def moved(method, counts, name="asymmetric-top", duration=1.0, chunk=4) -> list[
     return found
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("method", "count"), [(RKMK4(), 40), (CF4(), 40), (RK4, 40), (DOP853, 4)])
 def test_order_on_the_asymmetric_top(method, count):
     coarse, fine = moved(method, (count, 2 * count))
@@ -43,6 +44,7 @@ def test_order_on_the_asymmetric_top(method, count):
     assert fine > 1e-12
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("method", [RKMK4(), CF4()])
 def test_the_lie_group_rivals_keep_the_spatial_momentum_of_a_free_body(method):
     scene = scenes.scene("free-asymmetric", "float64")
@@ -52,6 +54,7 @@ def test_the_lie_group_rivals_keep_the_spatial_momentum_of_a_free_body(method):
     assert np.max(np.abs(momentum - momentum[0])) < 1e-14
 
 
+@pytest.mark.sample(0)
 def test_the_harness_moves_bodies_as_ensemble_does():
     """The loop of the ladder is that of `integrate`: same numbers, in chunks or not, steps two at a time or not."""
     scene = scenes.scene("P1", "float64")
