@@ -10,7 +10,7 @@ come first; no program is begun after N seconds (540 by default), and what was m
 
 The forms of a program:
 
-- `ours`: as the package compiles it, with several steps a turn of the loop.
+- `ours`: as the package compiles it, with several steps an iteration of the loop.
 - `one step a turn`: the same with one step a turn.
 - `graph`: as `ours`, with XLA's option to record the loop as a CUDA graph.
 """

@@ -40,7 +40,7 @@ from midlie_jax.methods.base import Method  # noqa: E402
 
 CARD = Path(__file__).with_name("h200.txtpb")
 BEGIN, END = "<!-- kernels -->", "<!-- /kernels -->"
-BATCH, TURNS = 10007, 37  # numbers that nothing else in the program has
+BATCH, ITERATIONS = 10007, 37  # numbers that nothing else in the program has
 
 NAMES = (
     "SYMMETRIC[EA]",
@@ -91,7 +91,7 @@ class Compiled(NamedTuple):
     """A program for the card.
 
     Attributes:
-        unroll: steps in a turn of the loop over steps.
+        unroll: steps in an iteration of the loop over steps.
         step: the launches of a step and the bytes a body.
         seconds: of tracing and compiling.
         ptx: the code of all its kernels.
@@ -117,7 +117,7 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
         method: the method, or its name.
         cut: whether a long Runge-Kutta step is cut, as the package does; otherwise it is split as on a CPU, which
             compiles to nothing on a GPU.
-        unroll: steps in a turn of the loop; by default those of the method on a GPU.
+        unroll: steps in an iteration of the loop; by default those of the method on a GPU.
     """
     method = as_method(method)
     moments = jnp.array((5.0, 5.0, 1.0) if method.name.startswith("SYMMETRIC") else (2.0, 3.0, 4.0), dtype)
@@ -126,7 +126,7 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
 
     def run(momentum, attitude):
         start = ml.RigidState(momentum, attitude)
-        steps = TURNS * turn
+        steps = ITERATIONS * turn
         run = {"dt": 0.02, "steps": steps, "save_every": steps}
         with mock.patch.object(type(method), "unroll", turn):
             return ml.integrate(method, ml.RigidBody(moments), torque, start, **run)
@@ -170,12 +170,12 @@ def _computations(text: str) -> dict[str, list[tuple[str, ...]]]:
 
 
 def _loop_over_steps(computations) -> Launches:
-    """The launches of one turn of the loop with `TURNS` turns."""
+    """The launches of one iteration of the loop with `ITERATIONS` iterations."""
     for instructions in computations.values():
         for _, _, operation, rest in instructions:
-            if operation == "while" and _turns(rest) == TURNS:
+            if operation == "while" and _turns(rest) == ITERATIONS:
                 return _launches(computations, _body(rest))
-    raise ValueError(f"no loop of {TURNS} turns in the program")
+    raise ValueError(f"no loop of {ITERATIONS} turns in the program")
 
 
 def _launches(computations, name: str) -> Launches:

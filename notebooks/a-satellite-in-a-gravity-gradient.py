@@ -471,7 +471,7 @@ look = {"energy": ml.observe.Energy(), "momentum": ml.observe.SpatialMomentum(),
 def year(name, **options):
     return ml.simulate(
         "JACOBI[EA]", body, gravity, starts, out=Path(folder.name) / name, dt=60.0, steps=360 * QUARTERS,
-        save_every=360, observe=look, segment=244, **options,
+        save_every=360, observe=look, span=244, **options,
     )  # fmt: skip
 
 

@@ -333,7 +333,7 @@ out = Path(folder.name) / "tops.zarr"
 def long_run(out, **options):
     return ml.simulate(
         "SYMMETRIC[CHIN4A]", top, pull, long_starts, out=out, dt=0.02, steps=15_000, save_every=15,
-        observe=ml.observe.Axis(), group=500, segment=100, **options,
+        observe=ml.observe.Axis(), group=500, span=100, **options,
     )  # fmt: skip
 
 

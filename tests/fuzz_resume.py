@@ -73,7 +73,7 @@ class StoppedError(Exception):
 
 
 def run(out: Path, place: str, settings: dict, **options) -> None:
-    """Two bodies, in two groups and segments of two or three saved states."""
+    """Two bodies, in two groups and spans of two or three saved states."""
     given = {**DEFAULT, **settings}
     hidden, code = PLACES[place](np.array(given["numbers"])), CODE[given["code"]]
     momentum = jnp.array([[0.1, 0.2, given["start"]], [0.3, -0.1, 2.0]])
@@ -93,7 +93,7 @@ def run(out: Path, place: str, settings: dict, **options) -> None:
         out=out,
         **{name: given[name] for name in ("dt", "t0", "steps", "save_every")},
         observe=observe if given["role"] != "torque" else None,
-        **{"group": 1, "segment": 3, "chunk": 1, "progress": False, **options},
+        **{"group": 1, "span": 3, "chunk": 1, "progress": False, **options},
     )
 
 

@@ -30,8 +30,8 @@ import midlie_jax as ml
 from midlie_jax.simulation import pace
 
 BODIES, STEPS, EVERY = 50, 240, 10  # 25 saved states
-# Groups of 16, 16, 16 and 2 bodies; segments of 8, 8, 8 and 1 saved states.
-CUT = {"group": 16, "segment": 8, "chunk": 4}
+# Groups of 16, 16, 16 and 2 bodies; spans of 8, 8, 8 and 1 saved states.
+CUT = {"group": 16, "span": 8, "chunk": 4}
 RNG = np.random.default_rng(11)
 WEIGHTS = RNG.uniform(1, 2, BODIES)
 MOMENTS = np.tile([2.0, 2.0, 1.0], (BODIES, 1)) * RNG.uniform(0.9, 1.1, (BODIES, 1))

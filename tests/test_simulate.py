@@ -73,8 +73,8 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
 
 
 @pytest.mark.sample(0)
-def test_what_all_bodies_share_is_computed_for_each_segment(tmp_path):
-    """Under a field that goes round; the state with which a segment begins lies on the mesh of the one before."""
+def test_what_all_bodies_share_is_computed_for_each_span(tmp_path):
+    """Under a field that goes round; the state with which a span begins lies on the mesh of the one before."""
     field = ml.torques.GravityGradient(None, ml.orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0), 1.0)
     result = simulated(tmp_path / "run.zarr", torque=field)
     assert result.ok.all()
@@ -159,8 +159,8 @@ def test_inspect_says_how_far_a_run_came_and_what_is_damaged(tmp_path, reference
     assert "complete" in str(found)
     flip(path / "momentum/c/0/1/0")
     found = ml.simulation.inspect(path)
-    assert found.damaged == ("momentum of segment 1, group 0",)
-    assert "DAMAGED: momentum of segment 1, group 0" in str(found)
+    assert found.damaged == ("momentum of span 1, group 0",)
+    assert "DAMAGED: momentum of span 1, group 0" in str(found)
     assert found.attributes["method"] == "SYMMETRIC[EA]"
 
 
@@ -193,10 +193,10 @@ DAMAGE = {
 @pytest.mark.parametrize(
     ("file", "name"),
     [
-        ("momentum/c/1/2/0", "momentum of segment 2, group 1"),
-        ("attitude/c/3/0/0", "attitude of segment 0, group 3"),
-        ("checkpoint/momentum/c/1/2/0", "the states after segment 3, group 2"),
-        ("checkpoint/commit/c/1/0/0", "the commit of segment 1, group 0"),
+        ("momentum/c/1/2/0", "momentum of span 2, group 1"),
+        ("attitude/c/3/0/0", "attitude of span 0, group 3"),
+        ("checkpoint/momentum/c/1/2/0", "the states after span 3, group 2"),
+        ("checkpoint/commit/c/1/0/0", "the commit of span 1, group 0"),
         ("time/c/0", "time"),
     ],
 )
@@ -277,7 +277,7 @@ def test_another_version_is_refused(tmp_path):
 
 def test_the_cut_of_a_resumed_run_is_kept(tmp_path):
     simulated(tmp_path / "run.zarr")
-    assert simulated(tmp_path / "run.zarr", resume=True, group=None, segment=None, chunk=None).computed == 0
+    assert simulated(tmp_path / "run.zarr", resume=True, group=None, span=None, chunk=None).computed == 0
 
 
 def test_one_run_at_a_time(tmp_path):
@@ -323,7 +323,7 @@ def test_a_lock_ends_with_the_process_that_holds_it(tmp_path):
         ("run.hdf5", {}, "ends in .zarr or .npz"),
         ("no/run.zarr", {}, "create the folder first"),
         ("run.npz", {"resume": True}, "cannot be resumed"),
-        ("other.zarr", {"segment": 1}, "segment must be at least 2"),
+        ("other.zarr", {"span": 1}, "span must be at least 2"),
         ("other.zarr", {"group": 0}, "group must be a positive"),
         ("other.zarr", {"observe": 3}, "observe must be a function"),
         ("other.zarr", {"momenta": np.where(np.arange(BODIES)[:, None] == 3, np.nan, MOMENTA)}, "must be finite"),

@@ -23,13 +23,13 @@ OBSERVED = {"states": None, "statistic": ml.observe.Mean(ml.observe.Axis())}
 
 
 def run(out, observed, **options):
-    """Three bodies in two groups; two segments."""
+    """Three bodies in two groups; two spans."""
     start = ml.RigidState(
         jnp.array([[0.1, 0.0, 3.0], [0.2, 0.1, 2.0], [0.0, 0.3, 1.0]]), jnp.tile(jnp.eye(4)[0], (3, 1))
     )
     return ml.simulate(
         *("SYMMETRIC[EA]", ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(jnp.array([1.0, 2.0, 3.0])), start),
-        **{"out": out, "dt": 0.1, "steps": 3, "save_every": 1, "group": 2, "segment": 2, "progress": False, **options},
+        **{"out": out, "dt": 0.1, "steps": 3, "save_every": 1, "group": 2, "span": 2, "progress": False, **options},
         observe=OBSERVED[observed],
     )
 
@@ -114,8 +114,8 @@ def test_a_store_of_an_earlier_version_is_read_checked_and_mended(tmp_path, of_e
         expected = opened.load()
     assert ml.simulation.inspect(path).damaged == ()
     damage(file, how)
-    assert ml.simulation.inspect(path).damaged == ("momentum of segment 0, group 1",)
-    assert run(path, "states", resume=True).repaired == ("momentum of segment 0, group 1",)
+    assert ml.simulation.inspect(path).damaged == ("momentum of span 0, group 1",)
+    assert run(path, "states", resume=True).repaired == ("momentum of span 0, group 1",)
     with xarray.open_zarr(path) as opened:
         assert opened.load().identical(expected)
 
@@ -140,7 +140,7 @@ def test_resuming_mends_descriptions_names_and_spare_states(stored, tmp_path):
     said = str(result)
     for file in named:
         assert f"damaged, and mended: {file.relative_to(copy)}" in said
-    names = ["spare states after segment 0, group 0"]
+    names = ["spare states after span 0, group 0"]
     for name in names + (["quaternion", "axis"] if observed == "states" else ["mean"]):
         assert name in said
     assert result.computed == 0

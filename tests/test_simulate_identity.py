@@ -11,7 +11,7 @@ import midlie_jax as ml
 from midlie_jax.drivers.ensemble import as_batch
 from midlie_jax.drivers.observe import as_observe
 from midlie_jax.simulation.identity import UNSEEN, differences, identity
-from midlie_jax.simulation.plan import Plan, segment_of
+from midlie_jax.simulation.plan import Plan, span_of
 
 BODY = ml.RigidBody([2.0, 2.0, 1.0])
 START = ml.RigidState(jnp.array([[0.1, 0.2, 3.0]]), jnp.array([[1.0, 0.0, 0.0, 0.0]]))
@@ -92,7 +92,7 @@ def test_a_run_is_not_mixed_with_another(tmp_path, hide):
     def run(x, **options):
         ml.simulate(
             *("SYMMETRIC[EA]", BODY, None, START),
-            **{"out": tmp_path / "run.zarr", "dt": 0.1, "steps": 8, "save_every": 1, "segment": 2, **options},
+            **{"out": tmp_path / "run.zarr", "dt": 0.1, "steps": 8, "save_every": 1, "span": 2, **options},
             observe=lambda t, s: hide(x)(s.momentum),
         )
 
@@ -117,5 +117,5 @@ def test_flags_of_the_compiler_are_part_of_the_run(monkeypatch):
 @pytest.mark.parametrize("save_every", [1, 10, 1000, 10**7])
 def test_a_part_is_half_a_minute_at_a_million_body_steps_a_second(group, save_every):
     """Two saved states are the least of a part: longer intervals between them make it longer, and nothing else does."""
-    steps = segment_of(group, save_every, 56) * save_every
+    steps = span_of(group, save_every, 56) * save_every
     assert group * steps <= max(30e6, 2 * group * save_every)

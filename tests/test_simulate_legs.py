@@ -35,11 +35,11 @@ BAD = np.where(np.arange(BODIES)[:, None] == 7, 1e200, np.where(np.arange(BODIES
 
 
 def moved(body, torque, method, **options):
-    """A run of eight bodies that are alike, two segments of two groups."""
+    """A run of eight bodies that are alike, two spans of two groups."""
     start = ml.RigidState(jnp.asarray(MOMENTA[:8]), jnp.asarray(ATTITUDES[:8]))
 
     def run(out, **more):
-        given = {"dt": 0.05, "steps": 120, "save_every": 15, "group": 6, "segment": 5, "chunk": 4, "progress": False}
+        given = {"dt": 0.05, "steps": 120, "save_every": 15, "group": 6, "span": 5, "chunk": 4, "progress": False}
         return ml.simulate(method, body, torque, start, out=out, **{**given, **options, **more})
 
     return run
@@ -48,12 +48,12 @@ def moved(body, torque, method, **options):
 TOP = moved(ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(1.0), "SYMMETRIC[EA]")
 RUNS = {
     "tops": simulated,
-    "one long interval": partial(simulated, save_every=None, segment=None),
-    "a turn that does not divide": TOP,
+    "one long interval": partial(simulated, save_every=None, span=None),
+    "an iteration that does not divide": TOP,
     "a frame of one's own": moved(TENSOR, ml.torques.HeavyTop(1.0), "JACOBI[EA]"),
-    "inputs that all share": partial(simulated, torque=FIELD, save_every=40, segment=3),
+    "inputs that all share": partial(simulated, torque=FIELD, save_every=40, span=3),
     "no force is kept": moved(ml.RigidBody([1.0, 2.0, 2.5]), ml.torques.HeavyTop(1.0), "LIEMID[E2]"),
-    "a failure": partial(simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, save_every=60, segment=3),
+    "a failure": partial(simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, save_every=60, span=3),
     "an observable": partial(simulated, observe={"axis": ml.observe.Axis(), "f": lambda t, s: t * s.momentum[0]}),
     "a statistic": partial(simulated, observe=ml.observe.Mean(ml.observe.Axis()), save_every=20),
     "a statistic of few": partial(
@@ -138,7 +138,7 @@ def test_the_bits_do_not_depend_on_when_a_run_was_late(tmp_path, monkeypatch, re
 @pytest.mark.sample(0)
 def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
     """One long part of 240 steps that takes minutes: it is stopped in the middle, and goes on from there."""
-    run = partial(simulated, tmp_path / "run.zarr", save_every=None, segment=None, group=None)
+    run = partial(simulated, tmp_path / "run.zarr", save_every=None, span=None, group=None)
     with monkeypatch.context() as patch:
         Clock(patch, lambda: 20.0)
         with pytest.raises(CrashError):
@@ -156,7 +156,7 @@ def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("cut", [{"group": 50, "segment": None, "save_every": 120}, {"group": 25, "segment": 6}])
+@pytest.mark.parametrize("cut", [{"group": 50, "span": None, "save_every": 120}, {"group": 25, "span": 6}])
 @pytest.mark.parametrize("price", [1e-5, 0.1, 0.7, 4.0, 13.0])
 def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price, cut):
     """Unless two steps cost more; even if each write ends only when the next begins."""
@@ -182,8 +182,8 @@ def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price
     monkeypatch.setattr(Kept, "write", wrote)
     result = simulated(tmp_path / "run.zarr", **cut)
     assert clock.now == pytest.approx(price * result.computed / cut["group"])
-    assert max(lost) <= 30 + 2 * price  # a turn has two steps
-    part = 60 * price if cut.get("segment") else STEPS * price
+    assert max(lost) <= 30 + 2 * price  # an iteration has two steps
+    part = 60 * price if cut.get("span") else STEPS * price
     assert bool(files) == (part > pace.KEPT + pace.LEG)  # a fast run writes its parts alone
 
 
@@ -222,7 +222,7 @@ def test_a_kill_while_a_part_is_kept_leaves_what_was_kept_before(tmp_path, monke
     monkeypatch.setattr(pace, "LEG", 0.0)
     monkeypatch.setattr(pace, "KEPT", 0.0)
     with pytest.raises(CrashError):
-        run(path, progress=stop_after(50))  # group 0 has 35 turns in its first part
+        run(path, progress=stop_after(50))  # group 0 has 35 iterations in its first part
     assert (path / KEPT).exists()
     before = ml.simulation.inspect(path)
     with monkeypatch.context() as patch:
@@ -256,10 +256,10 @@ def test_damage_to_what_is_kept_is_named_and_computed_again(tmp_path, monkeypatc
         data[{"start": 2, "middle": len(data) // 2, "end": len(data) - 6}[place]] ^= 1
     (path / KEPT).write_bytes(data)
     found = ml.simulation.inspect(path)
-    assert found.damaged == ("the steps of segment 0, group 1",)
+    assert found.damaged == ("the steps of span 0, group 1",)
     assert found.done == 16 * 70
     result = run(path, resume=True)
-    assert result.repaired == ("the steps of segment 0, group 1",)
+    assert result.repaired == ("the steps of span 0, group 1",)
     assert result.computed == ALL - found.done
     same(path, references("tops"))
 
@@ -297,11 +297,11 @@ def test_a_late_run_that_is_killed_ends_with_the_same_bits(tmp_path, cache, opti
 
 
 @pytest.mark.parametrize("every", [1, 2, 7, 64, 80, 129])
-@pytest.mark.parametrize("turn", [1, 2, 3, 64])
-def test_the_stops_are_the_turns_and_the_saved_states(every, turn):
-    stops = {i * every + min(k * turn, every) for i in range(300) for k in range(every + 1)}
+@pytest.mark.parametrize("iteration", [1, 2, 3, 64])
+def test_the_stops_are_the_iterations_and_the_saved_states(every, iteration):
+    stops = {i * every + min(k * iteration, every) for i in range(300) for k in range(every + 1)}
     for begin, steps in itertools.product(sorted(stops)[:20], (0, 1, 2, 5, 100)):
-        found = legs.next_stop(begin, steps, turn, every)
+        found = legs.next_stop(begin, steps, iteration, every)
         assert found == min(stop for stop in stops if stop >= begin + max(steps, 1))
 
 
@@ -311,10 +311,10 @@ def test_long_turns_make_the_same_steps(tmp_path, monkeypatch, references):
     with monkeypatch.context() as patch:
         patch.setattr(legs, "on_cpu", lambda: False)
         patch.setattr(pace, "LEG", 0.0)
-        assert legs.turn(ml.method("SYMMETRIC[EA]"), 80) == 64
-        run = partial(simulated, save_every=80, segment=3)
+        assert legs.iteration(ml.method("SYMMETRIC[EA]"), 80) == 64
+        run = partial(simulated, save_every=80, span=3)
         run(tmp_path / "long.zarr")
-    run = partial(simulated, save_every=80, segment=3, group=17)
+    run = partial(simulated, save_every=80, span=3, group=17)
     run(tmp_path / "short.zarr")
     one, other = contents(tmp_path / "long.zarr"), contents(tmp_path / "short.zarr")
     for name in one:

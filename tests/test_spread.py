@@ -135,7 +135,7 @@ def test_a_value_that_is_no_number_is_in_no_bin():
 
 @pytest.mark.sample(0)
 def test_statistics_in_a_file_are_merged_over_groups(tmp_path):
-    """Also of bodies that failed in an earlier segment."""
+    """Also of bodies that failed in an earlier span."""
     momenta = MOMENTA.copy()
     momenta[4] = 1e200
     options = {"momenta": momenta, "steps": 100}

@@ -15,7 +15,7 @@ from jax import Array
 
 from midlie_jax._math import components as cp
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.advice.program import begin, take_turns
+from midlie_jax.advice.program import begin, loop_of_steps
 from midlie_jax.drivers.clock import time_of
 from midlie_jax.methods.base import Method, Progress
 from midlie_jax.methods.system import System
@@ -81,7 +81,7 @@ def _path(method: Method, most: int, row: Rows, first: Array, every: Array, coun
     system = System.of(row.body, row.torque, row.start, zero)
 
     def save(k: Array, carry: tuple[Progress, RigidState]) -> tuple[Progress, RigidState]:
-        progress = take_turns(method, system, (zero, row.dt), first + k * every, every, carry[0])
+        progress = loop_of_steps(method, system, (zero, row.dt), first + k * every, every, carry[0])
         return progress, jax.tree.map(lambda all, x: all.at[k].set(x), carry[1], system.state(progress.motion))
 
     saved = jax.tree.map(lambda x: jnp.zeros((most, *x.shape), x.dtype), row.start)

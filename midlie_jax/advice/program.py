@@ -2,7 +2,7 @@
 
 `recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
 `integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative.
-`tests/test_work_precision.py` checks that its results equal those of `integrate`. `take_turns` is that loop, for all
+`tests/test_work_precision.py` checks that its results equal those of `integrate`. `loop_of_steps` is that loop, for all
 who need one with a number of steps that is not known to the compiler.
 """
 
@@ -31,7 +31,7 @@ class Program:
 
     Attributes:
         method: the method, fitted to the body.
-        unroll: steps in each turn of the loop; the number of steps of a run must be a multiple of `unroll`.
+        unroll: steps in each iteration of the loop; the number of steps of a run must be a multiple of `unroll`.
     """
 
     def __init__(
@@ -88,12 +88,12 @@ def _run(
     t0: Array,
     starts: AnyState,
     dt: Array,
-    turns: Array,
+    iterations: Array,
 ) -> tuple[AnyState, Array]:
-    """The states after `turns` turns of the loop, each of `unroll` steps, and `ok`, of all bodies.
+    """The states after `iterations` iterations of the loop, each of `unroll` steps, and `ok`, of all bodies.
 
-    Inputs that all bodies share are prepared for a block of turns at a time, before all chunks take these turns.
-    Without such inputs all turns are one block.
+    Inputs that all bodies share are prepared for a block of iterations at a time, before all chunks take these. Without
+    such inputs all iterations are one block.
     """
     count = len(starts.momentum)
     first = jax.tree.map(lambda leaf: leaf[0], starts)
@@ -106,20 +106,20 @@ def _run(
     def take_block(block: Array, progress: Progress) -> Progress:
         before = block * shared_inputs.BLOCK
         if inputs is None:
-            turns_in_block, rows = turns, None
+            in_block, rows = iterations, None
         else:
-            turns_in_block = jnp.minimum(turns - before, shared_inputs.BLOCK)
+            in_block = jnp.minimum(iterations - before, shared_inputs.BLOCK)
             indices = before * unroll + jnp.arange(shared_inputs.BLOCK * unroll, dtype=jnp.int32)
             rows = inputs.table(system, t0, dt, jnp.broadcast_to(dt, indices.shape), indices)
 
         def of_body(progress: Progress) -> Progress:
-            return take_turns(method, system, (t0, dt), before * unroll, turns_in_block, progress, unroll, inputs, rows)
+            return loop_of_steps(method, system, (t0, dt), before * unroll, in_block, progress, unroll, inputs, rows)
 
         return jax.lax.map(jax.vmap(of_body), progress)
 
     parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
     progress = jax.vmap(jax.vmap(lambda start: begin(method, system, start, t0)))(parts)
-    blocks = 1 if inputs is None else -(-turns // shared_inputs.BLOCK)
+    blocks = 1 if inputs is None else -(-iterations // shared_inputs.BLOCK)
     progress = jax.lax.fori_loop(0, blocks, take_block, progress)
     progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
     return jax.vmap(system.state)(progress.motion), progress.ok
@@ -131,27 +131,27 @@ def begin(method: Method, system: System, start: AnyState, t: Array) -> Progress
     return Progress(motion, system.force(t, motion) if method.keeps_force(system) else None, jnp.asarray(FINE))
 
 
-def take_turns(
+def loop_of_steps(
     method: Method,
     system: System,
     clock: tuple[Array, Array],
     first: Array,
-    turns: Array,
+    iterations: Array,
     progress: Progress,
     unroll: int = 1,
     inputs: SharedInputs | None = None,
     rows: Any = None,
 ) -> Progress:
-    """The progress of a body after `turns` turns, each of `unroll` steps, the first of which has the index `first`.
+    """The progress of a body after `iterations` iterations of `unroll` steps; the first step has the index `first`.
 
     Args:
         clock: t0 and dt.
-        turns: their number, an argument of the compiled program.
+        iterations: their number, an argument of the compiled program.
         inputs, rows: what all bodies share, and the table of it with a row for each of the steps, if there is any.
     """
     t0, dt = clock
 
-    def turn(i: Array, progress: Progress) -> Progress:
+    def iteration(i: Array, progress: Progress) -> Progress:
         for k in range(unroll):
             n = first + i * unroll + k
             if inputs is None:
@@ -161,4 +161,4 @@ def take_turns(
                 progress = inputs.advance(system, t0, dt, dt, progress, n, row)
         return progress
 
-    return jax.lax.fori_loop(0, turns, turn, progress)
+    return jax.lax.fori_loop(0, iterations, iteration, progress)

@@ -1,4 +1,4 @@
-"""What all charts of the laboratory share: the heading above the panels, the style of a panel, and a small PNG.
+"""What all charts share: the heading above the panels, the style of a panel, and a small PNG.
 
 Colours and the empty figure are those of `midlie_jax.plot.style`. matplotlib is an optional dependency, so it is
 imported only when a chart is drawn.

@@ -32,7 +32,7 @@ from .scenes import Scene
 METHODS = (DEFAULT, "JACOBI[SRKN6b]", "LIEMID[EA]", "LIEMID[I]", "AKW", "NMB", "DMV[EA]", "GBS12")
 STEPS = 10_000
 BLOWN_UP = 1.0  # an energy error as large as the energy
-_SEGMENT = 50  # steps whose states are kept at once
+_SPAN = 50  # steps whose states are kept at once
 _STEPS_RANGE = (0.03, 6.0)  # the smallest and the largest step, times the fastest rate of the scene
 _RATES_RANGE = (0.1, 10.0)  # spins and frequencies of the field, over the fastest rate of the scene
 _FLATTEST = 0.98  # of the way from a ball to the thinnest body
@@ -203,8 +203,8 @@ def runs(
     number: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`worst`, `failed` and `blown_up` of `Map` for n bodies, each with its moments, factor of the torque, and step."""
-    segment = min(_SEGMENT, number)
-    one = partial(_run, method.fitted(RigidBody(moments)), torque, -(-number // segment), segment)
+    span = min(_SPAN, number)
+    one = partial(_run, method.fitted(RigidBody(moments)), torque, -(-number // span), span)
     arguments = moments, starts, factors, dt
     options = compiler_options(len(moments))
     compiled = jax.jit(jax.vmap(one)).lower(*arguments).compile(compiler_options=options)
@@ -215,8 +215,8 @@ def runs(
 def _run(
     method: Method,
     torque: Any,
-    segments: int,
-    segment: int,
+    spans: int,
+    span: int,
     moments: Array,
     start: RigidState,
     factor: Array,
@@ -231,9 +231,9 @@ def _run(
 
     def take(carry: Any, n: Array) -> tuple[Any, None]:
         state, worst, failed, blown_up = carry
-        path = integrate(method, body, scaled, state, dt=dt, steps=segment, first_step=n * segment)
+        path = integrate(method, body, scaled, state, dt=dt, steps=span, first_step=n * span)
         errors = jnp.abs(energy(body, scaled, path.states) - first) / scale
-        trusted = jnp.arange(segment + 1, dtype=jnp.int32) < path.first_bad
+        trusted = jnp.arange(span + 1, dtype=jnp.int32) < path.first_bad
         going_on = ~failed & ~blown_up
         largest = jnp.max(jnp.where(trusted & jnp.isfinite(errors), errors, 0))
         worst = jnp.where(going_on, jnp.maximum(worst, largest), worst)
@@ -244,7 +244,7 @@ def _run(
 
     nothing = jnp.zeros((), bool)
     carry = start, jnp.zeros_like(dt), nothing, nothing
-    (_, worst, failed, blown_up), _ = jax.lax.scan(take, carry, jnp.arange(segments, dtype=jnp.int32))
+    (_, worst, failed, blown_up), _ = jax.lax.scan(take, carry, jnp.arange(spans, dtype=jnp.int32))
     return worst, failed, blown_up
 
 

@@ -38,7 +38,7 @@ class Steps(NamedTuple):
         take_again: as `take`, for the derivative alone, from the progress, the inputs, and what is known of the step.
         inputs: of all steps, a pytree with a leading axis; the index of the step and its prepared values.
         number: how many steps.
-        unroll: steps in a turn of the loop.
+        unroll: steps in an iteration of the loop.
     """
 
     take: Step

@@ -19,8 +19,8 @@ from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..methods.verdict import FINE
 
-# Steps of a turn on an accelerator, about. There the host asks after each turn whether there is another one.
-_LONG_TURN = 64
+# Steps of an iteration on an accelerator, about. There the host asks after each iteration whether there is another one.
+_LONG_ITERATION = 64
 
 
 class Leg(NamedTuple):
@@ -37,16 +37,16 @@ class Leg(NamedTuple):
     carried: Progress
 
 
-def turn(method: Method, save_every: int) -> int:
-    """The steps between two stops: after each turn, and at each saved state, a leg can end."""
-    turns = 1 if on_cpu() else -(-_LONG_TURN // method.unroll)
-    return min(turns * method.unroll, save_every)
+def iteration(method: Method, save_every: int) -> int:
+    """The steps between two stops: after each iteration, and at each saved state, a leg can end."""
+    iterations = 1 if on_cpu() else -(-_LONG_ITERATION // method.unroll)
+    return min(iterations * method.unroll, save_every)
 
 
-def next_stop(begin: int, steps: int, turn: int, save_every: int) -> int:
+def next_stop(begin: int, steps: int, iteration: int, save_every: int) -> int:
     """The first stop at least `steps` steps, and at least one, after the stop `begin`."""
     intervals, within = divmod(begin + max(steps, 1), save_every)
-    return intervals * save_every + min(-(-within // turn) * turn, save_every)
+    return intervals * save_every + min(-(-within // iteration) * iteration, save_every)
 
 
 def nothing_carried(method: Method, mapped: Any, shared: Any, rows: int) -> Progress:
@@ -83,15 +83,17 @@ def in_leg(
         progress: where the leg is before these steps.
     """
     first, end = jnp.clip(leg.begin - before, 0, save_every), jnp.clip(leg.end - before, 0, save_every)
-    size = turn(method, save_every)
-    turns, rest = divmod(save_every, size)
+    size = iteration(method, save_every)
+    iterations, rest = divmod(save_every, size)
 
     def some(begin: Array | int, count: int, progress: Progress) -> Progress:
         numbers = begin + jnp.arange(count, dtype=jnp.int32)
         return jax.lax.scan(lambda p, k: (take(p, k), None), progress, numbers, unroll=method.unroll)[0]
 
     progress = jax.lax.fori_loop(first // size, end // size, lambda i, p: some(i * size, size, p), progress)
-    if rest:  # the last turn is shorter
+    if rest:  # the last iteration is shorter
         ends_here = (first < save_every) & (end == save_every)
-        progress = jax.lax.fori_loop(0, ends_here.astype(jnp.int32), lambda _, p: some(turns * size, rest, p), progress)
+        progress = jax.lax.fori_loop(
+            0, ends_here.astype(jnp.int32), lambda _, p: some(iterations * size, rest, p), progress
+        )
     return progress

@@ -39,7 +39,7 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str
         "first_step": str(plan.begin),
         "save_every": str(plan.save_every),
         "bodies of a group": str(plan.group),
-        "saved states of a segment": str(plan.segment),
+        "saved states of a span": str(plan.span),
         "chunk": str(plan.chunk),
         **_contents("", {"dt": dt, "t0": t0}),
         **_contents("body.", body),

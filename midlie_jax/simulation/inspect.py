@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .plan import Part
-from .resume import kept_of, whole_segments
+from .resume import kept_of, whole_spans
 from .store import Store
 from .summary import failures
 
@@ -56,9 +56,9 @@ def inspect(path: str | Path) -> Inspection:
     store = Store(Path(path), read_only=True)
     plan, damaged, done = store.plan, [*store.lost_descriptions(), *store.damaged_whole()], 0
     for group in range(plan.groups):
-        done += plan.work(Part(segment, group) for segment in range(store.committed(group)))
-        segments, found = whole_segments(store, group)
-        begun, lost = kept_of(store, Part(segments, group))
+        done += plan.work(Part(span, group) for span in range(store.committed(group)))
+        spans, found = whole_spans(store, group)
+        begun, lost = kept_of(store, Part(spans, group))
         done += plan.bodies_in(group) * (begun.steps if begun else 0)
         damaged += [*found, *lost]
     total = plan.work(plan.parts(range(plan.groups)))

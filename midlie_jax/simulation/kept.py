@@ -24,7 +24,7 @@ class Kept:
 
     def write(self, part: Part, begun: Begun) -> None:
         """Keeps a part in place of what is kept of its group."""
-        arrays: dict[str, Any] = {"segment": part.segment, "steps": begun.steps, "first_bad": begun.first_bad}
+        arrays: dict[str, Any] = {"span": part.span, "steps": begun.steps, "first_bad": begun.first_bad}
         arrays |= {f"{_SEEN}{name}": values for name, values in begun.seen.items()}
         arrays |= {f"{_CARRIED}{i}": values for i, values in enumerate(begun.carried)}
         file = self._file(part.group)
@@ -43,7 +43,7 @@ class Kept:
         try:
             with self._file(part.group).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 arrays = dict(file)
-            if int(arrays["segment"]) != part.segment:
+            if int(arrays["span"]) != part.span:
                 return None
             seen = {name.removeprefix(_SEEN): values for name, values in arrays.items() if name.startswith(_SEEN)}
             carried = [arrays[f"{_CARRIED}{i}"] for i in range(sum(name.startswith(_CARRIED) for name in arrays))]

@@ -13,7 +13,7 @@ from .._xla.compiler import tuned_jit
 from ..drivers.adjoints import as_adjoint
 from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.ensemble import Batch
-from ..drivers.legs import Leg, next_stop, nothing_carried, turn
+from ..drivers.legs import Leg, iteration, next_stop, nothing_carried
 from ..drivers.observe import Observe, Statistic
 from ..methods.base import Method
 from ..model.state import AnyState
@@ -79,7 +79,7 @@ class Computation(NamedTuple):
         return Progress(start, np.full(len(rows), self.plan.saves, np.int32))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
-        """A group at the end of a segment, with the states and `first_bad` that the segment left in a file."""
+        """A group at the end of a span, with the states and `first_bad` that the span left in a file."""
         rows = self._rows_in(group)
         structure = jax.tree.structure(self.batch.mapped[2])
         arrays = [state[name][rows] for name in named(self.batch.mapped[2])]
@@ -92,17 +92,17 @@ class Computation(NamedTuple):
         pieces = (begun.seen,) if begun.seen else ()
         return Progress(before.start, begun.first_bad[rows], begun.steps, carried, pieces)
 
-    def tables(self, segment: int) -> Any:
-        """What all bodies share in a segment, computed once for all its groups."""
+    def tables(self, span: int) -> Any:
+        """What all bodies share in a span, computed once for all its groups."""
         mapped, plan = jax.tree.map(lambda x: x[:1], self.batch.mapped), self.plan
-        first, steps = jnp.int32(plan.first_step(segment)), plan.intervals * plan.save_every
+        first, steps = jnp.int32(plan.first_step(span)), plan.intervals * plan.save_every
         return shared_tables(self.batch.method, as_adjoint(None), mapped, self.batch.shared, first, steps)
 
     def compute(self, part: Part, before: Progress, steps: int, tables: Any) -> Progress:
         """The group after a leg of about so many steps in a part; waits for it."""
         plan, rows, every = self.plan, self.rows(part.group), self.plan.save_every
-        stop = next_stop(before.steps, steps, turn(self.batch.method, every), every)
-        stop = min(stop, plan.steps(part.segment))
+        stop = next_stop(before.steps, steps, iteration(self.batch.method, every), every)
+        stop = min(stop, plan.steps(part.span))
         body, torque, _, dt, t0 = self.batch.mapped
         body, torque, dt, t0 = jax.tree.map(lambda x: x[rows], (body, torque, dt, t0))
         # From NumPy, because what comes from a mesh would be another argument to JAX, and compiled for anew.
@@ -116,7 +116,7 @@ class Computation(NamedTuple):
             self.batch.shared,
             first_bad,
             jnp.asarray(np.arange(part.group * plan.group, part.group * plan.group + len(rows)) < plan.bodies),
-            jnp.int32(plan.first_step(part.segment)),
+            jnp.int32(plan.first_step(part.span)),
             plan,
             self.mesh,
             tables,
@@ -124,7 +124,7 @@ class Computation(NamedTuple):
         )
         seen, end, carried, first_bad = jax.tree.map(np.asarray, found)
         # The state with which a part begins is written by the part before.
-        new = slice(before.steps // every + 1 if before.steps or part.segment else 0, stop // every + 1)
+        new = slice(before.steps // every + 1 if before.steps or part.span else 0, stop // every + 1)
         real = slice(None) if isinstance(self.observe, Statistic) else slice(plan.bodies_in(part.group))
         piece = {name: values[real, new].copy() for name, values in seen.items()}
         pieces = (*before.seen, piece) if new.stop > new.start else before.seen
@@ -154,9 +154,9 @@ def _compute(
     tables: Any,
     leg: Leg,
 ) -> tuple[dict[str, Array], AnyState, Any, Array]:
-    """What is seen in a segment, right where the leg has been; states and progress at its end; and `first_bad`.
+    """What is seen in a span, right where the leg has been; states and progress at its end; and `first_bad`.
 
-    One program for all segments and legs. So its results do not depend on where the legs begin and end.
+    One program for all spans and legs. So its results do not depend on where the legs begin and end.
     """
     counted = real & (first_bad == plan.saves)
     every, last = plan.save_every, plan.intervals

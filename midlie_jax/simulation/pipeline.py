@@ -38,7 +38,7 @@ def compute_and_write(
             return 0
         try:
             real, seen = slice(plan.bodies_in(part.group)), progress.all_seen()
-            if progress.steps == plan.steps(part.segment):
+            if progress.steps == plan.steps(part.span):
                 state = {name: x[real] for name, x in named(progress.end).items()}
                 sink.write(part, seen, state, progress.first_bad[real])
             else:
@@ -50,12 +50,12 @@ def compute_and_write(
         return plan.bodies_in(part.group) * (progress.steps - since)
 
     with ThreadPoolExecutor(1, "writer") as writer:
-        segment, tables = None, None
+        span, tables = None, None
         try:
             for part in parts:
-                if part.segment != segment:
-                    segment, tables = part.segment, computation.tables(part.segment)
-                progress, steps = groups[part.group], plan.steps(part.segment)
+                if part.span != span:
+                    span, tables = part.span, computation.tables(part.span)
+                progress, steps = groups[part.group], plan.steps(part.span)
                 since = progress.steps
                 while progress.steps < steps:
                     before = progress.steps

@@ -1,4 +1,4 @@
-"""How a run is cut into parts: groups of bodies, and segments of time.
+"""How a run is cut into parts: groups of bodies, and spans of time.
 
 A part is what is written to the variables of the file at once. The cut depends on the run alone, not on the devices or
 processes that compute it or on the time that they take, so that all of them compute the same bits.
@@ -17,13 +17,13 @@ GROUP = 2**15  # bodies of one group, by default
 
 
 class Part(NamedTuple):
-    """One group of bodies in one segment of time."""
+    """One group of bodies in one span of time."""
 
-    segment: int
+    span: int
     group: int
 
     def __str__(self) -> str:
-        return f"segment {self.segment}, group {self.group}"
+        return f"span {self.span}, group {self.group}"
 
 
 class Plan(NamedTuple):
@@ -34,7 +34,7 @@ class Plan(NamedTuple):
         saves: saved states of each body, the start included.
         save_every: steps between two saved states.
         group: bodies of a group; the last group may be smaller.
-        segment: saved states of a segment, at least 2; the last segment may be smaller.
+        span: saved states of a span, at least 2; the last span may be smaller.
         chunk: bodies that are moved at once on one device.
         begin: the index of the first step of the run.
     """
@@ -43,7 +43,7 @@ class Plan(NamedTuple):
     saves: int
     save_every: int
     group: int
-    segment: int
+    span: int
     chunk: int
     begin: int = 0
 
@@ -52,12 +52,12 @@ class Plan(NamedTuple):
         return -(-self.bodies // self.group)
 
     @property
-    def segments(self) -> int:
-        return -(-self.saves // self.segment)
+    def spans(self) -> int:
+        return -(-self.saves // self.span)
 
     def parts(self, groups: range) -> Iterator[Part]:
         """The parts of these groups in the order in which they are computed: all bodies reach a time together."""
-        return (Part(segment, group) for segment in range(self.segments) for group in groups)
+        return (Part(span, group) for span in range(self.spans) for group in groups)
 
     def bodies_of(self, group: int) -> slice:
         return slice(group * self.group, min((group + 1) * self.group, self.bodies))
@@ -67,31 +67,31 @@ class Plan(NamedTuple):
         bodies = self.bodies_of(group)
         return bodies.stop - bodies.start
 
-    def saves_of(self, segment: int) -> slice:
-        return slice(segment * self.segment, min((segment + 1) * self.segment, self.saves))
+    def saves_of(self, span: int) -> slice:
+        return slice(span * self.span, min((span + 1) * self.span, self.saves))
 
-    def first_step(self, segment: int) -> int:
-        """The index of the first step of a segment: its steps lead to the first of its saved states."""
-        return self.begin + max(0, segment * self.segment - 1) * self.save_every
+    def first_step(self, span: int) -> int:
+        """The index of the first step of a span: its steps lead to the first of its saved states."""
+        return self.begin + max(0, span * self.span - 1) * self.save_every
 
-    def steps(self, segment: int) -> int:
-        """The number of steps of a segment; the start, the first saved state of segment 0, needs none."""
-        saved = self.saves_of(segment)
-        return (saved.stop - saved.start - (segment == 0)) * self.save_every
+    def steps(self, span: int) -> int:
+        """The number of steps of a span; the start, the first saved state of span 0, needs none."""
+        saved = self.saves_of(span)
+        return (saved.stop - saved.start - (span == 0)) * self.save_every
 
     @property
     def intervals(self) -> int:
-        """The most intervals between saved states that a segment takes."""
-        return self.segment - (self.segments == 1)
+        """The most intervals between saved states that a span takes."""
+        return self.span - (self.spans == 1)
 
     def place(self, part: Part, of_groups: bool) -> tuple[slice, slice]:
         """Where a part stands in a variable (body, time, ...), or in one (group, time, ...) of a statistic."""
         rows = slice(part.group, part.group + 1) if of_groups else self.bodies_of(part.group)
-        return rows, self.saves_of(part.segment)
+        return rows, self.saves_of(part.span)
 
     def work(self, parts: Iterable[Part]) -> int:
         """The body-steps of parts."""
-        return sum(self.bodies_in(part.group) * self.steps(part.segment) for part in parts)
+        return sum(self.bodies_in(part.group) * self.steps(part.span) for part in parts)
 
     def groups_of(self, process: int, processes: int) -> range:
         """The groups that a process computes: neighbours, and as many for each process as possible."""
@@ -116,8 +116,8 @@ def _evenly(count: int, most: int) -> int:
     return even_size(count, -(-count // most))
 
 
-def segment_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
-    """How many saved states a segment has by default.
+def span_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
+    """How many saved states a span has by default.
 
     Args:
         group, save_every: as in `Plan`.

@@ -27,7 +27,7 @@ from .identity import UNSEEN, differences, identity
 from .memory import Memory
 from .parts import Computation
 from .pipeline import compute_and_write
-from .plan import GROUP, Plan, segment_of, sizes
+from .plan import GROUP, Plan, sizes, span_of
 from .progress import reported
 from .resume import begun, repair_whole, resumed
 from .store import Store, create
@@ -54,7 +54,7 @@ def simulate(
     resume: bool = False,
     mesh: Mesh | None = None,
     group: int | None = None,
-    segment: int | None = None,
+    span: int | None = None,
     chunk: int | None = None,
     progress: bool | Callable[[int], Any] | None = None,
     attributes: dict[str, Any] | None = None,
@@ -81,7 +81,7 @@ def simulate(
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
             each takes those of its own devices that are in the mesh. The numbers do not depend on it.
         group: bodies that are computed at once and written to one chunk of the file; by default up to 32768.
-        segment: saved states of a body that are written to one chunk, at least 2; by default as many as fill 32 MB, or
+        span: saved states of a body that are written to one chunk, at least 2; by default as many as fill 32 MB, or
             need 3e7 body-steps.
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
         progress: whether to show a bar, if tqdm is installed; by default only if stderr is a terminal. Or a function
@@ -103,10 +103,10 @@ def simulate(
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps) or steps
     begin = int(as_first_step(first_step, steps))
-    cut = {"group": group, "segment": segment, "chunk": chunk}
+    cut = {"group": group, "span": span, "chunk": chunk}
     cut = {name: as_count(name, size) for name, size in cut.items() if size is not None}
-    if cut.get("segment", 2) < 2:
-        raise ValueError("segment must be at least 2 saved states, got 1.")
+    if cut.get("span", 2) < 2:
+        raise ValueError("span must be at least 2 saved states, got 1.")
     path = _checked_path(out, resume)
     batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
     check_spread(batch, observe, mesh)
@@ -114,7 +114,7 @@ def simulate(
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
     if existing is not None:  # its cut is kept, unless another one is asked for, which is refused below
         before = existing.plan
-        cut = {"group": before.group, "segment": before.segment, "chunk": before.chunk, **cut}
+        cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **cut)
     plan = plan._replace(begin=begin)
     computation = Computation.of(batch, observe, plan, _local(mesh))
@@ -158,13 +158,13 @@ def _plan(
     seen: Any,
     of_groups: bool,
     group: int | None = None,
-    segment: int | None = None,
+    span: int | None = None,
     chunk: int | None = None,
 ) -> Plan:
     group, chunk = sizes(bodies, group, chunk, chunk_size(min(bodies, group or GROUP)))
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(seen))
-    segment = segment or segment_of(group, save_every, size / group if of_groups else size)
-    return Plan(bodies, saves, save_every, group, min(saves, segment), chunk)
+    span = span or span_of(group, save_every, size / group if of_groups else size)
+    return Plan(bodies, saves, save_every, group, min(saves, span), chunk)
 
 
 def _in_memory(
@@ -215,7 +215,7 @@ def _in_store(
         processes.all_succeed(lambda: locks.enter_context(store.locked()) if first else None)
         found = begun(computation, groups) if existing is None else resumed(computation, store, groups)
         repaired = found.repaired + (repair_whole(computation, store) if first and existing is not None else ())
-        todo = [part for part in plan.parts(groups) if part.segment >= found.segments[part.group]]
+        todo = [part for part in plan.parts(groups) if part.span >= found.spans[part.group]]
         total, missing = plan.work(plan.parts(groups)), found.missing(plan)
         with reported(progress, total, total - missing) as written:
             processes.all_succeed(lambda: compute_and_write(computation, todo, found.groups, store, written))

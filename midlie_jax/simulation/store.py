@@ -3,8 +3,8 @@
 The root holds what a reader wants: the variables of the run, `time`, `first_bad`, and attributes that describe the run.
 The group `parts` holds what a statistic has of each group of bodies, before these are merged at the end of the run.
 
-The group `checkpoint` holds what a resumed run needs: the state of each body at the end of the last two segments (in
-one slot for even and one for odd segments), and for each part a commit: the checksums of all that the part wrote. The
+The group `checkpoint` holds what a resumed run needs: the state of each body at the end of the last two spans (in
+one slot for even and one for odd spans), and for each part a commit: the checksums of all that the part wrote. The
 commit is the last that a part writes, in one atomic operation. What a process wrote before it was killed, but did not
 commit, is written again by the resumed run. A part that takes long has a file with its progress there, too (`kept.py`).
 """
@@ -90,13 +90,13 @@ class Store(Sink):
         """Writes a part, and commits it."""
         for name, values in seen.items():
             self._arrays[name][self._place(name, part)] = values
-        bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
+        bodies, slot = self.plan.bodies_of(part.group), part.span % 2
         for name, values in {**state, _FIRST_BAD: first_bad}.items():
             self._checkpoint[name][slot, bodies] = values
         self._root[_FIRST_BAD][bodies] = first_bad
         written = *(seen[name] for name in self._seen), *(state[name] for name in self._states), first_bad
         sums = [checksum(values) for values in written]
-        self._commits[part.segment, part.group] = sealed(sums)
+        self._commits[part.span, part.group] = sealed(sums)
         self._kept.remove(part.group)
 
     def keep(self, part: Part, begun: Begun) -> None:
@@ -116,40 +116,40 @@ class Store(Sink):
 
     def state(self, part: Part) -> tuple[Arrays, np.ndarray]:
         """The states at the end of a committed part, and `first_bad` of its bodies."""
-        bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
+        bodies, slot = self.plan.bodies_of(part.group), part.span % 2
         state = {name: self._checkpoint[name][slot, bodies] for name in self._states}
         return state, self._checkpoint[_FIRST_BAD][slot, bodies]
 
     def committed(self, group: int) -> int:
-        """How many segments of a group are committed without a gap, from the first."""
-        return next((s for s in range(self.plan.segments) if not self._sums(Part(s, group))), self.plan.segments)
+        """How many spans of a group are committed without a gap, from the first."""
+        return next((s for s in range(self.plan.spans) if not self._sums(Part(s, group))), self.plan.spans)
 
     def damage(self, group: int) -> list[str]:
-        """Names what cannot be read of the committed segments of a group, or is not what was written."""
+        """Names what cannot be read of the committed spans of a group, or is not what was written."""
         count = self.committed(group)
-        later = [s for s in range(count, self.plan.segments) if self._sums(Part(s, group))]
+        later = [s for s in range(count, self.plan.spans) if self._sums(Part(s, group))]
         found = [f"the commit of {Part(count, group)}"] if later else []
-        for segment in range(count):
-            part = Part(segment, group)
+        for span in range(count):
+            part = Part(span, group)
             for name, expected in zip(self._seen, self._sums(part), strict=False):
                 if checksums.found(lambda name=name: self._arrays[name], *self._place(name, part)) != expected:
                     found.append(f"{name} of {part}")
         return found
 
     def torn(self, group: int) -> list[str]:
-        """Names what is damaged of a group without taking a committed segment with it."""
-        segments, bodies = self.committed(group), self.plan.bodies_of(group)
+        """Names what is damaged of a group without taking a committed span with it."""
+        spans, bodies = self.committed(group), self.plan.bodies_of(group)
         found: list[str] = []
-        if segments < self.plan.segments:
-            part = Part(segments, group)
-            commit = or_none(lambda: self._commits[part.segment, part.group])
+        if spans < self.plan.spans:
+            part = Part(spans, group)
+            commit = or_none(lambda: self._commits[part.span, part.group])
             if commit is None or commit.any():
                 found.append(f"the commit of {part}")
         now = checksums.found(lambda: self._root[_FIRST_BAD], bodies)
         # Before the end of the run it may be ahead of the last commit.
-        slots = [(segments - 1) % 2] if segments == self.plan.segments else [0, 1]
+        slots = [(spans - 1) % 2] if spans == self.plan.spans else [0, 1]
         then = [checksums.found(lambda: self._checkpoint[_FIRST_BAD], slot, bodies) for slot in slots]
-        if not segments:
+        if not spans:
             then.append(checksum(np.full(self.plan.bodies_in(group), self.plan.saves, np.int32)))
         if now is None or (None not in then and now not in then):
             found.append(f"{_FIRST_BAD} of group {group}")
@@ -157,7 +157,7 @@ class Store(Sink):
 
     def whole_state(self, part: Part) -> bool:
         """Whether the states at the end of a committed part are what was written."""
-        bodies, slot = self.plan.bodies_of(part.group), part.segment % 2
+        bodies, slot = self.plan.bodies_of(part.group), part.span % 2
         names = (*self._states, _FIRST_BAD)
         return self._sums_of_state(part) == [
             checksums.found(lambda name=name: self._checkpoint[name], slot, bodies) for name in names
@@ -170,11 +170,11 @@ class Store(Sink):
     def give_up(self, part: Part) -> None:
         """Says in the commit of a part that the states at its end are lost."""
         sums = self._sums(part)
-        self._commits[part.segment, part.group] = sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
+        self._commits[part.span, part.group] = sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
 
-    def forget(self, group: int, segments: int) -> None:
-        """Takes back the commits of a group after its first `segments` segments."""
-        self._commits[segments:, group] = 0
+    def forget(self, group: int, spans: int) -> None:
+        """Takes back the commits of a group after its first `spans` spans."""
+        self._commits[spans:, group] = 0
 
     def first_bad(self) -> np.ndarray:
         """(bodies,); of a group where it is damaged, what the last commit says."""
@@ -242,7 +242,7 @@ class Store(Sink):
     def _sums(self, part: Part) -> list[int]:
         """The checksums of a committed part; an empty list if the part is not committed."""
         try:
-            sums = [int(x) for x in self._commits[part.segment, part.group]]
+            sums = [int(x) for x in self._commits[part.span, part.group]]
         except Exception:  # a damaged commit is none
             return []
         return sums[:-1] if sums == sealed(sums[:-1]) else []
@@ -290,7 +290,7 @@ def create(
         for name, variable in seen.items():
             of_groups = variable.dims[0] == GROUP
             place = root.require_group(PARTS) if of_groups else root
-            _create(place, name, variable, (1 if of_groups else plan.group, plan.segment, *variable.shape[2:]))
+            _create(place, name, variable, (1 if of_groups else plan.group, plan.span, *variable.shape[2:]))
         first_bad = Variable((BODY,), (plan.bodies,), np.dtype(np.int32), _first_bad_attributes(plan))
         _create(root, _FIRST_BAD, first_bad, (plan.group,), missing=plan.saves)
         for name, (variable, values) in whole.items():
@@ -302,7 +302,7 @@ def create(
             slots = variable._replace(dims=("slot", *variable.dims), shape=(2, *variable.shape))
             _create(checkpoint, name, slots, (1, plan.group, *variable.shape[1:]))
         sums = len(seen) + len(state) + 2
-        commit = Variable(("segment", GROUP, "checksum"), (plan.segments, plan.groups, sums), np.dtype(np.uint32), {})
+        commit = Variable(("span", GROUP, "checksum"), (plan.spans, plan.groups, sums), np.dtype(np.uint32), {})
         _create(checkpoint, "commit", commit, (1, 1, sums))
         _consolidate(unfinished)
         description.seal(unfinished)
