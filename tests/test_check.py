@@ -31,7 +31,7 @@ def test_the_numbers_are_those_of_the_definitions():
     free = ml.check(EA, BODY, None, SPINNING, dt=0.1)
     # The flight turns at |Pi| / I1 about the momentum, and slower about the axis.
     assert free.turn == pytest.approx(0.36)
-    assert (free.rate, free.resonance, free.order) == (0, np.inf, 0)
+    assert (free.rate, free.resonance, free.harmonic) == (0, np.inf, 0)
     assert free.suggested == pytest.approx(0.8 * free.reach / 3.6)
 
 
@@ -64,7 +64,7 @@ def test_each_reason_is_named():
     # Six steps a turn of the nutation, in a field whose width catches it.
     resonant = why(HeavyTop(1.0), SPINNING, np.pi / 3 / 3.4)
     assert resonant.resonant
-    assert resonant.order == 3
+    assert resonant.harmonic == 3
     assert resonant.resonance == pytest.approx(3.6 / (1 + 0.1) * 1.1 / 3.4, rel=0.1)
     assert "within the width of the resonance at 6" in str(resonant)
 

@@ -25,8 +25,8 @@ def _broadcast(operands: list[Places], parameters: Any, shape: Shape) -> Places:
 
 
 def _reshape(operands: list[Places], parameters: Any, shape: Shape) -> Places:
-    order = parameters["dimensions"]
-    return (operands[0] if order is None else operands[0].transpose(order)).reshape(shape)
+    permutation = parameters["dimensions"]
+    return (operands[0] if permutation is None else operands[0].transpose(permutation)).reshape(shape)
 
 
 def _slice(operands: list[Places], parameters: Any, shape: Shape) -> Places:
@@ -81,9 +81,9 @@ def _dynamic_update_slice(operands: list[Places], indices: Any, parameters: Any,
 def _gather(operands: list[Places], indices: Any, parameters: Any, shape: Shape) -> Places | None:
     del shape
     # Entries are numbered from 1; an out-of-bounds index reads the fill value 0.
-    order = np.arange(1, operands[0].size + 1, dtype=np.int32).reshape(operands[0].shape)
+    numbers = np.arange(1, operands[0].size + 1, dtype=np.int32).reshape(operands[0].shape)
     with jax.ensure_compile_time_eval():
-        taken = jax.lax.gather_p.bind(jnp.asarray(order), jnp.asarray(indices[0]), **{**parameters, "fill_value": 0})
+        taken = jax.lax.gather_p.bind(jnp.asarray(numbers), jnp.asarray(indices[0]), **{**parameters, "fill_value": 0})
         taken = np.asarray(taken)
     return None if np.any(taken == 0) else operands[0].reshape(-1)[taken - 1]
 

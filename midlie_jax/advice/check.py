@@ -27,7 +27,7 @@ from .facts import FAST
 from .rounding import Rounding
 from .trials import Trial, Trials
 
-_ORDERS = (1, 2, 3)  # the k of the resonances at h omega = pi / k that are looked for
+_HARMONICS = (1, 2, 3)  # the k of the resonances at h omega = pi / k that are looked for
 _OFF = 0.95  # by which a suggested step is shortened until it is off every resonance
 _SHORTER, _TRIALS = 0.7, 40  # by which a suggested step is shortened until its trial succeeds, and how often at most
 
@@ -58,7 +58,7 @@ class Check(NamedTuple):
         resonance: omega |dt| k / pi, of the nutation or precession and of k = 1, 2 or 3 for which it is nearest to 1,
             where kicks resonate with the motion. Infinity where this is not defined: without a torque or a fast spin,
             and for methods without kicks.
-        order: this k; 0 if there is none.
+        harmonic: this k; 0 if there is none.
         resonant: whether a body is, at the start, within the width of the resonance.
         rounding: what decides the rounding of the run; `rounding.error(steps)` is the error of the momentum, over its
             size, after a number of steps, and `rounding.loses(steps)` says whether the run needs a `CompensatedState`.
@@ -80,7 +80,7 @@ class Check(NamedTuple):
     stiffness: float
     limit: float
     resonance: float
-    order: int
+    harmonic: int
     resonant: bool
     suggested: float
     rounding: Rounding
@@ -106,10 +106,10 @@ class Check(NamedTuple):
         if self.rate:
             limit = f"the limit is {self.limit:.2g}" if math.isfinite(self.limit) else "no limit is known"
             parts.append(("torque", f"rate {self.rate:.2g}, times the step {self.stiffness:.2g}; {limit}"))
-        if self.resonance > 0.5 and self.order:
-            period, near = 2 * self.order / self.resonance, "within" if self.resonant else "outside"
+        if self.resonance > 0.5 and self.harmonic:
+            period, near = 2 * self.harmonic / self.resonance, "within" if self.resonant else "outside"
             text = f"{period:.3g} steps a turn of nutation or precession; {near} the width of the resonance at"
-            parts.append(("resonance", f"{text} {2 * self.order}"))
+            parts.append(("resonance", f"{text} {2 * self.harmonic}"))
         if not self.solved:
             trial = (
                 f"FAILS after {self.lasted} of {self.steps} steps: a solve does not succeed, the step is beyond the "
@@ -183,14 +183,14 @@ def check(
 def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     """The verdict; `kicked` tells whether there are kicks, which can resonate with the motion."""
     own, method = trials.run(dt), trials.batch.method
-    nearest, order, resonant = _nearest_resonance(own.h, own.nutation, own.rates * kicked)
+    nearest, harmonic, resonant = _nearest_resonance(own.h, own.nutation, own.rates * kicked)
     bounds = own.bounds
     sane = own.fine and own.h <= bounds.longest and not resonant
     suggested = max(_suggested(trials, own, dt, kicked), own.h if sane else 0.0)
     return Check(
         *(method.name, dt, sane, own.steps, own.lasted == own.steps, own.lasted, own.energy_error),
         *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
-        *(nearest, order, resonant, math.copysign(suggested, dt), own.rounding),
+        *(nearest, harmonic, resonant, math.copysign(suggested, dt), own.rounding),
     )
 
 
@@ -221,7 +221,7 @@ def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tup
         return math.inf, 0, False
     nutation, field = nutation[fast], rates[fast]
     frequency = np.stack([nutation, field**2 / nutation])
-    frequency, k = np.broadcast_arrays(frequency, np.array(_ORDERS)[:, None, None])
+    frequency, k = np.broadcast_arrays(frequency, np.array(_HARMONICS)[:, None, None])
     caught = np.abs(frequency - resonance(h, k)) < resonance_half_width(field, k)
     ratio = frequency * h * k / np.pi
     # Those that are caught come first, then those that are nearest.

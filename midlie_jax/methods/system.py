@@ -43,7 +43,7 @@ class System(NamedTuple):
         reads_momentum: whether the torque depends on the momentum, as damping and control do.
         costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
         long: whether the torque has so many operations that its derivative does not fit one loop with the flight's.
-        axes: the quaternion that rotates principal components to the user's; None where both are the same.
+        frame: the quaternion that rotates principal components to the user's; None where both are the same.
     """
 
     inertia: Any
@@ -52,7 +52,7 @@ class System(NamedTuple):
     reads_momentum: bool
     costly: bool
     long: bool
-    axes: cp.Quaternion | None = None
+    frame: cp.Quaternion | None = None
 
     @classmethod
     def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array) -> "System":
@@ -61,9 +61,9 @@ class System(NamedTuple):
         Raises:
             ValueError: the torque needs numbers where JAX has only tracers.
         """
-        axes, inertia = body.axes_of_user(), body.in_principal_axes().inertia()
+        frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
         if torque is None:
-            return cls(inertia, None, type(start), reads_momentum=False, costly=False, long=False, axes=axes)
+            return cls(inertia, None, type(start), reads_momentum=False, costly=False, long=False, frame=frame)
         torque = on_body(torque, body)
         try:
             torque_traits = traits(torque, t, start)
@@ -74,7 +74,7 @@ class System(NamedTuple):
             ) from error
         reads = velocity_dependent(torque) or torque_traits.reads[1].momentum
         long = torque_traits.operations > _LONG_TORQUE
-        return cls(inertia, torque, type(start), reads, torque_traits.costly, long, axes)
+        return cls(inertia, torque, type(start), reads, torque_traits.costly, long, frame)
 
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.
@@ -93,9 +93,9 @@ class System(NamedTuple):
     def motion(self, state: AnyState) -> AnyMotion:
         """The motion of a state, in principal components."""
         motion: AnyMotion = Motion(*state.parts())
-        if self.axes is None:
+        if self.frame is None:
             return motion
-        return Motion(self.kind.vector_in(self.axes, motion.momentum), self.kind.pose_in(self.axes, motion.pose))
+        return Motion(self.kind.vector_in(self.frame, motion.momentum), self.kind.pose_in(self.frame, motion.pose))
 
     def state(self, motion: AnyMotion) -> AnyState:
         """The inverse of `motion`."""
@@ -104,14 +104,14 @@ class System(NamedTuple):
 
     def in_user_axes(self, motion: Motion[P, Q]) -> Motion[P, Q]:
         """A motion in principal components, converted to the user's components."""
-        if self.axes is None:
+        if self.frame is None:
             return motion
-        pose = self.kind.pose_in(cp.conjugate(self.axes), motion.pose)
+        pose = self.kind.pose_in(cp.conjugate(self.frame), motion.pose)
         return Motion(self.vector_in_user_axes(motion.momentum), pose)
 
     def vector_in_user_axes(self, vector: Any) -> Any:
         """A vector in principal components, converted to the user's components."""
-        return vector if self.axes is None else self.kind.vector_in(cp.conjugate(self.axes), vector)
+        return vector if self.frame is None else self.kind.vector_in(cp.conjugate(self.frame), vector)
 
     def velocity(self, momentum: P) -> P:
         """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
@@ -171,7 +171,7 @@ class System(NamedTuple):
 
     def _vector(self, vector: Any) -> Any:
         """A vector in principal components, from one in the user's."""
-        return vector if self.axes is None else self.kind.vector_in(self.axes, vector)
+        return vector if self.frame is None else self.kind.vector_in(self.frame, vector)
 
     def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
         """The number `function(t, state)`, such as a potential energy."""

@@ -76,8 +76,8 @@ class Body(eqx.Module):
         """The body in the axes in which it is moved."""
         return self
 
-    def axes_of_user(self) -> cp.Quaternion | None:
-        """The quaternion that takes components in these axes to those of the user; None where both are the same."""
+    def frame_of_user(self) -> cp.Quaternion | None:
+        """The quaternion that takes components in the principal frame to the user's; None where both are the same."""
         return None
 
 
@@ -178,7 +178,7 @@ class TensorBody(Body):
 
     Attributes:
         principal: the same body in its principal frame, a `RigidBody`.
-        axes: unit quaternion that takes components in the principal frame to components in your frame, (..., 4).
+        frame: unit quaternion that takes components in the principal frame to components in your frame, (..., 4).
 
     Args:
         tensor: (..., 3, 3) symmetric positive definite inertia tensor, mass x length^2.
@@ -190,11 +190,11 @@ class TensorBody(Body):
     """
 
     principal: RigidBody
-    axes: Float[Array, "*batch 4"]
+    frame: Float[Array, "*batch 4"]
 
     def __init__(self, tensor: Any, *, physical: bool = True):
         self.principal, axes = RigidBody.from_tensor(tensor, physical=physical)
-        self.axes = so3.from_matrix(axes)
+        self.frame = so3.from_matrix(axes)
 
     def inertia(self) -> Inertia:
         """The constants of a run, in the principal frame."""
@@ -209,23 +209,23 @@ class TensorBody(Body):
         """`principal`."""
         return self.principal
 
-    def axes_of_user(self) -> cp.Quaternion:
-        """`axes` as components."""
-        return cp.quaternion(self.axes)
+    def frame_of_user(self) -> cp.Quaternion:
+        """`frame` as components."""
+        return cp.quaternion(self.frame)
 
     @property
     def tensor(self) -> Float[Array, "*batch 3 3"]:
         """The inertia tensor in your frame."""
-        axes = so3.to_matrix(self.axes)
+        axes = so3.to_matrix(self.frame)
         return (axes * self.principal.moments[..., None, :]) @ jnp.swapaxes(axes, -1, -2)
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular velocity I^-1 Pi, your frame."""
-        return so3.rotate(self.axes, self.principal.velocity(self.to_principal(momentum)))
+        return so3.rotate(self.frame, self.principal.velocity(self.to_principal(momentum)))
 
     def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular momentum I Omega, your frame."""
-        return so3.rotate(self.axes, self.principal.momentum(self.to_principal(velocity)))
+        return so3.rotate(self.frame, self.principal.momentum(self.to_principal(velocity)))
 
     @property
     def trace(self) -> Float[Array, "*batch"]:
@@ -234,7 +234,7 @@ class TensorBody(Body):
 
     def to_principal(self, vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The components in the principal frame of a vector in your frame."""
-        return so3.rotate(so3.conjugate(self.axes), vector)
+        return so3.rotate(so3.conjugate(self.frame), vector)
 
 
 class Particles(Body):

@@ -141,15 +141,15 @@ class State(eqx.Module, Generic[P, Q]):
         return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *entries)
 
     @staticmethod
-    def vector_in(axes: cp.Quaternion, vector: P) -> P:
-        """A momentum or force in axes that are turned by `axes` with respect to those in which it is given."""
-        del axes, vector
-        raise ValueError("this kind of state knows no other axes than the principal ones; define `vector_in`.")
+    def vector_in(frame: cp.Quaternion, vector: P) -> P:
+        """A momentum or force in a frame that is turned by `frame` with respect to that in which it is given."""
+        del frame, vector
+        raise ValueError("this kind of state knows no other frame than the principal one; define `vector_in`.")
 
     @classmethod
-    def pose_in(cls, axes: cp.Quaternion, pose: Q) -> Q:
-        """A pose for body axes that are turned by `axes`."""
-        return cls.rotate(pose, axes)
+    def pose_in(cls, frame: cp.Quaternion, pose: Q) -> Q:
+        """A pose for a body frame that is turned by `frame`."""
+        return cls.rotate(pose, frame)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """The body components of a vector in the space frame; a ValueError if the state holds no direction."""
@@ -232,5 +232,5 @@ class BodyState(State[cp.Vector, Q]):
         return change, cls.rate(pose, cp.times(cp.scale(h, inertia.inverses), momentum))
 
     @staticmethod
-    def vector_in(axes: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
-        return cp.rotate_back(axes, vector)
+    def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        return cp.rotate_back(frame, vector)

@@ -168,5 +168,5 @@ def box(body: Any) -> np.ndarray:
     half_sides = np.maximum(half_sides, _THINNEST * half_sides.max())
     corners = CORNERS * half_sides * (_CORNER / np.linalg.norm(half_sides))
     if isinstance(body, TensorBody):
-        corners = corners @ np.asarray(so3.to_matrix(body.axes), float).T
+        corners = corners @ np.asarray(so3.to_matrix(body.frame), float).T
     return corners

@@ -17,7 +17,7 @@ from ..model.state import AnyState, State
 from ..model.states import RigidState
 from .names import parameter
 
-_MOMENTS, _PRINCIPAL, _AXES = "body.moments", "body.principal.moments", "body.axes"
+_MOMENTS, _PRINCIPAL, _FRAME = "body.moments", "body.principal.moments", "body.frame"
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
 
 
@@ -148,7 +148,7 @@ def _body(source: File, arrays: Mapping[str, Any], body: int) -> RigidBody | Ten
     moments = found("moments", 1) if moments is None else moments
     if moments is not None:
         return RigidBody(moments, physical=False)
-    principal, axes = found(parameter(_PRINCIPAL), 1), found(parameter(_AXES), 1)
+    principal, axes = found(parameter(_PRINCIPAL), 1), found(parameter(_FRAME), 1)
     if principal is None or axes is None:
         raise ValueError(f"{source} holds no moments of inertia; write it anew with this version of midlie_jax.")
     turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
