@@ -192,3 +192,13 @@ def test_energy_of_a_chain_is_kept_by_symplectic_methods():
         energies = jax.vmap(lambda state: ml.energy(body, torque, state))(path.states)
         spans.append(float(jnp.max(jnp.abs(energies - energies[0]))))
     assert spans[0] / spans[1] == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "bound"), [("RK4", 1e-6), ("DOP853", 1e-12), ("GBS12", 1e-13)])
+def test_runge_kutta_methods_move_particles(name, bound):
+    """Two masses on springs, against the closed form."""
+    start = ml.ParticleState(jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0]))
+    spring = ml.torques.FromPotential(lambda t, state: jnp.sum(state.position**2) / 2)
+    path = ml.integrate(name, ml.Particles(jnp.array([1.0, 2.0])), spring, start, dt=0.1, steps=20)
+    assert path.ok
+    np.testing.assert_allclose(path.states.position[-1], [np.sin(2.0), np.cos(2.0**0.5)], atol=bound)

@@ -8,6 +8,7 @@ primitives; a primitive with a parameter that its rule does not know is replayed
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
 from jax.extend.core import Literal as Literal
@@ -34,6 +35,14 @@ def bodies_at_once() -> int:
         while type(trace).__name__ == "BatchTrace":
             size, trace = size * trace.axis_data.size, trace.parent_trace
         return size if type(trace).__name__ == "EvalTrace" else 0
+
+
+def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
+    """The program of a function, traced anew.
+
+    JAX looks for an earlier trace of the same function, and to do so would compare the arrays of one that is a pytree.
+    """
+    return jax.make_jaxpr(lambda *given: function(*given))(*arguments)
 
 
 def used_inputs(closed: ClosedJaxpr) -> list[bool]:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .internals import varying_axes
+from .internals import traced, varying_axes
 
 Axes = frozenset[str]
 NONE: Axes = frozenset()
@@ -52,5 +52,5 @@ def axes_of_run(arguments: Any, *calls: tuple[Any, ...]) -> Axes:
     """
     if not jax.sharding.get_abstract_mesh().manual_axes:
         return NONE
-    closed_over = [jax.make_jaxpr(function)(*inputs).consts for function, *inputs in calls if function is not None]
+    closed_over = [traced(function, *inputs).consts for function, *inputs in calls if function is not None]
     return axes_of(*jax.tree.leaves((arguments, closed_over)))

@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 
 from .fusion import split
-from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, used_inputs
+from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, traced, used_inputs
 from .mesh import axes_of, promoted
 from .rules import Pool, body_of, count_operations, count_scalar_operations, fits, is_expensive, rule_for
 
@@ -46,8 +46,7 @@ class Traits(NamedTuple):
 
 def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     """The traits of a function called with these arguments; it is traced once and not run."""
-    # A function of its own: JAX looks for an earlier trace of the same one, and would compare the arrays in a pytree.
-    closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)
+    closed = traced(function, *arguments)
     used = used_inputs(closed)
     reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
     return Traits(any(map(is_expensive, closed.jaxpr.eqns)), count_operations(closed), reads)
