@@ -38,14 +38,11 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     """Raises unless the state has `batch` leading axes, and the body at most as many; particles are not checked."""
     if not state.own_axes:
         return
+    momentum, axes_of_momentum = state.momentum.shape, state.momentum.ndim - state.own_axes
+    moments = "body.moments" if body.in_principal_axes() is body else "body.principal.moments"
     shapes = (
-        (_name_of_moments(body), (*body.batch, 3), len(body.batch), 0),
-        (
-            f"{name}.momentum",
-            state.momentum.shape,
-            state.momentum.ndim - state.own_axes,
-            batch,
-        ),
+        (moments, (*body.batch, 3), len(body.batch), 0),
+        (f"{name}.momentum", momentum, axes_of_momentum, batch),
     )
     for argument, shape, axes, least in shapes:
         if not least <= axes <= batch:
@@ -53,7 +50,3 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
             raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")
-
-
-def _name_of_moments(body: Any) -> str:
-    return "body.moments" if body.in_principal_axes() is body else "body.principal.moments"
