@@ -17,6 +17,8 @@ import jax
 import numpy as np
 from jax.extend import core
 
+from midlie_jax._xla.internals import loop_counts
+
 BITS = 200  # 60 digits, so that differences of values over 1e-20 have forty
 
 
@@ -194,7 +196,7 @@ class _Code:
             body = self.function(parameters["jaxpr"].jaxpr, parameters["jaxpr"].consts)
             order = range(parameters["length"])
             order = order[::-1] if parameters["reverse"] else order
-            call = partial(_scan, body, parameters["num_consts"], parameters["num_carry"], order)
+            call = partial(_scan, body, *loop_counts(equation), order)
             results = [self.fresh() for _ in equation.outvars]
             self.lines.append(f"[{', '.join(results)}] = {self.kept(call)}({', '.join(given)})")
             return results
