@@ -85,7 +85,7 @@ class Method(eqx.Module):
 
     @property
     def reach(self) -> float:
-        """The largest angle of a step, h times `turn_rate`, in radians: beyond, `ok` is False; infinity if unknown."""
+        """The largest angle of a step, h times `turn_rate`, in radians: `ok` is False above; infinity if unknown."""
         return math.inf
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
