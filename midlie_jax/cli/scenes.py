@@ -1,7 +1,7 @@
 """Scenes: named test problems, each with a body, a torque, a start and a duration.
 
-They are the published cases against which the package is checked, and a few others that make good pictures. Each is
-built on demand in the requested dtype, not on import.
+They are the published cases against which the package is checked, and a few others that make good pictures. Each scene
+is built in the requested dtype when it is needed, not on import.
 """
 
 from collections.abc import Callable
