@@ -23,7 +23,7 @@ def kept(tree: T) -> T:
 def recomputed(function: Callable[..., Any], middle: bool) -> Callable[..., Any]:
     """The function; reverse mode stores its arguments, or with `middle` what is `kept`, and recomputes the rest.
 
-    Arguments that are not needed beside the `kept` values are not stored.
+    Arguments that are not needed in addition to the `kept` values are not stored.
 
     There are two checkpoints, because each reverse derivative removes one: so a gradient of a gradient stores no more,
     either.

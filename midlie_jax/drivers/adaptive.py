@@ -8,8 +8,7 @@ Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt 
     half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
 This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
-the same steps in reverse order. A step costs one derivative of the density along the motion more than a step of
-`integrate`.
+the same steps backwards. A step costs one derivative of the density along the motion more than a step of `integrate`.
 
 Measured gain (`python benchmarks/adaptive.py`): large where the time scale of the motion changes. On an orbit of
 eccentricity .6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and from

@@ -42,7 +42,7 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     Args:
         body: a `RigidBody`, or a `TensorBody` in a frame of your own.
         start: the state at the time t0: a `MomentumState`, `DirectionState` or `RigidState`.
-        times: (n,), of any size and order, before and after t0.
+        times: (n,), any times, not necessarily sorted, before and after t0.
         t0: the time of the start, ().
 
     Returns:

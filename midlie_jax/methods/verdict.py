@@ -31,7 +31,7 @@ def as_verdict(ok: Array | bool) -> Array:
 
 
 def earlier(first: Array | bool, second: Array | bool) -> Array:
-    """The verdict of two parts of a run, given in the order of time."""
+    """The verdict of two consecutive parts of a run, the earlier part first."""
     first = as_verdict(first)
     return jnp.where(first == FINE, as_verdict(second), first)
 

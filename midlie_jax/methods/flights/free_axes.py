@@ -1,4 +1,4 @@
-"""`Labels`: the axes of a free body in the order in which `free_orbit` needs them.
+"""`Labels`: the axes of a free body, relabelled as `free_orbit` needs them.
 
 The axes are right-handed. The second is that of the middle moment, and the third is the axis that the momentum circles,
 pointing to the side of the momentum. They are chosen by comparisons of scalars, because sorting and indexing would end
@@ -42,7 +42,7 @@ class Labels(NamedTuple):
         return labels._replace(exchanged=exchanged, side=side)
 
     def placed(self, v: cp.Vector) -> cp.Vector:
-        """Numbers given for each axis of the body, put in the order of the labelled axes."""
+        """Numbers given for each axis of the body, rearranged for the labelled axes."""
         return self._exchange(_rolled(self.forward, self.backward, v))
 
     def seen(self, v: cp.Vector) -> cp.Vector:

@@ -20,7 +20,7 @@ from .symmetric import bounded, larger_rate, symmetric_turn
 class NearSymmetric(JudgedFlight):
     """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
 
-    The error is proportional to the difference of the first two moments: order the axes so that these two are closest.
+    The error is proportional to the difference of the first two moments: number the axes so that these two are closest.
     The flight reports False in `ok` where one of its rotations exceeds 4.4 radians.
     """
 

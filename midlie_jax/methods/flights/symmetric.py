@@ -106,7 +106,7 @@ def _equal(a: Any, b: Any) -> Any:
 
 
 class _Numbering(NamedTuple):
-    """The axes renumbered in their cyclic order, so that the axis of symmetry becomes the third axis.
+    """The axes renumbered cyclically, so that the axis of symmetry becomes the third axis.
 
     Attributes:
         was_first, was_second: whether the axis of symmetry is the first or the second axis of the body. Python bools,
@@ -125,7 +125,7 @@ class _Numbering(NamedTuple):
         return cls(~third & first, ~third & ~first & _equal(c, a))
 
     def renumbered(self, v: cp.Vector) -> cp.Vector:
-        """The components of v in the new order of the axes."""
+        """The components of v with the new numbers of the axes."""
         return self._select((v[1], v[2], v[0]), (v[2], v[0], v[1]), v)
 
     def restored(self, v: cp.Vector) -> cp.Vector:
