@@ -26,7 +26,7 @@ class Facts(NamedTuple):
     """What is known of a body at one moment; with leading axes, of many bodies or moments.
 
     Attributes:
-        turn_rate: the angular rate that the method's reach bounds, ().
+        turn_rate: the angle per unit of time to which the method's reach refers, ().
         linear: the body under the linearised torque alone, as a matrix of its k velocities' displacements (a rotation
             vector for a rigid body) and its momentum, (2 k, 2 k).
         nutation: the frequency of a fast spin, `Body.inertia().nutation`, ().

@@ -89,7 +89,7 @@ class Method(eqx.Module):
         return math.inf
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
-        """The rate whose product with h `reach` bounds: by default the angular speed |Omega| of a rigid body."""
+        """The angle per unit of time to which `reach` refers: by default the angular speed |Omega| of a rigid body."""
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def stability_limit(self, direction: complex) -> float:

@@ -1,4 +1,4 @@
-"""A verdict: whether a step can be trusted and, if not, why. An integer that each step computes beside the motion.
+"""A verdict: whether a step can be trusted and, if not, why. It is an integer, computed by each step.
 
 A run carries the verdict of its first step that failed. This costs one select per step more than a boolean would.
 """

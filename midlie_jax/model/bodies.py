@@ -289,7 +289,7 @@ class Particles(Body):
         return self.mass * velocity
 
     def commutator(self, force: Array) -> Array:
-        """Zero: unlike those of a rigid body, the axes along which a force has its components do not turn."""
+        """Zero: the axes along which the components of a force are taken do not turn, unlike those of a rigid body."""
         return jnp.zeros_like(force)
 
     def square_of_turn(self, h: Array | float, momentum: Array) -> Array:

@@ -144,7 +144,7 @@ class State(eqx.Module, Generic[P, Q]):
 
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: P) -> P:
-        """The components of a momentum or force in the frame that is turned by `frame` against the given one."""
+        """The components of a momentum or force in a frame that is turned by `frame` from the present one."""
         del frame, vector
         raise ValueError("this kind of state knows no other frame than the principal one; define `vector_in`.")
 

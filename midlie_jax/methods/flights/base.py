@@ -75,12 +75,12 @@ class Flight(eqx.Module):
         """
 
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]:
-        """The flight, with a verdict that says why a result is invalid in place of `ok` (`methods.verdict`)."""
+        """The flight with a verdict in place of `ok`: it says why a result is invalid, see `methods.verdict`."""
         increment, change, ok = self(inertia, h, momentum)
         return increment, change, as_verdict(ok)
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
-        """The rate whose product with h `reach` bounds: by default the angular speed |Omega| of a rigid body."""
+        """The angle per unit of time to which `reach` refers: by default the angular speed |Omega| of a rigid body."""
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
