@@ -29,8 +29,8 @@ from .rounding import Rounding
 from .trials import Trial, Trials
 
 _HARMONICS = (1, 2, 3)  # which resonances h omega = pi / k are looked for
-_OFF = 0.95  # by which a suggested step is shortened until it is off every resonance
-_SHORTER, _TRIALS = 0.7, 40  # by which a suggested step is shortened until its trial succeeds, and how often at most
+_OFF = 0.95  # the factor that shortens a suggested step, until it is off every resonance
+_SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
 
 
 class Check(NamedTuple):

@@ -75,7 +75,7 @@ def scene(name: str, dtype: Any = None) -> Scene:
 
     Args:
         name: one of `scenes()`.
-        dtype: of every array of the scene; by default float64 if it is enabled in JAX (`jax_enable_x64`), else float32.
+        dtype: the dtype of every array; by default float64 if it is enabled in JAX (`jax_enable_x64`), else float32.
 
     Raises:
         ValueError: the name is unknown (the message gives the nearest and all names); or the dtype is not floating

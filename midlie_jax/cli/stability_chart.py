@@ -8,7 +8,7 @@ import numpy as np
 from .figures import INK, heading, new_figure
 from .stability import BLOWN_UP, Line, Map, Sweep
 
-_WIDTH, _HEIGHT = 2.0, 2.25  # of a panel with its share of the margins, inches
+_WIDTH, _HEIGHT = 2.0, 2.25  # the size of a panel with its share of the margins, inches
 _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inches
 _LEAST_ERROR = 1e-14
 _FAILED = "#d9d9d9"
@@ -44,7 +44,7 @@ def stability_figure(
         sweeps: from `stability.sweeps`.
         title: the scene.
         note: how the maps were made.
-        time_unit: of the steps.
+        time_unit: the unit of the steps.
 
     Raises:
         ImportError: matplotlib is missing.

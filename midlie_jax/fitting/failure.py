@@ -18,7 +18,7 @@ def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) ->
     """What `Fit.message` says.
 
     Args:
-        plan, data, estimate: of the fit.
+        plan, data, estimate: those of the fit.
         undetermined: the names of the parameters that are not determined, and the cure.
     """
     result = Result.of(int(estimate.result))

@@ -15,8 +15,8 @@ from .stages import KICK
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
-_ROUNDING = 1e-9  # by which a trace may exceed 2
-_GROWTH = 1e-4  # by which a Runge-Kutta step may magnify an oscillation
+_ROUNDING = 1e-9  # by how much a trace may exceed 2 and still count as 2
+_GROWTH = 1e-4  # the relative growth of an oscillation that is allowed per Runge-Kutta step
 
 
 def verlet_limit(frequency: Any) -> Any:

@@ -166,7 +166,7 @@ class _Stages(NamedTuple):
     """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
 
     Attributes:
-        flight, system, t0, t1, h: of the step.
+        flight, system, t0, t1, h: those of the step.
         flown: a list to which each flight adds what is then known of its reverse; or None.
         known: a list of what is known of the flights, from the last to the first, or None; each flight removes its
             entry.

@@ -15,7 +15,7 @@ from .motion import Motion, motion_of
 from .style import BLUE, GREY, is_3d, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
-_NAMES = ("x", "y", "z")  # of the axes of space
+_NAMES = ("x", "y", "z")  # the names of the axes of space
 _BODY_AXES = ("e1", "e2", "e3")
 
 

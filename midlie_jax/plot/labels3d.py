@@ -107,7 +107,7 @@ def _beside_names(axes: Any, renderer: Any) -> Any:
     centre = float(pixels(axes, np.zeros((1, 3)))[0, 0])
     picture = float(np.max(np.abs(_outline(axes, anchors)[:, 0] - centre)))
     beside = _BESIDE * axes.figure.dpi / 72
-    widths = [0.0, 0.0]  # of the columns to the left and to the right
+    widths = [0.0, 0.0]  # the widths of the left and the right column
     for name, anchor in zip(names, anchors, strict=True):
         side = int(anchor[0] >= centre)
         widths[side] = max(widths[side], beside + Text.get_window_extent(name, renderer).width)

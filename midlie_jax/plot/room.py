@@ -101,7 +101,7 @@ def fitted(axes: Any, middle: float, picture: float, left: float, right: float, 
         middle: the middle of the picture, pixels.
         picture: half the width of the picture, pixels.
         left, right: widths of the names on either side, with their leaders, pixels.
-        renderer: of the figure.
+        renderer: the renderer of the figure.
     """
     low, high = reach(axes, renderer)
     factor = min(1.0, max(_LEAST, (high - low - left - right) / (2 * picture)))

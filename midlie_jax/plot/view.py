@@ -18,7 +18,7 @@ _DIGITS = 5  # decimals of the coordinates, which are at most about 1
 _MILLISECONDS = 40  # how long a frame is shown
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # in the order of FACES
 _REACH = 1.25
-_HEIGHT = 560  # of a view in a notebook, pixels
+_HEIGHT = 560  # the height of a view in a notebook, pixels
 _PAGE: dict[str, Any] = {
     "validate": False,
     "default_height": "96vh",

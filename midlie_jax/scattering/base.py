@@ -29,7 +29,7 @@ class Distribution(eqx.Module):
         Args:
             key: the typed key of this quantity and body.
             body: index of the body, an integer ().
-            dtype: of the result and of the parameters.
+            dtype: the dtype of the result and of the parameters.
         """
 
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
@@ -73,7 +73,7 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     """The arrays, each repeated to their common shape.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no common shape.
     """
     try:
         return tuple(np.array(x) for x in np.broadcast_arrays(*arrays.values()))

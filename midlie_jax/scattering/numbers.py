@@ -17,7 +17,7 @@ class Normal(Distribution):
     """Normal numbers, independent with a `deviation` each, or one vector with a covariance matrix.
 
     Attributes:
-        mean: of any shape, which is the shape of a draw.
+        mean: numbers of any shape, which is the shape of a draw.
         deviation: standard deviations, of the shape of `mean`; None with a covariance.
         root: a matrix S with S S^T = covariance, (d, d); None with deviations.
 
@@ -67,7 +67,7 @@ class LogNormal(Distribution):
     """Positive numbers whose logarithms are normal: masses, moments, coefficients.
 
     Attributes:
-        median: of any shape, which is the shape of a draw.
+        median: numbers of any shape, which is the shape of a draw.
         log_deviation: standard deviations of the natural logarithm.
 
     Args:
@@ -127,7 +127,7 @@ class Joint(Distribution):
 
     Attributes:
         normal: the distribution of all numbers, in the order of `mean`, arrays row by row.
-        names, shapes: of the quantities.
+        names, shapes: those of the quantities.
 
     Args:
         mean: a dictionary of names and means, each of any shape.

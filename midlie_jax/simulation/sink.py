@@ -40,7 +40,7 @@ class Sink(Protocol):
         ...
 
     def keep(self, part: Part, begun: Begun) -> None:
-        """Stores an incomplete part, until more of the part is stored or all of it is written."""
+        """Stores an incomplete part, until it is stored with more steps or written as a whole."""
         ...
 
     def read(self, name: str) -> np.ndarray:

@@ -28,7 +28,7 @@ class Problem(NamedTuple):
 
     Attributes:
         measurements: rates and, if there is a magnetometer, directions.
-        options: of `midlie_jax.fit`.
+        options: the options for `midlie_jax.fit`.
         bias, iron: whether the gyroscope has a bias, and whether the magnetometer has one.
         line: the line of the file for each row.
     """

@@ -10,7 +10,7 @@ from ...simulation.inspect import Inspection
 from ...simulation.variables import BODY, COORDINATES, TIME
 from ..figures import FAINT, heading, new_figure, panel, write
 
-_LINES = (BLUE, VERMILLION, GREEN)  # of the first bodies
+_LINES = (BLUE, VERMILLION, GREEN)  # the colours of the first bodies
 _BAND = (5, 95)  # percentiles of all bodies that are drawn
 _SHOWN = 1000  # the most bodies that are read for the band: evenly spaced ones
 _PANELS = 12  # the most components that are drawn

@@ -167,7 +167,7 @@ class _Nutation(_Frame):
         ctx.dps += decimal_size(ctx, rate * self.longest)
 
         def narrow(value: Any) -> Any:
-            """Rounds to `ctx`. Differences of roots are computed in the wide context before, so they lose no digits."""
+            """The value rounded to `ctx`; differences of roots are computed before, in `wide`, and lose no digits."""
             return +ctx.convert(value)
 
         self.swing, self.rate = narrow(swing), narrow(rate)

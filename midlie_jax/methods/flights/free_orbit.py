@@ -51,15 +51,15 @@ class Orbit(NamedTuple):
 
     Attributes:
         labels: the labelled axes.
-        inertia: of the body, on its own axes.
+        inertia: that of the body, for the axes of the body.
         size: the unit of momentum; zero for a body at rest.
-        per_time: turns a time into the units of the motion.
+        per_time: the factor that converts a time to the units of the motion.
         momentum: p, at the start.
         amplitudes: A1 and A3.
         pulls: w_l sign / sqrt(below w1).
         levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle from the start on.
         modulus: the modulus of the elliptic functions.
-        rate: of u.
+        rate: the rate of change of u.
         n, root: as in `_math.elliptic`; the angle grows with the sign of `root`.
         omega: a bound of the angular velocity.
     """

@@ -74,7 +74,7 @@ class HalfWay(NamedTuple):
 
     Attributes:
         y: the momentum at the start, in units in which half the flight takes a unit of time.
-        invariants: of the motion, in these units.
+        invariants: the invariants of the motion, in these units.
         s, t: S and T = E_1 E_2 E_3.
         v: V.
         d: D at the start.

@@ -38,7 +38,7 @@ class CompensatedState(RigidState):
         attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
         low_momentum: what is to be added to the momentum, at most half a unit in its last place, (..., 3); zero by
             default.
-        low_attitude: the same for the attitude, (..., 4).
+        low_attitude: what is to be added to the attitude, likewise, (..., 4).
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, NaN or infinity, or an attitude whose length is not

@@ -32,7 +32,7 @@ class Torque(eqx.Module):
 
         Args:
             t: time, ().
-            state: of one body, with or without attitude, as the torque needs.
+            state: the state of one body, with or without attitude, as the torque needs.
 
         Returns:
             The torque (3,) in the body frame, in the dtype of the state.
