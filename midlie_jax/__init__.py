@@ -1,10 +1,10 @@
 """midlie_jax integrates the rotation of many rigid bodies at once, by explicit midpoint Lie methods, on JAX.
 
 The public names are listed in `__init__.pyi`, each with the file that it is from; everything else is internal. A name
-is imported when it is first asked for, so that `midlie --help` does not wait for JAX, nor a run for diffrax.
+is imported when it is first used, so that `midlie --help` does not wait for JAX, nor a run for diffrax.
 """
 
-import pathlib  # not `Path` of it, which is a public name here
+import pathlib  # not `from pathlib import Path`, because `Path` is a public name here
 import re
 import sys
 from importlib import import_module
@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 _STUB = pathlib.Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
-# `as_typed` says what flights and schemes are to type checkers; when a program runs they are modules beside it.
+# `as_typed` describes flights and schemes to type checkers; at run time they are modules in the same folder.
 _WHERE = {
     name: module.removesuffix(".as_typed")
     for module, name in re.findall(r"^from \.([\w.]*) import (\w+) as \2$", _STUB, re.MULTILINE)
@@ -21,8 +21,8 @@ __all__ = [*_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """A public name or a folder of the package, which is then kept; and the version of the installed package."""
-    if name == "__version__":  # which is in pyproject.toml
+    """A public name or a folder of the package, which is then cached; or the version of the installed package."""
+    if name == "__version__":  # it is defined in pyproject.toml
         from importlib.metadata import version
 
         return version(__name__)

@@ -17,7 +17,7 @@ from jax import Array
 from .._math.components import is_traced
 
 FLOATS = ("float32", "float64")
-_NAMED = 8  # rows that a message names
+_NAMED = 8  # the most rows that a message names
 
 
 def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -78,7 +78,7 @@ def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: 
 
 
 def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
-    """`require` for vectors (..., n): of a batch the message tells how many rows are wrong, and which.
+    """`require` for vectors (..., n): for a batch the message tells how many rows are wrong, and which.
 
     `holds(value)` has the shape of the value, or that of its leading axes.
     """
@@ -149,7 +149,7 @@ def described(value: Any) -> str:
 
 
 def shown(value: Any) -> str:
-    """Text for messages: the value itself, shortened; of a traced value its shape."""
+    """Text for messages: the value itself, shortened; for a traced value its shape."""
     if is_traced(value):
         return described(value)
     if isinstance(value, (jax.Array, np.ndarray)):

@@ -1,4 +1,4 @@
-"""`TypedBy`: what `typing.Generic` is to a class, for a `NamedTuple` whose annotations are checked at run time, too."""
+"""`TypedBy`: makes a `NamedTuple` generic, like `typing.Generic`, but allows annotations checked at run time."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -9,8 +9,8 @@ else:
     class TypedBy:
         """`class Path(NamedTuple, TypedBy[S])` is generic to type checkers, and a plain named tuple at run time.
 
-        beartype refuses every annotation with a `NamedTuple` that has `typing.Generic` among its bases. A plain one can
-        be subscripted, too, because tuples can: `Path[RigidState]` is an annotation in which beartype checks `Path`.
+        beartype refuses every annotation with a `NamedTuple` that has `typing.Generic` among its bases. A plain named
+        tuple can be subscripted because tuples can: in the annotation `Path[RigidState]`, beartype checks for `Path`.
         """
 
         def __class_getitem__(cls, parameters: Any) -> "TypedBy":

@@ -1,4 +1,4 @@
-"""The mathematics of a step, in a form that fuses: arithmetic on tuples of scalars, series, elliptic functions, roots.
+"""The mathematics of a step, in a form that XLA fuses: tuples of scalars, series, elliptic functions, roots.
 
 Read `components` first.
 """

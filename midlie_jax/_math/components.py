@@ -55,7 +55,7 @@ def unpacked(tree: Any) -> Any:
 
 
 def wrapped(tree: Any, wrap: Callable[[Any], Any]) -> Any:
-    """A tree with `wrap` of each vector and quaternion in its place."""
+    """A tree with `wrap(leaf)` in place of each vector and quaternion."""
     return jax.tree.map(lambda x: wrap(x) if _is_components(x) else x, tree, is_leaf=_is_components)
 
 
@@ -126,7 +126,7 @@ def rotation_change(q: Quaternion, v: Vector) -> Vector:
 
 
 def unit_rotation_change(q: Quaternion, v: Vector) -> Vector:
-    """q v q* - v for a unit quaternion q, with no correction of its length; shorter, where nothing accumulates."""
+    """q v q* - v for a unit quaternion q, uncorrected for its length; shorter, for uses where no error accumulates."""
     u = (q[1], q[2], q[3])
     t = scale(2, cross(u, v))
     return add(scale(q[0], t), cross(u, t))
@@ -192,8 +192,8 @@ def tree_add(x: Any, change: Any) -> Any:
 def compensated(x: Any, low: Any, change: Any) -> tuple[Any, Any]:
     """x + low + change for tuples of numbers, rounded to nearest, and the rounding errors: the next low parts.
 
-    Where |low| is at most half a unit in the last place of x, a change of zero leaves both as they are. The error of a
-    sum is found by six sums (D. E. Knuth, The Art of Computer Programming 2, section 4.2.2).
+    Where |low| is at most half a unit in the last place of x, a change of zero leaves both as they are. Each rounding
+    error is computed by six additions (D. E. Knuth, The Art of Computer Programming 2, section 4.2.2).
     """
 
     def two_sum(x: Array, change: Array) -> tuple[Array, Array]:
@@ -206,7 +206,7 @@ def compensated(x: Any, low: Any, change: Any) -> tuple[Any, Any]:
 
 
 def all_finite(tree: Any, axes: int = 0) -> Array:
-    """Whether all numbers of a pytree are finite; of arrays with that many leading axes, for each place along these."""
+    """Whether all numbers of a pytree are finite, for each index along the first `axes` axes of its arrays."""
     leaves = (jnp.isfinite(jax.lax.stop_gradient(leaf)) for leaf in jax.tree.leaves(tree))
     return reduce(jnp.logical_and, (jnp.all(leaf, axis=tuple(range(axes, leaf.ndim))) for leaf in leaves))
 

@@ -1,18 +1,18 @@
 """Jacobi's elliptic functions at long arguments by doubling, with the angle of an elliptic integral of the third kind.
 
-`free_motion` begins with a short argument u and doubles it as often as needed. An error of the argument doubles with
-it, so that the relative error of a long argument is that of the first one; this is what its rounding costs in any case.
-All formulas hold for every parameter 0 <= m <= 1, which is passed with its complement m1 = 1 - m, because 1 - m would
-lose the digits of m1 near m = 1. Neither periods nor an inverse function are needed, and m = 0 and m = 1 are not
-special. On the real axis dn >= |cn|, so all quotients below by dn are small. There is neither a division nor a square
-root, which would split the loop over the bodies (`components.reciprocal`).
+`free_motion` begins with a short argument u and doubles it as often as needed. An error of the argument doubles as
+well, so the relative error of a long argument is that of the short one, which is unavoidable anyway because the long
+argument is rounded. All formulas hold for every parameter 0 <= m <= 1, which is passed with its complement m1 = 1 - m,
+because 1 - m would lose the digits of m1 near m = 1. Neither periods nor an inverse function are needed, and m = 0 and
+m = 1 are not special. On the real axis dn >= |cn|, so all quotients below by dn are small. There is neither a division
+nor a square root, which would split the loop over the bodies (`components.reciprocal`).
 
 With z = x + y and a characteristic -n <= 0, the integral G(u) of 1 / (1 + n sn^2 u) has the addition theorem
 
     G(z) - G(x) - G(y) = -(1/k) arctan(n k sn x sn y sn z / (1 + n (1 - cn x cn y cn z))),    n k = root
 
 where root = sqrt((1 + n) n (n + m)). The denominator is at least 1, so the arctangent never leaves its principal
-branch, and half of the angle can be followed without a jump.
+branch, and half the angle has no jumps.
 
 NIST Digital Library of Mathematical Functions, 19.11 and 22.6, 22.8.
 """
@@ -43,10 +43,10 @@ class Modulus(NamedTuple):
     m1: Array
 
     def point(self, sn: Array, cn: Array) -> Point:
-        """The point with these sn and cn, both of which may have a common factor near 1.
+        """The point with these sn and cn, up to a common factor near 1.
 
-        At m1 = 0, where cn and dn decay for ever, cn stops at a small number. So dn^2 is never below the smallest
-        complement, and neither its inverse nor the square of that overflows.
+        At m1 = 0, where cn and dn decay to zero, cn is bounded from below by a small number. So dn^2 is never below the
+        smallest complement, and neither 1 / dn^2 nor its square overflows.
         """
         factor = cp.inverse_root(sn * sn + cn * cn)
         sn, cn = factor * sn, factor * cn
@@ -70,18 +70,18 @@ def smallest_complement(like: Array) -> float:
 def half_angle_of(above: Array, below: Array) -> Complex:
     """Half of arctan(above / below) in the addition theorem of the module docstring, where below is at least 1.
 
-    The squares overflow only for an n far above that of all bodies whose attitude `free_motion` trusts.
+    The squares overflow only for an n far above those for which `free_motion` reports `ok`.
     """
     square = above * above + below * below
     return square * cp.inverse_root(square) + below, above
 
 
 def product(a: Complex, b: Complex) -> Complex:
-    """The sum of two angles."""
+    """The complex product, whose angle is the sum of the two angles."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
 def normalised(a: Complex) -> Complex:
-    """The cosine and the sine themselves."""
+    """The cosine and the sine of the angle."""
     factor = cp.inverse_root(a[0] * a[0] + a[1] * a[1])
     return factor * a[0], factor * a[1]

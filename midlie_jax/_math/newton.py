@@ -43,7 +43,7 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
 
 
 def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x: cp.Vector, count: int) -> cp.Vector:
-    """The approximate root after `count` pairs of Newton steps; both steps of a pair use the Jacobian at its start.
+    """The approximate root after `count` pairs of Newton steps; both steps use the Jacobian at the start of their pair.
 
     `slope` gives the columns of the Jacobian; flights know theirs in closed form. Each pair is a loop of its own: XLA's
     emitter would evaluate these residuals many times over within one loop, but it cannot repeat work across loops.

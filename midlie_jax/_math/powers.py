@@ -10,13 +10,13 @@ _BITS: dict[str, tuple[Any, int, int]] = {"float64": (jnp.int64, 52, 1023), "flo
 
 
 def exponent(x: Array) -> Array:
-    """The n with 2^n <= x < 2^(n + 1) as an integer, for a normal x > 0; for zero the least there is."""
+    """The integer n with 2^n <= x < 2^(n + 1), for a normal x > 0; for zero the least exponent."""
     integer, digits, bias = _BITS[str(x.dtype)]
     return (jax.lax.bitcast_convert_type(jax.lax.stop_gradient(x), integer) >> digits) - bias
 
 
 def power(n: Array, dtype: Any) -> Array:
-    """2^n for an n of `exponent`; zero for that of zero."""
+    """2^n for an n returned by `exponent`; zero for the least exponent."""
     _, digits, bias = _BITS[str(dtype)]
     return jax.lax.bitcast_convert_type((n + bias) << digits, dtype)
 

@@ -4,8 +4,8 @@ On a CPU, float64 sin and cos take several times as long as the rest of a step, 
 a body by a small angle, and for half the angle short polynomials in its square are exact to rounding. The quaternion of
 the whole turn is the square of the quaternion of half the turn.
 
-The polynomials are Taylor polynomials, economised: a Chebyshev polynomial takes away each of the highest powers
-(Lanczos, Applied Analysis, 1956, chapter VII), so that two or three terms fewer have the same error.
+The polynomials are Taylor polynomials, economised: each of the highest powers is removed by subtracting a Chebyshev
+polynomial (Lanczos, Applied Analysis, 1956, chapter VII), so that two or three terms fewer have the same error.
 """
 
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ from . import components as cp
 # The polynomials below are exact to rounding for |w|^2 up to this bound, |w| <= 2.2.
 WIDEST_SQUARE = 4.84
 WIDEST_TURN = 2 * WIDEST_SQUARE**0.5  # radians; the quaternion of a turn is made from half the turn
-# A shorter bound, |w| <= 1.22, for methods that solve an equation or whose longer turns would be far from accurate.
+# A smaller bound, |w| <= 1.22, for methods that solve an equation or that are inaccurate for longer turns.
 LARGEST_SQUARE = 1.5
 LARGEST_TURN = 2 * LARGEST_SQUARE**0.5
 TERMS = {"float64": 9, "float32": 5}
 SPIN_TERMS = {"float64": 10, "float32": 7}
 STUMPFF_TERMS = {"float64": 11, "float32": 7}
-_ECONOMISED = 12  # terms of a series that its polynomial leaves out; those after them are far below rounding
+_ECONOMISED = 12  # terms of a series that are economised; all later terms are far below rounding
 
 
 @cache
@@ -37,7 +37,7 @@ def economised(shift: int, terms: int, bound: float = WIDEST_SQUARE) -> tuple[fl
     The first two coefficients are those of the series: for small x the error is far below rounding, so that it does not
     change the length of a vector that turns a million times by a small angle.
     """
-    # In powers of x / bound, so that the coefficients of the Chebyshev polynomials are integers.
+    # The series is taken in powers of x / bound, so that the coefficients of the Chebyshev polynomials are integers.
     unit = Fraction(bound)
     series = [(-unit) ** n / factorial(2 * n + shift) for n in range(terms + _ECONOMISED)]
     exact, rest = series[:2], series[2:]

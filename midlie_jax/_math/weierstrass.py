@@ -60,7 +60,7 @@ def _product(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 class _Pair(NamedTuple):
-    """The function even + wp'(v) odd of v, where `even` and `odd` are polynomials in p, g2 and g3."""
+    """A function of v of the form even + wp'(v) odd, where `even` and `odd` are polynomials in p, g2 and g3."""
 
     even: Polynomial
     odd: Polynomial
@@ -144,7 +144,7 @@ def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
 
     Times S^4 its coefficients are A p^2 + b p + c - A g2/12. J vanishes where wp(v) does not change, that is at a
     double root of 4 x^3 - g2 x - g3. Therefore (b, c) is a combination of (2 g2, 3 g3) and (18 g3, g2^2), with factors
-    that are the quotients below; both divisions leave no rest.
+    that are the quotients below; both divisions leave no remainder.
     """
     s, w, _, _ = coefficients()
     squared = _product(s, s)
@@ -171,7 +171,7 @@ def moment_coefficients() -> tuple[Polynomial, Polynomial, Polynomial]:
 
 
 def _over_discriminant(polynomial: Polynomial) -> Polynomial:
-    """polynomial / (g2^3 - 27 g3^2), of a polynomial that this divides."""
+    """polynomial / (g2^3 - 27 g3^2), for a polynomial that is divisible by the discriminant."""
     rest, total = polynomial, {}
     while rest:
         powers = max(rest, key=lambda powers: powers[1])
@@ -183,7 +183,7 @@ def _over_discriminant(polynomial: Polynomial) -> Polynomial:
 
 @cache
 def _table(of: Callable[[], tuple[Polynomial, ...]], which: int, radius: float, eps: float) -> Any:
-    """The coefficients not dropped for this radius and eps, as nested tuples: by powers of g3, then g2, then p."""
+    """The coefficients that this radius and eps need, as nested tuples: by powers of g3, then g2, then p."""
     terms = {
         powers: float(c)
         for powers, c in of()[which].items()

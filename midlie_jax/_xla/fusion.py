@@ -13,7 +13,7 @@ The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by it
 step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity.
 
 A step, and the body of a loop within it, starts with `begin` and ends with `fuse`. `split`, `cut` and `fuse_derivative`
-divide a step that does not fit one loop. All are one JAX primitive, which fuses tangents and cotangents as well.
+divide a step that does not fit one loop. All five use one JAX primitive, which fuses tangents and cotangents as well.
 """
 
 from collections import defaultdict
@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 # What the primitive is used for.
 _BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE = "begin", "fuse", "split", "cut", "fuse_derivative"
-_NOTHING = (_BEGIN, _DERIVATIVE)  # what compiles to nothing
+_NOTHING = (_BEGIN, _DERIVATIVE)  # the uses that compile to nothing
 
 
 def fuse(tree: T) -> T:
@@ -42,40 +42,40 @@ def fuse(tree: T) -> T:
 def begin(tree: T) -> T:
     """The tree with its values unchanged, at the beginning of a step; the counterpart of `fuse` at its end.
 
-    It compiles to nothing. A reverse derivative runs through the step from its end to its beginning: what enters it at
-    `fuse` is left alone, and what leaves it at `begin` is fused.
+    It compiles to nothing in the step itself. A reverse derivative runs through the step from its end to its beginning:
+    the cotangents that enter at `fuse` are left alone, and those that leave at `begin` are fused.
     """
     return _bind(tree, _BEGIN)
 
 
 def split(tree: T) -> T:
-    """`fuse` in the middle of a step: what follows is a loop of its own, in the derivatives, too."""
+    """`fuse` in the middle of a step: what follows is a loop of its own, also in the derivatives."""
     return _bind(tree, _SPLIT)
 
 
 def cut(tree: T) -> T:
-    """`split`, and on an accelerator, too, what follows is a kernel of its own.
+    """`split` that works on an accelerator as well: what follows is a kernel of its own there.
 
-    Left alone, a GPU's compiler divides a step that is too long for one kernel in more parts than necessary, and each
-    part writes many intermediate results to memory.
+    By itself, a GPU's compiler divides a step that is too long for one kernel into more parts than necessary, each of
+    which writes many intermediate results to memory.
     """
     return _bind(tree, _CUT)
 
 
 def fuse_derivative(tree: T) -> T:
-    """`split` in a derivative; otherwise it compiles to nothing.
+    """`split` in a derivative; in the step itself it compiles to nothing.
 
-    The step itself remains one loop; its derivative, which is several times larger, is split there into loops of a size
-    that the compiler can handle.
+    The step remains one loop; its derivative, which is several times larger, is split at this place, so that the
+    compiler can handle each loop.
     """
     return _bind(tree, _DERIVATIVE)
 
 
 def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
-    """A policy of `jax.checkpoint`: keep what the end of a loop has written to memory, and compute the rest again.
+    """A policy of `jax.checkpoint`: keep the values that a loop ends with, which are in memory, and recompute the rest.
 
-    So a solve that ends with `split` is not repeated. Without a policy it would be; and without a checkpoint, each
-    intermediate result that the derivative reads would have to leave its loop, which then is no longer one loop.
+    So a solve that ends with `split` is not repeated, as it would be without a policy. Without a checkpoint, each
+    intermediate result that the derivative reads would be an output of its loop, which would then be divided.
     """
     del types
     return primitive is _fuse and parameters["use"] not in _NOTHING

@@ -1,10 +1,10 @@
-"""Takes out of a loop over steps what depends on the step alone, and not on the state that moves.
+"""Takes out of a loop over steps the computations that depend on the step alone, and not on the moving state.
 
 The place of a satellite on its orbit is the same for all bodies of an ensemble, but XLA computes it anew in every
 chunk of bodies. `hoist` splits the traced function of a step in two. `prepare` computes, from the index of the step and
 from what all bodies share, the values that are expensive and change from step to step. `rest` is the step that takes
-them as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one body.
-A loop within the step is split in the same way, and its values get an axis for its turns.
+these values as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one
+body. A loop within the step is split in the same way, and its values get an axis of iterations.
 """
 
 from collections.abc import Iterable, Sequence
@@ -42,8 +42,8 @@ def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bo
     """What depends on the marked inputs of a traced function.
 
     Returns:
-        For each output, whether it does; whether an operation does that XLA counts as expensive; whether an operation
-        does not that takes long.
+        For each output, whether it depends on them; whether an operation that XLA counts as expensive does; whether a
+        slow operation (`_is_slow`) does not.
     """
     values = dict(zip(closed.jaxpr.invars, marked, strict=True))
     within = without = False
@@ -65,7 +65,7 @@ def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bo
 
 
 class _Operation(NamedTuple):
-    """An operation of the function; values are numbered."""
+    """An operation of the function; it refers to values by their numbers."""
 
     equation: Any
     inputs: list[int]
@@ -77,7 +77,7 @@ class Hoisted:
 
     Attributes:
         prepared: the numbers of the prepared values.
-        loops: the splits of those loops that hold prepared values of their own, by the position of the operation.
+        loops: the splits of the loops that have prepared values of their own, by the position of the operation.
     """
 
     def __init__(self, closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]):
@@ -97,7 +97,7 @@ class Hoisted:
         types = {
             o: atom.aval for op in self._operations for o, atom in zip(op.outputs, op.equation.outvars, strict=True)
         }
-        # Scalars of one type are stored in one array, so that the step has one array to read and not one for each.
+        # Scalars of one type are stored in one array, so that the step reads one array and not one per scalar.
         self._groups: dict[Any, list[int]] = {}
         for i in self.prepared:
             self._groups.setdefault(i if types[i].shape else types[i].dtype, []).append(i)
@@ -117,7 +117,7 @@ class Hoisted:
         return number
 
     def _flatten(self, closed: ClosedJaxpr, inputs: Iterable[int]) -> list[int]:
-        """Lists the operations, those of plain `jit` calls in place of the call, and returns the outputs."""
+        """Lists the operations, with those of a plain `jit` call in place of the call, and returns the outputs."""
         numbers = dict(zip(closed.jaxpr.invars, inputs, strict=True))
         numbers |= {
             variable: self._constant(c) for variable, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)
@@ -139,7 +139,7 @@ class Hoisted:
 
     def _classify(self, position: int, operation: _Operation) -> None:
         equation, inputs, outputs = operation
-        if equation.primitive.name == _FUSE:  # each output is its input
+        if equation.primitive.name == _FUSE:  # its outputs equal its inputs
             for i, o in zip(inputs, outputs, strict=True):
                 for table in (self._known, self._varying, self._prepares):
                     table[o] = table[i]
@@ -155,7 +155,7 @@ class Hoisted:
                 self.loops[position] = loop
 
     def _split_loop(self, equation: Any, inputs: list[int]) -> "Hoisted | None":
-        """The split of the body of a loop, whose carry is not known."""
+        """The split of one iteration of a loop, whose carry is not known."""
         counts = loop_counts(equation)
         if counts is None:
             return None
@@ -171,7 +171,7 @@ class Hoisted:
         return [] if all(self._prepares[o] for o in operation.outputs) else operation.inputs
 
     def prepare(self, *inputs: Any) -> list[Any]:
-        """The prepared values; an input that is not known may be anything."""
+        """The prepared values; any value will do for an input that is not known."""
         needed = set(self.prepared)
         for position in self.loops:
             needed.update(i for i in self._operations[position].inputs if self._known[i])
@@ -180,7 +180,7 @@ class Hoisted:
         return [*packed, *(self._prepared_by_loop(position, values) for position in self.loops)]
 
     def _prepared_by_loop(self, position: int, values: dict[int, Any]) -> Any:
-        """The prepared values of a loop within the step, with an axis for its turns."""
+        """The prepared values of a loop within the step, with an axis of iterations."""
         equation, inputs, _ = self._operations[position]
         first = sum(loop_counts(equation) or ())
         fixed, columns = [values.get(i) for i in inputs[:first]], [values.get(i) for i in inputs[first:]]
@@ -210,7 +210,7 @@ class Hoisted:
     def _evaluated(
         self, needed: set[int], inputs: Sequence[Any], rows: dict[int, Any], given: dict[int, Any]
     ) -> dict[int, Any]:
-        """The needed values and all on which they depend; `rows` holds the prepared values of loops."""
+        """The needed values and all values that they depend on; `rows` holds the prepared values of loops."""
         values = self._constants | dict(zip(self._inputs, inputs, strict=True)) | given
         wanted = set(needed) - values.keys()
         performed: list[tuple[int, _Operation]] = []

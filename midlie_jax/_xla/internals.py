@@ -1,4 +1,4 @@
-"""All that this package takes from parts of JAX that have no stable documented interface.
+"""All that this package uses of the parts of JAX that have no stable documented interface.
 
 Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0. `tests/test_structure.py` checks that no other file imports from
 `jax.core`, `jax.extend` or `jax.interpreters`. The rules of `rules.py` also rely on the names and parameters of JAX's
@@ -28,7 +28,7 @@ def varying_axes(kind: Any) -> frozenset[str]:
 
 
 def bodies_at_once() -> int:
-    """The product of the batch axes of `jax.vmap` if JAX executes operations now; 0 if it records a program."""
+    """The product of the sizes of `jax.vmap`'s batch axes if JAX executes operations now; 0 if it records a program."""
     with take_current_trace() as innermost:
         trace: Any = innermost
         size = 1
@@ -38,9 +38,9 @@ def bodies_at_once() -> int:
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> ClosedJaxpr:
-    """The program of a function, traced anew.
+    """The program of a function, from a new trace.
 
-    JAX looks for an earlier trace of the same function, and to do so would compare the arrays of one that is a pytree.
+    By itself JAX looks for an earlier trace of the same function; if the function is a pytree, it would compare arrays.
     """
     return jax.make_jaxpr(lambda *given: function(*given))(*arguments)
 

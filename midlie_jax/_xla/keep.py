@@ -1,8 +1,8 @@
-"""Which values a reverse derivative keeps of a function that it computes again: the arguments, or values within it.
+"""Chooses what a reverse derivative stores to recompute a function from: its arguments, or values within it.
 
 A step that begins with a kick reads momentum, pose and force. All that follows the kick reads the momentum after it and
-the pose. With `kept` around these, `recomputed` keeps them and neither the force nor the momentum before: fewer arrays
-to write on the way there and to read on the way back, which takes a large part of the time of a gradient.
+the pose. If `kept` marks these two, `recomputed` stores them instead of the arguments, and so no force. That saves
+arrays that the forward pass writes and the reverse pass reads, which takes a large part of the time of a gradient.
 """
 
 from collections.abc import Callable
@@ -16,17 +16,17 @@ _KEPT = "midlie_jax kept"
 
 
 def kept(tree: T) -> T:
-    """The tree with its values unchanged; `recomputed` keeps them rather than the arguments they were computed from."""
+    """The tree with its values unchanged; `recomputed` stores them instead of the arguments that they come from."""
     return jax.tree.map(lambda leaf: checkpoint_name(leaf, _KEPT), tree)
 
 
 def recomputed(function: Callable[..., Any], middle: bool) -> Callable[..., Any]:
-    """The function; reverse mode keeps its arguments, or with `middle` what is `kept`, and computes the rest again.
+    """The function; reverse mode stores its arguments, or with `middle` what is `kept`, and recomputes the rest.
 
-    Arguments that `kept` values make needless are not kept.
+    Arguments that are not needed in addition to the `kept` values are not stored.
 
-    There are two checkpoints, because each order of reverse mode removes one: so a gradient of a gradient, too, keeps
-    no more.
+    There are two checkpoints, because each reverse derivative removes one: so a gradient of a gradient stores no more,
+    either.
     """
     policy = jax.checkpoint_policies.save_only_these_names(_KEPT) if middle else None
     for _ in range(2):

@@ -33,7 +33,7 @@ def axes_of(*values: Any) -> Axes:
 
 
 def promoted(value: Any, axes: Axes) -> Any:
-    """The number or array, promoted to vary along these axes too."""
+    """The number or array, promoted so that it varies along these axes, too."""
     missing = axes - axes_of(value)
     return jax.lax.pcast(value, tuple(sorted(missing)), to="varying") if missing else value
 

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-Places = np.ndarray  # of integers: where in the pool the entries of an array are
+Places = np.ndarray  # integers: where in the pool the entries of an array are
 Shape = tuple[int, ...]
 
 

@@ -1,4 +1,4 @@
-"""Where programs run: on CPUs or on an accelerator, which want steps and batches in portions of different size."""
+"""Where programs run: on CPUs or on an accelerator, for which steps and batches are divided differently."""
 
 import os
 from typing import Any
@@ -9,7 +9,7 @@ import jax
 def on_cpu() -> bool:
     """Whether programs run on the CPU, unless their arguments are placed elsewhere.
 
-    `jax.default_device` decides, if it is set, otherwise the platform that JAX prefers. The answer changes the speed of
+    `jax.default_device` decides if it is set, otherwise the platform that JAX prefers. The answer affects the speed of
     a program and nothing else.
     """
     config: Any = jax.config  # its annotations do not know the option

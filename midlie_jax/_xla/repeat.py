@@ -1,8 +1,8 @@
-"""`repeat`: a step that each body of a batch repeats as often as it needs.
+"""`repeat`: applies a step to each body of a batch as often as that body needs.
 
-A loop of fixed length would make the largest number of steps that can be needed. A loop that ends with the last body of
-the batch has no reverse derivative. So values come from the latter, derivatives from the former; a body that has made
-its steps stays as it is, and the two give the same values.
+A loop of fixed length would take the largest number of steps that any body can need. A loop that ends with the last
+body of the batch has no reverse derivative. So values come from the second loop and derivatives from the first. In
+both, a body that has taken its steps stays as it is, so they give the same values.
 """
 
 from collections.abc import Callable
@@ -49,7 +49,7 @@ def _repeat_jvp(step: Step, most: int, primals: Any, tangents: Any) -> tuple[Any
 
 
 def _again(step: Step, constants: Any, carry: Any, needed: Array) -> Any:
-    """The carry after one more step where it is needed."""
+    """The carry after one more step, if that is needed; otherwise the carry itself."""
     constants, carry = begin((constants, carry))
     return fuse(jax.tree.map(lambda new, old: jnp.where(needed, new, old), step(constants, carry), carry))
 

@@ -4,8 +4,9 @@ A user's torque is written on (3,) and (4,) arrays: stacks, slices, cross produc
 the gradient of a potential. Inside a fused loop XLA evaluates each stacked array once for every entry that is read, and
 nested stacks multiply the cost: a torque of ten lines can run a thousand times slower than it should, or never finish
 compiling. So the function is traced once, and its operations are replayed on scalars: moving entries costs nothing, and
-products become sums of scalars. Operations without a rule (loops, solvers, large tables) are executed on arrays. So is
-a whole function that would become too many scalars, such as a neural network, in loops apart from the step.
+matrix products become sums of products of scalars. Operations without a rule (loops, solvers, large tables) are
+executed on arrays. So is a whole function that would need too many scalars, such as a neural network; its loops are
+separate from that of the step.
 
 During the replay an array is represented by the places of its entries in a pool of scalars: an integer array of list
 indices. Operations that move entries become NumPy indexing of the places; only arithmetic adds scalars to the pool. The
@@ -25,8 +26,8 @@ from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, traced, u
 from .mesh import axes_of, promoted
 from .rules import Pool, body_of, count_operations, count_scalar_operations, fits, is_expensive, rule_for
 
-# A function is evaluated on arrays if it has more operations on scalars than the first number of a pair, and more for
-# each of its operations on arrays than the second.
+# Pairs (operations, ratio). A function is evaluated on arrays if, for one pair, it has more operations on scalars than
+# the first number and more of them per operation on arrays than the second.
 _ON_ARRAYS = ((100, 2.5), (30, 4.0))
 
 
@@ -35,8 +36,9 @@ class Traits(NamedTuple):
 
     Attributes:
         costly: whether it contains an operation that XLA treats as expensive or that has no rule.
-        operations: how many operations it has; one on arrays counts as one.
-        reads: the arguments, with each leaf replaced by True if the result depends on it, otherwise by False.
+        operations: how many operations it has; an operation on arrays counts as one.
+        reads: the arguments, with True in place of each leaf on which the result depends and False in place of the
+            others.
     """
 
     costly: bool
@@ -56,20 +58,20 @@ def _suits_arrays(closed: ClosedJaxpr) -> bool:
     """Whether a function is evaluated on arrays: many operations on scalars come from few on arrays, as in a network.
 
     The limits come from `benchmarks/networks.py`. The reverse derivative of 1000 bodies under a network of width 2,
-    with 47 operations on scalars and 6 for each on arrays, took 10 s to compile on scalars and 5 s on arrays; of width
-    1, with 23, as long on both. Torques of the scenes have 1 to 1.3 entries an operation, and the value of a formula
-    with 2.1 took 1.8 times as long on arrays for one body. A function of vectors has up to 3: it stays on scalars
-    unless it is long. So does a long formula written entry by entry, because on arrays XLA would evaluate nested stacks
-    many times over.
+    with 47 operations on scalars and a ratio of 6 per operation on arrays, took 10 s to compile on scalars and 5 s on
+    arrays; with width 1 and 23 operations, both took equally long. Torques of the scenes have ratios of 1 to 1.3, and a
+    formula with 2.1 took 1.8 times as long on arrays for one body. A function of vectors has a ratio of up to 3, so it
+    stays on scalars unless it is long. A long formula written entry by entry stays, too, because on arrays XLA would
+    evaluate nested stacks many times over.
     """
     scalars, arrays = count_scalar_operations(closed)
     return any(scalars > least and scalars > entries * arrays for least, entries in _ON_ARRAYS)
 
 
 def _on_arrays(function: Callable[..., Any], arguments: Any) -> Any:
-    """The result of a function that is evaluated on arrays, in loops of its own; each array as its entries.
+    """The result of a function that is evaluated on arrays, in loops of its own; each array is given by its entries.
 
-    The borders are scalars: a loop that ended with the arrays would compute all before them once for each entry.
+    Its loops begin and end with scalars: a loop that ended with an array would repeat all earlier work for each entry.
     """
 
     def is_vector(leaf: Any) -> bool:

@@ -1,8 +1,8 @@
 """The rules by which `replay.py` computes single operations on scalars: one rule for each JAX primitive it knows.
 
-A rule lists the parameters of its primitive that it understands, and which values of them. An operation with any other
-parameter or value is executed on arrays instead, so a parameter that a later version of JAX adds is never ignored.
-Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
+A rule lists the parameters of its primitive that it understands, and the values that it understands. An operation with
+any other parameter or value is executed on arrays instead, so a parameter that a later version of JAX adds is never
+ignored. Tested with JAX 0.10.0, 0.10.1, 0.11.2 and 0.12.0.
 
 A rule gives the same result as its primitive, except for the sign of a zero (which XLA does not preserve either) and
 the order in which the terms of a sum are added.
@@ -100,10 +100,10 @@ def count_operations(closed: ClosedJaxpr) -> int:
 
 
 def count_scalar_operations(closed: ClosedJaxpr) -> tuple[int, int]:
-    """How many operations on scalars replay a traced function, and how many of its operations they replay.
+    """How many operations on scalars replay a traced function, and how many operations of the function they replace.
 
-    What moves entries is not counted. An operation on an array that is too large to split counts the entries that go
-    into it and come out of it.
+    Operations that move entries are not counted. An operation on an array that is too large to split counts as many as
+    the entries that go into it and come out of it.
     """
     scalars = operations = 0
     for equation in closed.jaxpr.eqns:
@@ -213,7 +213,7 @@ def _on_scalars(equation: Any, scalars: list[Any]) -> Any:
 
 
 def _replay_pvary(pool: Pool, equation: Any, operands: list[Places]) -> list[Places]:
-    """Promotes traced entries only.
+    """Promotes only the entries that are traced.
 
     A constant stays a NumPy value, so that it can still serve as an index; operations promote it where necessary.
     """
@@ -306,7 +306,7 @@ RULES: dict[str, Rule] = {
     **_elementwise("acos acosh asin asinh atan atan2 atanh cosh div erf erf_inv lgamma nextafter pow rem sinh", False),
     **_elementwise("cbrt erfc exp exp2 expm1 log log1p logistic rsqrt sqrt tan tanh", False, "accuracy"),
     **_elementwise("integer_pow", True, "y"),
-    **_elementwise("name", True, "name"),  # a value that a derivative may keep
+    **_elementwise("name", True, "name"),  # marks a value that a derivative may store
     **_elementwise("reduce_precision", False, "exponent_bits", "mantissa_bits"),
     **_elementwise("round", False, "rounding_method"),
     "convert_element_type": Rule(
@@ -329,7 +329,7 @@ RULES: dict[str, Rule] = {
     "dot_general": Rule(
         _replay_dot_general,
         {
-            **_any("dimension_numbers", "preferred_element_type"),  # the latter is the dtype of the result
+            **_any("dimension_numbers", "preferred_element_type"),  # the second is the dtype of the result
             "precision": _is_plain_precision,
             **_exactly(None, "out_sharding"),
         },

@@ -1,1 +1,1 @@
-"""Advice about runs: is a step sane (`check`), what will rounding do, which method is the fastest (`recommend`)."""
+"""Advice about runs: whether a step is sane (`check`), what rounding does, and the fastest method (`recommend`)."""

@@ -1,7 +1,8 @@
-"""`check`: says before a run whether a step is sane for a method, a body, a torque and a start, and which would be.
+"""`check`: says before a run whether a step is sane for a method, body, torque and start, and suggests one that is.
 
-A trial of some thousand steps (`trials.py`) tells the angles of its steps, the rates of the torque that it meets, and
-whether it fails or loses the energy. `check` compares them with the limits of `methods/limits.py`.
+A trial of some thousand steps (`trials.py`) measures the angles of the steps and the rates of the torque along the
+motion, and shows whether the run fails or loses the energy. `check` compares these with the limits of
+`methods/limits.py`.
 """
 
 import math
@@ -27,13 +28,13 @@ from .facts import FAST
 from .rounding import Rounding
 from .trials import Trial, Trials
 
-_HARMONICS = (1, 2, 3)  # the k of the resonances at h omega = pi / k that are looked for
-_OFF = 0.95  # by which a suggested step is shortened until it is off every resonance
-_SHORTER, _TRIALS = 0.7, 40  # by which a suggested step is shortened until its trial succeeds, and how often at most
+_HARMONICS = (1, 2, 3)  # which resonances h omega = pi / k are looked for
+_OFF = 0.95  # the factor that shortens a suggested step, until it is off every resonance
+_SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
 
 
 class Check(NamedTuple):
-    """Whether a step is sane; prints as a short text. Over a batch of states each number is that of the worst state.
+    """Whether a step is sane; prints as a short text. For a batch of states each number is that of the worst state.
 
     Attributes:
         method: name of the method.
@@ -42,29 +43,31 @@ class Check(NamedTuple):
             off every resonance, and `energy_error` is at most half, where it is defined.
         steps: the number of steps of the trial.
         solved: whether all steps of the trial succeeded, with finite numbers.
-        lasted: the number of steps after which the states were last seen to be good; `steps` if `solved`. The trial is
-            looked at some hundred times, so that the first bad step may come that much later.
+        lasted: the number of steps after which the states were last seen to be good; `steps` if `solved`. The states
+            are looked at some hundred times, so the first bad step may lie up to a hundredth of the trial later.
         energy_error: the largest change of a body's energy in the trial, over the sum of its kinetic energy at the
-            start and the range of its potential energy; NaN where the energy is not constant, or has no formula.
+            start and the range of its potential energy; NaN if the exact motion does not keep the energy, or it has no
+            formula.
         turn: the angle by which the method turns the body in a step, in radians, at most `reach`: |dt| times the speed
-            (|Omega|, except for the flights that are made of rotations about given axes), in root sum square with what
-            an unstable torque can add to it; the largest that is met in the trial, as are `rate` and `stiffness`.
+            (|Omega|, except for flights that are made of rotations about given axes), in root sum square with what an
+            unstable torque can add. Like `rate` and `stiffness`, it is the largest value in the trial.
         reach: the largest `turn` that the method can take; infinity if it is not known.
         rate: the largest modulus |lambda| of the rates of the torque, per unit of time: the body under the linearised
             torque alone moves as exp(lambda t). For a field it is the frequency of small oscillations, or the rate at
             which the body falls away from an unstable direction.
         stiffness: |dt| rate.
-        limit: the largest `stiffness` for which the method is stable, or its equation has one solution.
-        resonance: omega |dt| k / pi, of the nutation or precession and of k = 1, 2 or 3 for which it is nearest to 1,
-            where kicks resonate with the motion. Infinity where this is not defined: without a torque or a fast spin,
-            and for methods without kicks.
-        harmonic: this k; 0 if there is none.
+        limit: the largest `stiffness` for which the method is stable, or its equation has a single solution.
+        resonance: omega |dt| k / pi. At 1 kicks resonate with the motion; omega, of the nutation or the precession, and
+            k = 1, 2 or 3 are those that bring it nearest to 1. Infinity without a torque or a fast spin, and for
+            methods without kicks.
+        harmonic: the k of `resonance`; 0 if there is none.
         resonant: whether a body is, at the start, within the width of the resonance.
-        rounding: what decides the rounding of the run; `rounding.error(steps)` is the error of the momentum, over its
-            size, after a number of steps, and `rounding.loses(steps)` says whether the run needs a `CompensatedState`.
+        rounding: estimates the rounding errors of the run; `rounding.error(steps)` is the relative error of the
+            momentum after a number of steps, and `rounding.loses(steps)` says whether the run needs a
+            `CompensatedState`.
         suggested: the longest step found, with the sign of dt, that is sane by a trial of its own. Infinity if nothing
-            turns the body; 0 if no sane step was found. No promise is made for what comes after the trial, nor that
-            the step is accurate: `midlie_jax.recommend` measures accuracy.
+            turns the body; 0 if no sane step was found. It may not be sane beyond the length of the trial, and need not
+            be accurate: `midlie_jax.recommend` measures accuracy.
     """
 
     method: str
@@ -87,11 +90,11 @@ class Check(NamedTuple):
 
     @property
     def parts(self) -> list[tuple[str, str]]:
-        """The text in parts, each with a heading."""
+        """The printed text in parts, each with a heading."""
         return self.parts_of(self.steps)
 
     def parts_of(self, steps: int) -> list[tuple[str, str]]:
-        """The same, with the rounding of a run of so many steps."""
+        """The text in parts, with the rounding of a run of `steps` steps."""
         verdict = "sane" if self.sane else "NOT sane"
         if math.isinf(self.suggested):
             better = "any step is"
@@ -140,23 +143,24 @@ def check(
     t0: float | Array = 0.0,
     torque_axes: Any = "auto",
 ) -> Check:
-    """Whether a step is sane, before a run, and which step would be: by trials.
+    """Finds by trials, before a run, whether a step is sane, and which step would be.
 
-    Compiles a run and what looks at it, which takes some seconds; more trials with the same torque function take none.
+    Compiling takes some seconds; further calls with the same torque function compile nothing.
 
     Args:
-        method: from `midlie_jax.method`, or its name; of rigid bodies.
+        method: from `midlie_jax.method`, or its name; it must move rigid bodies.
         body, torque, torque_axes: as for `integrate`, or, if the start has a leading axis, as for `ensemble`.
         start: the state of one body, or with a leading axis (n,) of n bodies.
         dt: the step, (), may be negative.
-        steps: of each trial. By default 10,000, or as many as are 2 million of all bodies together, but 100 at least.
+        steps: the length of each trial. By default 10,000, or fewer if all bodies together would take more than 2
+            million steps, but at least 100.
         t0: the time at the start, ().
 
     Returns:
         The numbers and the verdict; `print` shows them in words.
 
     Raises:
-        ValueError: an argument is invalid, as for `integrate`; it is traced; or the method or the body is of particles.
+        ValueError: an argument is invalid, as for `integrate`, or is traced; or method or body are for particles.
     """
     if any(is_traced(leaf) for leaf in jax.tree.leaves((body, torque, start, dt, t0)) if eqx.is_array(leaf)):
         raise ValueError("check needs numbers, but an argument is traced; call it outside jit, vmap and grad.")
@@ -205,16 +209,16 @@ def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
         trial = trials.run(math.copysign(h, dt))
         if trial.fine and h <= trial.bounds.longest:
             return h
-        # The motion may have met what asks for a shorter step; that of a run that failed says little.
+        # The motion with this step may need a still shorter one. The bounds of a trial that failed say little.
         h = max(trial.bounds.longest, _SHORTER * h) if trial.fine else _SHORTER * h
     return 0.0
 
 
 def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tuple[float, int, bool]:
-    """The resonance nearest to the motion of a body: omega h k / pi, k, and whether the body is in its width.
+    """The resonance nearest to the motion of a body: omega h k / pi, k, and whether the body is within its width.
 
-    Only of fast spins: the precession of a slow one is no motion of its own. The width is that of a torque that has
-    all of its strength in the resonant harmonic. Without a fast spin infinity, 0 and False.
+    Only fast spins count, because a slow spin has no separate precession. The width is that of a torque that has all of
+    its strength in the resonant harmonic. Without a fast spin the result is infinity, 0 and False.
     """
     fast = (rates > 0) & (nutation > FAST * rates)
     if not np.any(fast):
@@ -224,6 +228,6 @@ def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tup
     frequency, k = np.broadcast_arrays(frequency, np.array(_HARMONICS)[:, None, None])
     caught = np.abs(frequency - resonance(h, k)) < resonance_half_width(field, k)
     ratio = frequency * h * k / np.pi
-    # Those that are caught come first, then those that are nearest.
+    # Resonances that catch a body come first, then the nearest ones.
     at = np.unravel_index(np.argmin(np.abs(np.log(ratio)) + np.where(caught, 0, 1e3)), ratio.shape)
     return float(ratio[at]), int(k[at]), bool(caught[at])

@@ -19,19 +19,19 @@ from ..model.state import AnyState
 from ..model.torques import on_body, potential_of
 
 FAST = 2.0  # a spin is fast if the frequency of its nutation exceeds that of the torque by this factor
-_DIRECTIONS = 64  # between growth and decay, for stability limits
+_DIRECTIONS = 64  # how many directions of lambda from growth to decay have a stability limit computed
 
 
 class Facts(NamedTuple):
-    """What is known of a body at one moment; with leading axes of many.
+    """What is known of a body at one moment; with leading axes, of many bodies or moments.
 
     Attributes:
-        turn_rate: the angle per unit of time that the method's reach bounds, ().
+        turn_rate: the angle per unit of time to which the method's reach refers, ().
         linear: the body under the linearised torque alone, as a matrix of its k velocities' displacements (a rotation
             vector for a rigid body) and its momentum, (2 k, 2 k).
         nutation: the frequency of a fast spin, `Body.inertia().nutation`, ().
-        changes: the speeds at which flight and torque change the momentum, over its size, (2,); see `Rounding`.
-        variations: the speeds at which these vary, over its size, (2,).
+        changes: the rates at which flight and torque change the momentum, relative to its size, (2,); see `Rounding`.
+        variations: the rates at which these changes vary, relative to the size of the momentum, (2,).
         acceleration: |d Omega/dt|, ().
     """
 
@@ -56,7 +56,7 @@ class Facts(NamedTuple):
 
     @property
     def rates(self) -> Any:
-        """The rates lambda of the torque, (..., 2 k); infinite where the torque or its derivative is not."""
+        """The rates lambda of the torque, (..., 2 k); infinite if the torque or its derivative is not finite."""
         finite = np.all(np.isfinite(self.linear), axis=(-1, -2), keepdims=True)
         values = np.linalg.eigvals(np.where(finite, np.asarray(self.linear, np.float64), 0))
         return np.where(finite[..., 0], values, np.inf)
@@ -65,8 +65,8 @@ class Facts(NamedTuple):
     def fastest_turn(self) -> Any:
         """`turn_rate` in root sum square with twice the largest rate of growth, (...).
 
-        The second is the speed of a body at rest that falls from an unstable direction of the field, I x'' = k sin x,
-        to the stable one: I x'^2 / 2 = 2 k.
+        A body at rest that falls from the unstable direction of a field, I x'' = k sin x, to the stable one reaches the
+        speed twice the rate of growth: I x'^2 / 2 = 2 k.
         """
         growth = np.max(np.maximum(self.rates.real, 0), axis=-1)
         return np.hypot(self.turn_rate, 2 * growth)
@@ -88,7 +88,7 @@ def _norm(tree: Any) -> Array:
 
 
 def linearised(system: System, t: Array, motion: Any) -> Array:
-    """The matrix of (displacement, momentum) under the linearised torque alone, without the motion of the body."""
+    """The matrix of (displacement, momentum) under the linearised torque, without the terms of the free motion."""
     leaves, structure = jax.tree.flatten(motion.momentum)
     units = jnp.eye(len(leaves), dtype=leaves[0].dtype)
     still = jnp.zeros_like(units)
@@ -103,7 +103,7 @@ def linearised(system: System, t: Array, motion: Any) -> Array:
         moved = Motion(tree(momentum), system.kind.rate(motion.pose, tree(displacement)))
         return flat(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
 
-    # One trace of the torque for all directions.
+    # Mapped, so that the torque is traced once for all directions.
     changes = jax.vmap(change)(jnp.concatenate([still, units]), jnp.concatenate([units, still]))
     speeds = jax.vmap(lambda momentum: flat(system.velocity(tree(momentum))))(units)
     return jnp.concatenate([jnp.concatenate([still, speeds]), changes], axis=1).T
@@ -112,7 +112,7 @@ def linearised(system: System, t: Array, motion: Any) -> Array:
 def energies_if_constant(body: Any, torque: Any, states: AnyState, times: Array) -> tuple[Array, Array] | None:
     """Kinetic and potential energies (k,) of one body at several times.
 
-    None where the sum is not constant: under a torque that has no potential, or whose potential depends on time.
+    None if the sum is not constant, because the torque has no potential, or one that depends on time.
     """
     kinetic = jax.vmap(lambda state: kinetic_energy(body, state))(states)
     if torque is None:
@@ -121,13 +121,13 @@ def energies_if_constant(body: Any, torque: Any, states: AnyState, times: Array)
     try:
         potential = potential_of(on_body(torque, body))
         reads_time = traits(lambda t, s: jnp.asarray(potential(t, s)), times[0], first).reads[0]
-    except ValueError:  # the torque, or one in a sum, has no potential
+    except ValueError:  # the torque, or a term of a sum, has no potential
         return None
     return None if reads_time else (kinetic, jax.vmap(potential)(times, states))
 
 
 def stability_limits(method: Method, rates: np.ndarray) -> np.ndarray:
-    """The stability limit for each rate, whose direction is rounded, so that few limits are computed."""
+    """The stability limit for each rate; directions are rounded, so that few limits need be computed."""
     turns = np.rint(np.abs(np.angle(rates)) / np.pi * _DIRECTIONS).astype(int)
     turns = np.where(rates == 0, _DIRECTIONS // 2, turns)
     known = {n: method.stability_limit(_direction(n)) for n in set(turns.ravel().tolist())}
@@ -135,6 +135,6 @@ def stability_limits(method: Method, rates: np.ndarray) -> np.ndarray:
 
 
 def _direction(n: int) -> complex:
-    """The direction number n from growth, 0, to decay, `_DIRECTIONS`."""
+    """Direction number n, from growth (n = 0) to decay (n = `_DIRECTIONS`)."""
     angle = math.pi * n / _DIRECTIONS
     return complex(0 if 2 * n == _DIRECTIONS else math.cos(angle), math.sin(angle))

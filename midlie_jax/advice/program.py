@@ -2,8 +2,8 @@
 
 `recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
 `integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative.
-`tests/test_work_precision.py` checks that its results equal those of `integrate`. `loop_of_steps` is that loop, for all
-who need one with a number of steps that is not known to the compiler.
+`tests/test_work_precision.py` checks that its results equal those of `integrate`. `loop_of_steps` is the loop itself,
+also for other programs whose number of steps the compiler does not know.
 """
 
 import math
@@ -72,7 +72,7 @@ class Program:
         return jax.block_until_ready(self._compiled(self._starts, *self._arguments(dt, steps)))
 
     def whole(self, steps: int) -> int:
-        """The least multiple of `unroll` that is at least `steps`, and not zero."""
+        """The least positive multiple of `unroll` that is at least `steps`."""
         return self.unroll * max(1, math.ceil(steps / self.unroll))
 
     def _arguments(self, dt: float, steps: int) -> tuple[Array, Array]:
@@ -90,10 +90,10 @@ def _run(
     dt: Array,
     iterations: Array,
 ) -> tuple[AnyState, Array]:
-    """The states after `iterations` iterations of the loop, each of `unroll` steps, and `ok`, of all bodies.
+    """The states of all bodies after `iterations` iterations of the loop, each of `unroll` steps, and their `ok`.
 
-    Inputs that all bodies share are prepared for a block of iterations at a time, before all chunks take these. Without
-    such inputs all iterations are one block.
+    Inputs that all bodies share are prepared for one block of iterations at a time, which all chunks then take. Without
+    such inputs all iterations form one block.
     """
     count = len(starts.momentum)
     first = jax.tree.map(lambda leaf: leaf[0], starts)
@@ -147,7 +147,7 @@ def loop_of_steps(
     Args:
         clock: t0 and dt.
         iterations: their number, an argument of the compiled program.
-        inputs, rows: what all bodies share, and the table of it with a row for each of the steps, if there is any.
+        inputs, rows: the inputs that all bodies share, and their table with a row for each step, if there are any.
     """
     t0, dt = clock
 

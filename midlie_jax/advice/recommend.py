@@ -1,11 +1,10 @@
 """`recommend`: the fastest method and step for a body, a torque and a tolerance, measured on the motion itself.
 
 Each candidate is compiled once, with the number of steps as an argument, and run over a ladder of steps in which each
-step is half the one before. From a guess the ladder goes to larger steps until a run misses the tolerance, and to
+step is half the previous one. From a guess the ladder goes to larger steps until a run misses the tolerance, and to
 smaller steps until halving the step changes the result by a small part of the tolerance. The result that changed least
 is the reference for all errors, and the fastest candidate within the tolerance is recommended, with a step that `check`
-calls sane. The ladder of a candidate that is already slower than another one within the tolerance goes to no smaller
-steps.
+calls sane. A candidate that is already slower than another one within the tolerance gets no smaller steps.
 """
 
 import math
@@ -39,13 +38,13 @@ from .trials import MOST_STEPS
 
 _COPIES = 16  # copies of the body in each run: the time of a run is divided by this number
 _SAFETY = 0.9  # fraction of the step that interpolation between two errors gives for the tolerance
-_FIRST_TURN = 0.5  # radians by which the body turns in a step of the first guess
+_FIRST_TURN = 0.5  # radians by which the body turns per step of the first guess
 _CONVERGED = 4  # converged: halving the step changes the end by less than the tolerance over this number
-_SLOWER = 1.5  # a candidate is dropped once it takes so many times as long as the fastest within the tolerance
+_SLOWER = 1.5  # a candidate is dropped once it takes this many times as long as the fastest within the tolerance
 _SHORT = 0.01  # a run is timed again, up to five times, until its timings take this many seconds in total
-_LONGEST = 1.0  # seconds; no smaller step is tried after a run of all copies that took longer
+_LONGEST = 1.0  # seconds; after a run of all copies that took longer, no smaller step is tried
 _MOST_STEPS = 2**30
-_LEAST = 64  # smallest tolerance, in units of eps: rounding hides a smaller error
+_LEAST = 64  # smallest tolerance, in units of eps: rounding hides smaller errors
 _ROUNDING = 1e4  # in units of eps: a change below this that no longer decreases is rounding
 _STIFF = 5  # a rate of the linearised equations is stiff if it exceeds the rate of the motion by this factor
 
@@ -107,8 +106,8 @@ def recommend(
 ) -> Recommendation:
     """The fastest method of this package, and its step, for a given error of the attitude at the end of a motion.
 
-    Runs each candidate on the motion for the whole duration. Compiling takes some seconds, a long motion takes longer.
-    The recommendation holds for this duration, because errors grow with time, and for this machine, because times are
+    Each candidate runs the motion for the whole duration. Compiling takes some seconds; long motions take longer. The
+    recommendation holds for this duration, because errors grow with time, and for this machine, because times are
     measured on it.
 
     Args:
@@ -180,7 +179,7 @@ def recommend(
 def candidates(
     body: RigidBody | TensorBody, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
-    """The methods that `recommend` tries: schemes on the exact flight of the body, from high order to low; others last.
+    """The methods that `recommend` tries: schemes with the body's exact flight, from high order to low; others last.
 
     Args:
         reads_momentum: whether the torque depends on the momentum.
@@ -190,7 +189,7 @@ def candidates(
     if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum
         schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
     names = [f"{flight.name}[{scheme.name}]" for scheme in sorted(schemes, key=lambda scheme: -scheme.order)]
-    # The projected ones are as accurate and cost more.
+    # Runge-Kutta methods with a projection are as accurate and cost more.
     general = [m.name for m in (e.method for e in ENTRIES.values()) if isinstance(m, RungeKutta) and not m.projects]
     return names if symplectic else [*names, *general]
 
@@ -215,12 +214,12 @@ class _Candidate:
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
         self.program = Program(find_method(name), body, torque, starts, t0=t0)
         self.dtype = start.momentum.dtype
-        # The time of a call without steps, which is subtracted from that of every run.
+        # The time of a call with no steps, which is subtracted from the time of every run.
         self.idle = 0.0
         self.idle = min(self.run(0).seconds for _ in range(3))
 
     def whole(self, steps: int) -> int:
-        """The least number of steps, not below `steps`, that the loop can take."""
+        """The least number of steps that the loop can take and that is not below `steps`."""
         return self.program.whole(steps)
 
     def run(self, steps: int) -> _Run:
@@ -236,7 +235,7 @@ def _ladder(candidate: _Candidate, guess: int, tolerance: float, patience: float
     """Runs, with their numbers of steps: fewer until a run misses the tolerance, then more until the end has converged.
 
     Args:
-        patience: seconds of a run after which no more steps are tried.
+        patience: if a run takes longer than these seconds, no runs with more steps are tried.
     """
     steps = candidate.whole(guess)
     run = candidate.run(steps)
@@ -273,7 +272,7 @@ def _ends(ladder: dict[int, _Run]) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def _fastest_seconds(runs: dict[str, dict[int, _Run]], tolerance: float) -> float:
-    """Seconds of the fastest run so far that is within the tolerance of its ladder's last run; infinity if none is."""
+    """Seconds of the fastest run so far whose end is within the tolerance of its ladder's last; infinity if none is."""
     seconds = [math.inf]
     for ladder in runs.values():
         ordered = [run for _, run in sorted(ladder.items())]
@@ -312,7 +311,7 @@ def _confirmed(candidate: _Candidate, steps: int, exact: np.ndarray, tolerance: 
 
 
 def _limit(body: Any, torque: Any, start: RigidState, t0: Array, trials: Sequence[Trial], best: Trial) -> str:
-    """What limits the step, if a run with a larger step failed instead of being inaccurate; "" otherwise."""
+    """What limits the step, if a larger step made a run fail rather than inaccurate; "" otherwise."""
     failed = [t for t in trials if t.steps < best.steps and not t.ok]
     if not failed or failed[-1].steps < best.steps / 4:
         return ""

@@ -119,8 +119,8 @@ def timed_in_turn(
 ) -> list[tuple[Any, Timing]]:
     """The last result and the timing of each of several runs, which take turns.
 
-    So what slows the machine for a while slows them all. The arguments are those of `timed`; `longest` is compared with
-    the run that took most of the time.
+    So whatever slows the machine for a while slows all of them. The arguments are those of `timed`; `longest` limits
+    the total seconds of the slowest run.
     """
     watches = [Stopwatch(clock) for _ in runs]
     while True:

@@ -1,4 +1,4 @@
-"""Trials for `check`: runs of all bodies with one step, and what they meet on their way."""
+"""Trials for `check`: runs of all bodies with one step, and what they show along the motion."""
 
 import math
 from typing import Any, NamedTuple
@@ -20,19 +20,19 @@ from .facts import Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
 TURN_SHARE = 0.8  # a sane step turns the body by at most this share of the method's reach
-RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps a period for LIEMID[EA]
+RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps per period for LIEMID[EA]
 ENERGY_SHARE = 0.5  # and changes the energy by at most this share of its scale
-MOST_STEPS, _LEAST_STEPS, _BODY_STEPS = 10_000, 100, 2_000_000  # of a trial: of each body, and of all together
-_MOST_SAMPLES, _LEAST_SAMPLES, _BODY_SAMPLES = 100, 4, 4000  # states that are looked at, likewise
+MOST_STEPS, _LEAST_STEPS, _BODY_STEPS = 10_000, 100, 2_000_000  # steps of a trial: per body, and of all bodies
+_MOST_SAMPLES, _LEAST_SAMPLES, _BODY_SAMPLES = 100, 4, 4000  # states looked at, likewise
 
 
 class Bounds(NamedTuple):
-    """What reach and stability limit say of some states.
+    """What the reach and the stability limit of a method allow at some states.
 
     Attributes:
         turn_rate: the largest `Facts.fastest_turn`.
         rate, limit: the rate of the torque that is nearest to its stability limit, and that limit of h rate.
-        longest: the longest step that both allow.
+        longest: the longest step that reach and stability limit both allow.
     """
 
     turn_rate: float
@@ -57,15 +57,15 @@ class Bounds(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What a trial with one step has shown, of the states that can be trusted.
+    """What a trial with one step has shown, from the states that can be trusted.
 
     Attributes:
         h: the size of the step.
         steps, lasted, energy_error: as in `Check`.
-        bounds: what reach and stability limit say along the motion.
-        longest_at_start: the longest step that they allow at the start alone.
-        nutation, rates: of each body at the start, (bodies,), as in `Facts`; of the rates the largest modulus.
-        rounding: what rounding leaves, from the mean of each body's speeds.
+        bounds: what reach and stability limit allow along the motion.
+        longest_at_start: the longest step that both allow at the start.
+        nutation, rates: those of `Facts` for each body at the start, (bodies,); of the rates, the largest modulus.
+        rounding: the estimate of rounding errors, from the means over time of each body's `Facts`.
     """
 
     h: float
@@ -80,7 +80,7 @@ class Trial(NamedTuple):
 
     @property
     def fine(self) -> bool:
-        """Whether the run succeeded and kept the energy, if that can be told."""
+        """Whether the run succeeded and, if there is an energy, kept it."""
         return self.lasted == self.steps and not self.energy_error > ENERGY_SHARE
 
 
@@ -88,7 +88,7 @@ class Trials:
     """Runs of all bodies with different steps; compiled once."""
 
     def __init__(self, batch: Batch, steps: int | None):
-        """Of this many steps, rounded up to a multiple of those between the samples; None for the default."""
+        """Trials of this many steps, rounded up so that samples are evenly spaced; None for the default."""
         self.batch, count = batch, batch.bodies
         wanted = steps or max(_LEAST_STEPS, min(MOST_STEPS, _BODY_STEPS // count))
         samples = max(_LEAST_SAMPLES, min(_MOST_SAMPLES, _BODY_SAMPLES // count))
@@ -104,7 +104,7 @@ class Trials:
         path, _ = run_ensemble(*run, self.every, chunk_size(batch.bodies), tables=shared_tables(*run))
         facts, energies = jax.tree.map(np.asarray, _along(method, batch.mapped, shared, path))
         first_bad = np.asarray(path.first_bad)
-        good = int(np.min(first_bad)) - 1  # saved states after the start, of every body
+        good = int(np.min(first_bad)) - 1  # saved states after the start that are good for every body
         trusted = np.arange(facts.nutation.shape[1]) < np.maximum(first_bad, 1)[:, None]
         at_start = Facts(*(x[:, 0] for x in facts))
         return Trial(
@@ -122,7 +122,7 @@ class Trials:
 
 @tuned_jit
 def _along(method: Method, mapped: Any, shared: Any, path: Path[Any]) -> tuple[Facts, Any]:
-    """The facts of each body at the saved times (bodies, times); kinetic and potential energy there, or None."""
+    """The facts of each body at the saved times (bodies, times); and kinetic and potential energy then, or None."""
 
     def of_one(mapped: Any, states: Any) -> tuple[Facts, Any]:
         body, torque, *_ = eqx.combine(mapped, shared)
@@ -133,7 +133,7 @@ def _along(method: Method, mapped: Any, shared: Any, path: Path[Any]) -> tuple[F
 
 
 def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> Rounding:
-    """Of the means of the speeds at the trusted states, all finite."""
+    """The estimate from the means of the facts over the trusted states, which are all finite."""
 
     def mean(speeds: np.ndarray) -> np.ndarray:
         good = trusted[..., None] & np.isfinite(speeds)

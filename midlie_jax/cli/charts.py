@@ -1,4 +1,4 @@
-"""The chart of the errors that `convergence` measured, against step, time and torque evaluations.
+"""The chart of errors measured by `convergence`, against step, time and torque evaluations.
 
 `convergence_chart` draws Figure 1 of the paper, the errors of momentum and attitude against the step. Two more panels
 show the attitude error against its cost, in time and in torque evaluations.
@@ -58,7 +58,7 @@ def convergence_chart(
 def convergence_figure(
     rows: Sequence[Row], *, title: str, reference: str, clock: str = "Time  [s]", timing: str = ""
 ) -> Any:
-    """The chart as a matplotlib figure, which can be changed further; needs no display. Arguments as for the chart."""
+    """The chart as a matplotlib figure, which needs no display; arguments as for `convergence_chart`."""
     figure = new_figure(14.0, 11.0)
     finite = [row for row in rows if not row.failure and math.isfinite(row.momentum_error + row.attitude_error)]
     if not finite:
@@ -111,14 +111,14 @@ class _Panels:
         *,
         finest: str,
     ) -> None:
-        """Draws one panel; `finest` is the side of the smallest steps, where the names of the lines are written."""
+        """Draws one panel; names of lines are written on the side `finest`, that of the smallest steps."""
         axes.set(xscale="log", yscale="log")
         panel(axes, title, x_label, y_label)
         ends = []
         for index, (name, rows) in enumerate(self.lines.items()):
             style = self.styles[name]
             x = [across(row) for row in rows]
-            # An error of exactly zero has no logarithm: it is drawn below rounding.
+            # An error of exactly zero has no logarithm, so it is drawn below all rounding errors.
             y = [max(error(row), 1e-17) for row in rows]
             shape = style.drawn(2.4, 7.5) if style.ours else style.drawn(1.3, 6.0)
             axes.plot(x, y, label=name, zorder=(4 if style.ours else 3) - 0.01 * index, **shape)
@@ -152,7 +152,7 @@ def _guides(axes: Any, finest: str) -> None:
     tip = x1 - inset if finest == "left" else x0 + inset
     foot, base = tip - sign * length, y0 + 0.045 * (y1 - y0)
     tops = [base + order * length for order in (1, 2)]
-    unit = axes.bbox.height * 72 / axes.figure.dpi / (y1 - y0)  # points a decade
+    unit = axes.bbox.height * 72 / axes.figure.dpi / (y1 - y0)  # points per decade
     names = apart([top * unit for top in tops], 1.3 * _GUIDE_SIZE, y0 * unit + _GUIDE_SIZE, y1 * unit)
     for order, top, name in zip((1, 2), tops, names, strict=True):
         axes.plot([10**foot, 10**tip], [10**base, 10**top], color=FAINT, linewidth=1.2, zorder=2)

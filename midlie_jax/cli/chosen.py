@@ -1,4 +1,4 @@
-"""Methods and scenes as users choose them: by name, as objects, or as MODULE:NAME, an object of a module of their own.
+"""Methods and scenes as users choose them: by name, as objects, or as MODULE:NAME, an object in their own module.
 
 A module is looked for in the current folder first, then wherever Python looks.
 """
@@ -27,8 +27,8 @@ def method(chosen: str | Method) -> Method:
     """The method of this name, of this MODULE:NAME, or the method itself.
 
     Raises:
-        ValueError: there is no such method, the module cannot be imported, or its method has the name of another one
-            of this package, for which files and tables would pass it off.
+        ValueError: there is no such method, the module cannot be imported, or its method has the name of another method
+            of this package, with which files and tables would confuse it.
     """
     if not isinstance(chosen, str) or ":" not in chosen:
         return as_method(chosen)
@@ -44,7 +44,7 @@ def method(chosen: str | Method) -> Method:
 
 
 def _is_free(own: Method) -> bool:
-    """Whether the name of a method stands for no other method of this package."""
+    """Whether no other method of this package has the name of this method."""
     try:
         return bool(as_method(own.name) == own)
     except ValueError:
@@ -52,18 +52,18 @@ def _is_free(own: Method) -> bool:
 
 
 def origin(chosen: str) -> str:
-    """Where a method that was chosen by this name is from, for a file: MODULE:NAME, or the name of this package."""
+    """For a file: where a chosen method comes from, as MODULE:NAME or the name of this package."""
     return chosen if ":" in chosen else "midlie_jax"
 
 
 def methods(chosen: Sequence[str | Method]) -> list[Method]:
-    """The methods for rigid bodies that are chosen, each once.
+    """The chosen methods, which must move rigid bodies; each is listed once.
 
     Args:
         chosen: names of `midlie_jax.methods()`, names MODULE:NAME, or methods.
 
     Raises:
-        ValueError: one of them is not a method, does not move rigid bodies, or has the name of another.
+        ValueError: one of them is not a method, does not move rigid bodies, or has the name of another method.
     """
     found: dict[str, Method] = {}
     for one in map(method, chosen):
@@ -82,7 +82,7 @@ def scene(chosen: str | Scene, dtype: Any = None) -> Scene:
 
     Args:
         chosen: the scene.
-        dtype: that its arrays must have; by default that of the scene, which for a name is as for `scenes.scene`.
+        dtype: the dtype that its arrays must have; by default any, and for a name as for `scenes.scene`.
 
     Raises:
         ValueError: there is no such scene, it has another dtype, or the module cannot be imported.
@@ -108,7 +108,7 @@ def _with_article(text: str) -> str:
 
 
 def _own(text: str, kind: type, word: str) -> Any:
-    """The object that MODULE:NAME stands for; `kind` and `word` say what it should be."""
+    """The object that MODULE:NAME stands for; `kind` and `word` say what kind of object it must be."""
     module, _, name = text.partition(":")
     if not (module and name):
         raise ValueError(f"{text!r} must be MODULE:NAME, as in my_module:my_{word}.")
@@ -128,14 +128,14 @@ def _as_module(file: str) -> str:
 
 
 def _imported(module: str, name: str) -> Any:
-    """The module; a ValueError says in one line why it cannot be imported, and where."""
+    """The module; if it cannot be imported, a ValueError says in one line why, and where the error arose."""
     here = os.getcwd()
     if sys.path[:1] not in ([""], [here]):
         sys.path.insert(0, here)  # an installed command does not look in the current folder by itself
     invalidate_caches()  # the file may be younger than Python's list of the folder
     try:
         return import_module(module)
-    except Exception as error:  # a mistake in the user's module, whatever it is
+    except Exception as error:  # any mistake in the user's module
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{module}.".startswith(f"{missing}."):
             near = get_close_matches(module, [file.stem for file in Path(here).glob("*.py")], n=1)
@@ -146,7 +146,7 @@ def _imported(module: str, name: str) -> Any:
 
 
 def _place(error: Exception) -> str:
-    """Where an error arose: the innermost line of the user's own files, which stand in the current folder."""
+    """Where an error arose: the innermost line in the user's own files, those in the current folder."""
     if isinstance(error, SyntaxError) and error.filename:
         return f" in {Path(error.filename).name}, line {error.lineno}"
     files = [(Path(frame.filename).resolve(), frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]

@@ -1,4 +1,4 @@
-"""The exact end of a scene where a closed form is known; and a renumbering of a body's axes for it.
+"""The exact end of a scene for which a closed form is known; and the renumbering of axes that this needs.
 
 The exact flight of a symmetric body and the closed form of Lagrange's top need the axis of symmetry as third axis. The
 formulas themselves are in `oracles`.
@@ -36,7 +36,7 @@ class Numbering(NamedTuple):
         return cls(((k + 1) % 3, (k + 2) % 3, k), turn)
 
     def apply(self, scene: Scene) -> Scene | None:
-        """The same scene in the new frame; None if the torque is of a class that this function does not renumber."""
+        """The same scene with the new axes; None if this function cannot renumber torques of that class."""
         if self.order == (0, 1, 2):
             return scene
         pick, torque = jnp.array(self.order), scene.torque
@@ -53,7 +53,7 @@ class Numbering(NamedTuple):
         return replace(scene, body=RigidBody(moments), torque=torque, start=start, axes=None)
 
     def undo(self, momentum: np.ndarray, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Momentum (3,) and attitude (4,) in the old frame, from those in the new frame."""
+        """Momentum (3,) and attitude (4,) for the old axes, from those for the new axes."""
         if self.order == (0, 1, 2):
             return momentum, attitude
         back = so3.multiply(jnp.asarray(attitude), so3.conjugate(jnp.array(self.turn, attitude.dtype)))
@@ -61,9 +61,9 @@ class Numbering(NamedTuple):
 
 
 def symmetry_axis(scene: Scene) -> int | None:
-    """The index of the axis of symmetry, whose other two moments are equal, or None.
+    """The index of the axis of symmetry, about which the other two moments are equal; None if there is none.
 
-    If there are several, the axis of the torque is taken, or else the last.
+    If there are several, it is the axis of the torque, or else the last.
     """
     moments, torque = np.asarray(scene.body.moments), scene.torque
     torque_axis = torque.axis if isinstance(torque, torques.HeavyTop) else (0.0, 0.0, 0.0)
@@ -72,7 +72,7 @@ def symmetry_axis(scene: Scene) -> int | None:
 
 
 def axis_third(scene: Scene) -> Scene:
-    """The same scene with the axis of symmetry third; unchanged without one, or if `apply` gives None."""
+    """The scene with the axis of symmetry as third axis; unchanged if it has none or if `apply` gives None."""
     return Numbering.of(scene).apply(scene) or scene
 
 
@@ -85,7 +85,7 @@ class Ends(NamedTuple):
 
 
 def exact_ends(scene: Scene, starts: Iterable[np.ndarray]) -> Ends | None:
-    """The ends in closed form of a body without torque, or of a symmetric top about its third axis; otherwise None.
+    """The ends in closed form, for a body without torque or a top symmetric about its third axis; otherwise None.
 
     Args:
         scene: its body, torque and duration are used.

@@ -1,10 +1,11 @@
 """Measures methods over a ladder of step sizes: errors at the end of a scene and their cost, for table and chart.
 
 `measure` yields each row as soon as it is computed. `survey` also times every method again in further rounds over all
-methods: if the machine was slow for a while, that shows in the spread of all times, not in the time of one method.
+methods: if the machine was slow for a while, this widens the spread of all times and does not distort the time of one
+method.
 
 The step and the number of steps are arguments of the compiled program, so one compilation serves the whole ladder of a
-method. Only the first steps of a run are timed, the same number on every rung.
+method. Only the first steps of a run are timed, equally many on every rung.
 """
 
 import math
@@ -29,11 +30,11 @@ COPIES = 256  # bodies in a timed batch: with so many, the cost of starting a lo
 LEVELS = 5  # rungs of the ladder by default
 _TIMINGS = 5  # timings of a rung in the first round
 _ROUNDS, _ROUND_SECONDS = 2, 5.0  # further rounds of `survey`, and the seconds after which no further round starts
-_AGAIN = 3  # timings of a rung in each further round: in total more than in the first round
+_AGAIN = 3  # timings of a rung in each further round: together more than in the first round
 _COARSEST = {
     "P1": 500
 }  # steps on the first rung in the paper's figure; for other scenes twice the scene's step is used
-_ROMBERG = 4  # runs that are extrapolated if no closed form is known
+_ROMBERG = 4  # how many runs are extrapolated if no closed form is known
 _REFERENCE = "LIEMID[EA]"  # the method that is extrapolated
 
 
@@ -43,7 +44,7 @@ class Reference(NamedTuple):
     Attributes:
         momentum: body-frame angular momentum, (3,).
         attitude: rotation matrix, body to space, (3, 3).
-        source: how it was computed.
+        source: how the reference was computed.
         uncertainty: estimate of the error of momentum and attitude, relative to their norms.
     """
 
@@ -114,7 +115,7 @@ def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int],
 
     Args:
         scene: from `midlie_jax.cli.scenes.scene`.
-        methods: names, also MODULE:NAME, or methods, also such as are made outside the package.
+        methods: names, MODULE:NAME, or methods, including methods made outside the package.
         rungs: from `ladder`.
         reference: from `find_reference`.
     """
@@ -133,10 +134,11 @@ def survey(
 
     Args:
         scene, methods, rungs, reference: as for `measure`.
-        report: callback that is called with each row once its errors are computed; its time is that of the first round.
+        report: callback that is called with each row once its errors are computed; the row then has the time of the
+            first round.
 
     Returns:
-        The rows, and the number of rounds, which is smaller if a round takes seconds.
+        The rows, and the number of rounds, which is smaller if rounds take seconds.
     """
     ladders = [_Ladder(scene, method, rungs, reference) for method in chosen.methods(methods)]
     for measured in ladders:
@@ -153,7 +155,7 @@ def survey(
 
 
 def find_reference(scene: Scene, finest: int) -> Reference:
-    """The end of a scene: in closed form if that is known, otherwise by extrapolation.
+    """The end of a scene: in closed form if one is known, otherwise by extrapolation.
 
     Args:
         scene: from `midlie_jax.cli.scenes.scene`.

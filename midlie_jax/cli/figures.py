@@ -18,7 +18,7 @@ _EDGE = 12.0  # points between the heading and the top of the figure
 _TITLE, _NOTE = 15.0, 10.0  # font sizes, points
 PANEL_TITLE = 11.5
 _COLOURS = 256
-_CLEAR = 36.0  # points from the heading to the panels: a panel's title and a gap on either side of it
+_CLEAR = 36.0  # points from the heading to the panels: the height of a panel's title and a gap above and below
 
 
 def heading(figure: Any, title: str, note: str) -> None:
@@ -59,7 +59,7 @@ def write(figure: Any, path: str) -> None:
 
 
 def few_colours(png: bytes) -> bytes:
-    """The same picture in so few colours that the file is about half as large."""
+    """The same picture with fewer colours, so that the file is about half as large."""
     from PIL import Image, PngImagePlugin  # matplotlib needs it, too
 
     picture = Image.open(BytesIO(png)).convert("RGB")
@@ -85,7 +85,7 @@ def _break_lines(drawn: Any, text: str, width: float, renderer: Any) -> None:
 
 
 def spread_bars(axes: Any, x: Sequence[float], y: Sequence[float], spread: Sequence[float], colour: str) -> None:
-    """Draws horizontal bars from x (1 - spread) to x (1 + spread); none where the spread is NaN, which is unknown."""
+    """Draws horizontal bars from x (1 - spread) to x (1 + spread); none where the spread is unknown (NaN)."""
     bars = [(h, a * max(1 - s, 0.01), a * (1 + s)) for a, h, s in zip(x, y, spread, strict=True) if math.isfinite(s)]
     if bars:
         axes.hlines(*zip(*bars, strict=True), color=colour, linewidth=3.0, alpha=0.45, zorder=2.5)

@@ -40,15 +40,15 @@ def label_ends(
 ) -> None:
     """Widens a panel on one side, and writes the names of its lines there.
 
-    The limits of the panel, which must contain all its lines, and its place in the figure must be final before.
+    The limits of the panel, which must contain all its lines, and its place in the figure must already be final.
 
     Args:
         axes: matplotlib's axes, of a figure with an Agg canvas.
         ends: the ends of the lines.
         side: "left" or "right".
         size: largest font size of the names, points; it is reduced if there are many names.
-        free: the points by which to widen the panel on the other side, for other texts, as a function of the points
-            that the names leave of the panel's width.
+        free: how many points to leave free on the other side for other texts, as a function of the panel's width
+            without the names, in points.
     """
     whole = axes.bbox.width * 72 / axes.figure.dpi
     if not ends:

@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = read(sys.argv[1:] if arguments is None else arguments)
     except ValueError as error:
         return _failed(str(error))
-    if getattr(options, "devices", None):  # JAX reads this when it starts; it concerns the CPU alone
+    if getattr(options, "devices", None):  # JAX reads this variable when it starts; it affects the CPU alone
         flags = os.environ.get("XLA_FLAGS", "")
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={options.devices}".strip()
     try:

@@ -1,4 +1,4 @@
-"""Reads a line of the `midlie` command, or says what is wrong with it. Nothing here imports JAX."""
+"""Reads a command line of `midlie`, or says what is wrong with it. Nothing in this module imports JAX."""
 
 import argparse
 import os
@@ -13,7 +13,7 @@ COMMANDS = ("chart", "run", "inspect", "view", "export", "fit", "stability", "me
 
 
 class _ShowVersion(argparse.Action):
-    """`--version`, which looks the version up only when it is asked for."""
+    """`--version`, which looks the version up only when the option is used."""
 
     def __init__(self, *args: Any, **given: Any):
         super().__init__(*args, nargs=0, help="print the version and exit", **given)
@@ -44,7 +44,7 @@ def read(arguments: Sequence[str]) -> argparse.Namespace:
     parser, commands = _parsers()
     if arguments and not arguments[0].startswith("-") and arguments[0] not in commands:
         parser.error(f"unknown command {arguments[0]!r}; {_choice(arguments[0], COMMANDS)}")
-    if "_ARGCOMPLETE" in os.environ:  # the shell asks what can stand next; see docs/start.md
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions; see docs/start.md
         import argcomplete
 
         argcomplete.autocomplete(parser)

@@ -48,7 +48,7 @@ def number(text: str) -> float:
 def axis(text: str) -> Any:
     """An axis of the body: its name, or a direction as a unit vector.
 
-    A single number is refused: 1 meant e1 here once, where Python's axis=1 is e2.
+    A single number is refused as ambiguous: 1 could mean e1 or, as Python counts, e2.
     """
     if text in ("e1", "e2", "e3"):
         return text
@@ -77,14 +77,14 @@ def sequence(text: str) -> str:
 
 
 def file_or_store(text: str) -> str:
-    """The name of a file, checked at once; or of a store, which may exist already."""
+    """The name of a file, checked at once, or of a store, which may exist already."""
     if Path(text).suffix.lower() == ".zarr":
         return text
     return file(".npz", ".csv", ".zarr")(text)
 
 
 def file(*endings: str) -> Callable[[str], str]:
-    """A reader of names of output files, which raises an error at once if the file cannot be written."""
+    """A reader of names of output files with these endings, which raises at once if a file cannot be written."""
 
     def read(text: str) -> str:
         path = Path(text)

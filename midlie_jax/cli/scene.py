@@ -23,7 +23,7 @@ class Scene:
         body: the body, about its fixed point or its centre of mass.
         torque: body-frame torque, or None for a free body.
         start: body-frame angular momentum (3,) and attitude (4,), at time 0.
-        dt: a step with which a picture of the motion by LIEMID[EA] shows no error.
+        dt: a step small enough that a picture of the motion by LIEMID[EA] shows no error.
         duration: duration of the motion, a whole number of steps.
         source: where the numbers are from.
         units: the units of mass, length and time, and the space frame if it needs a definition.

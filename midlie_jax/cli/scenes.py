@@ -1,7 +1,7 @@
 """Scenes: named test problems, each with a body, a torque, a start and a duration.
 
-They are the published cases against which the package is checked, and a few others that make good pictures. Each is
-built on demand in the requested dtype, not on import.
+They are the published cases against which the package is checked, and a few others that make good pictures. Each scene
+is built in the requested dtype when it is needed, not on import.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,7 @@ def scene(name: str, dtype: Any = None) -> Scene:
 
     Args:
         name: one of `scenes()`.
-        dtype: of every array of the scene; by default float64 if it is enabled in JAX (`jax_enable_x64`), else float32.
+        dtype: the dtype of every array; by default float64 if it is enabled in JAX (`jax_enable_x64`), else float32.
 
     Raises:
         ValueError: the name is unknown (the message gives the nearest and all names); or the dtype is not floating

@@ -1,7 +1,7 @@
 """Where a method fails on a scene: the worst energy error over a grid of steps and of spins, shapes or field strengths.
 
 A `Sweep` varies one property of a scene. `measure` runs a method on all sweeps, each point with its own step, as one
-batch in one compiled program. `lines` gives the limits of theory beside the map.
+batch in one compiled program. `lines` gives the limits by theory, to be drawn on the map.
 """
 
 from collections.abc import Sequence
@@ -32,10 +32,10 @@ from .scenes import Scene
 METHODS = (DEFAULT, "JACOBI[SRKN6b]", "LIEMID[EA]", "LIEMID[I]", "AKW", "NMB", "DMV[EA]", "GBS12")
 STEPS = 10_000
 BLOWN_UP = 1.0  # an energy error as large as the energy
-_SPAN = 50  # steps whose states are kept at once
+_SPAN = 50  # steps whose states are in memory at once
 _STEPS_RANGE = (0.03, 6.0)  # the smallest and the largest step, times the fastest rate of the scene
 _RATES_RANGE = (0.1, 10.0)  # spins and frequencies of the field, over the fastest rate of the scene
-_FLATTEST = 0.98  # of the way from a ball to the thinnest body
+_FLATTEST = 0.98  # the end of a sweep of shapes, as a share of the way from a ball to the thinnest body
 _ORDERS = (1, 2, 3)  # k of the step resonances that are drawn
 
 
@@ -61,16 +61,16 @@ class Scaled(Torque):
 
 
 class Sweep(NamedTuple):
-    """One property of a scene, varied.
+    """A range of values of one property of a scene.
 
     Attributes:
-        name: of the property.
-        label: of its axis.
-        values: of the property, (n,), ascending.
+        name: the name of the property.
+        label: the label of its axis.
+        values: the values of the property, (n,), ascending.
         own: the value of the scene itself.
         logarithmic: whether the axis is.
-        moments, momenta: of the bodies, (n, 3).
-        factors: by which the torque is multiplied, (n,).
+        moments, momenta: those of the bodies, (n, 3).
+        factors: the factors by which the torque is multiplied, (n,).
     """
 
     name: str
@@ -126,7 +126,8 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
         found.append(Sweep("spin", f"spin |Ω|  [{unit}]", rates, speed, True, alike, spun, ones))
     ball = np.full(3, moments.mean())
     if np.ptp(moments) > 1e-6 * moments.max():
-        # The masses' second moments (I_j + I_k - I_i) / 2 go to zero one by one; the first ends the way.
+        # Along this line the second moments of mass (I_j + I_k - I_i) / 2 reach zero one by one; the first zero is its
+        # end.
         slope, start = (moments.sum() / 2 - moments) - (ball.sum() / 2 - ball), ball.sum() / 2 - ball
         end = float(np.min(np.where(slope < 0, -start / np.where(slope < 0, slope, -1), np.inf)))
         shares = np.linspace(0, _FLATTEST * end, count)
@@ -154,7 +155,7 @@ def _check_energy(scene: Scene) -> None:
 
 
 def _field_rate(scene: Scene) -> float:
-    """The largest rate of the torque linearised at the start."""
+    """The largest rate of the torque, linearised at the start."""
     facts = jax.jit(partial(Facts.of, find_method(DEFAULT), scene.body, scene.torque))(
         scene.start, jnp.zeros((), scene.start.momentum.dtype)
     )
@@ -222,7 +223,7 @@ def _run(
     factor: Array,
     dt: Array,
 ) -> tuple[Array, Array, Array]:
-    """One body: the worst error while it can be trusted, whether a solve failed first, and whether it blew up first."""
+    """For one body: the worst error while it can be trusted, and whether a failed solve or a blow-up came first."""
     body = RigidBody(moments)
     scaled = None if torque is None else Scaled(factor, torque)
     first = energy(body, scaled, start)

@@ -8,11 +8,11 @@ import numpy as np
 from .figures import INK, heading, new_figure
 from .stability import BLOWN_UP, Line, Map, Sweep
 
-_WIDTH, _HEIGHT = 2.0, 2.25  # of a panel with its share of the margins, inches
+_WIDTH, _HEIGHT = 2.0, 2.25  # the size of a panel with its share of the margins, inches
 _MARGINS = 0.85, 1.95  # left and right of all panels, above and below them, inches
 _LEAST_ERROR = 1e-14
 _FAILED = "#d9d9d9"
-# Of Okabe and Ito, those that are seen on all colours of the map.
+# Those of Okabe and Ito's colours that are visible on all colours of the map.
 _LINES: dict[str, dict[str, Any]] = {
     "reach": {"color": "#E69F00", "linestyle": "-", "linewidth": 2.2},
     "stability": {"color": "#D55E00", "linestyle": (0, (4, 1.5)), "linewidth": 2.2},
@@ -44,7 +44,7 @@ def stability_figure(
         sweeps: from `stability.sweeps`.
         title: the scene.
         note: how the maps were made.
-        time_unit: of the steps.
+        time_unit: the unit of the steps.
 
     Raises:
         ImportError: matplotlib is missing.
@@ -86,7 +86,7 @@ def _map(axes: Any, found: Map, steps: np.ndarray, sweep: Sweep, norm: Any) -> A
     axes.set(xscale="log", yscale="log" if sweep.logarithmic else "linear", xlim=x[[0, -1]], ylim=y[[0, -1]])
     axes.tick_params(which="both", labelsize=8, colors=INK)
     axes.set_rasterization_zorder(None)
-    # The hatched panel shows where nothing is drawn over it.
+    # The hatched background is visible where nothing is drawn over it.
     axes.add_patch(
         Rectangle((0, 0), 1, 1, transform=axes.transAxes, facecolor=_FAILED, edgecolor="#8a8a8a", hatch="////", lw=0)
     )
@@ -100,7 +100,7 @@ def _map(axes: Any, found: Map, steps: np.ndarray, sweep: Sweep, norm: Any) -> A
 
 
 def _edges(middles: np.ndarray, logarithmic: bool) -> np.ndarray:
-    """The edges of the cells around these middles, which are evenly spaced, or their logarithms are."""
+    """The edges of the cells around `middles`, which, or whose logarithms, are evenly spaced."""
     places = np.log(middles) if logarithmic else middles
     half = (places[1] - places[0]) / 2
     edges = np.append(places - half, places[-1] + half)

@@ -1,4 +1,4 @@
-"""`Dense`, what both kinds of dense output share: how diffrax asks for a state between the ends of a step."""
+"""`Dense`, the base class of both kinds of dense output: how diffrax asks for a state within a step."""
 
 from abc import abstractmethod
 from typing import Any
@@ -21,7 +21,7 @@ class Dense(diffrax.AbstractLocalInterpolation):
         del left
         if t1 is not None:
             return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
-        # A number would be a constant of the compiled program, which would then be compiled anew for each time.
+        # A Python number would be a constant of the compiled program, which would then be compiled anew for each time.
         return self.state_at(t0 if eqx.is_array(t0) else jnp.asarray(t0, jnp.result_type(self.t0)))
 
     @abstractmethod

@@ -9,12 +9,12 @@ and its spatial momentum grows by the trapezium rule of the spatial torque, corr
 
     h/2 (T0 + T1) - h^3/12 T''.
 
-T'' is computed from three values of the torque: at both ends of the step and at the start of the step before. All other
-quantities belong to the two ends of the step. For any method, the local error of the companion is of order h^5 in the
-attitude and h^4 in the momentum. The estimate for a method of order 1 or 2 is therefore asymptotically exact. For a
-method of order 4 or more, the estimate is the error of the companion, which is larger than the error of the step.
+T'' is computed from three values of the torque: at both ends of the step and at the start of the previous step. All
+other quantities are taken at the two ends of the step. For any method, the local error of the companion is of order h^5
+in the attitude and h^4 in the momentum. The estimate for a method of order 1 or 2 is therefore asymptotically exact.
+For a method of order 4 or more, the estimate is the error of the companion, which is larger than the error of the step.
 
-On the first step, and after a jump, there is no step before. The torque is then assumed to have been constant, which
+On the first step, and after a jump, there is no previous step. The torque is then assumed to have been constant, which
 leaves an error of order h^2 in the momentum: the first step becomes smaller than necessary, never too large.
 
 The expansion is useless for long turns, so a step of more than 2.4 radians has no companion.
@@ -60,7 +60,7 @@ def _of_rates(
     fraction: Array,
     rate: Array,
 ) -> tuple[AnyMotion, History, Array]:
-    """The companion of a state whose pose is more than a rotation: both sums are of the rates of its components."""
+    """The companion if the pose is more than an attitude: both formulas are applied to the rates of its components."""
 
     def rates(motion: AnyMotion, torque: Any) -> tuple[Any, Any, Any]:
         """The rates of momentum and pose, and the second derivative of the pose."""
@@ -92,14 +92,14 @@ def companion(
     Args:
         h: the signed step.
         torques: the torques at both ends, in the body frame, as components; for particles the forces.
-        history: the history from the step before.
+        history: the history from the previous step.
 
     Returns:
         The end of the companion, the history for the next step, and whether the companion is valid: the step turned by
         at most 2.4 radians.
     """
     total = h + history.span
-    # The length of this step, divided by the length of this step and the step before; 0 for a step of length zero.
+    # The length of this step, divided by the sum of this and the previous step; 0 for a step of length zero.
     fraction = h / jnp.where(total == 0, jnp.ones_like(total), total)
     rate = 1 / jnp.where(h == 0, jnp.ones_like(h), h)
     v0, v1 = system.velocity(motion.momentum), system.velocity(end.momentum)

@@ -14,9 +14,9 @@ from ..model.states import RigidState
 from .dense import Dense, part_of_step
 from .term import ambient_rate, unchecked
 
-_HALVINGS = 2  # of the angle of a turn, until the polynomials for its sine and cosine are exact
+_HALVINGS = 2  # how often an angle is halved, so that the polynomials for sine and cosine are exact
 LARGEST_TURN = 2**_HALVINGS * WIDEST_SQUARE**0.5  # radians, within a step
-_LEAST_COSINE = 0.5**0.5  # of half the rest of a turn
+_LEAST_COSINE = 0.5**0.5  # the least cosine of half the angle by which the turn of the step differs from W
 
 
 class LieInterpolation(Dense):
@@ -57,7 +57,7 @@ class LieInterpolation(Dense):
 def _state_at(dense: LieInterpolation, t: Any) -> Any:
     """The state at the time t.
 
-    Reverse mode computes it again. Otherwise it would keep intermediate results for every step, and diffrax would copy
+    Reverse mode recomputes it. Otherwise it would store intermediate results for every step, and diffrax would copy
     each of these arrays entry by entry.
     """
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
@@ -65,14 +65,15 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
 
 
 def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
-    """The state of a rigid body at the part s of the step.
+    """The state of a rigid body at the fraction s of the step.
 
-    It is written on components, with neither division nor root, so that it is two loops and its derivative compiles in
-    little time.
+    It is written on components, with neither division nor root, so that it compiles to two loops, and its derivative
+    compiles quickly.
     """
     vectors = dense.y0.momentum, dense.y1.momentum, dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
     poses = dense.y0.attitude, dense.y1.attitude
-    # Without the barrier, XLA would compute what does not depend on s ahead, entry by entry, for all times of a step.
+    # Without the barrier, XLA would compute what does not depend on s in advance, entry by entry, for all times in a
+    # step.
     vectors, poses, h, s = jax.lax.optimization_barrier((vectors, poses, dense.h, s))
     vectors, poses, h, s = begin((tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), h, s))
     momentum0, momentum1, velocity0, velocity1, torque0, torque1 = vectors
@@ -84,7 +85,7 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     sign = jnp.where(rest[0] < 0, -1.0, 1.0).astype(h.dtype)  # q and -q are the same rotation
     rest = sign * rest[0], *cp.scale(sign, rest[1:])
     valid = (square <= LARGEST_TURN**2) & (rest[0] >= _LEAST_COSINE)
-    # The spatial momentum, in the body frame at the start. The cubic is linear in what belongs to the end.
+    # The spatial momentum, in the body frame at the start. The cubic is linear in the values at the end.
     spatial = _rotated(turned, cp.add(cp.scale(end, momentum1), cp.scale(slope1 * h, torque1)))
     spatial = cp.add(spatial, cp.add(cp.scale(1 - end, momentum0), cp.scale(slope0 * h, torque0)))
     invalid = jnp.where(valid, 0.0, jnp.nan).astype(h.dtype)
@@ -111,14 +112,14 @@ def _exponential(turn: cp.Vector, square: Array) -> cp.Quaternion:
     """The quaternion of a rotation vector of at most `LARGEST_TURN`, and of this squared length."""
     square = square * 0.25**_HALVINGS
     cosine, sine = half_angle(square)
-    # cos(a/2) and sin(a/2)/a of a part a of the angle; of twice this part the second is their product.
+    # cos(a/2) and sin(a/2)/a for a fraction a of the angle. For 2 a, the second is the product of both.
     for n in range(_HALVINGS):
         cosine, sine = cosine * cosine - 4.0**n * square * sine * sine, cosine * sine
     return cosine, *cp.scale(sine, turn)
 
 
 def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
-    """The state at the part s of the step; each array is a cubic."""
+    """The state at the fraction s of the step; each array is interpolated by a cubic."""
     y0, y1, h = dense.y0, dense.y1, dense.h
     rate0 = ambient_rate(y0, *y0.components((dense.velocity0, dense.torque0)))
     rate1 = ambient_rate(y1, *y1.components((dense.velocity1, dense.torque1)))
@@ -133,6 +134,6 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
 
 
 def _weights(s: Array) -> tuple[Array, Array, Array]:
-    """The weights at s, in a cubic on [0, 1], of the value at 1 and of the slopes at 0 and 1; that of 0 makes one."""
+    """A cubic's weights at s in [0, 1]: of its value at 1 and its slopes at 0 and 1 (of the value at 0: the rest)."""
     rest = 1 - s
     return s * s * (3 - 2 * s), s * rest * rest, -s * s * rest

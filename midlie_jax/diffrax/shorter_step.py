@@ -1,7 +1,7 @@
 """`ShorterStep`, dense output of the method's order: a state inside a step is the end of a shorter step.
 
-A step of part of the length, from the same start, is a step of the same method. So its error is that of a step, of
-order p + 1 in the length for a method of order p, while the cubic of `LieInterpolation` has an error of fourth order.
+A shorter step from the same start is a step of the same method. So its error is of order p + 1 in the length for a
+method of order p, while the cubic of `LieInterpolation` has an error of fourth order.
 """
 
 from typing import Any
@@ -23,10 +23,10 @@ from .term import of_flat
 
 
 class Start(eqx.Module):
-    """What a step starts from, as arrays alone: diffrax stacks those of many steps, and cannot stack functions.
+    """What a step starts from, in arrays alone, because diffrax stacks these for many steps and cannot stack functions.
 
     Attributes:
-        arrays: the arrays of body, torque and state, the torque at the start, and the two times and the step in one.
+        arrays: the arrays of body, torque and state, the torque at the start, and one array of both times and the step.
         rest: the structure of these, and the leaves that are not arrays.
     """
 
@@ -38,8 +38,8 @@ class Start(eqx.Module):
         cls, method: Method, body: Body, torque: TorqueLike | None, y0: Any, force: Array | None, times: list[Array]
     ) -> "Start":
         """Args:
-        force: the torque at the start as one array if a step first needs it, else None.
-        times: the times of the ends and the signed step, by the clock of the term.
+        force: the torque at the start as one array if a step begins by using it, else None. times: the times of the
+        ends and the signed step, in the term's time.
         """
         leaves, structure = jax.tree.flatten((method, body, torque, y0, force, jnp.stack(times)))
         marks = [isinstance(leaf, (Array, np.ndarray, np.generic)) for leaf in leaves]
@@ -48,7 +48,7 @@ class Start(eqx.Module):
         return cls([jnp.asarray(leaf) for leaf in arrays], (structure, tuple(marks), others))
 
     def parts(self) -> Any:
-        """The arguments of `of`, the times as one array."""
+        """The arguments of `of`, with the times as one array."""
         structure, marks, others = self.rest
         arrays = iter(self.arrays)
         return structure.unflatten([next(arrays) if m else x for m, x in zip(marks, others, strict=True)])

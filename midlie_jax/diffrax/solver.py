@@ -62,9 +62,9 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     - `"cubic"`: `LieInterpolation`, of third order whatever the method. Cheap: one evaluation is a few polynomials.
     - `"step"`: a shorter step of the method from the start of the step, of the order of the method. An event then has
       the error of the method in its time and state. Each state costs a step of the method, as does each iteration of an
-      event's root finder, and the program holds a second copy of the step. `SaveAt(dense=True)` keeps the arrays of
-      body and torque for every step, so they must be numbers, not random keys. What is between two steps is continuous,
-      but its rate of change has small jumps at the steps. Take it for methods of order 4 and more, where the times of
+      event's root finder, and the program holds a second copy of the step. `SaveAt(dense=True)` stores the arrays of
+      body and torque for every step, so they must be numbers, not random keys. This dense output is continuous, but its
+      rate of change has small jumps at the ends of steps. Use it with methods of order 4 and more, if the times of
       events or the states between steps must be as exact as the steps.
 
     Error estimate: the step minus its companion (module `estimate`). It depends on the order p of the method:
@@ -79,13 +79,13 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     the good long-time energy behaviour of these methods (`benchmarks/diffrax_pipeline.py energy`).
 
     A step has an infinite error if its solve failed, if it is not finite, or if it turned by more than 2.4 radians. An
-    adaptive controller then tries a shorter step. Without an adaptive controller, a failed solve or a step that is not
+    adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not
     finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`. A reverse-mode derivative is NaN if any
     step that was tried, even one that was rejected, is not finite.
 
     Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken.
-    `BacksolveAdjoint(solver=diffrax.Tsit5())` differentiates the exact motion, and so differs from them by the error of
-    the method. `ImplicitAdjoint` is for steady states, which a conservative motion does not reach.
+    `BacksolveAdjoint(solver=diffrax.Tsit5())` differentiates the exact motion, so its result differs from theirs by the
+    error of the method. `ImplicitAdjoint` is for steady states, which a conservative motion does not reach.
 
     Attributes:
         method: a method from `midlie_jax.method`, or its name; by default JACOBI[EA], which moves rigid bodies.
@@ -157,7 +157,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
 
 def _begins_with_force(method: Method, system: System) -> bool:
-    """Whether a step first needs the torque at its start, which the step before has stored."""
+    """Whether a step begins by using the torque at its start, which the previous step has stored."""
     if method.keeps_force(system):
         return True
     if not isinstance(method, Splitting) or system.torque is None or system.reads_momentum:
@@ -177,12 +177,12 @@ def _step(
     memory: Memory,
     made_jump: Any,
 ) -> Any:
-    """The step of `LieSolver.step` on times of the term's clock.
+    """The step of `LieSolver.step`, in the term's time.
 
-    It is one jitted function, because diffrax differentiates the body of its loop over the steps several times: JAX
-    then finds the derivative of the step already traced. It is computed again in reverse mode, because diffrax takes a
-    step and turns back in two separate parts of its program: what the one part hands to the other is compiled entry by
-    entry.
+    It is one jitted function, because diffrax differentiates the body of its loop over the steps several times, and JAX
+    then finds the derivative of the step already traced. Reverse mode recomputes the step, because diffrax's forward
+    and reverse passes are separate parts of its program, and code for each array passed between them is compiled entry
+    by entry.
 
     Returns:
         The state at the end, its error, the data of the cubic dense output, the torque at the start as one array, the
@@ -202,8 +202,8 @@ def _step(
     # Controllers of diffrax handle NaN in y1, but not infinity.
     y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
-    # The compiler removes what follows the split where nothing uses the results. It is loops of its own, so a torque
-    # that the next step needs must not pass through it.
+    # The compiler removes what follows the split if nothing uses the results. What follows gets loops of its own, so a
+    # torque that the next step needs must not pass through the split.
     next_force = method_force if keeps_force else system.force(end_time, end) if begins_with_force else None
     motion, end, stored_force, end_torque = split((motion, end, stored_force, next_force))
     end_torque = end_torque if begins_with_force else system.force(end_time, end)
@@ -227,7 +227,7 @@ def _step(
 
 @jax.custom_jvp
 def _varying_together(tree: Any) -> Any:
-    """The tree unchanged; if one of its arrays has a tangent, all have one.
+    """The tree unchanged, such that all of its arrays have tangents if one of them has.
 
     diffrax differentiates its loop anew for each set of arrays that vary, and would trace the derivative of a step
     three times.
@@ -237,13 +237,13 @@ def _varying_together(tree: Any) -> Any:
 
 @_varying_together.defjvp
 def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-    # Without the barrier JAX drops the tangents that it knows are zero. One for each: that of several, of which some do
-    # not depend on the input, has no transpose with jax 0.12.
+    # Without the barrier JAX drops tangents that it knows to be zero. Each tangent has its own barrier: one for
+    # several, some of which do not depend on the input, has no transpose in jax 0.12.
     return primals[0], jax.tree.map(jax.lax.optimization_barrier, tangents[0])
 
 
 def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: bool) -> Memory:
-    """The memory at the time t without a step before: the torque at t, and no history."""
+    """The memory at the time t if there is no previous step: the torque at t, and no history."""
     force = system.force(t, motion)
     next_force = force if begins_with_force else jax.lax.stop_gradient(force)
     return Memory.of(next_force, jax.lax.stop_gradient(History.none(motion.momentum, t)))

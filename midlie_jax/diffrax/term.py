@@ -34,8 +34,8 @@ class Rates(NamedTuple):
 
     Attributes:
         ambient: the derivative of the state's arrays, as a state of the same class.
-        velocity: body-frame angular velocity (3,); for particles the velocity; in general, of the form of the momentum.
-        torque: body-frame torque (3,); for particles the force; likewise.
+        velocity: body-frame angular velocity (3,); for particles the velocity. It always has the form of the momentum.
+        torque: body-frame torque (3,); for particles the force. It always has the form of the momentum.
     """
 
     ambient: Any
@@ -101,7 +101,7 @@ def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
 
 
 def unchecked(kind: type[AnyState], momentum: Any, pose: Any) -> Any:
-    """`kind.join`, unchecked: the class itself would reject derivatives of quaternions, but sees no traced numbers."""
+    """`kind.join`, traced and so unchecked: the class would reject derivatives of quaternions for their length."""
     return _joined(kind)(momentum, pose)
 
 
@@ -116,7 +116,7 @@ def flat(tree: Any) -> Array:
 
 
 def of_flat(flat: Array, like: Any) -> Any:
-    """The tree of these numbers, of the form of another."""
+    """The inverse of `flat`: a tree with these numbers and the structure and shapes of `like`."""
     leaves, structure = jax.tree.flatten(like)
     ends = np.cumsum([np.size(leaf) for leaf in leaves])
     parts = [flat[end - np.size(leaf) : end].reshape(jnp.shape(leaf)) for leaf, end in zip(leaves, ends, strict=True)]

@@ -7,21 +7,22 @@ Q(t, y) prescribes the steps: they should be about dt / Q. With G = d(log Q)/dt 
 
     half = rho + dt/2 G(y),   y' = step of dt/half from y,   rho' = half + dt/2 G(y').
 
-This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and the run with -dt takes
-the same steps back. Each step costs one derivative of the density along the motion more than in `integrate`.
+This is Verlet's method for rho' = G with h = dt / rho, so rho stays near Q. It is explicit, and a run with -dt takes
+the same steps backwards. A step costs one derivative of the density along the motion more than a step of `integrate`.
 
 Measured gain (`python benchmarks/adaptive.py`): large where the time scale of the motion changes. On an orbit of
-eccentricity .6, 801 steps of JACOBI[EA] in 5.3 orbits leave an attitude error of 8.3e-4 instead of 1.8e-2, and those of
-JACOBI[SRKN6b] 5.4e-10 instead of 5.5e-8. Where the time scale is constant, the control makes the error larger: for the
-top of Bruls and Cardona it doubles (a gain of .48, JACOBI[EA], density from the size of the torque). The energy of a
-swinging Lagrange top does not drift in 2.6e5 steps: its largest error is 1.3e-3 in the first eighth of the run and in
-the last; with the density taken at the start of each step it is 3.7e-2 and 1.5e-1. This holds for motions that are
-integrable or nearly so. For an asymmetric top the mean of the energy error wanders between 3.1e-3 and -2.9e-3, and a
-constant step is better.
+eccentricity .6, after 801 steps in 5.3 orbits, the attitude error falls from 1.8e-2 to 8.3e-4 for JACOBI[EA], and from
+5.5e-8 to 5.4e-10 for JACOBI[SRKN6b]. Where the time scale is constant, the control makes the error larger: for the top
+of Bruls and Cardona it doubles (a gain of .48, JACOBI[EA], density from the size of the torque). The energy of a
+swinging Lagrange top does not drift in 2.6e5 steps: its largest error is 1.3e-3 both in the first and in the last
+eighth of the run. With the density taken at the start of each step these errors are 3.7e-2 and 1.5e-1. The absence of
+drift holds for motions that are integrable or nearly so. For an asymmetric top the mean of the energy error wanders
+between 3.1e-3 and -2.9e-3, and a constant step is better.
 
-The loop carries the next step in addition to rho, so that the divisions are computed between two steps and the step
-itself remains one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for bit. A body
-that has reached t1 or has failed takes such steps while the rest of the batch goes on, without a select over its state.
+The loop carries the length of the next step in addition to rho, so that the divisions are computed between two steps
+and a step itself compiles to one loop (see `_xla.fusion`). A step of length zero leaves a motion unchanged, bit for
+bit. A body that has reached t1 or has failed takes such steps while the rest of the batch goes on, without a select
+over its state.
 """
 
 from functools import partial
@@ -50,11 +51,11 @@ from .observe import Observe, as_observe_of_one, observe_state
 from .path import AdaptivePath, end_alone, first_bad
 from .results import result_of
 
-# The last step may exceed dt / half by this fraction: otherwise rounding could leave one more step of length near zero.
+# The last step may exceed dt / half by this fraction. Otherwise rounding could leave one more, tiny step.
 _SLACK = 1e-3
 # The run fails where rho and the density differ by more than this factor: the steps no longer follow the density.
 _LARGEST_FACTOR = 2.0
-# At most so many steps are taken between two checks whether every body has reached t1.
+# At most this many steps are taken between two checks whether every body has reached t1.
 _BLOCK = 32
 
 
@@ -62,7 +63,7 @@ class _Clock(NamedTuple):
     """The state of the step control at time t."""
 
     t: Array
-    residue: Array  # the rounding error of t, to be added to it: without this sum float32 would lose the time
+    residue: Array  # the rounding error of t, to be added to t: without it float32 would lose the time
     rho: Array
     half: Array  # rho in the middle of the next step
     h: Array  # the next step
@@ -123,13 +124,12 @@ def integrate_adaptive(
 
     Without `t1` the run takes `steps` steps: the bodies of a batch end at different times, and no step is wasted. With
     `t1` it takes at most `steps`: a batch runs until its slowest body has reached `t1`, which is checked every 32 steps
-    or sooner. A body that waits costs as much as one that moves, so put bodies with similar numbers of steps in one
-    batch. Each body has its own time. So whatever depends on time alone, such as an orbit that all bodies share, is
-    computed for each body.
+    or sooner. A body that has reached `t1` costs as much as one that still moves, so put bodies with similar numbers of
+    steps in one batch. Each body has its own times, so what depends on time alone, such as a common orbit, is computed
+    per body.
 
-    Reversible: a run with -dt from the last state, with the last of `densities` as `rho`, takes the same steps and
-    returns to the start up to rounding. This does not hold for a run that ends at `t1`, because its last step is cut
-    short to end there.
+    Reversible: a run with -dt from the last state, with the last `rho` of the path as `rho`, takes the same steps and
+    returns to the start up to rounding. A run that ends at `t1` is not reversible, because its last step is cut short.
 
     Compiled on the first call for each method, torque, density function, shape and step count. Differentiable in
     every array, forward and reverse; with `t1`, reverse mode needs `adjoint=Checkpointed()`.
@@ -139,22 +139,22 @@ def integrate_adaptive(
         body, torque, start, t0, observe: as for `midlie_jax.integrate`.
         density: `density(t, state) -> ()`, positive and smooth, or one of `midlie_jax.densities`. Pass the same
             function object again to reuse what was compiled.
-        dt: the step where the density is 1, (), may be negative.
+        dt: the length of a step where the density is 1, (), may be negative.
         steps: number of steps; with `t1` the largest number.
         save_every: save the state every `save_every` steps; must divide `steps`. After `t1` the last time and state
             repeat. None: the state at the end alone.
         t1: the exact end time, (); dt must point from t0 to t1.
-        rho: the initial rho, (); by default the density at the start. To continue a run or to run it back, the entry
-            of `rho` of its path.
+        rho: the initial rho, (); by default the density at the start. To continue or to reverse a run from a state,
+            pass the entry of its path's `rho` at that state.
         adjoint: `Checkpointed()`, the default without `t1`; or `Forward()`, the default with `t1`, which stops when all
             bodies have reached t1. With `t1`, `Checkpointed()` always runs all of `steps`, as reverse mode needs.
 
     Returns:
-        The path. A failure shows as False in `path.ok`, never as an exception; a body that failed does not move on.
+        The path. A failure shows as False in `path.ok`, never as an exception; a body that failed stays where it is.
 
     Raises:
         ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the cure.
-            Raised before anything is traced.
+            It is raised before anything is traced.
     """
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps)
@@ -223,7 +223,7 @@ def _run(
     progress = Progress(motion, force, jnp.asarray(FINE))
     value, slope = _density_and_slope(system, density, t0, progress)
     clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
-    # Two checkpoints, because each order of reverse mode removes one: see `integrate`.
+    # Two checkpoints, because each reverse derivative of a derivative removes one: see `_xla.keep.recomputed`.
     step = jax.checkpoint(jax.checkpoint(advance, prevent_cse=False), prevent_cse=False)
 
     def take_steps(carry: Any, count: int) -> Any:
@@ -257,14 +257,14 @@ def _run(
 
 
 def _first_clock(t0: Array, dt: Array, t1: Array | None, rho: Array, slope: Array) -> _Clock:
-    # All fields derive from rho, so that on a mesh of devices, too, they have the type of the motion.
+    # All fields are computed from rho, so that they have the type of the motion, also on a mesh of devices.
     zero = jnp.zeros_like(rho)
     clock = _Clock(t0 + zero, zero, rho, rho, zero, jnp.zeros_like(rho, bool), jnp.zeros_like(rho, jnp.int32))
     return _with_next_step(clock, dt, t1, slope, jnp.ones_like(rho, bool))
 
 
 def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Array, tuple[Array, Array]]:
-    """The times at both ends of the next step; the end time again, with its rounding error (Kahan's summation)."""
+    """The times at both ends of the next step; and its end time with the rounding error (Kahan's summation)."""
     clock, t1 = clock_and_t1
     increment = clock.h + clock.residue
     t_end = clock.t + increment
@@ -278,7 +278,7 @@ def _ends_of_step(clock_and_t1: tuple[_Clock, Array | None]) -> tuple[Array, Arr
 def _clock_after_step(
     clock: _Clock, t_end: Array, residue: Array, dt: Array, t1: Array | None, value: Array, slope: Array, ok: Array
 ) -> tuple[_Clock, Array]:
-    """The clock after a step, from Q (value) and d(log Q)/dt (slope) at its end; and whether the run is still ok."""
+    """The clock after a step, from Q (value) and d(log Q)/dt (slope) at the step's end; and whether the run is ok."""
     moved = clock.h != 0
     rho = jnp.where(moved, clock.half + dt / 2 * slope, clock.rho)
     ok = ok & _follows(rho, value)
@@ -319,7 +319,7 @@ def _density_and_slope(system: System, density: Any, t: Array, progress: Progres
 
 
 def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) -> Array:
-    """The density of a motion in components; it is evaluated in the same way as a torque."""
+    """The density of a motion in components, evaluated in the way in which torques are."""
     value, like = system.evaluate(lambda t, s: jnp.asarray(density(t, s), t.dtype), t, Motion(momentum, pose))
     if like.shape:
         raise ValueError(
@@ -329,7 +329,7 @@ def _evaluate(density: Any, system: System, t: Array, momentum: Any, pose: Any) 
 
 
 def _while_any_moves(take_block: Any, carry: Any, blocks: int) -> Any:
-    """The carry after `blocks` blocks of steps, or fewer if before that the next step of every body is zero."""
+    """The carry after `blocks` blocks of steps; after fewer if by then the next step of every body is zero."""
 
     def moves(state: Any) -> Array:
         count, (_, clock) = state

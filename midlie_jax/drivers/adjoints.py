@@ -1,7 +1,8 @@
 """How a run is differentiated: `Checkpointed`, `Reversible` and `Forward`, the choices of `adjoint=`.
 
-The values of a run do not depend on the choice. What differs is where the reverse derivative takes the states from that
-it passes on its way back: it keeps some and computes the others again, or it takes every step backwards.
+The values of a run do not depend on the choice. The choices differ in how the reverse derivative gets the states that
+it needs, from the last to the first: it keeps some states and computes the others again, or it takes every step
+backwards.
 """
 
 from abc import abstractmethod
@@ -21,9 +22,10 @@ from .._xla.keep import recomputed
 from ..methods.base import Method, Progress
 from ..methods.system import System
 
-_INTERVALS = 16  # of a reversible run, between states that are kept
-# Steps back from a kept state, at most. Rounding changes the momentum by about eps a step, and the attitude follows it:
-# after n steps of one radian, in a regular motion, it is wrong by about n^1.5 eps, here 4e-9 and 1.4e-3 radians.
+_INTERVALS = 16  # between the states that a reversible run keeps
+# The most steps backwards from a kept state. Rounding changes the momentum by about eps per step, and thereby the
+# attitude: after n steps of one radian, in a regular motion, its error is about n^1.5 eps, here 4e-9 and 1.4e-3
+# radians.
 _FARTHEST = {"float64": 2**16, "float32": 2**9}
 Step = Callable[..., Progress]
 
@@ -33,12 +35,12 @@ class Steps(NamedTuple):
 
     Attributes:
         take: the progress after a step, from the progress before it and its inputs.
-        take_back: the progress before a step of a symmetric method, from the progress after it and its inputs; and what
-            is known of the step from this.
-        take_again: as `take`, for the derivative alone, from the progress, the inputs, and what is known of the step.
-        inputs: of all steps, a pytree with a leading axis; the index of the step and its prepared values.
+        take_back: the progress before a step of a symmetric method, from the progress after the step and its inputs;
+            and what `take_again` can use of this computation.
+        take_again: like `take`, but used for the derivative alone; its third argument is what `take_back` found out.
+        inputs: the index and the prepared values of each step, a pytree with a leading axis of steps.
         number: how many steps.
-        unroll: steps in an iteration of the loop.
+        unroll: steps per iteration of the loop.
     """
 
     take: Step
@@ -50,7 +52,7 @@ class Steps(NamedTuple):
 
 
 class Adjoint(eqx.Module):
-    """The derivative of a run."""
+    """How a run is differentiated."""
 
     @abstractmethod
     def run(self, steps: Steps, progress: Progress) -> Progress:
@@ -62,7 +64,7 @@ class Adjoint(eqx.Module):
 
 
 class Checkpointed(Adjoint):
-    """Reverse mode keeps some states and recomputes what lies between them. Forward mode and higher orders work, too.
+    """Reverse mode keeps some states and recomputes those between them. Forward mode and higher derivatives work too.
 
     Attributes:
         every: a state is kept every `every` steps; it must divide `save_every`. With 1 each step is recomputed once.
@@ -93,16 +95,17 @@ class Checkpointed(Adjoint):
 class Reversible(Adjoint):
     """Reverse mode takes the steps of a symmetric method backwards, so its memory does not grow with their number.
 
-    A step of -h undoes a step of h, up to rounding. Rounding adds up on the way back, so a few states are kept, and the
-    way back starts from each of them anew. There is no forward mode; derivatives of a gradient work.
+    A step of -h undoes a step of h, up to rounding. The rounding errors of steps backwards add up, so a few states are
+    kept, and the steps backwards start anew from each of them. There is no forward mode; a gradient can be
+    differentiated again.
 
-    In a regular motion of at most one radian a step, the default keeps the states of the way back right to 4e-9 radians
-    in float64 and to 1.4e-3 radians in float32. In a chaotic motion the error grows as fast as the derivative itself.
+    In a regular motion of at most one radian per step, the recovered states are by default correct to 4e-9 radians in
+    float64 and to 1.4e-3 radians in float32. In a chaotic motion their error grows as fast as the derivative itself.
 
     Attributes:
         every: a state is kept every `every` steps; it must divide `save_every`. By default 16 to 32 states are kept
-            between two saved ones, and more where they would be over 65536 steps apart in float64 or 512 in float32;
-            fewer if `save_every` has no such divisor.
+            between two saved states: more if they would be over 65536 steps apart in float64 or 512 in float32, and
+            fewer if `save_every` has no divisor for that.
     """
 
     every: int | None = eqx.field(static=True, default=None)
@@ -143,7 +146,7 @@ class Reversible(Adjoint):
 
 
 class Forward(Adjoint):
-    """Forward mode alone; what asks for reverse mode gets a ValueError."""
+    """Only forward mode; a reverse derivative of the run raises a ValueError."""
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
         def take(progress: Progress, step: Any) -> tuple[Progress, None]:
@@ -193,7 +196,7 @@ class _Functions(NamedTuple):
 
 
 class _Perturbed(eqx.Module):
-    """For each array that `take_again` reads, whether a derivative with respect to it is asked for."""
+    """For each array that `take_again` reads, whether a derivative with respect to this array is wanted."""
 
     flags: tuple[bool, ...] = eqx.field(static=True)
 
@@ -202,7 +205,7 @@ class _Perturbed(eqx.Module):
 def _run_reversibly(functions: _Functions, unroll: int, progress: Progress, inputs: Any, arrays: Any) -> Progress:
     """The progress after the steps with these inputs; each function reads its own arrays.
 
-    Its derivative differentiates `take_again`, not `take`, so it is with respect to the arrays that `take_again` reads.
+    Its derivative differentiates `take_again`, not `take`, and so has tangents for the arrays that `take_again` reads.
     """
 
     def take(progress: Progress, step: Any) -> tuple[Progress, None]:
@@ -220,7 +223,7 @@ def _forward_pass(functions: _Functions, unroll: int, *arguments: Any) -> tuple[
 def _backward_pass(functions: _Functions, unroll: int, kept: Any, cotangent: Any) -> tuple[Any, ...]:
     end, inputs, (_, arrays_back, arrays), perturbed = kept
     numbers, rest = eqx.partition(end, eqx.is_inexact_array)
-    # Only the arrays whose derivative is asked for are differentiated: so the step's derivative has fewer operations.
+    # Differentiate with respect to the wanted arrays alone: so the step's derivative has fewer operations.
     wanted, given = eqx.partition(arrays, list(perturbed.flags))
 
     def step_back(carry: Any, step: Any) -> tuple[Any, None]:
@@ -250,7 +253,7 @@ def _identity(*leaves: Array) -> list[Array]:
 
 
 def _mark_tangents(primals: Any, tangents: Any) -> tuple[list[Any], list[Any]]:
-    """The primitive stays on the tangents alone, where a reverse derivative will transpose it."""
+    """Applies the primitive to the tangents alone, where a reverse derivative will transpose it."""
     moving = [tangent for tangent in tangents if not is_zero_tangent(tangent)]
     marked = iter(_forward_only.bind(*moving) if moving else [])
     return list(primals), [tangent if is_zero_tangent(tangent) else next(marked) for tangent in tangents]

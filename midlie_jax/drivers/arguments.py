@@ -19,7 +19,7 @@ LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
 
 def as_method(method: Any) -> Method:
-    """The method itself, or the method of that name; a ValueError for anything else."""
+    """The argument itself if it is a method, or the method of that name; a ValueError for anything else."""
     result = find_method(method) if isinstance(method, str) else method
     if not isinstance(result, Method):
         raise ValueError(f"method must be a name or come from midlie_jax.method(name), got {described(method)}.")
@@ -30,7 +30,7 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     """Raises unless method, body, torque and start fit each other.
 
     Args:
-        batch: number of leading axes of the state; the body has as many, or none.
+        batch: number of leading axes of the state; the body has as many leading axes, or none.
 
     Returns:
         The method, fitted to the body.

@@ -1,8 +1,9 @@
 """Runs many bodies in chunks that fit the cache, spread over the devices of a mesh: the program below `ensemble`.
 
-`jax.vmap` of `integrate` is the same computation. But there each step passes over the whole batch, and a batch larger
-than the cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores. On an
-accelerator there is one chunk, because a launch for each step and chunk would take longer than the memory does.
+`jax.vmap` of `integrate` is the same computation. But its steps pass over the whole batch, and a batch larger than the
+cache is fetched from memory at every step; chunks avoid this. XLA distributes each pass over the cores. On an
+accelerator there is one chunk, because launching a kernel for each step and chunk would take longer than fetching the
+batch.
 
 With a mesh the chunks are spread over its devices. No device needs anything from another one while it takes its steps.
 """
@@ -29,12 +30,12 @@ from .path import Path, end_alone
 from .shared_inputs import Rows, SharedInputs
 
 _CHUNK = 256  # bodies moved at once on one core
-_VECTOR = 8  # bodies: chunks of other than multiples of this were measured to take up to four times as long
+_VECTOR = 8  # bodies: chunks whose size is no multiple of this were measured to take up to four times as long
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
 
 def bodies_in(method: Method, run: Any, mapped: Any, *others: Any, **named: Any) -> int:
-    """The number of bodies, from the arguments of `run_ensemble` and of what is called like it."""
+    """The number of bodies, from the arguments of `run_ensemble` or of a function with the same arguments."""
     del method, run, others, named
     return mapped[2].momentum.shape[0]
 
@@ -55,13 +56,13 @@ def run_ensemble(
     tables: tuple[Rows, Rows] | None = None,
     leg: Leg | None = None,
 ) -> tuple[Path[Any], Any]:
-    """`ensemble` without the checks: the path of all bodies, and their states at its end; of a leg also the progress.
+    """`ensemble` without the checks: the path of all bodies, and their states at its end; for a leg also the progress.
 
     Args:
         method, adjoint, first, steps, save_every, chunk, observe, mesh: as for `ensemble`; `method` fitted.
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
         shared: the same, with None for each leaf that has the axis.
-        counted: (n,), whether a statistic may count a body; by default it counts all that can be trusted.
+        counted: (n,), whether a statistic may count a body; by default it counts all bodies that can be trusted.
         tables: from `shared_tables`.
         leg: which of the steps are taken, by default all; see `run_of_body`.
     """
@@ -92,7 +93,7 @@ def run_ensemble(
         return path, end
 
     def run_of_chunks(counted: Array, mapped: Any, *common: Any) -> tuple[Path[Any], Any]:
-        """Of `counted` (chunks, bodies) and rows of bodies; what belongs to a body has one leading axis again."""
+        """The run, from `counted` (chunks, bodies) and rows of bodies; results per body have one leading axis again."""
         if len(counted) == 1:
             path, end = run_of_chunk(counted[0], mapped, *common)
             whole = jax.tree.map(lambda x: x[None], path.states) if isinstance(observe, Statistic) else path.states
@@ -107,7 +108,7 @@ def run_ensemble(
         seen = path.states if isinstance(observe, Statistic) else join(path.states)
         return Path(times, seen, *map(join, path[2:])), join(end)
 
-    # The last chunks are filled with copies of the last body, so that one compiled program serves all chunks.
+    # The last chunks are filled up with copies of the last body, so that one compiled program serves all chunks.
     chunks, size = _cut(count, chunk, None if mesh is None else mesh.size)
     if chunks * size > count:
         rows_of_all = jnp.minimum(jnp.arange(chunks * size), count - 1)
@@ -136,12 +137,12 @@ def run_ensemble(
 
 
 def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
-    """`run` on chunks that are spread over a mesh, each device with its own."""
+    """`run` on chunks that are spread over a mesh: each device runs its own chunks."""
     each, all_ = PartitionSpec(mesh.axis_names), PartitionSpec()
     out: Any = (Path(each if own_times else all_, each, each, each, each), each)  # pyright: ignore[reportArgumentType]
     mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
-    # What varies from device to device is known here. JAX need not check it, and the step that was traced to prepare
-    # the shared inputs, before the bodies were spread, could not pass that check.
+    # The specifications say what varies from device to device, so JAX need not check it. Its check would refuse the
+    # step that was traced before the bodies were spread, to prepare the shared inputs.
     return jax.shard_map(run, mesh=mesh, in_specs=(each, each, all_, all_, all_, all_), out_specs=out, check_vma=False)
 
 
@@ -164,12 +165,12 @@ def shared_tables(
 ) -> tuple[Rows, Rows] | None:
     """The prepared inputs of the steps before a run, and of those in it; None if nothing is worth preparing.
 
-    A program of its own, because XLA rounds some of it differently in a program for several devices.
+    They are computed by a program of their own, because XLA rounds some of them differently in one for several devices.
 
     Args:
         method, adjoint, mapped, shared, first, steps: as for `run_ensemble`.
     """
-    # A step that is taken backwards needs other inputs than a step forwards.
+    # A step backwards needs other inputs than a step forwards.
     inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
     if inputs is None:
         return None
@@ -178,7 +179,7 @@ def shared_tables(
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
     if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
         return None
-    # The first row is that of the steps of length zero before the run; the last block is filled up.
+    # The first row is for the steps of length zero before the run; the last block is filled up.
     padded = -(-(steps + 1) // shared_inputs.BLOCK) * shared_inputs.BLOCK
     indices = first - 1 + jnp.arange(padded, dtype=jnp.int32)
     lengths = jnp.where(jnp.arange(padded) == 0, 0 * dt, dt)
@@ -190,7 +191,7 @@ def shared_tables(
 
 
 def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | None:
-    """The step of a run, split into what bodies share and what they do not; None if they share nothing."""
+    """The step of a run, split into what all bodies share and the rest; None if they share nothing."""
     arguments = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
     structure = jax.tree.structure(arguments)
     own = structure.unflatten([part is not None for part in structure.flatten_up_to(mapped)])
@@ -200,9 +201,9 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | N
 def chunk_size(count: int) -> int:
     """How many of `count` bodies are moved at once by default: all on an accelerator, which wants long loops.
 
-    On a CPU a step reads and writes the state of each body once; it keeps what is between in registers. On one core the
-    state of the chunk should therefore fit the first-level cache, and be large enough to hide the cost of starting a
-    loop. XLA spreads a loop over several cores only if it is long.
+    On a CPU a step reads and writes the state of each body once, and keeps intermediate results in registers. So on one
+    core the states of a chunk should fit the first-level cache, and be enough to hide the cost of starting a loop. XLA
+    spreads a loop over several cores only if it is long.
     """
     if not on_cpu():
         return count
@@ -210,7 +211,7 @@ def chunk_size(count: int) -> int:
 
 
 def even_size(count: int, parts: int) -> int:
-    """The size of equal parts that hold `count`; a multiple of `_VECTOR` if there are several larger ones."""
+    """The size of equal parts that hold `count`; a multiple of `_VECTOR` if there are several parts larger than it."""
     size = -(-count // parts)
     return size if parts == 1 or size <= _VECTOR else -(-size // _VECTOR) * _VECTOR
 
@@ -218,9 +219,9 @@ def even_size(count: int, parts: int) -> int:
 def _cut(count: int, chunk: int, devices: int | None) -> tuple[int, int]:
     """The number of chunks, a multiple of the number of devices, and their size; together they may exceed `count`.
 
-    Without a mesh there is the least number of chunks, or up to a third more if all are then full, because that saves
-    a copy. On a mesh all chunks have the size `chunk` if there is work for all devices, so that the compiled program of
-    a chunk, and its bits, do not depend on the number of devices.
+    Without a mesh there are as few chunks as possible, or up to a third more if all chunks are then full, which saves a
+    copy. On a mesh all chunks have the size `chunk` if there is work for all devices, so that the compiled program of a
+    chunk, and hence its bits, do not depend on the number of devices.
     """
     if devices is None:
         if count <= chunk:

@@ -30,14 +30,14 @@ def energy(
     """Kinetic plus potential energy.
 
     Args:
-        body: one body for all states; or n bodies, whose states have the leading axis n, before that of times.
+        body: one body for all states; or n bodies, whose states have the leading axes (n, times).
         torque: as for `integrate` or `ensemble`: None, or a torque that has a potential, whose arrays may have one row
             for each body.
         motion: any state, which may have leading batch axes (except of particles); or a `Path` or `AdaptivePath` of
-            such states, which contains their times. Of a run of `simulate` give its `states()`.
+            such states, which contains their times. For a run of `simulate` pass its `states()`.
         t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
-        torque_axes: which arrays of the torque have one row for each body, as for `ensemble`. By default the torque is
-            taken as that of one body if it fits as it is and there is one body, else as `ensemble` takes it.
+        torque_axes: which arrays of the torque have one row for each body, as for `ensemble`. By default, if there is
+            one body and the torque fits it as it is, no array has rows; otherwise as `ensemble` decides.
 
     Returns:
         The energy (...), with the batch shape of the state or of the path's states.

@@ -87,25 +87,25 @@ def ensemble(
         dt, t0: (), or (n,) with one value for each body.
         save_every: save the state every `save_every` steps, the start first, as `integrate` does; `None` returns only
             the state at the end and needs memory only for that.
-        torque_axes: which parameters of the torque have one row for each body. By default "auto": the only reading of
-            the shapes with which the torque acts on one body; if there are several, as for (3,) with three bodies, a
-            ValueError shows what to write. None: all bodies share every parameter. 0: every parameter has rows. A list
-            of names, such as ["weight"] or ["terms[1].field"]: these have rows. Or a tree like the torque's with
-            leaves 0 and None, like the `in_axes` of `jax.vmap`.
+        torque_axes: which parameters of the torque have one row for each body. By default "auto": those with which the
+            torque acts on one body. If the shapes allow several readings, as (3,) does with three bodies, a ValueError
+            shows what to write. None: all bodies share every parameter. 0: every parameter has rows. A list of names,
+            such as ["weight"] or ["terms[1].field"]: these have rows. Or a tree like the torque's with leaves 0 and
+            None, like the `in_axes` of `jax.vmap`.
         chunk: number of bodies that are moved at once; by default the number that is fastest on this machine.
         adjoint: as for `integrate`. With `Reversible()` every body computes all inputs of its torque itself.
         mesh: devices over which the bodies are spread, along all axes of the mesh; `jax.make_mesh((4,), ("bodies",))`
             makes one of four devices. The results are the same, bit for bit, on meshes of any size, if `chunk` is the
-            same and at most a share of each device.
+            same and no larger than the number of bodies per device.
         observe: what the path holds in place of the states: a function of (t, state) of one body, an observable of
-            `midlie_jax.observe`, or a dict of these; or a statistic of these over all bodies that can be trusted at
-            that time, such as `midlie_jax.observe.Mean(f)`, which needs one `dt` and `t0` for all.
+            `midlie_jax.observe`, or a dict of these; or a statistic of these over all bodies that can be trusted at a
+            time, such as `midlie_jax.observe.Mean(f)`. A statistic needs one `dt` and `t0` for all bodies.
 
     Returns:
         The path, with `ok` and `first_bad` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,),
         and `states` with leading axes (n, k). Without: `times` (), or (n,), `states` with a leading axis (n,), and
         `first_bad` 0 for a body that failed, else 1. With `observe`, `states` holds what was observed, with the same
-        leading axes; a statistic has no axis (n,).
+        leading axes; a statistic lacks the axis (n,).
 
     Raises:
         ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the cure.
@@ -141,7 +141,7 @@ class Batch(NamedTuple):
 def as_batch(
     method: Method | str, body: Any, torque: Any, start: Any, dt: Any, t0: Any, torque_axes: Any = "auto"
 ) -> Batch:
-    """The checked arguments of `ensemble`; a ValueError that names an argument that does not fit the others."""
+    """The checked arguments of `ensemble`; a ValueError names an argument that does not fit the others."""
     check_state("start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     method = check_system(as_method(method), body, torque, start, batch=1)

@@ -1,8 +1,8 @@
 """`free_motion`: a body under no torque at any times, each in one evaluation and without steps.
 
-The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. All is computed on scalars: one
-loop over the bodies finds their orbits, one follows all of them for a short time, one doubles this time and is repeated
-as often as the largest turn of the batch needs, and one makes the states.
+The closed form is in `free_orbit.py`; the tests compare it with `oracles.free_body`. All is computed on scalars, in
+loops over the bodies: one loop finds their orbits, one follows the orbits for a short time, one doubles this time and
+is repeated as often as the largest turn of the batch needs, and one makes the states.
 """
 
 from typing import Any
@@ -28,21 +28,21 @@ from .results import result_of
 def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.0) -> Path[StateT]:
     """The states of one free body at any times; map over bodies and states with `jax.vmap`.
 
-    Nothing is integrated: in a batch whose longest time is a million turns, a state costs less than twice as much as
-    in one whose longest time is a single turn. The error of momentum and attitude is a few eps (1 + Omega |t|),
-    relative to |Pi| and in radians, with Omega = sqrt(2 energy / smallest moment), a bound of the angular velocity.
-    Close to the separatrix, where the body tumbles between two steady rotations about the middle axis, the motion
-    itself is that sensitive to the last digits of body and momentum: there the result is the motion of a body and
-    momentum that differ by a few eps from those given.
+    Nothing is integrated: a state costs less than twice as much in a batch whose longest time is a million turns as in
+    a batch whose longest time is one turn. The error of momentum and attitude is a few eps (1 + Omega |t|), relative to
+    |Pi| and in radians, with Omega = sqrt(2 energy / smallest moment), a bound of the angular velocity. Close to the
+    separatrix, where the body tumbles between two steady rotations about the middle axis, the motion itself is so
+    sensitive to the last digits of moments and momentum that the result is the motion for moments and a momentum that
+    differ by a few eps from those given.
 
     Differentiable where the three moments differ and the momentum is neither along a principal axis nor on the
-    separatrix; there the derivatives can be NaN (those of `integrate` with JACOBI are not). A derivative always makes
-    the most doublings that can be needed, 52 in float64, and its program takes some ten seconds to compile.
+    separatrix; elsewhere derivatives can be NaN (those of `integrate` with JACOBI are not). A derivative always takes
+    the largest number of doublings, 52 in float64, and its program takes some ten seconds to compile.
 
     Args:
         body: a `RigidBody`, or a `TensorBody` in a frame of your own.
         start: the state at the time t0: a `MomentumState`, `DirectionState` or `RigidState`.
-        times: (n,), of any size and order, before and after t0.
+        times: (n,), any times, not necessarily sorted, before and after t0.
         t0: the time of the start, ().
 
     Returns:

@@ -88,17 +88,17 @@ def integrate(
             the end alone, without a leading axis.
         t0: time of step 0, ().
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
-            integer index. So a run continued from a saved state with the index of that state equals the uninterrupted
-            run, bit for bit.
+            integer index. So a run continued from a saved state, with the index of that state as `first_step`, equals
+            the uninterrupted run, bit for bit.
         adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
             each step and recomputes the rest. `Reversible()`: reverse mode takes the steps backwards, in memory that
-            does not grow with their number. `Forward()`: forward mode alone.
+            does not grow with the number of steps. `Forward()`: only forward mode.
         observe: what the path holds in place of the states: a function of (t, state), an observable of
             `midlie_jax.observe`, or a dict of these.
 
     Returns:
         The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception, and
-        `path.first_bad` says where it came first.
+        `path.first_bad` says where the first one occurred.
 
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
@@ -132,15 +132,15 @@ def run_of_body(
     observe: Observe | None = None,
     leg: Leg | None = None,
 ) -> tuple[Path[Any], AnyState, Progress]:
-    """`integrate` without the checks: the path, and state and progress at its end, from which the run can go on.
+    """`integrate` without the checks: the path, and the state and progress at its end, from which a run can go on.
 
     Args:
         method, adjoint, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
         shared: the step with prepared inputs, or None for the step of the method.
         rows: the prepared inputs of the steps of zero length before the run, and of the steps of the run.
         observe: what the path holds in place of the states.
-        leg: which of the steps are taken, by default all. The path is right where the leg has come; what it says of
-            failures is right where the leg has been. `adjoint` is not asked.
+        leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg and the
+            failures there are valid. `adjoint` is ignored.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -177,7 +177,7 @@ def run_of_body(
         return progress
 
     def move(progress: Progress, n: Array, rows: Any) -> Progress:
-        """Over the interval that begins with step n."""
+        """The progress after the interval that begins with step n."""
         if leg is not None:
 
             def take(progress: Progress, k: Array) -> Progress:
@@ -203,7 +203,7 @@ def run_of_body(
     interval_starts = first + save_every * jnp.arange(intervals, dtype=jnp.int32)
     rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
     progress, (seen, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
-    # After the loop over steps, which need not know of it.
+    # Outside the loop over steps, which does not need this result.
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
     if leg is not None:  # a failure in the leg does not concern what was saved before it
         trusted = trusted | (interval_starts - first + save_every <= leg.begin)
@@ -217,7 +217,7 @@ def run_of_body(
 
 
 def path_of_body(*arguments: Any, **options: Any) -> Path[Any]:
-    """The path alone of `run_of_body`."""
+    """The first result of `run_of_body`, the path."""
     return run_of_body(*arguments, **options)[0]
 
 
@@ -232,7 +232,8 @@ def _with_force(
     A direct evaluation of the torque would be shorter. But outside the loop the compiled torque may round differently
     than inside, and a continued run would then differ in the last bit from an uninterrupted run. A step of length zero
     leaves the motion unchanged and runs the code of the loop. There are two such steps, because XLA would unroll a loop
-    of one turn. The derivative is that of the direct evaluation, which compiles faster than that of the loop.
+    of one iteration. The derivative is taken from the direct evaluation, because that compiles faster than the
+    derivative of the loop.
     """
     motion = progress.motion
     zeros = jax.tree.map(jnp.zeros_like, motion.momentum)

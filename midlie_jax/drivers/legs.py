@@ -1,9 +1,9 @@
-"""A leg: some of the steps of a run, from one stop to another, computed by a program that any leg of the run can use.
+"""A leg: some of the steps of a run, from one stop to another, computed by one program that serves every leg.
 
-`simulate` keeps the progress of a run whenever half a minute may be lost. How many steps fit the time depends on the
-machine; the numbers must not. So the number of steps is an argument of the program, not a part of it: the steps of all
-legs are the same compiled code. And a leg begins with the progress that the leg before it ended with, not with a state,
-because a state that is turned into progress again may differ from it in the last bit.
+`simulate` stores the progress of a run often enough that at most half a minute of work can be lost. How many steps fit
+in this time depends on the machine, but results must not. So the number of steps is an argument of the program, not a
+part of it: all legs run the same compiled code. And a leg begins with the progress at the end of the previous leg, not
+with a state, because progress made again from a state may differ in the last bit.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..methods.verdict import FINE
 
-# Steps of an iteration on an accelerator, about. There the host asks after each iteration whether there is another one.
+# About as many steps per iteration on an accelerator, where the host checks after each iteration whether to go on.
 _LONG_ITERATION = 64
 
 
@@ -29,7 +29,7 @@ class Leg(NamedTuple):
     Attributes:
         begin: (), 0 or the end of another leg.
         end: (), a stop, see `next_stop`.
-        carried: the progress of each body where the leg begins; where `begin` is 0 nobody reads its numbers.
+        carried: the progress of each body where the leg begins; its numbers are not read if `begin` is 0.
     """
 
     begin: Array
@@ -50,7 +50,7 @@ def next_stop(begin: int, steps: int, iteration: int, save_every: int) -> int:
 
 
 def nothing_carried(method: Method, mapped: Any, shared: Any, rows: int) -> Progress:
-    """Progress of as many bodies of which nobody reads the numbers: with it a run begins.
+    """Progress of this many bodies whose numbers nobody reads: what the first leg of a run is given.
 
     Args:
         method, mapped, shared: as for `run_ensemble`.
@@ -75,12 +75,12 @@ def in_leg(
     take: Callable[[Progress, Array], Progress],
     progress: Progress,
 ) -> Progress:
-    """The progress after those steps of an interval between two saved states that are in the leg.
+    """The progress after the steps that belong to both the leg and one interval between two saved states.
 
     Args:
-        before: (), the steps before the interval.
+        before: (), the number of steps before the interval.
         take: the progress after a step, from the progress before it and the number of the step in the interval.
-        progress: where the leg is before these steps.
+        progress: the progress before these steps.
     """
     first, end = jnp.clip(leg.begin - before, 0, save_every), jnp.clip(leg.end - before, 0, save_every)
     size = iteration(method, save_every)

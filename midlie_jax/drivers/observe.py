@@ -2,7 +2,7 @@
 
 An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
 the device: any function of (t, state), one of the classes of this module, or a dict of these. A *statistic* (`Mean`,
-`Histogram`) goes one step further and combines the values of all bodies that can be trusted at that time.
+`Histogram`) combines these values over all bodies that can be trusted at that time.
 """
 
 from abc import abstractmethod
@@ -29,7 +29,7 @@ class Observable(eqx.Module):
 
     @abstractmethod
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-        """Its value, an array or a pytree of arrays, for the state at the time t of one body under the torque."""
+        """The value of the observable, an array or a pytree of arrays, for the state of one body at the time t."""
 
 
 class Function(Observable):
@@ -90,7 +90,7 @@ class Statistic(eqx.Module):
     """A quantity of all bodies at one time: parts are computed from groups of bodies and then merged.
 
     Attributes:
-        observable: whose values are combined.
+        observable: the observable whose values are combined.
     """
 
     observable: Observable = eqx.field(converter=lambda value: as_observable("observable", value))
@@ -99,19 +99,19 @@ class Statistic(eqx.Module):
     def part(self, values: Any, good: Array) -> Any:
         """The part of a group of bodies, from its values (bodies, ...); bodies that are not `good` do not count.
 
-        The values have the dtype of the run, or one of more digits: so do integers and truth values that were observed.
+        The values, also those of observed integers and booleans, have the dtype of the run or one with more digits.
         """
 
     @abstractmethod
     def merged(self, parts: Any) -> Any:
-        """The part of the union of groups, from parts with a leading axis of groups; other axes may stand after it."""
+        """The part of the union of several groups, from their parts stacked along the first axis."""
 
     def finished(self, merged: Any) -> Any:
         """What a file holds of the merged parts, a pytree of arrays."""
         return merged
 
     def attributes(self) -> dict[str, Any]:
-        """What a file says of the statistic, beside its numbers."""
+        """What a file says about the statistic besides its numbers."""
         return {}
 
 
@@ -121,7 +121,7 @@ class Moments(NamedTuple):
     Attributes:
         number: (), how many bodies were counted.
         mean: (m,); NaN where no body was counted.
-        scatter: (m, m), the sum of (x - mean) (x - mean)^T over the bodies; `covariance` divides it.
+        scatter: (m, m), the sum of (x - mean) (x - mean)^T over the bodies, from which `covariance` is computed.
     """
 
     number: Int[Array, "*batch"]
@@ -138,9 +138,9 @@ class Moments(NamedTuple):
 class Mean(Statistic):
     """Mean and covariance of an observable over the bodies: `Moments` for each array that the observable returns.
 
-    An array is taken as a vector of all its numbers. A value that is not finite makes the mean so. Parts are merged by
-    the formulas of Chan, Golub and LeVeque (1983), which do not lose digits where the mean is much larger than the
-    deviations.
+    An array is taken as the vector of all its numbers. One value that is not finite makes the mean not finite. Parts
+    are merged by the formulas of Chan, Golub and LeVeque (1983), which do not lose digits where the mean is much larger
+    than the deviations.
     """
 
     def part(self, values: Any, good: Array) -> Any:
@@ -167,7 +167,7 @@ class Mean(Statistic):
         return _on_moments(of_moments, parts)
 
     def finished(self, merged: Any) -> Any:
-        """Number, mean and covariance; of a single number mean and variance have no axes of their own."""
+        """Number, mean and covariance; if a single number is observed, mean and variance have no axis (m,)."""
 
         def of_moments(m: Moments) -> dict[str, Array]:
             single = m.mean.shape[-1] == 1
@@ -184,8 +184,8 @@ def _on_moments(function: Callable[[Moments], Any], tree: Any) -> Any:
 class Histogram(Statistic):
     """How many bodies have a value in each bin: an integer array (bins,) for each number that the observable returns.
 
-    A bin contains its lower edge, the last bin its upper edge too, as in `numpy.histogram`. Values outside all bins are
-    not counted, nor is NaN. Values and edges are compared in the dtype of that which has more digits.
+    A bin contains its lower edge, and the last bin also its upper edge, as in `numpy.histogram`. Values outside all
+    bins are not counted, nor is NaN. Values and edges are compared in the dtype of whichever has more digits.
 
     Attributes:
         edges: (bins + 1,), increasing.
@@ -206,7 +206,7 @@ class Histogram(Statistic):
         def of_numbers(x: Array) -> Array:
             x = _promoted(x, self.edges.dtype)
             edges = self.edges.astype(x.dtype)
-            # A search and a count take a time that hardly depends on the number of bins.
+            # The time of a search and a count hardly depends on the number of bins.
             place = jnp.searchsorted(edges, x, side="right").astype(jnp.int32) - 1
             place = jnp.where(x == edges[-1], bins - 1, place)
             inside = good & (place >= 0)
@@ -231,7 +231,7 @@ Observe = Observable | Statistic
 
 
 def as_observable(name: str, value: Any) -> Observable:
-    """The observable; a function of (t, state) becomes one, and so does a dict of observables and functions."""
+    """The argument as an observable: an observable, a function of (t, state), or a dict of both."""
     if isinstance(value, Observable):
         return value
     if isinstance(value, dict) and value and all(isinstance(key, str) for key in value):
@@ -257,7 +257,7 @@ def as_observe_of_one(value: Any) -> Observe | None:
 
 
 def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-    """What is saved of one body at one time; the state itself where nothing is observed."""
+    """What is saved of one body at one time: what is observed, or the state itself if nothing is."""
     if observe is None:
         return state
     observable = observe.observable if isinstance(observe, Statistic) else observe
@@ -277,6 +277,6 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
 
 
 def _promoted(x: Array, dtype: Any) -> Array:
-    """`x` as numbers of this dtype of real numbers, or of its own if that has more digits."""
+    """`x` in this floating-point dtype, or in its own if that has more digits."""
     own = jnp.issubdtype(x.dtype, jnp.floating) and x.dtype.itemsize > jnp.dtype(dtype).itemsize
     return x if own else x.astype(dtype)

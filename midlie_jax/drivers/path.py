@@ -11,7 +11,7 @@ from .._checks.typed_by import TypedBy
 from .._math import components as cp
 from ..model.state import AnyState
 
-S = TypeVar("S")  # the class of the states of a path
+S = TypeVar("S")  # the class of a path's states
 States = TypeVar("States", covariant=True)  # the same: a path of CompensatedStates is one of RigidStates
 P = TypeVar("P", bound=Any)  # a path
 
@@ -76,9 +76,9 @@ def end_alone(path: P) -> P:
 
 
 def first_bad(start: AnyState, trusted: Array) -> Array:
-    """`Path.first_bad`, from the start, and whether each state after it can be trusted, as far as these were checked.
+    """`Path.first_bad`, from the start, and whether each later state can be trusted as far as was checked already.
 
-    What fails stays failed: the flag is never raised again, and what is not finite does not become finite. So the
-    states that can be trusted come first, and their number is the index of the next one.
+    A run that has failed stays failed: its flag stays False, and NaN and infinity do not become finite. So all states
+    that can be trusted come first, and their number is the index of the first bad state.
     """
     return jnp.where(cp.all_finite(start), 1 + jnp.sum(trusted, dtype=jnp.int32), 0)

@@ -40,8 +40,8 @@ def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> An
     """The result of a run.
 
     Args:
-        verdict: of the first step that failed, or fine.
-        finite: whether all numbers are finite at the end; what is not finite stays so.
+        verdict: that of the first step that failed, or fine.
+        finite: whether all numbers are finite at the end; a number that is not finite never becomes so.
         reached: whether the run came to its end.
     """
     found: Any = RESULTS.not_finite

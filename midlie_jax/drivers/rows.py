@@ -1,7 +1,8 @@
 """For `ensemble`: decides which arrays have one row for each body, and checks the number of rows.
 
-Of body, start, dt and t0 the number of axes tells. Of a torque's parameters it does not: with three bodies, (3,) may be
-one vector for all or one number for each. So every reading is tried on shapes, and if several work, the caller decides.
+For body, start, dt and t0 the number of axes decides. For a torque's parameters it cannot: with three bodies, (3,) may
+be one vector for all or one number for each. So every reading is tried on shapes, and if several work, the caller must
+choose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,12 +22,12 @@ RULE = (
     'torque_axes must be "auto", None (all bodies share every parameter), 0 (every parameter has one row for each '
     "body), the names of the parameters with rows, or a tree like the torque's with leaves 0 and None"
 )
-_MOST_TRIED = 8  # of more arrays not every subset is tried: 2^8 readings take about a second, once
+_MOST_TRIED = 8  # arrays up to which every subset is tried: 2^8 readings take about a second, once
 _KEPT = 64  # decisions remembered
 
 
 def count_rows(names: Sequence[str], values: Sequence[Any], rows: Sequence[Any], count: int) -> None:
-    """Raises unless every marked array has `count` rows; `rows` holds for each value a tree of booleans, the marks."""
+    """Raises unless every marked array has `count` rows; for each value `rows` holds a tree of booleans, the marks."""
     for name, value, marked in zip(names, values, rows, strict=True):
         leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(value, marked))
         for path, leaf in leaves:
@@ -43,13 +44,13 @@ def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnySta
     """The torque's tree with True for each array that has one row for each body.
 
     Args:
-        axes: "auto": the arrays with `count` rows are read in every way, and the only reading with which the torque has
-            the shape of one body's momentum is taken; only shapes are evaluated. Otherwise as `RULE` says.
+        axes: "auto": every set of arrays of length `count` is tried as those with rows, and the only set with which the
+            torque has the shape of one body's momentum is taken; only shapes are evaluated. Otherwise as `RULE` says.
         body, own_body: the body on which the torque acts, and whether its arrays have one row for each body.
 
     Raises:
-        ValueError: several readings work, or none does; `axes` is something else, or does not fit the torque; or the
-            torque does not act on one body with the parameters read as `axes` says.
+        ValueError: several readings work, or none does; `axes` is not of a kind above, or does not fit the torque; or
+            the torque does not act on one body when its parameters are read as `axes` says.
     """
     others = _Shapes.of(start, rows=True), _Shapes.of(body, rows=own_body)
     shapes = _Shapes.of(torque)
@@ -67,7 +68,7 @@ def torque_rows(torque: Any, axes: Any, body: Any, own_body: bool, start: AnySta
 
 
 class _Shapes(NamedTuple):
-    """A tree with shapes in place of its arrays: all that a decision depends on, so that it can be remembered."""
+    """A tree with shapes in place of its arrays: all that a decision depends on, so decisions can be cached by it."""
 
     leaves: tuple[Any, ...]
     structure: Any
@@ -90,7 +91,7 @@ class _Shapes(NamedTuple):
         return ", ".join(f"{names[i]} {self.leaves[i].shape}" for i in chosen)
 
     def call(self, chosen: tuple[int, ...]) -> str:
-        """For messages: the argument that says that these leaves of a torque have rows."""
+        """For messages: the argument `torque_axes` with which these leaves of a torque have rows."""
         if not chosen:
             return "torque_axes=None"
         if set(chosen) == {i for i, leaf in enumerate(self.leaves) if _is_array(leaf)}:
@@ -115,7 +116,7 @@ def _marks(torque: Any, chosen: tuple[int, ...]) -> Any:
 
 @lru_cache(maxsize=_KEPT)
 def _only_reading(torque: _Shapes, others: tuple[_Shapes, ...], count: int) -> tuple[int, ...]:
-    """The numbers of the leaves with rows, in the one reading that works."""
+    """The indices of the leaves with rows, in the one reading that works."""
     leaves = torque.leaves
     candidates = [i for i, leaf in enumerate(leaves) if _is_array(leaf) and leaf.shape and leaf.shape[0] == count]
     if len(candidates) > _MOST_TRIED:
@@ -193,7 +194,7 @@ def _name(path: Any) -> str:
 
 
 def _marked_by_axes(torque: Any, axes: Any) -> tuple[int, ...]:
-    """The numbers of the leaves with rows, as `axes` says."""
+    """The indices of the leaves that have rows according to `axes`."""
     names = [axes] if isinstance(axes, str) else axes
     if isinstance(names, (list, tuple)) and names and all(isinstance(name, str) for name in names):
         return _named(torque, names)

@@ -1,8 +1,8 @@
-"""Inputs that no body owns, computed once for an ensemble: the place on an orbit, the course of a field in time.
+"""Inputs that all bodies share, computed once for an ensemble: the place on an orbit, the course of a field in time.
 
-XLA would compute them in every chunk of bodies anew. `find` traces one step of one body and splits it
-(`_xla/hoisting.py`): what is expensive, changes from step to step and depends on nothing that a body has of its own
-goes to `SharedInputs.rows`, a table with one row for each step; `SharedInputs.advance` is the step that reads its row.
+XLA would compute them anew in every chunk of bodies. `find` traces one step of one body and splits it
+(`_xla/hoisting.py`). Values that are expensive, change from step to step and are the same for all bodies are computed
+by `SharedInputs.rows`, in a table with one row for each step; `SharedInputs.advance` is the step that reads its row.
 """
 
 from functools import partial
@@ -20,7 +20,7 @@ from ..methods.verdict import FINE
 from ..model.torques import on_body
 from .clock import ends_of_step
 
-BLOCK = 64  # rows that are computed at once
+BLOCK = 64  # rows computed at once
 Rows = list[Any]
 
 
@@ -30,7 +30,7 @@ class SharedInputs(NamedTuple):
     Attributes:
         costly: `System.costly` of the step that reads its inputs from a row.
         hoisted: the split function of (h, n, t0, dt, arrays of the system, progress before).
-        structure: of the progress after the step.
+        structure: the tree structure of the progress after the step.
     """
 
     costly: bool
@@ -38,13 +38,13 @@ class SharedInputs(NamedTuple):
     structure: Any
 
     def rows(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
-        """The prepared values of step n, taken with the step h."""
+        """The prepared values of step n, whose length is h."""
         return self.hoisted.prepare(h, n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
 
     def table(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
         """The rows of steps with these lengths and indices, (k,), k a multiple of `BLOCK`, with a leading axis (k,).
 
-        All blocks have one size, so that the code that computes a row, and hence its bits, do not depend on k.
+        All blocks have one size, so the code that computes a row, and hence the bits of the row, do not depend on k.
         """
         return jax.lax.map(lambda step: self.rows(system, t0, dt, *step), (h, n), batch_size=BLOCK)
 
@@ -62,7 +62,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     Args:
         method: fitted to the body.
         arguments: body, torque, start, dt and t0 of one body.
-        rows: the same tree, with True for each array of which every body has its own.
+        rows: the same tree, with True for each array that has one row for each body.
     """
     body, torque, start, dt, t0 = arguments
     if torque is None or any(jax.tree.leaves(rows[3:])) or jax.sharding.get_abstract_mesh().manual_axes:
@@ -107,8 +107,8 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
 def _without_mesh(value: Array) -> jax.ShapeDtypeStruct:
     """The type of an array, without the mesh on which it lies.
 
-    The state at the end of a run on a mesh lies on that mesh, and so does a start made of it. JAX would write the mesh
-    into the operations of the traced step, which then could not be performed within `jax.shard_map`.
+    The state at the end of a run on a mesh lies on that mesh, and so does a start made from that state. JAX would write
+    the mesh into the operations of the traced step, which then could not be performed within `jax.shard_map`.
     """
     return jax.ShapeDtypeStruct(value.shape, value.dtype, weak_type=jax.typeof(value).weak_type)
 

@@ -1,4 +1,4 @@
-"""Whether the residuals of a fit look like noise: where they do not, the intervals say too little."""
+"""Whether the residuals of a fit look like noise: where they do not, the intervals are too narrow."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,12 +8,12 @@ from scipy.special import ndtri  # SciPy comes with JAX
 
 from .measurements import Measurement
 
-_FEW = 12  # rows below which neighbours say nothing
+_FEW = 12  # with fewer rows, the correlation of neighbours is not tested
 _LAGS = (1, 8)
 _SIGNIFICANT = 5.0  # standard deviations
-_CHANCE = 1e-5  # that noise has a value that counts as far off
-_SPREAD = 1.15  # by which the deviation of few values may be found too small
-_EXACT = 1e-6  # of the size of what was measured; residuals below come from the optimiser's tolerance
+_CHANCE = 1e-5  # the probability that noise has a value that counts as far off
+_SPREAD = 1.15  # the factor by which the deviation of few values may be underestimated
+_EXACT = 1e-6  # relative to the measured values; smaller residuals come from the optimiser's tolerance
 _LARGE = 0.3
 
 
@@ -22,7 +22,7 @@ class Doubt(NamedTuple):
 
     Attributes:
         text: what the residuals show.
-        measurement, row: of the value that is meant, or None where it is no single one.
+        measurement, row: the indices of the value in question, or None if it is no single value.
     """
 
     text: str
@@ -31,11 +31,11 @@ class Doubt(NamedTuple):
 
 
 def doubts(residuals: Sequence[np.ndarray], measurements: Sequence[Measurement]) -> list[Doubt]:
-    """What speaks against a fit.
+    """The reasons to doubt a fit.
 
     Args:
-        residuals: over sigma, of each measurement, of the shape of its `present`; NaN where missing.
-        measurements: with them.
+        residuals: for each measurement, the residuals over sigma, of the shape of its `present`; NaN where missing.
+        measurements: the measurements, in the same order.
     """
     found: list[Doubt] = []
     for i, (over_sigma, measurement) in enumerate(zip(residuals, measurements, strict=True)):
@@ -66,7 +66,7 @@ def doubts(residuals: Sequence[np.ndarray], measurements: Sequence[Measurement])
 
 
 def _outlier(rows: np.ndarray) -> tuple[int, float] | None:
-    """The row furthest off, and by how many of the usual deviations; None if none is far off."""
+    """The row furthest off, and its distance in units of the usual deviation; None if no row is far off."""
     sizes = np.abs(rows)
     if np.sum(np.isfinite(sizes)) < _FEW:
         return None
@@ -80,7 +80,7 @@ def _outlier(rows: np.ndarray) -> tuple[int, float] | None:
 
 
 def _alike(rows: np.ndarray) -> float | None:
-    """The mean correlation of neighbours, where it is more than chance gives; of the next one, or of the next eight."""
+    """The mean correlation with the next row, or with the next eight, if chance does not explain it; else None."""
     complete = rows[np.all(np.isfinite(rows), axis=1)]
     if len(complete) < _FEW:
         return None

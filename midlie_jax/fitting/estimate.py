@@ -15,7 +15,7 @@ from .residuals import Data
 from .result import code_of
 
 CONFIDENCE = 0.95
-_LARGEST_RMS = 1.5  # of residuals over known sigmas, when the degrees of freedom are many
+_LARGEST_RMS = 1.5  # of residuals over known sigmas, if there are many degrees of freedom
 
 
 class Estimate(eqx.Module):
@@ -29,9 +29,10 @@ class Estimate(eqx.Module):
         intervals: (k, 2), the 95 % confidence intervals of the coordinates.
         residuals: (r,), model minus measurement over sigma; zero where a measurement is missing.
         rms: the root mean square of the residuals that are present.
-        dof: the number of residuals that are present, less that of the unconstrained numbers.
-        quantile: the half width of an interval over the standard deviation.
-        unconstrained: (p, p), the covariance of the unconstrained numbers on the combinations that are determined.
+        dof: the number of residuals that are present, minus the number of unconstrained numbers.
+        quantile: half the width of an interval over the standard deviation.
+        unconstrained: (p, p), the covariance of the unconstrained numbers, restricted to the combinations that are
+            determined.
         spectrum: singular values and vectors of the Jacobian, see `Spectrum`.
         steps: the number of steps of the optimiser.
         converged: whether the optimiser converged and every step of the run was good.
@@ -64,13 +65,14 @@ def estimate_at(
     converged: Array,
     absolute_sigma: bool,
 ) -> Estimate:
-    """The estimate for a vector at which the sum of squares is least.
+    """The estimate for a vector at which the sum of squares has a minimum.
 
     Args:
-        data: of one segment.
+        data: the data, without multiple shooting.
         vector: (p,), the unconstrained numbers.
-        residuals: there, with whether every step of the run was good, and with the Jacobian or its factor R.
-        steps, converged: of the optimiser.
+        residuals: the residuals at the vector, whether every step of the run was good, and the Jacobian or its factor
+            R.
+        steps, converged: how many steps the optimiser took, and whether it converged.
         absolute_sigma: whether the sigmas of the measurements are known; otherwise they are known up to a common
             factor, which is estimated from the residuals.
     """

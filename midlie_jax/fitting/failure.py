@@ -1,4 +1,4 @@
-"""Why a fit failed, and what would do: computed after the fit, so that a fit that succeeds does not pay for it."""
+"""Why a fit failed, and a cure: computed after the fit, so that a successful fit does not pay for it."""
 
 import math
 
@@ -11,15 +11,15 @@ from .residuals import Data
 from .result import Result
 from .solve import Plan
 
-_SHARE = 0.5  # of the method's reach: a body may turn faster than it has so far
+_SHARE = 0.5  # share of the method's reach that a step may use, because a body may later turn faster
 
 
 def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) -> str:
     """What `Fit.message` says.
 
     Args:
-        plan, data, estimate: of the fit.
-        undetermined: the names of what is not determined, and the cure.
+        plan, data, estimate: those of the fit.
+        undetermined: the names of the parameters that are not determined, and the cure.
     """
     result = Result.of(int(estimate.result))
     if result is Result.RUN_FAILED:
@@ -38,7 +38,7 @@ def message_of(plan: Plan, data: Data, estimate: Estimate, undetermined: str) ->
 
 
 def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
-    """At which time the run of the best parameters failed, and the step that would do."""
+    """At which time the run of the best parameters failed, and a step with which it should not."""
     problem = plan.problem.single()
     dt, method = problem.grid.dt, problem.method
     _, body, (_, paths), _ = problem.run(estimate.vector, data)
@@ -59,6 +59,6 @@ def _failed_run(plan: Plan, data: Data, estimate: Estimate) -> str:
 
 
 def _rounded_down(number: float) -> float:
-    """To one digit."""
+    """The number, rounded down to one digit."""
     unit = 10.0 ** math.floor(math.log10(number))
     return math.floor(number / unit) * unit

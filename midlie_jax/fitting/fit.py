@@ -40,47 +40,48 @@ def fit(
 ) -> Fit:
     """Fits the parameters of a rigid body to measurements, by default with Levenberg and Marquardt's method.
 
-    The sum of the squares of all residuals over their sigmas is made least. The Jacobian is by forward mode through
-    `midlie_jax.integrate`. The first call compiles; pass the same `model` function again to reuse what was compiled.
+    The sum of the squares of all residuals over their sigmas is minimised. The Jacobian is computed in forward mode
+    through `midlie_jax.integrate`. The first call compiles; pass the same `model` function again to reuse what was
+    compiled.
 
     Args:
         model: model(values) -> (body, torque, start), where `values` has the structure of `guess` with arrays in place
             of the parameters. It must be pure and made of JAX operations.
-        guess: a pytree, such as a dict, of the parameters in this package.
+        guess: a pytree, such as a dict, whose leaves are parameters from `midlie_jax.fitting`.
         measurements: one or several.
-        dt: the step; as for `midlie_jax.integrate`, its error must be below that of the measurements.
-        method: of the run.
+        dt: the step, as for `midlie_jax.integrate`; the error of the run must be below that of the measurements.
+        method: the method of the run.
         t0: the time of `start`, not after the first measurement.
-        starts: the number of starts. Beyond the first, which is the guess, they are drawn around it; the best fit of
-            all counts.
-        spread: standard deviation of the drawn starts: relative, of quaternions in radians.
-        seed: of the drawn starts.
-        segments: with more than one, multiple shooting: the time is cut into as many segments, each with a start of its
-            own, taken from the nearest measured rate and attitude where there are any. It converges from guesses whose
-            run departs from the data, as for chaotic motion or near the separatrix. The result is polished without
-            segments, so that it is the same estimate.
-        continuity: with segments, one over the relative jump of the momentum and the jump of the attitude in radians
-            between two segments that counts as much as a residual of one sigma.
+        starts: the number of starts. The first is the guess, the others are drawn around it; the best of all fits
+            counts.
+        spread: standard deviation of the drawn starts: relative, or for quaternions in radians.
+        seed: seed of the drawn starts.
+        segments: with more than one, multiple shooting: the time is cut into this many segments, each with a start of
+            its own, taken from the nearest measured rate and attitude if there are any. Multiple shooting converges
+            from guesses whose run departs from the data, as for chaotic motion or near the separatrix. A last fit
+            without segments makes the estimate the same as with one segment.
+        continuity: the weight of jumps between segments. A relative jump of the momentum, or a jump of the attitude in
+            radians, of size 1 / `continuity` counts as much as a residual of one sigma.
         first_span: a length of time after t0. If given, the measurements of this span are fitted first, then those of
-            twice the span, and so on to all of them, each from the result of the one before. It converges from guesses
-            whose run departs from the data only later, as `segments` does, without further unknowns; the program is
-            compiled once. It should hold more measured numbers than there are unknowns.
-        absolute_sigma: True if the sigmas are known. Otherwise they are taken as known up to a common factor, which is
-            estimated from the residuals, and intervals use Student's t.
+            twice the span, and so on to all of them, each fit starting from the result of the previous one. Like
+            `segments`, but without further unknowns, this converges from guesses whose run departs from the data only
+            later; the program is compiled once. The span should hold more measured numbers than there are unknowns.
+        absolute_sigma: True if the sigmas are known. Otherwise they are known up to a common factor, which is estimated
+            from the residuals, and intervals use Student's t.
         solver: an optimistix solver or minimiser in place of `optimistix.LevenbergMarquardt`, for example
             `optimistix.OptaxMinimiser(optax.adam(0.1), rtol=1e-6, atol=1e-6)`.
-        max_steps: the most steps of the optimiser, from each start.
-        require_rank: False returns a result with `ok` False where the data do not determine all parameters.
-        progress: whether to show a line on stderr; by default if stderr is a terminal. Or a function that is called
-            with 1 after each step of the search.
+        max_steps: the largest number of steps of the optimiser from each start.
+        require_rank: if False, data that do not determine all parameters give a result with `ok` False, and no error.
+        progress: whether to show a line on stderr; by default only if stderr is a terminal. Or a function that is
+            called with 1 after each step of the search.
 
     Returns:
         The result; print it for a table. `ok` is False if the optimiser did not converge or a run failed.
 
     Raises:
         ValueError: an argument is invalid, there are too few measurements, or the rates are in another unit than the
-            guess of a free body; raised before anything is traced. Or the fit converged and the measurements do not
-            determine all parameters; the message names those that cannot be told apart.
+            guess of a free body; these are raised before anything is traced. Or the fit converged, but the measurements
+            do not determine all parameters; the message names those that cannot be told apart.
     """
     plan = prepare(
         model,
@@ -109,7 +110,7 @@ def fit(
 
 
 def _ends(first: Any, plan: Plan, data: Data) -> list[float]:
-    """The ends of the spans that are fitted before all measurements."""
+    """The ends of the time spans that are fitted before the fit of all measurements."""
     if first is None:
         return []
     if not (isinstance(first, (int, float)) and math.isfinite(first) and first > 0):

@@ -1,7 +1,7 @@
 """Which parameters the data determine: the singular values of the Jacobian with columns of length one.
 
-A column is the change of all residuals with one unconstrained number. A combination of numbers that changes no residual
-is a null vector of the Jacobian, and the parameters in it cannot be told apart.
+A column is the derivative of all residuals with respect to one unconstrained number. A combination of numbers that
+changes no residual is a null vector of the Jacobian, and its parameters cannot be told apart.
 """
 
 from collections.abc import Sequence
@@ -52,13 +52,13 @@ class Spectrum(NamedTuple):
         return jnp.where(self.determined[-1], self.singular[0] / last, infinite)
 
     def covariance(self) -> Float[Array, "p p"]:
-        """(J^T J)^-1, of the unconstrained numbers, on the combinations that are determined; the others count zero."""
+        """(J^T J)^-1 of the unconstrained numbers on the combinations that are determined; zero on the others."""
         inverse = jnp.where(self.determined, 1 / jnp.where(self.determined, self.singular, 1.0), 0.0)
         half = inverse[:, None] * self.directions / self.lengths[None]
         return half.T @ half
 
     def undetermined(self, slopes: Float[Array, "k p"]) -> Bool[Array, " k"]:
-        """Which quantities change along a null vector, given their derivatives in the unconstrained numbers."""
+        """Which quantities change along a null vector, from their derivatives by the unconstrained numbers."""
         scaled = slopes / self.lengths[None]
         along = jnp.sum(jnp.where(self.determined[None], 0.0, (scaled @ self.directions.T) ** 2), axis=-1)
         whole = jnp.sum(scaled**2, axis=-1)
@@ -74,14 +74,15 @@ def lengths_of(jacobian: Float[Array, "r p"]) -> Float[Array, " p"]:
 def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) -> list[list[str]]:
     """The groups of numbers that cannot be told apart; a group of one name is a number without any effect.
 
-    The null vectors span a space, and which vectors stand for it is arbitrary. So the groups are found from the
-    projection on this space: two numbers belong together if their entry in it is not small beside their own. Small is
-    meant by the change of the residuals that a number makes, and by the change of the number beside `typical`: of
-    moments that can change by one factor, one may count little by the first and all count the same by the second.
+    The null vectors span a space, and the choice of a basis is arbitrary. So the groups are found from the matrix that
+    projects on this space: two numbers belong together if their common entry is not small relative to their diagonal
+    entries. Numbers are measured in two ways: by how much they change the residuals, and in units of `typical`. If
+    moments can change by a common factor, one of them may count little in the first way, but all count the same in the
+    second.
 
     Args:
-        spectrum: of the Jacobian.
-        names: (p,), of the numbers.
+        spectrum: that of the Jacobian.
+        names: (p,), the names of the numbers.
         typical: (p,), the sizes of changes that matter, see `Parameter.typical`; one if None.
     """
     null = np.asarray(spectrum.directions)[~np.asarray(spectrum.determined)]
@@ -101,7 +102,7 @@ def confounded(spectrum: Spectrum, names: Sequence[str], typical: Any = None) ->
 
 
 def _linked(vectors: np.ndarray) -> np.ndarray:
-    """(p, p), which numbers go together in the space that the vectors (m, p) span; on the diagonal, which are in it."""
+    """(p, p), which pairs of numbers belong together in the span of vectors (m, p); diagonal: which are in it."""
     basis = np.linalg.qr(vectors.T)[0]
     projection = basis @ basis.T
     own = np.sqrt(np.diagonal(projection))
@@ -110,7 +111,7 @@ def _linked(vectors: np.ndarray) -> np.ndarray:
 
 
 def complaint(groups: list[list[str]], named: Sequence[tuple[str, Parameter]]) -> str:
-    """What cannot be determined, and the cure; "" if everything is.
+    """For a message: what cannot be determined, and the cure; "" if everything is determined.
 
     Args:
         groups: from `confounded`.

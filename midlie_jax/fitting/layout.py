@@ -59,7 +59,7 @@ class Layout(eqx.Module):
         return [f"{name}{label}" for name, p in self.named() for label in p.labels()]
 
     def unconstrained_names(self) -> list[str]:
-        """The name of each unconstrained number: that of the coordinate that it mainly changes."""
+        """The name of each unconstrained number: that of the coordinate that the number mainly changes."""
         return [f"{name}{label}" for name, p in self.named() for label in p.unconstrained_labels()]
 
     def named(self) -> Sequence[tuple[str, Parameter]]:

@@ -23,7 +23,7 @@ from ..model.state import AnyState
 from ..model.states import attitude_of
 
 Part = str | Callable[[Any], Array] | Array  # a name in the values, a function of the values, or a known array
-_SMALL_ANGLE = 1e-3  # below, the angle of two directions over its sine is a series
+_SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is computed by a series
 
 
 class Source(eqx.Module):
@@ -39,7 +39,7 @@ class Source(eqx.Module):
 
     @classmethod
     def of(cls, name: str, part: Any, shape: tuple[int, ...]) -> "Source":
-        """From an argument; a known array is checked for its shape."""
+        """The source, from an argument; the shape of a known array is checked."""
         if isinstance(part, str) or callable(part):
             return cls(part, None)
         array = as_floats(name, part)
@@ -63,7 +63,7 @@ class Measurement(eqx.Module):
         values: (n, ...), zero where missing.
         sigma: standard deviations of the residuals' entries, broadcast to their shape (n, ...).
         present: (n, ...), False where a value is missing.
-        clock: how far the clock of the instrument is ahead of the model's time, or None if it is not.
+        clock: how far the clock of the instrument is ahead of the model's time; None if both agree.
     """
 
     times: eqx.AbstractVar[Float[Array, " n"]]
@@ -73,7 +73,7 @@ class Measurement(eqx.Module):
     clock: eqx.AbstractVar[Source | None]
 
     def times_of_model(self, parameters: Any) -> Float[Array, " n"]:
-        """The times of the model at which the values were measured."""
+        """The times at which the values were measured, on the model's clock."""
         return self.times if self.clock is None else self.times - self.clock(parameters).reshape(())
 
     @abstractmethod
@@ -100,9 +100,9 @@ class Rates(Measurement):
         values: (n, 3), radians per unit of time; NaN where missing.
         sigma: standard deviation in radians per unit of time: one number, (3,), or (n, 3).
         bias: what the gyroscope adds to the true rate: the name of a parameter (3,) of the guess, a function of the
-            values of the parameters that returns (3,), or a known array (3,). None is no bias.
+            values of the parameters that returns (3,), or a known array (3,). None means no bias.
         clock: how far the instrument's clock is ahead of the model's time, in the unit of time: the name of a parameter
-            (), a function of the values of the parameters, or a known number. None is not at all.
+            (), a function of the values of the parameters, or a known number. None means that both agree.
 
     Raises:
         ValueError: no rows, times not ascending, wrong shapes, no value present, infinite values, or a sigma that is
@@ -153,7 +153,7 @@ class Attitudes(Measurement):
     def __init__(self, times: Any, values: Any, sigma: Any, *, clock: Part | float | None = None):
         self.clock = _source("clock", clock, ())
         self.times, numbers, present = _rows(times, values, (4,), whole=True)
-        # What is missing must still be a rotation, because a derivative reads it.
+        # A missing row must still hold a rotation, because derivatives read it.
         identity = jnp.eye(4, dtype=numbers.dtype)[:1]
         self.values = jnp.where(present, numbers, identity)
         require("values", self.values, is_unit, "must be unit quaternions (w, x, y, z)", "divide each by its norm.")
@@ -169,15 +169,15 @@ class Directions(Measurement):
     """Directions known in the space frame and measured in the body frame, as a sun sensor or a magnetometer does.
 
     The residual is the angle from the measured direction to that of the model, as two components perpendicular to the
-    measured direction. Lengths do not matter, except beside a bias.
+    measured direction. Lengths do not matter, unless there is a bias.
 
     Args:
         times: (n,), ascending.
         values: (n, 3), body frame, of any length but zero; a row with a NaN is missing.
         sigma: standard deviation of each of the two angles in radians: one number, (2,), or (n, 2).
         reference: the known direction in the space frame, (3,), or (n, 3) if it changes with time.
-        bias: what the instrument adds to the vector, in the unit of `values`, such as the hard iron that a magnetometer
-            turns with: in the three forms of the bias of `Rates`. None is no bias.
+        bias: what the instrument adds to the vector, in the unit of `values`, such as the field of iron that turns with
+            a magnetometer; given in the three forms of the bias of `Rates`. None means no bias.
         clock: as for `Rates`.
 
     Raises:
@@ -295,7 +295,7 @@ def velocities(body: RigidBody | TensorBody, states: AnyState) -> Float[Array, "
 
 
 def _rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -> tuple[Array, Array, Array]:
-    """Times, values with zeros where they are missing, and which are present; with `whole`, rows are so as a whole."""
+    """Times, values with zeros where missing, and which are present; with `whole`, only rows without a NaN are."""
     t, array = as_floats("times", times), as_floats("values", values)
     if t.ndim != 1 or not t.size:
         raise ValueError(f"times must have shape (n,) with n >= 1, got {t.shape}; give at least one row.")
@@ -314,7 +314,7 @@ def _rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) 
 
 
 def _deviations(sigma: Any, like: Array) -> Array:
-    """Sigma, checked and broadcast to the shape of the residuals."""
+    """Sigma as an array, checked and broadcast to the shape of the residuals."""
     array = as_floats("sigma", sigma).astype(like.dtype)
     cure = "give the standard deviation in the unit of the residual."
     require("sigma", array, lambda s: np.isfinite(s) & (s > 0), "must be positive and finite", cure)

@@ -18,7 +18,7 @@ from ..model import so3
 
 Scale = Literal["free", "fixed"]
 _CURE_OF_FLAT = "a flat body is the limit of a physical one: lower the largest moment by a millionth."
-_SMALL_TURN = 1e-4  # radians; below, sine and cosine are series, whose derivative at zero is finite
+_SMALL_TURN = 1e-4  # radians; below it, sine and cosine are series, whose derivative at zero is finite
 _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
 
 
@@ -52,7 +52,7 @@ class Parameter(eqx.Module):
         return self.labels()
 
     def typical(self) -> Float[Array, " size"]:
-        """The sizes of changes of the unconstrained numbers that multiply the value by about e, or turn by a radian."""
+        """How far the unconstrained numbers must change to multiply the value by about e, or turn it by a radian."""
         return jnp.ones_like(self.vector())
 
 
@@ -109,10 +109,10 @@ class Positive(Parameter):
 class Moments(Parameter):
     """Principal moments of inertia (3,), mass x length^2: positive, each less than the sum of the other two.
 
-    I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. These are the
-    exponentials of three unconstrained numbers. With `scale="fixed"` the sum of the moments stays that of the guess,
-    and log(a/c) and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios of the
-    moments only.
+    I = (b + c, c + a, a + b), where a, b and c are the integrals of x^2, y^2 and z^2 over the mass. The three integrals
+    are the exponentials of three unconstrained numbers. With `scale="fixed"` the sum of the moments stays that of the
+    guess, and log(a/c) and log(b/c) are the two unconstrained numbers: the motion of a free body depends on ratios of
+    the moments only.
 
     Args:
         initial: the guess, (3,).
@@ -279,7 +279,7 @@ class UnitVector(Parameter):
         return along * guess + share * (vector[0] * first + vector[1] * second)
 
     def unconstrained_labels(self) -> list[str]:
-        """Each is that of the component that it changes most and the other does not have."""
+        """The index of each number: that of the component that it changes most, different for the two numbers."""
         _, first, second = (np.abs(np.asarray(x)) for x in self._frame())
         one = int(np.argmax(first))
         return [f"[{one}]", f"[{int(np.argmax(np.where(np.arange(3) == one, -1.0, second)))}]"]
@@ -297,7 +297,7 @@ def flatness(value: Array) -> Float[Array, ""]:
     """I1 + I2 - I3 over the sum of the moments, where I3 is the largest: zero for a flat body.
 
     Args:
-        value: of a `Moments` or an `InertiaTensor`.
+        value: the value of a `Moments` or an `InertiaTensor`.
     """
     moments = value if value.ndim == 1 else jnp.linalg.eigvalsh(value)
     return 1 - 2 * jnp.max(moments) / jnp.sum(moments)

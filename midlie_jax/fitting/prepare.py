@@ -17,7 +17,7 @@ from .residuals import Model, Problem
 from .sampling import Grid, check_grid
 from .solve import Plan
 
-_FACTOR = 20.0  # measured and guessed speeds that differ by more are in different units: degrees, hertz, minutes
+_FACTOR = 20.0  # measured and guessed speeds that differ by a larger factor are in different units, such as degrees
 _MOST_STEPS = 2**31 - 1  # they are counted in int32
 
 
@@ -91,7 +91,7 @@ def as_list(measurements: Any) -> list[Measurement]:
 
 
 def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method) -> Method:
-    """Raises unless the model gives a body, a torque and a start that suit the measurements; the fitted method."""
+    """The fitted method; raises unless the model gives a body, a torque and a start that suit the measurements."""
     try:
         body, torque, start = model(layout.values(layout.start()))
     except TypeError as error:
@@ -131,7 +131,7 @@ def _check_speeds(body: RigidBody | TensorBody, start: AnyState, measurements: S
         complete = np.all(np.asarray(measurement.present), axis=1)
         rates = np.asarray(measurement.values)[complete]
         unknown = measurement.bias is not None
-        # A bias that is not known may be any, so only the changes count, and they may be small.
+        # An unknown bias may have any size, so only the changes of the rates count, and these may be small.
         rates = rates - np.median(rates, axis=0) if unknown and len(rates) else rates
         speeds = np.linalg.norm(rates, axis=1)
         measured = float(np.median(speeds)) if speeds.size else 0.0

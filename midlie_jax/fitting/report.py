@@ -13,26 +13,26 @@ from .measurements import Measurement
 from .parameters import InertiaTensor, Moments, flatness
 from .result import Result
 
-_FLAT = 1e-3  # of a share of I1 + I2 - I3 below this the optimum may not be reached, and the interval says nothing
+_FLAT = 1e-3  # if I1 + I2 - I3 is a smaller share of the sum, the optimum may not be reached, nor its interval valid
 
 
 class Fit:
     """The result of `midlie_jax.fit`.
 
     Attributes:
-        estimate: all of it as arrays, see `Estimate`.
+        estimate: the whole result as arrays, see `Estimate`.
         values: the values of the parameters, of the structure of the guess.
         names: (k,), the names of the coordinates, such as "moments[0]".
         coordinates, covariance, intervals: (k,), (k, k) and (k, 2), see `Estimate`.
         rms: root mean square of the residuals over sigma; near 1 if model and sigmas are right.
         dof: degrees of freedom.
         steps: number of steps of the optimiser.
-        rank, condition: of the Jacobian with columns of length one.
+        rank, condition: those of the Jacobian with columns of length one.
         confounded: the groups of unconstrained numbers that cannot be told apart; empty if all are determined.
-        flat: the names of the inertias that the data hardly tell from that of a flat body.
+        flat: the names of the inertias that the data hardly distinguish from the inertia of a flat body.
         ok: whether the fit ended as it should: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
-        message: what went wrong, with the time, the names or the numbers, and what would do.
+        message: what went wrong, with the time, the names or the numbers, and a cure.
     """
 
     def __init__(
@@ -67,21 +67,22 @@ class Fit:
 
     @property
     def doubts(self) -> list[str]:
-        """What in the residuals does not look like noise; empty if all does.
+        """What in the residuals does not look like noise; empty if everything does.
 
-        Neighbours that are alike, values far off the others, residuals that are large beside what was measured. Then
-        the model leaves something out, or a value is wrong, and the intervals say too little, also where `ok` is True.
+        It names neighbouring residuals that are alike, values far off the others, and residuals that are large relative
+        to the measured values. Then the model leaves something out or a value is wrong, and the intervals are too
+        narrow, even if `ok` is True.
         """
         return [doubt.text for doubt in doubts(self.residuals(), self._measurements)]
 
     @property
     def flat(self) -> list[str]:
-        """The names of the inertias that the data hardly tell from that of a flat body, I3 = I1 + I2.
+        """The names of the inertias that the data hardly distinguish from the inertia of a flat body, I3 = I1 + I2.
 
-        They are those whose I1 + I2 - I3 is less than twice the half width of its interval, or than 1e-3 of the sum.
-        Such a body is the limit of the parameters: the optimiser goes on towards it in ever smaller steps and may end
-        without having converged. Where the body is flat, make two `Positive` moments the parameters, and their sum the
-        third.
+        For these, I1 + I2 - I3 is less than the width of its interval, or than 1e-3 of the sum of the moments. A flat
+        body is a limit that the parameters cannot reach: the optimiser approaches it in ever smaller steps and may end
+        without having converged. If the body is flat, make two `Positive` moments the parameters, and their sum the
+        third moment.
         """
         found: list[str] = []
         for place, (name, parameter) in enumerate(self._layout.named()):
@@ -98,8 +99,8 @@ class Fit:
             function: from `values` to an array of any shape, for example a ratio of two moments.
 
         Returns:
-            The quantity, and its interval with a last axis (2,). Where the data do not determine the quantity, the
-            interval is infinite; a ratio of moments can be determined where the moments are not.
+            The quantity, and its interval with a last axis (2,). The interval is infinite if the data do not determine
+            the quantity; they may determine a ratio of moments and not the moments.
         """
         return derived(self.estimate, self._layout, function)
 

@@ -1,7 +1,7 @@
-"""`Problem`: what a fit minimises, as a pure function of a vector, with a derivative by forward mode.
+"""`Problem`: what a fit minimises, as a pure function of a vector, differentiated in forward mode.
 
-With one segment the vector is that of the parameters. With several (multiple shooting) the states at the starts of the
-second and later segments are unknowns of their own, appended to it; the differences between the end of a segment and
+With one segment the vector holds the parameters. With several (multiple shooting) the states at the starts of the
+second and later segments are further unknowns, appended to the vector; the differences between the end of a segment and
 the start of the next are further residuals.
 
 H. G. Bock, Recent advances in parameter identification techniques for O.D.E., in Numerical Treatment of Inverse
@@ -33,8 +33,8 @@ class Data(eqx.Module):
     Attributes:
         layout: the parameters.
         measurements: the measurements.
-        anchors: with multiple shooting, the states (segments - 1, ...) from which those at the starts of the second and
-            later segments are counted; otherwise None.
+        anchors: with multiple shooting, reference states (segments - 1, ...): the unknowns are increments from them to
+            the starts of the second and later segments; otherwise None.
     """
 
     layout: Layout
@@ -46,11 +46,11 @@ class Problem(eqx.Module):
     """The fixed part of a fit: made and checked once, and the same for all data sets.
 
     Attributes:
-        model: values of the parameters -> (body, torque, start).
+        model: the function that takes values of the parameters to (body, torque, start).
         method: the method of the run.
         grid: the steps.
-        continuity: the weight of the defects of multiple shooting: one over the relative change of the momentum, and
-            over the rotation in radians, that counts as one standard deviation.
+        continuity: the weight of the defects of multiple shooting: a relative change of the momentum, or a rotation in
+            radians, of size 1 / `continuity` counts as one standard deviation.
     """
 
     model: Model = eqx.field(static=True)
@@ -91,10 +91,10 @@ class Problem(eqx.Module):
         return jnp.concatenate(found), jnp.all(ok) & jnp.all(paths.ok)
 
     def anchored(self, data: Data, vector: Float[Array, " p"]) -> Data:
-        """The data with the states at the starts of the later segments: from the measurements where these have them.
+        """The data with anchors, taken from the measurements as far as these determine the states.
 
         Angular velocities are those of the nearest row of a `Rates`, attitudes those of the nearest row of an
-        `Attitudes`; the rest is from the run of the guess.
+        `Attitudes`; everything else is from the run of the guess.
         """
         values, body, (_, path), _ = self.single().run(vector, data)
         places = self.grid.steps * jnp.arange(1, self.grid.segments) // self.grid.every
@@ -105,13 +105,13 @@ class Problem(eqx.Module):
                 rates = m.values[_nearest(m, times)]
                 rates = rates if m.bias is None else rates - m.bias(values)[None]
                 states = eqx.tree_at(lambda s: s.momentum, states, jax.vmap(body.momentum)(rates))
-            if isinstance(m, Attitudes):  # which only a state with an attitude can be compared with
+            if isinstance(m, Attitudes):  # it is compared only with states that have an attitude
                 states = eqx.tree_at(lambda s: s.attitude, states, m.values[_nearest(m, times)])
         return Data(data.layout, data.measurements, states)
 
 
 def _nearest(measurement: Measurement, times: Float[Array, " s"]) -> Int[Array, " s"]:
-    """The row of the measurement that is complete and nearest to each time."""
+    """For each time, the nearest row of the measurement that is complete."""
     missing = ~jnp.all(measurement.present, axis=-1)
     distances = jnp.abs(measurement.times[None] - times[:, None])
     return jnp.argmin(jnp.where(missing[None], jnp.full_like(distances, jnp.inf), distances), axis=-1)
@@ -126,18 +126,18 @@ def unknowns(data: Data) -> Float[Array, " u"]:
 
 
 def _moved(states: AnyState, moves: Float[Array, "s k"]) -> AnyState:
-    """The states moved by increments whose part of the momentum is in units of its length."""
+    """The states moved by increments, in which the change of the momentum is in units of its length."""
     return states.plus(moves * _units(states, moves))
 
 
 def _defects(ends: AnyState, starts: AnyState) -> Float[Array, "s k"]:
-    """The increments from the ends of segments to the starts of the next, in the same units."""
+    """The increments from the ends of segments to the starts of the next, in the units of `_moved`."""
     increments = starts.minus(ends)
     return increments / _units(starts, increments)
 
 
 def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s k"]:
-    """The length of the momentum for its three numbers, and 1 radian for the rest."""
+    """The units of increments: the length of the momentum for its three numbers, and 1 radian for the others."""
     size = jnp.linalg.norm(states.momentum, axis=-1, keepdims=True)
     ones = jnp.ones_like(increments)
     return ones.at[..., :3].set(jnp.where(size == 0, jnp.ones_like(size), size))
@@ -145,7 +145,7 @@ def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s
 
 @eqx.filter_custom_jvp
 def residuals(vector: Float[Array, " u"], data: Data, problem: Problem) -> tuple[Array, Array]:
-    """`Problem.residuals`, with the Jacobian in the vector by forward mode wherever its derivative is taken.
+    """`Problem.residuals`, whose derivative with respect to the vector is always computed in forward mode.
 
     Without this, an optimiser would store every intermediate of the run to linearise it; here it stores the Jacobian.
     """

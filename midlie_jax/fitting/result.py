@@ -8,10 +8,9 @@ from jaxtyping import Bool, Int
 
 
 class Result(Enum):
-    """How a fit ended, and what this means; `Fit.message` says more of the fit at hand.
+    """How a fit ended, and what this means; `Fit.message` says more about a particular fit.
 
-    A fit that ended in more than one way has the first of them, in the order RUN_FAILED, NOT_CONVERGED, UNDETERMINED,
-    MISFIT.
+    If several of them apply, the result is the first in the sequence RUN_FAILED, NOT_CONVERGED, UNDETERMINED, MISFIT.
     """
 
     FITTED = "the optimiser converged, and the measurements determine all parameters"
@@ -22,7 +21,7 @@ class Result(Enum):
 
     @property
     def code(self) -> int:
-        """The number that stands for it in `Estimate.result`; 0 is FITTED."""
+        """The number of this result in `Estimate.result`; 0 is FITTED."""
         return list(Result).index(self)
 
     @classmethod
@@ -34,7 +33,7 @@ class Result(Enum):
 def code_of(
     run: Bool[Array, ""], converged: Bool[Array, ""], determined: Bool[Array, ""], fits: Bool[Array, ""]
 ) -> Int[Array, ""]:
-    """The code of the first that is False; 0 if none is."""
+    """The code of the first condition that is False; 0 if none is."""
     code = jnp.zeros((), jnp.int32)
     for result, holds in (
         (Result.MISFIT, fits),

@@ -1,4 +1,4 @@
-"""`solved`: a fit step by step from Python, so that it shows how far it is and can be interrupted."""
+"""`solved`: a fit run step by step from Python, so that it can show its progress and be interrupted."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -22,13 +22,13 @@ _estimate = eqx.filter_jit(estimate_of)
 def solved(
     plan: Plan, data: Data, progress: bool | Callable[[int], Any] | None, ends: Sequence[float] = ()
 ) -> Estimate:
-    """What `fit_arrays` computes.
+    """The result of `fit_arrays`, computed step by step.
 
     Args:
         plan, data: the problem.
-        ends: times up to which the measurements are fitted first, each from the result of the one before; the program
-            is the same for all.
-        progress: as for `fit`. A solver of optimistix shows nothing.
+        ends: times up to which the measurements are fitted first, each fit starting from the result of the previous
+            one; all use one program.
+        progress: as for `fit`. With a solver of optimistix nothing is shown.
     """
     if plan.solver is not None:
         return jax.block_until_ready(_whole(plan, data.layout.guess, data.measurements))
@@ -50,7 +50,7 @@ def solved(
 
 
 def _until(data: Data, end: float) -> Data:
-    """The data without what was measured later."""
+    """The data without the values measured after `end`."""
 
     def earlier(m: Measurement) -> Any:
         late = np.asarray(m.times).reshape(-1, *[1] * (m.present.ndim - 1)) > end
@@ -61,7 +61,7 @@ def _until(data: Data, end: float) -> Data:
 
 
 def _searched(plan: Plan, problem: Problem, data: Data, vectors: jax.Array, taken: Any, shown: Any) -> Search:
-    """The searches of one stage at their ends, from the vectors (s, p); `taken` are the steps of the stage before."""
+    """The finished searches of one stage, from the vectors (s, p); `taken` are the steps of the previous stage."""
     several = plan.starts.shape[0] > 1
     anchors, starts = _stage(several, problem, data, vectors)
     search = _begin(several, problem, data, starts)
@@ -75,12 +75,13 @@ def _searched(plan: Plan, problem: Problem, data: Data, vectors: jax.Array, take
     return search
 
 
-# Nothing of the plan that the programs do not need is an argument of theirs: each would be compiled again for it.
+# The programs get only those parts of the plan that they need: for any change of another part they would be compiled
+# again.
 
 
 @eqx.filter_jit
 def _stage(several: bool, problem: Problem, data: Data, vectors: jax.Array) -> tuple[Any, jax.Array]:
-    """For each start the anchors of multiple shooting, if any, and the unknowns."""
+    """For each start, the anchors of multiple shooting, if there are any, and the unknowns."""
 
     def one(vector: jax.Array) -> tuple[Any, jax.Array]:
         stage, start = stage_of(problem, data, vector)

@@ -1,4 +1,4 @@
-"""The states of a run at any times: on the grid of the step, and from there by one shorter step of the same method.
+"""The states of a run at any times: on a grid of steps, and between grid times by one shorter step of the method.
 
 The shorter step has the method's order and stays on the group, and unlike an interpolation it needs no neighbouring
 states. It is differentiable like any step.
@@ -24,11 +24,11 @@ from ..drivers.path import Path
 from ..methods.base import Method
 from ..model.state import StateT
 
-# A time is on the grid if it is off by less than this share of a step, plus what rounding makes of so late a time; but
-# never by more than the second: times that rounding blurs further are reached by a shorter step, which is always right.
+# A time is on the grid if it is off by less than the first number, as a share of a step, plus the rounding of the time;
+# but never by more than the second. All other times are reached by a shorter step, which is always correct.
 _ON_GRID, _MOST_OFF = {"float64": 1e-9, "float32": 1e-4}, 0.05
 
-_MARGIN, _LONGEST = 8, 2.0  # steps beyond the last time where a clock is fitted; the longest of the last steps
+_MARGIN, _LONGEST = 8, 2.0  # steps after the last time if a clock is fitted; the longest last step, in steps
 
 
 class Grid(eqx.Module):
@@ -54,7 +54,7 @@ class Grid(eqx.Module):
         """The grid that reaches the last of the times (n,), which are concrete.
 
         Args:
-            moving: whether the times may become a few steps earlier or later, as where a clock is fitted.
+            moving: whether the times may move by a few steps, as they do if a clock is fitted.
         """
         tolerance = _ON_GRID[times.dtype.name]
         offsets = (np.asarray(times, np.float64) - t0) / dt
@@ -71,7 +71,7 @@ class Grid(eqx.Module):
         return replace(self, steps=self.steps * self.segments, segments=1)
 
     def place(self, times: Float[Array, " n"]) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
-        """For each time its segment, and the index of the last saved state in this segment that is not later."""
+        """For each time its segment, and the index of the last saved state in that segment that is not after it."""
         offsets = (times - self.t0) / self.dt
         index = jnp.rint(offsets) if self.exact else jnp.floor(offsets)
         index = jnp.clip(index.astype(jnp.int32), 0, self.steps * self.segments)
@@ -110,7 +110,7 @@ class Grid(eqx.Module):
 
         rest = times - before
         states, ok = jax.vmap(last_step)(states, before, rest)
-        # Beyond both ends of the run, where a fitted clock may bring the times, the last step is the longer.
+        # A fitted clock may move times beyond either end of the run: the last step to them is then longer.
         return states, on_grid & ok & (jnp.abs(rest) <= _LONGEST * self.dt)
 
 
@@ -119,8 +119,8 @@ def states_at(
 ) -> Path[StateT]:
     """The states of one run at any ascending times, accurate to the order of the method.
 
-    The run takes steps of `dt`; a time between two of them is reached from the earlier one by one step of the remaining
-    length. Differentiable in body, torque and start.
+    The run takes steps of `dt`; a time within a step is reached from the start of that step by one shorter step.
+    Differentiable in body, torque and start.
 
     Args:
         method, body, torque, start: as for `midlie_jax.integrate`.
@@ -136,7 +136,7 @@ def states_at(
     """
     if is_traced(times):
         raise ValueError("times must be concrete, because they decide the number of steps; close over them.")
-    known = np.asarray(times, start.momentum.dtype)  # NumPy's: inside jit an array of JAX would be traced
+    known = np.asarray(times, start.momentum.dtype)  # of NumPy, because inside jit an array of JAX would be traced
     if known.ndim != 1 or not known.size:
         raise ValueError(f"times must have shape (n,) with n >= 1, got {known.shape}.")
     require_finite("times", known)

@@ -1,8 +1,9 @@
 """Levenberg and Marquardt's method, one step as a pure function.
 
-A run of a body and its derivative take seconds to compile, so the step holds the only copy of them: it takes the
-Jacobian where it looks, and the last Jacobian gives the scale of the unknowns at the start and the covariance at the
-end. `fit` calls the compiled step from Python, where it can be stopped and shows how far it is; `fit_arrays` loops.
+A run of a body and its derivative take seconds to compile, so the step holds their only copy: it computes the Jacobian
+at each place where it evaluates the residuals. The first Jacobian gives the scale of the unknowns, the last one the
+covariance. `fit` calls the compiled step from Python, where it can be stopped and show progress; `fit_arrays` calls it
+in a loop.
 
 The trust region is that of N. I. M. Gould, D. Orban, A. Sartenaer, Ph. L. Toint, 4OR 3 (2005) 227.
 """
@@ -23,28 +24,28 @@ _WIDER, _NARROWER = 3.5, 0.25
 class Search(eqx.Module):
     """Where a search for the least sum of squares stands.
 
-    The unknowns are scaled such that at the start a change by one changes the residuals by one standard deviation in
-    all. So neither the units nor the number of data matter to the tolerances, nor to the damping, which starts at the
-    diagonal of J^T J. A weaker damping saves steps near the optimum, and from guesses further off it ends in other
-    minima.
+    The unknowns are scaled such that at the start a change of one unknown by 1 changes the vector of residuals by a
+    length of one standard deviation. So neither the units nor the number of data matter for the tolerances and for the
+    damping, which starts at the diagonal of J^T J. A weaker damping would save steps near the optimum, but from guesses
+    further off it leads to other minima.
 
-    Leading axes are those of several starts.
+    Leading axes, if any, are those of several starts.
 
     Attributes:
         start: (u,), the unknowns at the start.
         lengths: (u,), the scale: `start + place / lengths` are the unknowns at a place.
         place: (u,), the best place so far.
-        residuals: (r,), there.
-        triangle: (u, u), the triangular factor R of the scaled Jacobian there, J = Q R.
+        residuals: (r,), the residuals at the best place.
+        triangle: (u, u), the triangular factor R of the scaled Jacobian at the best place, J = Q R.
         turned: (u,), Q^T times the residuals.
-        good: whether every step of the run was good there.
-        trial: (u,), where the next step looks.
-        promised: the change of the loss at the trial by the linear model; negative.
+        good: whether every step of the run at the best place was good.
+        trial: (u,), the place where the next step evaluates the residuals.
+        promised: the change of the loss at the trial according to the linear model; negative.
         size: one over the damping.
-        relative, absolute: the change that counts as none, beside a number and in itself.
-        steps: how often it has looked.
+        relative, absolute: changes that count as none, relative to a number and in absolute terms.
+        steps: how often the search has evaluated the residuals.
         converged: whether the place is the optimum.
-        finished: whether there is nothing more to look for: it converged, or the run from the start is not finite.
+        finished: whether the search is over: it converged, or the run from the start is not finite.
     """
 
     start: Float[Array, "*s u"]
@@ -65,7 +66,7 @@ class Search(eqx.Module):
 
     @classmethod
     def begin(cls, start: Float[Array, " u"], count: int, relative: float, absolute: Float[Array, ""]) -> "Search":
-        """A search that has not looked anywhere yet, for `count` residuals."""
+        """A search that has evaluated nothing yet, for `count` residuals."""
         dtype, zeros = start.dtype, jnp.zeros_like(start)
         zero, no = jnp.zeros((), dtype), jnp.zeros((), bool)
         return cls(
@@ -85,7 +86,7 @@ class Search(eqx.Module):
 
 
 def look(search: Search, data: Data, problem: Problem) -> Search:
-    """The search after it has looked at its trial; the same search if it was finished."""
+    """The search after it has evaluated the residuals at its trial; the same search if it was finished."""
     first = search.steps == 0
     trial = search.start + search.trial / search.lengths
     found, good, jacobian = jacobian_of(trial, data, problem)
@@ -110,7 +111,7 @@ def look(search: Search, data: Data, problem: Problem) -> Search:
 
     settled = accepted & ~first & _small(search.trial - search.place, search.trial, search)
     settled = settled & _small(found - search.residuals, found, search)
-    # What a further step could gain is less than the rounding of the sum of squares.
+    # A further step could gain less than the rounding of the sum of squares.
     hidden = ~accepted & (jnp.abs(search.promised) <= 8 * jnp.finfo(trial.dtype).eps * search.loss)
     converged = settled | hidden
     after = Search(
@@ -122,7 +123,7 @@ def look(search: Search, data: Data, problem: Problem) -> Search:
 
 
 def _damped(triangle: Float[Array, "u u"], turned: Float[Array, " u"], size: Float[Array, ""]) -> Float[Array, " u"]:
-    """The step d that makes |R d + q|^2 + |d|^2 / size least."""
+    """The step d that minimises |R d + q|^2 + |d|^2 / size."""
     count = turned.size
     damping = jnp.eye(count, dtype=turned.dtype) / jnp.sqrt(size)
     stacked = jnp.concatenate(
@@ -133,5 +134,5 @@ def _damped(triangle: Float[Array, "u u"], turned: Float[Array, " u"], size: Flo
 
 
 def _small(change: Array, value: Array, search: Search) -> Bool[Array, ""]:
-    """Whether no entry changes by more than counts as none."""
+    """Whether the change of every entry counts as none."""
     return jnp.all(jnp.abs(change) < search.absolute + search.relative * jnp.abs(value))

@@ -1,4 +1,4 @@
-"""`fit_arrays`: the whole fit as one pure function of arrays, to be compiled, and mapped over data sets."""
+"""`fit_arrays`: the whole fit as one pure function of arrays, which can be compiled and mapped over data sets."""
 
 import math
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ class Plan(eqx.Module):
     """A problem, and how it is solved: what `prepare` returns and `fit_arrays` takes.
 
     Attributes:
-        problem: with the segments of multiple shooting.
+        problem: the problem, with the segments of multiple shooting if there are any.
         solver: an optimistix solver, or None for Levenberg-Marquardt.
-        starts: (s, p), what is added to the unconstrained numbers of the guess, one row for each start.
+        starts: (s, p), increments of the unconstrained numbers of the guess, one row for each start.
         max_steps: the most steps of the optimiser.
         absolute_sigma: see `estimate_at`.
     """
@@ -40,7 +40,7 @@ class Plan(eqx.Module):
 
 
 class Optimum(NamedTuple):
-    """What the optimiser found: the vector, the residuals and a Jacobian there, or the factor R of it."""
+    """What the optimiser found: the vector, and the residuals and the Jacobian (or its factor R) there."""
 
     vector: Float[Array, "*s u"]
     residuals: Float[Array, "*s r"]
@@ -61,8 +61,8 @@ def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Meas
     Args:
         plan: from `prepare`, for data of the same shapes.
         guess: a pytree of parameters.
-        measurements: the measurements. Times may differ between data sets, but not lie after the last time, or off the
-            grid if they lay on it, of those with which `prepare` was called.
+        measurements: the measurements. Times may differ from those with which `prepare` was called, but must not lie
+            after the last of those, and must lie on the grid if those did.
 
     Returns:
         The estimate; check `ok`.
@@ -80,7 +80,7 @@ def starts_of(plan: Plan, data: Data) -> Float[Array, "s p"]:
 
 
 def over_starts(several: bool, function: Any) -> Any:
-    """A function of one start as one of all; where there is one start, it is not mapped, which compiles faster."""
+    """A function of one start, mapped over all starts; a single start is not mapped, which compiles faster."""
     if several:
         return jax.vmap(function)
     return lambda *rows: jax.tree.map(lambda x: x[None], function(*jax.tree.map(lambda x: x[0], rows)))
@@ -98,8 +98,8 @@ def estimate_of(absolute_sigma: bool, data: Data, found: Optimum) -> Estimate:
 def _optimum(plan: Plan, data: Data, vector: Float[Array, " p"]) -> Optimum:
     """The optimum near one start.
 
-    With several segments the problem of multiple shooting is solved first; its parameters are the start of the problem
-    with one segment, whose optimum is the estimate of maximum likelihood.
+    With several segments, multiple shooting is solved first. Its parameters are the start for the problem with one
+    segment, whose optimum is the maximum-likelihood estimate.
     """
     *before, last = stages(plan)
     taken: Array = jnp.zeros((), jnp.int32)
@@ -133,7 +133,7 @@ def begin(problem: Problem, data: Data, start: Float[Array, " u"]) -> Search:
 
 
 def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Optimum:
-    """The least sum of squares near a start."""
+    """The minimum of the sum of squares near a start."""
     if plan.solver is not None:
         return _by_optimistix(plan, problem, data, start)
 
@@ -145,9 +145,9 @@ def _minimised(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u
 
 
 def _by_optimistix(plan: Plan, problem: Problem, data: Data, start: Float[Array, " u"]) -> Optimum:
-    """The same by a solver of optimistix, which sees unknowns in the scale of `Search`.
+    """The same minimum by a solver of optimistix, which sees the unknowns in the scale of `Search`.
 
-    It works in JAX's default dtype, which optimistix takes for its own numbers, the run in that of the data.
+    The solver works in JAX's default dtype, which optimistix uses for its own numbers; the run, in that of the data.
     """
     _, _, jacobian = jacobian_of(start, data, problem)
     lengths = lengths_of(jacobian)
@@ -172,9 +172,9 @@ def _by_optimistix(plan: Plan, problem: Problem, data: Data, start: Float[Array,
 
 
 def _rounding(problem: Problem, data: Data, least: float) -> Array:
-    """The change of a residual that counts as none: `least`, or where it is more what rounding leaves in a run.
+    """The change of a residual that counts as none: `least`, or the rounding error of a run if that is larger.
 
-    With sigmas that are small beside the rounding of the measured values the optimiser would otherwise never end.
+    Otherwise the optimiser would never end if sigmas are small relative to the rounding of the measured values.
     """
     noise = 4 * math.sqrt(problem.grid.steps * problem.grid.segments)
     sizes = [jnp.max(jnp.abs(m.values)) / jnp.min(m.sigma) for m in data.measurements]

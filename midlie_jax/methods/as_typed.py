@@ -1,6 +1,6 @@
-"""What `midlie_jax.flights` and `midlie_jax.schemes` are to type checkers, which know no modules that can be called.
+"""`midlie_jax.flights` and `midlie_jax.schemes` for type checkers, which know no modules that can be called.
 
-When a program runs they are modules; these classes are never used. `tests/test_schemes.py` compares their names.
+At run time both are modules, and these classes are never used. `tests/test_schemes.py` compares the names in both.
 """
 
 from . import scheme_order, stages

@@ -26,7 +26,7 @@ class Progress(NamedTuple):
     Attributes:
         motion: momentum and pose.
         force: the torque at this motion if the method keeps the torque from step to step, else None.
-        verdict: of the first step that failed, or fine, (); see `methods.verdict`.
+        verdict: that of the first step that failed, or fine, (); see `methods.verdict`.
     """
 
     motion: AnyMotion
@@ -64,7 +64,7 @@ class Method(eqx.Module):
     def keeps_energy(self) -> bool:
         """Whether the energy stays constant to rounding, for torques from a potential that does not depend on time.
 
-        It does so for every step that has a few correct digits.
+        This holds for steps of any length at which the result still has a few correct digits.
         """
         return False
 
@@ -78,21 +78,22 @@ class Method(eqx.Module):
         """Steps per iteration of the loop over steps.
 
         With two, XLA's CPU compiler need not copy the arrays, but compiles longer. On an accelerator an iteration costs
-        two launches at least, and reads and writes the state once; so there it takes as many steps as stay one kernel.
+        at least two kernel launches, and reads and writes the state once; so it has as many steps there as fit one
+        kernel.
         """
         return 1
 
     @property
     def reach(self) -> float:
-        """The largest angle of a step, h times `turn_rate`, in radians: beyond, `ok` is False; infinity if unknown."""
+        """The largest angle of a step, h times `turn_rate`, in radians: `ok` is False above; infinity if unknown."""
         return math.inf
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
-        """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
+        """The angle per unit of time to which `reach` refers: by default the angular speed |Omega| of a rigid body."""
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def stability_limit(self, direction: complex) -> float:
-        """The largest h |lambda| under a torque for which a disturbance goes as exp(lambda t); infinity if unknown.
+        """The largest stable h |lambda| if disturbances go as exp(lambda t) under the torque; infinity if unknown.
 
         Args:
             direction: lambda / |lambda|: 1j for an oscillation, -1 for a decay.
@@ -131,17 +132,17 @@ class Method(eqx.Module):
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool, Any]:
-        """`step`, and what `step_again` can use of it to take the same step the other way round; None for nothing."""
+        """`step`, and what `step_again` can use of it to take the step in the other direction, or None."""
         return *self.step(system, t0, t1, h, motion, force), None
 
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        """`step`, after `step_back` went from its end to its start; only its derivative is wanted.
+        """`step`, called for its derivative alone, after `step_back` went from the end of the step to its start.
 
         Args:
             system, t0, t1, h, motion, force: as for `step`.
-            known: the last result of `step_back`.
+            known: the last of the results of `step_back`.
         """
         del known
         return self.step(system, t0, t1, h, motion, force)
@@ -165,10 +166,11 @@ class Method(eqx.Module):
             h: the signed step.
             progress: the progress before the step.
             axes: the axes of a mesh of devices along which the run varies.
-            step: `step` if None; or `step_back`, or `step_again` with what is known.
+            step: `step` if None; or `step_back`, or `step_again` with its argument `known` filled in.
 
         Returns:
-            The progress after the step, and the further results of `times`; of `step_back` these and `known`.
+            The progress after the step, and the further results of `times`; for `step_back` a pair of these and
+            `known`.
         """
         system, clock, h, progress = begin((system, clock, h, progress))
         t0, t1, rest = times(clock)

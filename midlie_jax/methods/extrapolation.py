@@ -1,11 +1,11 @@
-"""Gragg, Bulirsch and Stoer's extrapolation: Gragg's midpoint rule with ever more substeps, extrapolated to none.
+"""Gragg, Bulirsch and Stoer's extrapolation: Gragg's midpoint rule with ever more substeps, extrapolated to length 0.
 
 The rule with n substeps of length d = h/n is z_1 = y + d f(y), z_{i+1} = z_{i-1} + 2 d f(z_i). For even n its error has
 even powers of d only, so each further n raises the order by two. Here n = 2, 4, 6, ...; the first evaluation serves all
 of them, and Gragg's smoothing step, which the extrapolation does not need, is left out. The differences z_i - y are
-added up, not z_i itself, so that rounding errors are in proportion to the change in the step.
+added up, not z_i itself, so that rounding errors are proportional to the change in a step.
 
-A step needs only two motions and a sum alive, where a tableau needs all stages.
+A step keeps only two motions and a sum alive, whereas a tableau keeps all stages.
 
 W. B. Gragg, SIAM J. Numer. Anal. 2 (1965) 384; R. Bulirsch, J. Stoer, Numer. Math. 8 (1966) 1; Hairer, Norsett &
 Wanner, Solving Ordinary Differential Equations I, II.9.
@@ -25,7 +25,7 @@ class Extrapolation(NamedTuple):
     """The extrapolated midpoint rule: a `Formula`.
 
     Attributes:
-        levels: how many numbers of substeps, 2, 4, ..., 2 `levels`; the order is 2 `levels`.
+        levels: how many results are combined, with 2, 4, ..., 2 `levels` substeps; the order is 2 `levels`.
         reach: the largest turn h |Omega| of a step, in radians.
     """
 

@@ -8,8 +8,8 @@ from .system import AnyMotion
 # `rates(time, part, motion)` is `part` times h times the right-hand side of the equations of motion, at the time
 # t0 + `time` h, in a step of h that starts at t0.
 Rates = Callable[[float, float, AnyMotion], AnyMotion]
-# `pause(tree, evaluations)` returns the tree unchanged. It marks a place between parts of a step where few numbers are
-# alive, before a part with so many evaluations: there a loop that has become too long for the compiler may end.
+# `pause(tree, evaluations)` returns the tree unchanged. It marks a place in a step where few numbers are alive, before
+# a part with this many evaluations. A loop that would become too long for the compiler ends there.
 Pause = Callable[[Any, int], Any]
 
 
@@ -29,7 +29,7 @@ class Formula(Protocol):
 
     @property
     def reach(self) -> float:
-        """The largest turn h |Omega| of a step, in radians: beyond it, a step of a free body can err by 0.01."""
+        """The largest turn h |Omega| of a step, in radians, beyond which a step of a free body can be wrong by 0.01."""
         ...
 
     def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:

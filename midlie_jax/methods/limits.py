@@ -1,7 +1,7 @@
 """How long a step may be, by theory: the limits that `midlie_jax.check` compares with and that stability maps draw.
 
 Each function derives its limit in its docstring. Frequencies are angular, in radians per unit of time, and steps are
-positive. Arguments may be NumPy arrays, except where a scheme or a formula is asked for.
+positive. Arguments may be NumPy arrays, except schemes and formulas.
 """
 
 import math
@@ -15,8 +15,8 @@ from .stages import KICK
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
-_ROUNDING = 1e-9  # by which a trace may exceed 2
-_GROWTH = 1e-4  # by which a Runge-Kutta step may magnify an oscillation
+_ROUNDING = 1e-9  # by how much a trace may exceed 2 and still count as 2
+_GROWTH = 1e-4  # the relative growth of an oscillation that is allowed per Runge-Kutta step
 
 
 def verlet_limit(frequency: Any) -> Any:
@@ -26,7 +26,7 @@ def verlet_limit(frequency: Any) -> Any:
     omega^2 = k / I. A flight adds h p / I to x, a kick subtracts h k x from p, and the step K_{h/2} F_h K_{h/2} has the
     determinant 1 and the trace 2 - (h omega)^2. Both eigenvalues have the modulus 1 as long as the trace is between -2
     and 2. At h omega = 2 they meet at -1, and beyond, one of them is larger than 1 in modulus. The frequency of the
-    numerical motion there is pi / h: two steps a period.
+    numerical motion is then pi / h: two steps per period.
     """
     return 2 / np.asarray(frequency)
 
@@ -68,14 +68,15 @@ def decay_limit(scheme: Scheme) -> float:
 
 
 def runge_kutta_limit(formula: Formula, direction: complex) -> float:
-    """The largest h |lambda| up to which a Runge-Kutta method does not magnify y' = lambda y by more than 1e-4 a step.
+    """The largest h |lambda| for which a Runge-Kutta step magnifies y in y' = lambda y by a factor of at most 1 + 1e-4.
 
     A step multiplies y by the stability polynomial R(h lambda) of the method. R is evaluated by the formula itself,
     applied to this equation.
 
     Args:
-        formula: of the method.
-        direction: lambda / |lambda|. What grows, with a positive real part, has no limit: infinity is returned.
+        formula: that of the method.
+        direction: lambda / |lambda|. If its real part is positive, y itself grows and there is no limit: infinity is
+            returned.
     """
     if direction.real > _ROUNDING:
         return math.inf
@@ -113,7 +114,7 @@ def top_limit(gyration: Any, frequency: Any) -> Any:
     this limit is h omega = 2, and in a weak field it is the step resonance a h = 2 pi.
     """
     a, omega = np.broadcast_arrays(np.asarray(gyration, float), np.asarray(frequency, float))
-    low, high = np.zeros(a.shape), 2 / omega  # the sum phi + 2 arctan b ascends with h, and h omega = 2 is beyond
+    low, high = np.zeros(a.shape), 2 / omega  # phi + 2 arctan b increases with h, and is at least pi at h omega = 2
     for _ in range(60):
         h = (low + high) / 2
         inside = a * h / 2 + 2 * np.arctan2(h * omega**2, a) <= np.pi
@@ -141,21 +142,21 @@ def midpoint_fold(frequency: Any) -> Any:
 
     The derivative of both sides' difference by w is 2 I + (h^2 / 2) k cos(x + w). It is positive at every angle as long
     as h omega < 2, omega^2 = k / I. Beyond, it vanishes at some angle near the inverted position: there the solution
-    folds, and three solutions take the place of one. AKW has the same limit for small turns: its two torques h/2 apart
-    weigh as much as one h at mid-step.
+    folds, and three solutions take the place of one. AKW has the same limit for small turns: its torques at both ends,
+    each times h/2, weigh as much as the torque at mid-step times h.
     """
     return 2 / np.asarray(frequency)
 
 
 def resonance(frequency: Any, k: Any = 1) -> Any:
-    """The step at which kicks resonate with a motion of this frequency, h = pi / (k omega): 2 k steps a period.
+    """The step at which kicks resonate with a motion of this frequency, h = pi / (k omega): 2 k steps per period.
 
     Under a weak torque the angle x = omega t of a nutation, a precession or a spin advances evenly, and the torque has
     harmonics T_n cos(n x). In a continuous motion they average to zero. Kicks see the torque only at the times m h,
-    where the harmonic n = 2 k of an angle that advances by pi / k a step is the same at every kick: the kicks add up.
-    A field that is quadratic in the direction of the body, such as a gravity gradient, has n = 2 and resonates at
-    h omega = pi. A field that is linear in it has n = 1; its resonance in first order is at h omega = 2 pi, and those
-    at pi / k are of higher order in the field.
+    where the harmonic n = 2 k of an angle that advances by pi / k per step is the same at every kick: the kicks add up.
+    A field that is quadratic in the direction of the body, such as a gravity gradient, has n = 2 and resonates at h
+    omega = pi. A field that is linear in it has n = 1; its resonance in first order is at h omega = 2 pi, and those at
+    pi / k are of higher order in the field.
     """
     return np.pi / (np.asarray(k) * np.asarray(frequency))
 

@@ -1,8 +1,8 @@
-"""Projection: the smallest change of a step's end that restores the energy, and the momentum about an axis in space.
+"""Projection: the smallest change of a step's end that restores the energy and the momentum about an axis in space.
 
-A Runge-Kutta step of high order is accurate but conserves nothing. After it, the end is moved to where the invariants
-have their values of the step's start. The change is of the size of the step's own error, so the order remains (Hairer,
-Lubich & Wanner, Geometric Numerical Integration, IV.4).
+A Runge-Kutta step of high order is accurate but conserves nothing. So its end is then moved to where the invariants
+have the values that they had at its start. The change is of the size of the step's own error, so the order remains
+(Hairer, Lubich & Wanner, Geometric Numerical Integration, IV.4).
 
 The energy is K + V, for a torque from a potential V that does not depend on time. Where the torque has no component
 about a direction d fixed in space (`Torque.fixed_axis`), as gravity has none about the vertical, Pi . d is the second
@@ -29,9 +29,9 @@ from ..model.state import AnyState
 from ..model.torques import TorqueLike, potential_of
 from .system import AnyMotion, Motion, System
 
-OPERATIONS = 800  # about as many as the projection has for a simple torque
-# Corrections along the gradients at the end of the step, and along those after the first: in units of the
-# energy the error falls to its second, fourth and sixth power.
+OPERATIONS = 800  # about how many operations the projection has for a simple torque
+# How many corrections use the gradients at the end of the step, and how many those after the first correction. The
+# error relative to the energy falls to its second, fourth and sixth power.
 _CORRECTIONS = (1, 2)
 _ROUNDING = 64  # the largest change of the energy by rounding, in eps times the size of its terms
 
@@ -67,7 +67,7 @@ def projected(
 ) -> tuple[AnyMotion, Array | bool]:
     """The end of a step of h from t0 to t1, changed so that the invariants are those of its start.
 
-    Returns also whether it is: False where the energy is known and is not that of the start to rounding.
+    Returns also whether it succeeded: False where the energy is known and does not equal that of the start to rounding.
     """
     energy = _energy(system, t0, t1, h, start)
     if energy is None:
@@ -78,7 +78,7 @@ def projected(
         end = _corrected(system, h, end, energy, second, corrections)
     eps = float(jnp.finfo(h.dtype).eps)
     # A potential whose terms are larger than their sum is rounded more coarsely than the last place of `size`. A change
-    # that is left is taken for that if corrections as small as the error of the step cannot fail.
+    # of energy that remains counts as such rounding if the error before the corrections was too small for them to fail.
     small = eps ** (1 / 3) * size
     return end, jnp.abs(energy.change(end)) <= jnp.where(error <= small, small, _ROUNDING * eps * size)
 
@@ -86,7 +86,7 @@ def projected(
 def _corrected(
     system: System, h: Array, end: AnyMotion, energy: _Invariant, second: _Invariant | None, corrections: int
 ) -> AnyMotion:
-    """The end after some corrections along the gradients where it was."""
+    """The end after some corrections, all along the gradients at the place before them."""
     inertia: Inertia = system.inertia
     slope = energy.gradient(end)
     up = slope.raised(inertia)
@@ -98,7 +98,7 @@ def _corrected(
         side = slope.raised(inertia)
         b, c = slope.along(up), slope.along(side)
     determinant = a * c - b * b
-    # The gradients are parallel in a steady motion. There the energy alone determines the change, along both.
+    # In a steady motion the gradients are parallel. Then the energy alone determines the change along both.
     independent = determinant > float(jnp.finfo(h.dtype).eps) ** 0.4 * a * c
     b, c = jnp.where(independent, b, jnp.zeros_like(b)), jnp.where(independent, c, jnp.ones_like(c))
     determinant = a * c - b * b
@@ -131,7 +131,7 @@ def steady_potential(torque: TorqueLike, t: Array, state: AnyState) -> Callable[
 
 
 def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) -> _Invariant | None:
-    """The energy; None where it changes with time or is not known, or where the torque is not that of a potential."""
+    """The energy; None if it is not known, or if the torque has no potential or one that depends on time."""
     inertia: Inertia = system.inertia
     if system.reads_momentum or (system.torque is not None and _potential(system, t0, start) is None):
         return None
@@ -150,7 +150,7 @@ def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) ->
 
 
 def _size_of_energy(system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion) -> Array:
-    """The sum of kinetic energy, potential energy and what the torque does in a turn of one radian, as in `change`."""
+    """Kinetic energy plus potential energy plus the torque's work in a turn of one radian, in the unit of `change`."""
     turning = cp.times(system.inertia.spins, system.inertia.travel(h, motion.momentum))
     torque = sum(map(jnp.abs, system.force(t1, motion)), jnp.zeros_like(h))
     potential = jnp.abs(_potential_energy(system, t0, motion))

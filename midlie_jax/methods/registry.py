@@ -26,7 +26,7 @@ class Entry(NamedTuple):
         method: the method.
         use: when to use the method.
         paper: whether the method is one of the rigid-body methods of Krysl 2004.
-        chart: whether charts of error against cost include the method; they always show the exact flight with the
+        chart: whether charts of error against cost include the method; they always include the exact flight with the
             leading schemes.
     """
 
@@ -102,9 +102,9 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
 
     `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and
     `ml.method(ml.flights.SymplecticMidpoint4(), ml.schemes.SRKN6B)` return the same method. The order of a
-    FLIGHT[SCHEME] is the lower of the flight's order and the scheme's; only schemes that compose whole steps (TJ4, S4,
-    Y6, KL6, SU8, KL8) reach their own order with a flight of lower order. "RK4" and "DOP853" are Runge-Kutta methods
-    that preserve no structure, for comparison and for short runs at high accuracy.
+    FLIGHT[SCHEME] is the lower of the flight's order and the scheme's. But schemes that compose whole steps (TJ4, S4,
+    Y6, KL6, SU8, KL8) reach their own order also with a flight of lower order. "RK4" and "DOP853" are Runge-Kutta
+    methods that preserve no structure, for comparison and for short runs at high accuracy.
 
     Raises:
         ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes

@@ -1,10 +1,10 @@
-"""Explicit Runge-Kutta methods with a constant step on momentum and pose; the quaternion is any four numbers to them.
+"""Explicit Runge-Kutta methods with a constant step on momentum and pose, which treat a quaternion as four numbers.
 
 They are not symplectic and do not conserve the spatial momentum of a free body. Nor do they conserve the energy, which
-drifts over a long run, unless each step ends by a projection (`projection.py`). Under a strong torque they need the
-least work for a run of few turns, at any accuracy. What a step adds is a `Formula`: a tableau (`tableau.py`) or an
-extrapolation (`extrapolation.py`). Written on components, the step is one loop over the batch, whose stages never leave
-the registers and the first-level cache.
+drifts over a long run unless each step ends by a projection (`projection.py`). For a run of few turns under a strong
+torque they need the least work of all methods, at any accuracy. What a step adds is a `Formula`: a tableau
+(`tableau.py`) or an extrapolation (`extrapolation.py`). Written on components, the step is one loop over the batch,
+whose stages never leave the registers and the first-level cache.
 """
 
 from typing import Any
@@ -26,10 +26,10 @@ from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
 from .verdict import verdict
 
-# Operations in a loop over the batch. XLA keeps longer loops no longer in one piece and repeats their work: with 4000
-# operations a step takes 40 times as long as in loops of half that length. On a GPU longer kernels are divided, too.
+# The most operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000 operations in
+# one loop, a step takes 40 times as long as in two loops of half that length. On a GPU longer kernels are divided, too.
 _LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
-_EVALUATIONS_IN_KERNEL = 16  # of a simple torque
+_EVALUATIONS_IN_KERNEL = 16  # how many evaluations of a simple torque fit one kernel
 
 
 class RungeKutta(Method):

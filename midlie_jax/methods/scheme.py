@@ -8,7 +8,7 @@ from .scheme_order import measured_order
 from .stages import FLIGHT, KICK
 
 _ROUNDING = 1e-12  # tolerance for sums of coefficients, which are published with 14 digits or more
-_names: set[str] = set()  # of the package's own schemes
+_names: set[str] = set()  # the names of the package's own schemes
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Scheme:
             order e h^n + e^2 h^m, with m at least `order`.
 
     Args:
-        known: whether to take the name and the order for granted, as of the schemes of this package: tests measure
-            their orders, so that an import need not.
+        known: whether to accept the name and the order unchecked. This is for the schemes of this package, whose orders
+            are measured by tests and not at each import.
 
     Raises:
         ValueError: the name is that of a scheme of this package, or cannot stand in brackets; coefficients do not sum
             to 1; the order is not the measured one; a stage is neither a kick nor a flight; `gradients` is neither
-            empty nor one number for each kick; the scheme does not have the exponent `small`, or is not `composed`.
+            empty nor one number for each kick; or `small` or `composed` is not true of the scheme.
     """
 
     name: str
@@ -104,7 +104,7 @@ class Scheme:
         return all(abs(kick - (a + b) / 2) <= _ROUNDING for kick, (a, b) in zip(kicks, pairwise(ends), strict=True))
 
     def _moments_are_exact(self, count: int) -> bool:
-        """Whether the kicks, at their times, integrate the powers below `count` exactly over the step."""
+        """Whether the kicks, as a quadrature at their times, integrate the powers of t below `count` exactly."""
         time, rule = 0.0, list[tuple[float, float]]()
         for kind, coefficient in self.stages:
             if kind == FLIGHT:
@@ -145,10 +145,10 @@ class Scheme:
         return all(a[0] != b[0] for a, b in pairwise(self.stages)) and self.stages[0][0] == self.stages[-1][0]
 
     def columns(self) -> tuple[list[float], list[float], list[float]]:
-        """Of a scheme that alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""
+        """If the scheme alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""
         kicks = [c for kind, c in self.stages if kind == KICK]
         flights = [c for kind, c in self.stages if kind == FLIGHT]
-        # The coefficients are rounded, so their sum is not exactly 1; the time after the last flight is.
+        # The coefficients are rounded, so their sum is not exactly 1; but the time after the last flight is 1.
         return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
 
     @property

@@ -166,9 +166,10 @@ class _Stages(NamedTuple):
     """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
 
     Attributes:
-        flight, system, t0, t1, h: of the step.
-        flown: a list to which each flight adds what is known of the flight back; or None.
-        known: what is known of the flights, from the last to the first, or None; each flight takes away its own.
+        flight, system, t0, t1, h: those of the step.
+        flown: a list to which each flight adds what is then known of its reverse; or None.
+        known: a list of what is known of the flights, from the last to the first, or None; each flight removes its
+            entry.
     """
 
     flight: Flight
@@ -212,23 +213,23 @@ class _Stages(NamedTuple):
             force = self.system.force(self._time(c), midpoint)
         change = jax.tree.map(lambda f: b * self.h * f, force)
         pushed = self.system.pushed(motion, change)
-        # What follows the first kick reads the motion after it, and not the force that the last step left.
+        # All that follows the first kick reads the motion after that kick, and not the force left by the previous step.
         first = isinstance(c, float) and c == 0.0 and not self.system.reads_momentum
         return kept(pushed) if first else pushed
 
 
 @eqx.filter_jit
 def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
-    """One flight, traced once for all the flights of a step and of every later method with the same flight.
+    """One flight, traced once for all flights of a step, and for all later methods with the same flight.
 
-    The increment is None for a state without a pose, which ignores it.
+    The increment is None for a state without a pose, which needs none.
     """
     if flight.long_derivative:
         inertia, h, momentum = fuse_derivative((inertia, h, momentum))
     if has_pose:
         return flight.judged(inertia, h, momentum)
     change, ok = flight.momentum_change(inertia, h, momentum)
-    if isinstance(flight, ExactFlight):  # which solves nothing: it fails beyond its reach, or where nothing is finite
+    if isinstance(flight, ExactFlight):  # it solves nothing, and fails only beyond its reach or where nothing is finite
         return None, change, jnp.where(ok, FINE, jnp.where(momentum[0] == momentum[0], BEYOND, NOT_FINITE))
     return None, change, as_verdict(ok)
 
@@ -243,7 +244,7 @@ def _carry(
     no_step: Array,
     known: Known | None,
 ) -> tuple[Flown, Any, Array | bool]:
-    """An exact flight of momentum and pose, traced once like `_fly`."""
+    """An exact flight of momentum and pose, traced once, like `_fly`."""
     flown, pose = flight.carry(kind, inertia, h, motion.momentum, motion.pose, no_step, known)
     ok = True if known is not None else flight.verdict(inertia, h, motion.momentum)
     return flown, pose, ok

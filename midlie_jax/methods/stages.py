@@ -1,6 +1,6 @@
-"""Kicks and flights: what a step by a table of them needs to know, and `run`, the function that takes the step.
+"""Kicks and flights: the table that a step is made by, and `run`, the function that takes the step.
 
-It does not depend on the kind of body: the same tables drive rigid bodies and particles.
+This module does not depend on the kind of body: the same tables drive rigid bodies and particles.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ KICK, FLIGHT = "kick", "flight"
 
 @runtime_checkable
 class Table(Protocol):
-    """The part of a `Scheme` that makes its steps; its attributes are explained there."""
+    """The part of a `Scheme` that `run` needs; its attributes are explained at `Scheme`."""
 
     @property
     def stages(self) -> tuple[tuple[str, float], ...]: ...
@@ -42,10 +42,10 @@ def run(
         evaluate: `evaluate(c, g, motion)`, the force at the time c h after the start, with the weight g of
             `Scheme.gradients`.
         motion: the motion at the start, of any type.
-        force: the force at the start if the caller kept it from the last step (see `reuses_force`), else None.
+        force: the force at the start if the caller kept it from the previous step (see `reuses_force`), else None.
 
     Returns:
-        The new motion, and the force of the last kick (None where there was no kick).
+        The new motion, and the force of the last kick (None if there was no kick).
     """
     elapsed, flights_left = 0.0, scheme.flights
     weights = iter(scheme.gradients)
@@ -53,7 +53,7 @@ def run(
         if kind == FLIGHT:
             motion = fly(coefficient, motion)
             flights_left -= 1
-            # The coefficients are rounded, so their sum is not exactly 1; the time after the last flight is.
+            # The coefficients are rounded, so their sum is not exactly 1; but the time after the last flight is 1.
             elapsed = elapsed + coefficient if flights_left else 1.0
             force = None
         else:

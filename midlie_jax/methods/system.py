@@ -16,7 +16,7 @@ from ..model.state import AnyState, P, Q
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
 
 T = TypeVar("T")
-_LONG_TORQUE = 150  # operations
+_LONG_TORQUE = 150  # operations from which a torque counts as long
 _CONCRETE_VALUE_ERRORS = (jax.errors.TracerArrayConversionError, jax.errors.TracerIntegerConversionError)
 
 
@@ -79,10 +79,9 @@ class System(NamedTuple):
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.
 
-        XLA counts a division, root or exponential as too expensive to repeat, and ends the loop around a torque with
-        such an operation at every value that is used twice. A costly torque therefore gets loops of its own, which end
-        here. Without a costly torque the step is a single loop, and only the derivative with a long torque is split
-        here.
+        XLA counts a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
+        every value that is used twice. So a costly torque gets loops of its own, which end here. With any other torque
+        the step is a single loop; only its derivative is split here, if the torque is long.
         """
         return split(tree) if self.costly else fuse_derivative(tree) if self.long else tree
 
@@ -182,7 +181,7 @@ class System(NamedTuple):
     def fixed_axis(self, t: Array, motion: AnyMotion) -> Any:
         """A direction fixed in space about which the torque has no component, in principal components; None if unknown.
 
-        It is None or not, whatever the motion is.
+        Whether it is None does not depend on the motion.
         """
         torque = self.torque
         if not isinstance(torque, Torque) or torque.fixed_axis(self.state(motion)) is None:

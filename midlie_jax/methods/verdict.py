@@ -1,6 +1,6 @@
-"""A verdict: whether a step can be trusted and, if not, why. An integer that each step computes beside the motion.
+"""A verdict: whether a step can be trusted and, if not, why. It is an integer, computed by each step.
 
-A run carries the verdict of its first step that failed. It costs a select a step more than a boolean.
+A run carries the verdict of its first step that failed. This costs one select per step more than a boolean would.
 """
 
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
 
     Args:
         solved: whether the step solved its equation.
-        within: pairs of a size and the largest that it may have. If all of these are NaN, the step started with a
+        within: pairs of a size and the largest value that it may have. If all sizes are NaN, the step started with a
             number that is not finite.
     """
     good, beyond, number = jnp.asarray(solved), jnp.asarray(False), jnp.asarray(not within)
@@ -31,7 +31,7 @@ def as_verdict(ok: Array | bool) -> Array:
 
 
 def earlier(first: Array | bool, second: Array | bool) -> Array:
-    """The verdict of two parts of a run, of which the first comes earlier."""
+    """The verdict of two consecutive parts of a run, the earlier part first."""
     first = as_verdict(first)
     return jnp.where(first == FINE, as_verdict(second), first)
 

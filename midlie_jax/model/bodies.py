@@ -48,19 +48,20 @@ def _symmetric(matrix: np.ndarray) -> bool:
 class Body(eqx.Module):
     """What moves: the base class of the kinds of body.
 
-    A kind of your own defines `inertia`, and the rest where it differs from what stands here; docs/extending.md shows
-    one. Its momentum and velocity have the form of the momentum of its state: arrays outside the steps, components in
-    them (`State.parts`).
+    A kind of your own defines `inertia`, and overrides the other methods where it differs; docs/extending.md shows one.
+    Its momentum and velocity have the form of the momentum of its state: arrays outside the steps, components within
+    the steps (`State.parts`).
     """
 
     @abstractmethod
     def inertia(self) -> Any:
         """The constants of a run, computed once, as a pytree with four methods on components.
 
-        `velocity(momentum)` is I^-1 Pi; `commutator(force)` the rate of change of the components of a force as the body
-        turns with the velocity I^-1 T, zero where nothing turns; `square_of_turn(h, momentum)` is |h Omega|^2, which
-        bounds the steps of the Runge-Kutta methods; and `nutation(momentum)` the frequency of a fast spin, for
-        `midlie_jax.check`, zero if there is none. Those of a rigid body are `midlie_jax.flights.Inertia.of(body)`.
+        `velocity(momentum)` is I^-1 Pi; `commutator(force)` is the rate of change of the components of a force T as the
+        body turns with the velocity I^-1 T, zero if nothing turns; `square_of_turn(h, momentum)` is |h Omega|^2, which
+        bounds the steps of the Runge-Kutta methods; and `nutation(momentum)` is the frequency of a fast spin, for
+        `midlie_jax.check`, zero if there is none. For a rigid body, the pytree is
+        `midlie_jax.flights.Inertia.of(body)`.
         """
 
     def velocity(self, momentum: Any) -> Any:
@@ -73,7 +74,7 @@ class Body(eqx.Module):
         return ()
 
     def in_principal_axes(self) -> "Body":
-        """The body in the axes in which it is moved."""
+        """The body in the axes in which the steps move it."""
         return self
 
     def frame_of_user(self) -> cp.Quaternion | None:
@@ -95,7 +96,7 @@ class RigidBody(Body):
 
     Raises:
         ValueError: the moments are not of shape (..., 3), not positive, unphysical, or not between 1e-30 and 1e30
-            (float64: 1e-246 and 1e246), and of a batch the message names the rows; or a full tensor was passed, which
+            (float64: 1e-246 and 1e246); for a batch the message names the rows. Or a full tensor was passed, which
             `TensorBody` and `from_tensor` accept.
     """
 
@@ -122,7 +123,7 @@ class RigidBody(Body):
 
     @classmethod
     def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "*batch 3 3"]]:
-        """The body with a full inertia tensor, and its principal axes. `TensorBody` makes the conversions by itself.
+        """The body with a full inertia tensor, and its principal axes. `TensorBody` does the conversions for you.
 
         Args:
             tensor: (..., 3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body,
@@ -135,7 +136,7 @@ class RigidBody(Body):
             attitude R of G becomes R @ axes. Derivatives are those of eigenvectors: NaN where moments are equal.
 
         Raises:
-            ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are invalid as for the
+            ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are not valid for the
                 class.
         """
         tensor = as_floats("tensor", tensor, (3, 3))
@@ -172,8 +173,8 @@ class TensorBody(Body):
     """A rigid body with a full inertia tensor, in any frame fixed in the body ("your frame").
 
     Momentum, attitude, torque and angular velocity are all in your frame; `midlie_jax.integrate` and the other drivers
-    convert to the principal frame and back. A run that is continued from a kept state makes two more conversions than
-    an uninterrupted run, and differs from it by rounding. Where two moments are equal, the principal axes have no
+    convert to the principal frame and back. A run that is continued from a saved state makes two more conversions than
+    an uninterrupted run, and differs from that run by rounding. Where two moments are equal, the principal axes have no
     derivative with respect to the tensor and gradients with respect to it are NaN; use a `RigidBody` there.
 
     Attributes:
@@ -185,7 +186,7 @@ class TensorBody(Body):
         physical: as for `RigidBody`.
 
     Raises:
-        ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are invalid as for
+        ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are not valid for a
             `RigidBody`.
     """
 
@@ -206,11 +207,11 @@ class TensorBody(Body):
         return self.principal.batch
 
     def in_principal_axes(self) -> RigidBody:
-        """`principal`."""
+        """The attribute `principal`."""
         return self.principal
 
     def frame_of_user(self) -> cp.Quaternion:
-        """`frame` as components."""
+        """The attribute `frame` as components."""
         return cp.quaternion(self.frame)
 
     @property
@@ -272,7 +273,7 @@ class Particles(Body):
         self.mass = factor
 
     def inertia(self) -> "Particles":
-        """The particles themselves; they are moved as arrays."""
+        """The particles themselves, which are moved as arrays."""
         return self
 
     def velocity(self, momentum: Array) -> Array:
@@ -288,7 +289,7 @@ class Particles(Body):
         return self.mass * velocity
 
     def commutator(self, force: Array) -> Array:
-        """Zero: the axes along which a force has its components do not turn, as those of a rigid body do."""
+        """Zero: the axes along which the components of a force are taken do not turn, unlike those of a rigid body."""
         return jnp.zeros_like(force)
 
     def square_of_turn(self, h: Array | float, momentum: Array) -> Array:

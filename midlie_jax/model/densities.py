@@ -1,8 +1,9 @@
 """Step densities, which tell `integrate_adaptive` where a motion needs short steps.
 
 A density is any callable `density(t, state) -> ()` that is positive and smooth; the step is `dt / density`. The
-densities here are 1, or about 1, at a reference value that you choose, so `dt` is the step at the reference. A density
-should change little within a step and should follow the time scale of the motion; it need not estimate the error.
+densities in this module are 1, or about 1, at a reference value that you choose, so `dt` is the step at that value. A
+density should change little within a step and should follow the time scale of the motion; it need not estimate the
+error.
 """
 
 from collections.abc import Callable
@@ -92,7 +93,7 @@ class TorqueSize(eqx.Module):
 
 
 class Spin(eqx.Module):
-    """sqrt((|Omega|^2 + floor^2) / reference^2), where Omega is the angular velocity: all steps turn by similar angles.
+    """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: all steps turn the body by similar angles.
 
     Attributes:
         moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states are in other axes.

@@ -38,7 +38,7 @@ class Inertia(NamedTuple):
 
     @classmethod
     def of(cls, body: Any) -> "Inertia":
-        """Of a body with principal `moments`, (..., 3)."""
+        """The inertia of a body with principal `moments`, (..., 3)."""
         a, b, c = moments = cp.vector(body.moments)
         largest = cp.largest(moments)
         per_unit = 1 / largest
@@ -55,11 +55,11 @@ class Inertia(NamedTuple):
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
     def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
-        """(h |Omega|)^2 at the start, and the largest for which the equation of a midpoint flight has one small root.
+        """(h |Omega|)^2 at the start, and its largest value for which a midpoint flight's equation has one small root.
 
         y is `travel(h, momentum)`. A slender body whose momentum lies close to its thin axis starts by spinning many
         turns per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search found
-        such cases from 30 radians on.
+        such cases at h |Omega| from 30 radians on.
         """
         turn = cp.times(self.spins, y)
         return cp.dot(turn, turn), _LARGEST_START**2
@@ -71,15 +71,15 @@ class Inertia(NamedTuple):
     def commutator(self, force: cp.Vector) -> cp.Vector:
         """I^-1 T x T, the rate of change of the components of a torque T as the body turns with the velocity I^-1 T.
 
-        Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. From the difference of the inverse moments it is
-        exactly zero where I_j = I_k; as a difference of products it would be so only up to rounding.
+        Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. Computed from the difference of the inverse moments it
+        is exactly zero where I_j = I_k; as a difference of products it would be zero only up to rounding.
         """
         return self.gyroscopic(-1, force)
 
     def gyroscopic(self, h: Array | int, momentum: cp.Vector) -> cp.Vector:
         """h Pi x I^-1 Pi, the change of the momentum by Euler's equations in a short time h, from the gaps.
 
-        h comes first, so that nothing overflows or underflows that the change itself would not.
+        The factor h is applied first, so that nothing overflows or underflows unless the change itself does.
         """
         scaled = cp.scale(h * self.per_unit, self.gaps)
         return cp.times(
@@ -87,17 +87,17 @@ class Inertia(NamedTuple):
         )
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
-        """|h Omega|^2, of the angle by which the body turns in a short time h."""
+        """|h Omega|^2, the square of the angle by which the body turns in a short time h."""
         turn = cp.scale(h, self.velocity(momentum))
         return cp.dot(turn, turn)
 
     def nutation(self, momentum: cp.Vector) -> Array:
-        """|Pi| over the mean of the two moments that are nearest to each other."""
+        """|Pi| over the mean of the two moments that are closest to each other."""
         moments = jnp.sort(cp.pack(self.moments))
         low_pair = moments[1] - moments[0] < moments[2] - moments[1]
         mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
         return cp.norm(momentum) / mean
 
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:
-        """h times the momentum, in units of the largest moment: the turn of a ball with that moment."""
+        """h times the momentum, in units of the largest moment: the rotation vector of a ball with that moment."""
         return cp.scale(h, cp.scale(self.per_unit, momentum))

@@ -1,6 +1,6 @@
 """Observables: energies, momenta and angular velocities of one state, a batch of states, or the states of a path.
 
-Except for the energy, also of many bodies with many states each; what their torques share is up to the drivers.
+All but the energy also take many bodies with many states each. For the energy, the drivers decide what torques share.
 """
 
 from typing import Any
@@ -25,14 +25,14 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
     """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles.
 
     Args:
-        body: one body for all states; or n bodies, whose states have the leading axis n, before that of times.
+        body: one body for all states; or n bodies, whose states have the leading axes (n, times).
         state: any state, which may have leading batch axes; of a path its `states`.
 
     Returns:
         (...) for momenta of shape (..., 3); () for particles.
 
     Raises:
-        ValueError: the state does not belong to the body, or the states of n bodies have another first axis than n.
+        ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n.
     """
     products = jax.tree.map(jnp.multiply, _momentum(state), _velocity(body, state))
     sums = [jnp.sum(leaf, axis=-1 if state.own_axes else None) for leaf in jax.tree.leaves(products)]
@@ -109,11 +109,11 @@ def angular_velocity(body: RigidBody | TensorBody, state: BodyState[Any]) -> Flo
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time, (..., 3) like the momentum.
 
     Args:
-        body: one body for all states; or n bodies, whose states have the leading axis n, before that of times.
+        body: one body for all states; or n bodies, whose states have the leading axes (n, times).
         state: any state of a rigid body, which may have leading batch axes; of a path its `states`.
 
     Raises:
-        ValueError: the state does not belong to the body, or the states of n bodies have another first axis than n.
+        ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n.
     """
     return _velocity(body, state)
 
@@ -162,7 +162,7 @@ def _momentum(state: AnyState) -> Any:
 
 
 def axes_of_bodies(body: Body, state: AnyState) -> int:
-    """How many leading axes the body and the state share, each body with its own moments and states.
+    """How many leading axes the body and the state have in common: axes along which each body has its own states.
 
     Raises:
         ValueError: the states do not have one row for each body.

@@ -13,7 +13,7 @@ from .._checks.arguments import as_floats, require_finite
 from .._math import components as cp
 
 _KEPLER_ITERATIONS = 8
-_SMOOTH_ITERATIONS = 2  # the last iterations, which are differentiated
+_SMOOTH_ITERATIONS = 2  # only the last iterations are differentiated
 
 
 class Orbit(eqx.Module):
@@ -96,7 +96,8 @@ class KeplerOrbit(Orbit):
         motion = jnp.sqrt(self.mu * inverse_axis**3)
         sine_part = cp.dot(position, velocity) / jnp.sqrt(self.mu * axis)  # e sin E0
         cosine_part = 1 - radius * inverse_axis  # e cos E0
-        # Whole turns do not change the position. Without them a fixed number of iterations is enough at any time.
+        # Whole turns do not change the position. With the turns removed, a fixed number of iterations is enough at any
+        # time.
         turns = jnp.round(motion * t / (2 * jnp.pi))
         mean = motion * t - 2 * jnp.pi * turns
         equation = (mean, sine_part, cosine_part)

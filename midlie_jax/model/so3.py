@@ -70,7 +70,7 @@ def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """The rotation vector (..., 3) of a unit quaternion, of length at most pi radians; q and -q give the same."""
+    """The rotation vector (..., 3) of a unit quaternion, of length at most pi radians; the same for q and -q."""
     w, *rest = cp.quaternion(quaternion)
     u = (rest[0], rest[1], rest[2])
     sign = jnp.where(w < 0, -jnp.ones_like(w), jnp.ones_like(w))
@@ -115,7 +115,7 @@ def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
 def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """The unit quaternion, w >= 0, of a rotation matrix.
 
-    The best conditioned of Shepperd's four formulas (S. W. Shepperd, J. Guid. Control 1 (1978) 223).
+    Computed by the best conditioned of Shepperd's four formulas (S. W. Shepperd, J. Guid. Control 1 (1978) 223).
     """
     (a, b, c), (d, e, f), (g, h, i) = (cp.vector(matrix[..., row, :]) for row in range(3))
     # Row k is 4 q_k q, so its entry k is 4 q_k^2. The largest of these four entries is at least 1.

@@ -39,12 +39,13 @@ class State(eqx.Module, Generic[P, Q]):
     tuples of such tuples. Velocities and forces have the form of the momentum.
 
     Attributes:
-        momentum: the momentum, or the part of it whose dtype and leading axes stand for all.
+        momentum: the momentum, or one part of it, whose dtype and leading axes are those of all arrays.
         body: the kind of body that this state belongs to.
-        own_axes: how many trailing axes of each array belong to one body; the others are a batch. 0: any number.
-        long_sums: whether its sums are so long that two flights do not fit one compiled loop.
-        has_pose: without a pose, a flight need not compute how the body turns.
-        turns: whether an increment is a rotation in the body frame alone, a quaternion.
+        own_axes: how many trailing axes of each array belong to one body; the others are a batch. 0 if the number is
+            not fixed.
+        long_sums: whether adding a change takes so many operations that two flights do not fit one compiled loop.
+        has_pose: whether there is a pose; without one, a flight need not compute how the body turns.
+        turns: whether an increment is a rotation in the body frame and nothing else, as a quaternion.
         pose_is_attitude: whether the pose is the attitude and nothing else.
     """
 
@@ -76,27 +77,28 @@ class State(eqx.Module, Generic[P, Q]):
         """`rotate` for a pose that is turned at every step.
 
         The length of a quaternion or direction is corrected for earlier rounding errors. Where `no_step` is True (a
-        step of size zero), no bit is changed.
+        step of length zero), no bit is changed.
         """
 
     @staticmethod
     @abstractmethod
     def rate(pose: Q, velocity: P) -> Q:
-        """d pose / dt for a body-frame angular velocity, in which it is linear; for particles, the velocity."""
+        """d pose / dt, a linear function of the body-frame angular velocity; for particles, the velocity itself."""
 
     @staticmethod
     @abstractmethod
     def momentum_rate(momentum: P, velocity: P, force: P) -> P:
         """d momentum / dt by Euler's equation, Pi' = Pi x Omega + T; for particles, p' = f.
 
-        It is jointly linear in velocity and force.
+        The rate is jointly linear in velocity and force.
         """
 
     @staticmethod
     def push(momentum: P, pose: Q, change: P) -> tuple[P, Q]:
         """Momentum and pose after the momentum changes by `change`.
 
-        A state that keeps what the rounding of this sum loses has it in the pose; for all others the pose is unchanged.
+        A state that stores the rounding error of this sum stores it in the pose; for all other states the pose is
+        unchanged.
         """
         return cp.tree_add(momentum, change), pose
 
@@ -104,14 +106,14 @@ class State(eqx.Module, Generic[P, Q]):
     def shift(pose: Q, change: Q, no_step: Array) -> Q:
         """pose + change, for Runge-Kutta methods; where `no_step` is True, no bit is changed.
 
-        A state whose pose has lengths that must stay one corrects them by one Newton step.
+        If a part of the pose must have length one, its length is corrected by one Newton step.
         """
         del no_step
         return cp.tree_add(pose, change)
 
     @classmethod
     def rates(cls, inertia: Any, h: Array, momentum: P, pose: Q, force: P | None) -> tuple[P, Q]:
-        """h times the right-hand side of the equations of motion, of momentum and pose."""
+        """h times the right-hand side of the equations of motion, for momentum and pose."""
 
         def scaled(tree: P) -> P:
             return jax.tree.map(lambda x: h * x, tree)
@@ -122,7 +124,7 @@ class State(eqx.Module, Generic[P, Q]):
 
     @staticmethod
     def components(arrays: Any) -> Any:
-        """A momentum, force or pose as in a step, from the same with arrays in place of the tuples of scalars."""
+        """A momentum, force or pose in the form that steps use: each array becomes a tuple of scalars."""
         return cp.unpacked(arrays)
 
     @classmethod
@@ -135,14 +137,14 @@ class State(eqx.Module, Generic[P, Q]):
         """The value `function(t, state)` of a function written on states with arrays, evaluated on components.
 
         Returns:
-            The value, each of its arrays as a tuple of its entries; and shape and dtype of each.
+            The value, with a tuple of entries in place of each array; and the shape and dtype of each array.
         """
         entries = cp.wrapped((momentum, pose), Packed)
         return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *entries)
 
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: P) -> P:
-        """A momentum or force in a frame that is turned by `frame` with respect to that in which it is given."""
+        """The components of a momentum or force in a frame that is turned by `frame` from the present one."""
         del frame, vector
         raise ValueError("this kind of state knows no other frame than the principal one; define `vector_in`.")
 
@@ -163,18 +165,18 @@ class State(eqx.Module, Generic[P, Q]):
         return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
 
     def fixed_direction(self) -> cp.Vector | None:
-        """The one direction of space that the state knows, in body components; None if it knows all or none."""
+        """The direction of space that the state holds, in body components; None if it holds all directions or none."""
         return None
 
     def normalised(self) -> "State[P, Q]":
-        """The state with unit length of what must have it, after its arrays were interpolated."""
+        """The state with unit vectors and quaternions scaled back to length one, after its arrays were interpolated."""
         return self
 
     def plus(self, increment: Array) -> "State[P, Q]":
         """The state moved by an increment (..., k): the change of the momentum, then that of the pose in radians.
 
-        By default the increment is added to the arrays. A state that is turned takes a rotation vector in the body
-        frame, (..., 3), so that increments can be estimated, averaged and interpolated like any vector.
+        By default the increment is added to the arrays. For an attitude, the second part is a rotation vector in the
+        body frame, (..., 3), so that increments can be estimated, averaged and interpolated like any vector.
         """
         moved, begin = list[Array](), 0
         for leaf in jax.tree.leaves(self):
@@ -189,13 +191,13 @@ class State(eqx.Module, Generic[P, Q]):
         return jnp.concatenate([a - b for a, b in pairs], axis=-1)
 
     def sizes(self) -> tuple[Array, Array]:
-        """Of a state that is a small difference of two: the size of the momentum, and that of the rest, in radians."""
+        """For a small difference of two states: the size of its momentum, and that of the rest, in radians."""
         momentum, *others = [jnp.sum(leaf**2) for leaf in jax.tree.leaves(self)]
         return jnp.sqrt(momentum), jnp.sqrt(sum(others, start=jnp.zeros_like(momentum)))
 
     @classmethod
     def described(cls) -> Described:
-        """For files: by the name of a field, the name of its last dimension, and its long_name, units and frame."""
+        """For files: for each field by name, the name of its last dimension, and its long_name, units and frame."""
         return {}
 
     def check_batch(self) -> None:
@@ -223,8 +225,8 @@ class BodyState(State[cp.Vector, Q]):
     ) -> tuple[cp.Vector, Q]:
         """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
 
-        A Runge-Kutta method spends nearly all its time here, so the operations are as few as possible: the products of
-        h with the inverse moments and their gaps are computed once a step.
+        A Runge-Kutta method spends nearly all its time here, so there are as few operations as possible: the products
+        of h with the inverse moments and their gaps are computed once per step.
         """
         change = inertia.gyroscopic(h, momentum)
         if force is not None:

@@ -1,12 +1,12 @@
-"""Pictures of motions on matplotlib's axes, and motions to look at (extra `plot`).
+"""Pictures of motions on matplotlib's axes, and animations of motions (extra `plot`).
 
-`import midlie_jax` imports neither this nor matplotlib nor plotly; each is imported when something is drawn with it.
+`import midlie_jax` imports neither this folder nor matplotlib nor plotly; each is imported when it is first needed.
 
 Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `polhode`, `conserved` and `poincare` (one
 path each); files `animate` (GIF) and `view` (HTML). Below them: `motion` (the part of a path that can be trusted),
 `several` (paths side by side), `turning` and `box` (the body at evenly spaced times), `conservation` (what the exact
 motion conserves), `ellipsoid` and `labels3d` (artists for 3-D axes), `edge`, `apart` and `room` (names that neither
-collide nor are cut off) and `style`. `cli` uses these, too.
+collide nor are cut off) and `style`. `cli` uses these lower modules, too.
 """
 
 from .animate import animate as animate

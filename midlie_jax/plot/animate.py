@@ -1,4 +1,4 @@
-"""`animate`: turning bodies as a GIF, by matplotlib and Pillow alone."""
+"""`animate`: turning bodies as a GIF, made with matplotlib and Pillow alone."""
 
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ from .turning import FACES, Turning, picture_file, turnings
 _DPI = 80
 _TEXT = 9  # font size, points
 _STRIP = 26  # height of the title above several pictures, pixels
-_COLOURS = 128  # of the palette, which all frames share
+_COLOURS = 128  # size of the palette, which all frames share
 _MOST_FRAMES = 400
-_LAMP = np.array([-0.3, 0.55, 0.78])  # towards the lamp, for the viewer: right, up, and out of the picture
+_LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
 _BOX = ORANGE
 
 
@@ -34,27 +34,27 @@ def animate(
     background: str = "white",
     title: str = "",
 ) -> Path:
-    """Writes a GIF of a turning body: a box of its moments of inertia, an axis of the body, and the path of this axis.
+    """Writes a GIF of a turning body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
     Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
     spaced in time. If the body turns by more than a quarter of a turn from one frame to the next, the eye is misled, as
-    by the wheels in a film: the picture then says how many turns there are, and a shorter path or more frames help. A
-    run that failed is shown up to its last good state, and the picture says so.
+    by wheels in a film: the picture then says by how many turns the body turns per frame, and a shorter path or more
+    frames help. A run that failed is shown up to its last good state, and the picture says so.
 
     Args:
         body: the body of the path, a `RigidBody` or a `TensorBody`; for several paths one body for all, a list with one
             for each, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
-            `free_motion`. Or several, up to 12: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
+            `free_motion`. Or up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
             path of `ensemble`.
         file: the GIF to write; an existing file is replaced.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
         frames: number of frames, at most 400.
         rate: frames shown in a second, at most 50, which is what browsers show.
         size: width and height of the picture of one body, pixels.
-        elevation, azimuth: where the viewer is, degrees above the xy plane, and around z from x.
+        elevation, azimuth: the direction of the viewer in degrees, above the xy plane and around z from x.
         background: any colour of matplotlib; text is black or white, whichever stands out.
-        title: a line above.
+        title: a line above the picture.
 
     Returns:
         The path of the file.
@@ -103,7 +103,7 @@ class _Movie:
         background, dark = ground
         text, line = ("white", SKY) if dark else ("black", BLUE)
         rows, columns = grid(len(turns))
-        # The title of a single picture stands in it; one of several stands above them.
+        # The title of a single picture is drawn in the picture; a title of several is drawn above them.
         strip = _STRIP if title and len(turns) > 1 else 0
         width, height = columns * pixels, rows * pixels + strip
         self.figure, self.times = new_figure(width / _DPI, height / _DPI), turns[0].times
@@ -135,7 +135,7 @@ class _Movie:
 
 
 class _Scene:
-    """The artists of one body, which each frame moves."""
+    """The artists of one body, which are moved for each frame."""
 
     def __init__(
         self,
@@ -187,7 +187,7 @@ class _Scene:
 
 
 def _lit(face: np.ndarray, lamp: np.ndarray) -> tuple[float, ...]:
-    """The colour of a face (4, 3) by the light that falls on it from the direction of the lamp."""
+    """The colour of a face (4, 3), from the light that falls on it from the direction of the lamp."""
     from matplotlib.colors import to_rgb
 
     normal = np.cross(face[1] - face[0], face[2] - face[1])

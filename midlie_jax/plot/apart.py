@@ -1,4 +1,4 @@
-"""Places labels as near as possible to what they name, without one covering another."""
+"""Places labels as near as possible to what they name, so that none covers another."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 def apart(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
     """The nearest heights, by least squares, that are at least `gap` apart, in the same order, and within low to high.
 
-    With the gaps subtracted this is isotonic regression: neighbours out of order are pooled at their mean.
+    With the gaps subtracted, the problem is isotonic regression: neighbours out of sequence are pooled at their mean.
     """
     order = sorted(range(len(heights)), key=lambda i: heights[i])
     pools: list[list[float]] = []  # [mean, number of members]

@@ -14,8 +14,8 @@ from .edge import name_at_edge
 from .motion import Motion, motion_of
 from .style import BLUE, GREY, is_3d, remark
 
-_FAR = np.radians(30.0)  # saved directions that are further apart are remarked upon
-_NAMES = ("x", "y", "z")  # of the axes of space
+_FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
+_NAMES = ("x", "y", "z")  # the names of the axes of space
 _BODY_AXES = ("e1", "e2", "e3")
 
 
@@ -29,25 +29,26 @@ def axis_path(
 ) -> np.ndarray:
     """Draws the path of an axis of the body in space, on the unit sphere.
 
-    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the sphere towards the viewer is drawn strong, the
-    other faint, also after the picture is turned by hand. On plain axes the sphere is seen from +z, and what is below
-    the xy plane is faint. A dot marks the start. Between saved states the shortest arc is drawn. Call it again on the
-    same axes to compare paths. A run that failed is drawn up to its last good state, and the picture says so.
+    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the path towards the viewer is drawn strong and the
+    other part faint, also after the picture is turned by hand. On plain axes the sphere is seen from +z, and the part
+    below the xy plane is faint. A dot marks the start. Saved states are joined by the shortest arc. Call the function
+    again on the same axes to compare paths. A run that failed is drawn up to its last good state, and the picture says
+    so.
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
         path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
             `free_motion`.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
-        colour: of the path, any colour of matplotlib.
+        colour: colour of the path, any of matplotlib's.
         label: the name of the path; by default that of the axis.
 
     Returns:
-        The directions in space at the saved times that are drawn, (n, 3).
+        The directions in space that are drawn, (n, 3), at the saved times.
 
     Raises:
         ValueError: the path is not of one body with attitudes, or its first two states are bad; the axis is neither a
-            number nor a unit vector.
+            name, nor an index, nor a unit vector.
     """
     direction, name = as_axis(axis)
     motion = motion_of(path)

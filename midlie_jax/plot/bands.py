@@ -1,7 +1,7 @@
 """`bands`: the quantiles of an ensemble against time, with their names at the right edge of the panel.
 
-It draws on the user's axes by their methods alone, so it needs no import of matplotlib. Text has the colour of the
-axis labels, and the bands are the colour of the line made transparent, so both fit a light and a dark background.
+It draws by the methods of the user's axes alone, so it does not import matplotlib. Text has the colour of the axis
+labels, and the bands have the colour of the line, made transparent, so both fit a light and a dark background.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from .._checks.arguments import described
 from .edge import name_at_edge
 from .style import BLUE
 
-_OPACITY = 0.3  # of the widest band; the narrower ones lie upon it
+_OPACITY = 0.3  # of the widest band; narrower bands are drawn on top of it
 
 
 class Bands(NamedTuple):
@@ -23,8 +23,8 @@ class Bands(NamedTuple):
     Attributes:
         median: (n,).
         edges: for each level the lower and the upper quantile, each (n,).
-        bodies: how many bodies the quantiles are of.
-        failed: how many were left out because a number of theirs is not finite.
+        bodies: the number of bodies of which the quantiles are taken.
+        failed: how many bodies were left out because they have a number that is not finite.
     """
 
     median: np.ndarray
@@ -52,11 +52,11 @@ def bands(
         axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
         times: (n,), ascending, with any unit.
         values: (bodies, n). A body with a number that is not finite is left out altogether, because its run failed. The
-            number of such bodies is written below the label.
+            number of bodies left out is written below the label.
         levels: fractions of the bodies, each above 0 and below 1.
-        label: name of the ensemble, written beside the median; by default "median". A legend has it, too, with the
+        label: name of the ensemble, written beside the median; by default "median". A legend shows it, too, with the
             numbers of bodies.
-        colour: of the line and the bands, any colour of matplotlib.
+        colour: colour of the line and the bands, any of matplotlib's.
 
     Returns:
         The quantiles and the numbers of bodies.
@@ -75,7 +75,7 @@ def bands(
     chosen, name = colour or BLUE, label or "median"
     named: list[tuple[str, float]] = []
     edges: dict[float, tuple[np.ndarray, np.ndarray]] = {}
-    # The widest first, so that the narrower ones lie upon it.
+    # The widest first, so that narrower bands are drawn on top of it.
     for level in sorted(map(float, levels), reverse=True):
         low, high = np.quantile(good, [(1 - level) / 2, (1 + level) / 2], axis=0)
         axes.fill_between(t, low, high, color=chosen, alpha=_OPACITY, linewidth=0)
@@ -84,7 +84,7 @@ def bands(
     median = np.median(good, axis=0)
     count = f"{len(good):,} bodies" + (f", {failed:,} failed and left out" if failed else "")
     axes.plot(t, median, color=chosen, linewidth=2.0, label=f"{name}, {count}")
-    # Names at one height keep their order from below.
+    # Names at one height keep their sequence, from below.
     if failed:
         named.append((f"{failed:,} failed", float(median[-1])))
     named.append((name, float(median[-1])))

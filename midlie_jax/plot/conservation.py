@@ -1,7 +1,7 @@
 """The change of energy and spatial momentum along motions, and whether the exact motion conserves them.
 
-Computed in float64, if it is enabled, for a run of any dtype, so that the result shows the rounding of the run and not
-that of these sums.
+Changes are computed in float64, if it is enabled, for runs of any dtype, so that the result shows the rounding of the
+run and not that of its evaluation.
 """
 
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ class Change(NamedTuple):
         values: the change relative to a value at the start, (..., n).
         name: name of the quantity.
         formula: formula of the values.
-        note: which part of the quantity is meant; may be "".
+        note: to which part of the quantity the values refer; may be "".
         reason: why the exact motion does not conserve the quantity; "" if it does.
     """
 
@@ -47,7 +47,7 @@ class Change(NamedTuple):
 def energy_change(
     body: RigidBody | TensorBody, torque: TorqueLike | None, times: ArrayLike, states: BodyState[Any]
 ) -> Change:
-    """(E(t) - E(0)) / |E(0)|; of the kinetic energy if the torque has no potential.
+    """(E(t) - E(0)) / |E(0)|; E is the kinetic energy alone if the torque has no potential.
 
     Args:
         body: one body.
@@ -76,7 +76,7 @@ def energy_change(
 
 
 def momentum_change(torque: TorqueLike | None, states: BodyState[Any]) -> Change:
-    """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, its change over |pi(0)|.
+    """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, the change of this component over |pi(0)|.
 
     Args:
         torque: as for `integrate`.
@@ -125,7 +125,7 @@ def _relative(change: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 def _doubles(tree: Any) -> Any:
-    """The same in float64, if it is enabled. States are not checked: those of a failed run may contain NaN."""
+    """The tree in float64, if that is enabled. States are not checked: those of a failed run may contain NaN."""
 
     def double(leaf: Any) -> Any:
         floating = isinstance(leaf, (jax.Array, np.ndarray)) and jnp.issubdtype(leaf.dtype, jnp.floating)

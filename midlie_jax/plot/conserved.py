@@ -20,9 +20,9 @@ class Conserved(NamedTuple):
     """What `conserved` has drawn.
 
     Attributes:
-        times: (n,), those before the run failed.
+        times: (n,), the saved times before the run failed.
         energy: the relative error of the energy, (n,); None if it is not conserved.
-        momentum: the relative error of what is conserved of the spatial momentum, (n,); None if nothing of it is.
+        momentum: the relative error of the conserved part of the spatial momentum, (n,); None if there is none.
     """
 
     times: np.ndarray
@@ -48,9 +48,9 @@ def conserved(
       the field under a `DipoleInField` whose field is constant;
     - without a torque, for a state that has no attitude, the length of the momentum.
 
-    What is not conserved is named on the picture and not drawn. Errors are computed in float64 if it is enabled. Those
-    below half a unit in the last place of the run's dtype are drawn there. Call it again on the same axes to compare
-    methods, each with a colour.
+    What is not conserved is named on the picture and not drawn. Errors are computed in float64 if it is enabled. Errors
+    below half a unit in the last place of the run's dtype are drawn at that height. Call the function again on the same
+    axes to compare methods, each with a colour.
 
     Args:
         axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
@@ -58,7 +58,7 @@ def conserved(
         torque: as for `integrate`.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
             state of a rigid body.
-        colour: of both lines, of which that of the momentum is dashed; by default blue and vermilion.
+        colour: the colour of both lines (the line of the momentum is dashed); by default blue and vermilion.
         label: put before the names "energy" and "momentum", for example the name of the method.
 
     Returns:
@@ -96,6 +96,6 @@ def conserved(
 
 
 def _short(change: Change) -> str:
-    """A name that fits beside a panel."""
+    """A name short enough to stand beside a panel."""
     part = change.note.split()[0] if change.note.endswith("conserved") else ""
     return {"vertical": "vertical momentum", "component": "momentum along the field"}.get(part, change.name)

@@ -7,16 +7,16 @@ from .apart import apart
 from .room import in_same_column, locate, narrowed, on_page, own_place
 from .style import SIZE, ink
 
-_MARK = "midlie_jax.plot.edge"  # the group of our texts on a panel
-_LINE, _NEXT_LINE = 1.3, 1.2  # distance of two names, and of two lines of one, in font sizes
+_MARK = "midlie_jax.plot.edge"  # marks the texts of this module on a panel
+_LINE, _NEXT_LINE = 1.3, 1.2  # distance of two names, and of two lines of one name, in font sizes
 _LEADER, _FREE = 14.0, 2.0  # points from the edge of the panel to the names, and between leader and name
 
 
 def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> None:
-    """Writes each name at its height, in the units of the data; names that are there already make room.
+    """Writes each name at its height, in the units of the data; earlier names move to make room.
 
-    Text has the colour of the axis labels, leaders have that of the line. On a figure without a layout engine the panel
-    becomes narrower by what the names need.
+    Text has the colour of the axis labels, leaders have the colour of the line. On a figure without a layout engine the
+    panel becomes narrower by the width of the names.
     """
     for name, height in named:
         written = axes.annotate(
@@ -31,7 +31,7 @@ def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> 
             ha="left",
             annotation_clip=False,
             gid=_MARK,
-            # From the edge of the name to the end of its line.
+            # The leader goes from the edge of the name to the end of its line.
             arrowprops={
                 "arrowstyle": "-",
                 "color": colour,
@@ -45,7 +45,7 @@ def name_at_edge(axes: Any, named: Sequence[tuple[str, float]], colour: str) -> 
     axes.autoscale_view()
     _spread(axes)
     locate(axes, _beside_names)
-    in_same_column(axes, _beside_names)  # those that are there already; later ones are found when they are drawn
+    in_same_column(axes, _beside_names)  # the present panels; later ones are found when they are drawn
 
 
 def _spread(axes: Any) -> None:
@@ -65,9 +65,9 @@ def _names(axes: Any) -> list[Any]:
 
 
 def _beside_names(axes: Any, renderer: Any) -> Any:
-    """The place of a panel that leaves room for its names; panels above one another have the same right edge.
+    """The place of a panel that leaves room for its names; panels in one column have the same right edge.
 
-    Names that would take half of the panel are written a word a line.
+    Names that would take half of the panel are written with one word per line.
     """
     column = [other for other in in_same_column(axes, _beside_names) if _names(other)]
     own = own_place(axes)
@@ -87,6 +87,6 @@ def _width(axes: Any, renderer: Any) -> float:
     """The width in pixels of the names beside a panel, with their leaders."""
     from matplotlib.text import Text
 
-    # Of the text alone: the extent of an annotation includes its leader.
+    # The width of the text alone, because the extent of an annotation includes its leader.
     widest = max(Text.get_window_extent(text, renderer).width for text in _names(axes))
     return widest + _LEADER * axes.figure.dpi / 72

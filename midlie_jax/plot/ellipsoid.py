@@ -1,8 +1,9 @@
 """Curves on an ellipsoid, or the unit sphere, on 3-D axes: strong towards the viewer, faint behind.
 
 matplotlib does not know which part of a curve an ellipsoid hides. The artists here find it whenever they are drawn, so
-a picture that is turned by hand stays right. The view is orthographic: a point is in front if the normal of the surface
-there points to the viewer. Imports matplotlib, so the modules of `plot` import this one when they draw.
+a picture that is turned by hand stays correct. The view is orthographic: a point is in front if the normal of the
+surface there points to the viewer. This module imports matplotlib, so the modules of `plot` import it only when they
+draw.
 """
 
 from typing import Any
@@ -13,10 +14,10 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from .labels3d import towards_viewer
 from .style import GREY
 
-BEHIND, IN_FRONT = 1.0, 20.0  # matplotlib draws in this order; what is inside the surface is between them
-_BEHIND = 0.28  # opacity of what is behind the surface
-_ROOM = 1.3  # size of the panel over that of the ellipsoid: for the axes that stick out
-_SMOOTH = np.radians(2.0)  # curves have a point for each such angle
+BEHIND, IN_FRONT = 1.0, 20.0  # the sequence in which matplotlib draws; things inside the surface are between both
+_BEHIND = 0.28  # opacity of things behind the surface
+_ROOM = 1.3  # size of the panel over that of the ellipsoid, so that axes can stick out
+_SMOOTH = np.radians(2.0)  # the angle between neighbouring points of a curve
 
 
 class HalfCurve(Line3D):
@@ -24,9 +25,9 @@ class HalfCurve(Line3D):
 
     Args:
         points: (n, 3).
-        semi_axes: of the ellipsoid, (3,).
-        front: the part towards the viewer, or the other.
-        style: of the line, as in matplotlib.
+        semi_axes: those of the ellipsoid, (3,).
+        front: True for the part towards the viewer, False for the other.
+        style: style of the line, as in matplotlib.
     """
 
     def __init__(self, points: np.ndarray, semi_axes: np.ndarray, front: bool, **style: Any):
@@ -36,7 +37,7 @@ class HalfCurve(Line3D):
     def draw(self, renderer: Any) -> None:
         whole = np.array(self.get_data_3d(), float)
         seen = (self._normals @ towards_viewer(self.axes) >= 0) == self._front
-        # The pieces in front begin at the point before, so that there is no gap between the two parts.
+        # Pieces in front begin one point earlier and end one later, so that there is no gap between the two parts.
         shown = seen | np.roll(seen, 1) | np.roll(seen, -1) if self._front else seen
         self.set_data_3d(*np.where(shown, whole, np.nan))
         super().draw(renderer)
@@ -59,7 +60,7 @@ class Shade(Poly3DCollection):
 
 
 def shade_of(axes: Any) -> Shade | None:
-    """The ellipsoid that is on the axes already."""
+    """The ellipsoid that is already on the axes, if any."""
     return next((found for found in axes.collections if isinstance(found, Shade)), None)
 
 
@@ -75,7 +76,7 @@ def draw_ellipsoid(axes: Any, semi_axes: np.ndarray) -> None:
 
 
 def draw_curve(axes: Any, points: np.ndarray, semi_axes: np.ndarray, **style: Any) -> list[Any]:
-    """Draws a curve on the ellipsoid, (n, 3); returns the part behind and that in front."""
+    """Draws a curve (n, 3) on the ellipsoid; returns the part behind and the part in front."""
     alpha = style.pop("alpha", 1.0)
     behind = style | {"label": "_", "alpha": alpha * _BEHIND, "zorder": BEHIND}
     before = style | {"alpha": alpha, "zorder": IN_FRONT}
@@ -84,12 +85,12 @@ def draw_curve(axes: Any, points: np.ndarray, semi_axes: np.ndarray, **style: An
 
 
 def draw_dot(axes: Any, point: np.ndarray, semi_axes: np.ndarray, colour: str) -> None:
-    """Draws a dot on the ellipsoid, (3,)."""
+    """Draws a dot at a point (3,) of the ellipsoid."""
     draw_curve(axes, point[None], semi_axes, color=colour, marker="o", markersize=6.0, linestyle="")
 
 
 def along_arcs(points: np.ndarray) -> np.ndarray:
-    """Unit vectors (n, 3) with others between them, on the shortest arcs of the sphere, two degrees apart or less."""
+    """Unit vectors (n, 3), with more between them on the shortest arcs, so that none are over two degrees apart."""
     ends = points[1:]
     turns = np.arctan2(np.linalg.norm(np.cross(points[:-1], ends), axis=1), np.sum(points[:-1] * ends, axis=1))
     pieces = [points[:1]]

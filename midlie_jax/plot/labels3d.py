@@ -1,7 +1,7 @@
 """Names of points on 3-D axes, in two columns beside the picture, joined to their points by leaders.
 
-The columns are placed whenever they are drawn, so a picture that is turned by hand keeps its names apart. Imports
-matplotlib, so the modules of `plot` import this one when they draw.
+The columns are placed whenever they are drawn, so names stay apart when the picture is turned by hand. This module
+imports matplotlib, so the modules of `plot` import it only when they draw.
 """
 
 from typing import Any
@@ -17,11 +17,11 @@ from .room import fitted, locate, on_page
 from .style import SIZE, ink
 
 _LINE = 1.35  # distance of two names, in font sizes
-_BESIDE, _FREE = 16.0, 2.5  # points from the outermost thing to the names, and between a leader and its ends
+_BESIDE, _FREE = 16.0, 2.5  # points from the outermost artist to the names, and between a leader and its ends
 
 
 def towards_viewer(axes: Any) -> np.ndarray:
-    """The unit vector from the picture to the viewer, (3,), of 3-D axes whose z points up."""
+    """The unit vector (3,) from the picture to the viewer, for 3-D axes whose z points up."""
     elevation, azimuth = np.radians([axes.elev, axes.azim])
     across = np.cos(elevation)
     return np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
@@ -47,7 +47,7 @@ class Name(Text):
         self.set_transform(IdentityTransform())  # places are pixels
 
     def _place(self) -> tuple[np.ndarray, np.ndarray]:
-        """Moves the name to its place; the two ends of its leader, in pixels."""
+        """Moves the name to its place; returns the two ends of its leader, in pixels."""
         axes: Any = self.axes
         names = [text for text in axes.texts if isinstance(text, Name)]
         anchors = pixels(axes, np.stack([name.point for name in names]))
@@ -100,14 +100,14 @@ def name_point(axes: Any, point: np.ndarray, text: str, colour: str) -> None:
 
 
 def _beside_names(axes: Any, renderer: Any) -> Any:
-    """The place of a panel from which its names do not run off the page or into the next panel."""
+    """The place of a panel with which its names neither run off the page nor into the next panel."""
     axes.apply_aspect(axes.get_position(original=True))
     names = [text for text in axes.texts if isinstance(text, Name)]
     anchors = pixels(axes, np.stack([name.point for name in names]))
     centre = float(pixels(axes, np.zeros((1, 3)))[0, 0])
     picture = float(np.max(np.abs(_outline(axes, anchors)[:, 0] - centre)))
     beside = _BESIDE * axes.figure.dpi / 72
-    widths = [0.0, 0.0]  # of the columns to the left and to the right
+    widths = [0.0, 0.0]  # the widths of the left and the right column
     for name, anchor in zip(names, anchors, strict=True):
         side = int(anchor[0] >= centre)
         widths[side] = max(widths[side], beside + Text.get_window_extent(name, renderer).width)

@@ -1,4 +1,4 @@
-"""`Motion`: what is drawn of a path, which is the part of it that can be trusted."""
+"""`Motion`: the part of a path that is drawn, because it can be trusted."""
 
 from typing import Any, NamedTuple
 
@@ -18,8 +18,8 @@ class Motion(NamedTuple):
 
     Attributes:
         times: (n,), n at least 2.
-        states: a state of the class of the path's with a leading axis (n,).
-        failed: what is to be written on the picture about a run that failed; "" for one that did not.
+        states: the states, of the class of the path's states, with a leading axis (n,).
+        failed: what the picture must say if the run failed; "" if it did not.
     """
 
     times: np.ndarray
@@ -33,23 +33,23 @@ class Motion(NamedTuple):
 
     @property
     def attitudes(self) -> np.ndarray:
-        """The attitudes (n, 4); a ValueError for states without."""
+        """The attitudes (n, 4); a ValueError if the states have none."""
         return np.asarray(attitude_of(self.states))
 
     def turns_by(self, body: RigidBody | TensorBody) -> np.ndarray:
-        """By how many radians the body turns from each time to the next, about, (n - 1,)."""
+        """By about how many radians the body turns from each time to the next, (n - 1,)."""
         speeds = np.linalg.norm(np.asarray(angular_velocity(body, self.states)), axis=1)
         return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
 
 
 def motion_of(path: Any) -> Motion:
-    """The part of a path before it failed, without times that are repeated.
+    """The part of a path before the run failed, without repeated times.
 
     Args:
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
 
     Raises:
-        ValueError: it is not a path of one rigid body, or fewer than two of its states can be trusted.
+        ValueError: the argument is not a path of one rigid body, or fewer than two of its states can be trusted.
     """
     states: Any = getattr(path, "states", None)
     if not isinstance(path, Path | AdaptivePath) or not (isinstance(states, State) and states.own_axes):

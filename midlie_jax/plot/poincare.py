@@ -1,7 +1,7 @@
 """`poincare`: a Poincare section, the places where a motion crosses a surface in phase space.
 
-A motion in a plane of two coordinates is a tangle of lines. Its crossings of a surface are dots: on a curve if the
-motion is regular, scattered over an area if it is chaotic (M. Henon, Physica D 5 (1982) 412).
+Drawn in a plane of two coordinates, a motion is a tangle of lines. Its crossings of a surface are dots: they lie on a
+curve if the motion is regular, and fill an area if it is chaotic (M. Henon, Physica D 5 (1982) 412).
 """
 
 from collections.abc import Callable
@@ -21,10 +21,10 @@ from .edge import name_at_edge
 from .motion import Motion, motion_of
 from .style import BLUE, remark
 
-_NEIGHBOURS = 4  # saved states between which a crossing is interpolated, by a cubic
+_NEIGHBOURS = 4  # saved states from which a crossing is interpolated, by a cubic
 _LEAST = 64  # crossings that are computed at once
-_HALVINGS = 55  # of the interval between two saved states
-_JUMP = 1e-3  # a change of sign that leaves a larger share of the change of g is a jump of g, not a crossing
+_HALVINGS = 55  # how often the interval between two saved states is halved
+_JUMP = 1e-3  # if bisection leaves a larger share of the change of g, g jumps there and does not cross zero
 
 
 class Crossings(NamedTuple, TypedBy[States]):
@@ -33,7 +33,7 @@ class Crossings(NamedTuple, TypedBy[States]):
     Attributes:
         times: (k,).
         states: the states there, of the path's class, with a leading axis (k,).
-        points: the coordinates that are drawn, (k, 2).
+        points: the drawn coordinates, (k, 2).
     """
 
     times: np.ndarray
@@ -60,10 +60,10 @@ def poincare(
     """Draws a dot wherever a motion crosses the surface `section` = 0.
 
     Between two saved states at which `section` has different signs, momentum and attitude are interpolated by a cubic
-    through the four nearest saved states, and the crossing is found on it by bisection. So the error of a crossing is
-    of fourth order in the time between saved states: save some twenty states for each turn of what `section` looks at.
-    A function that jumps, as an angle does from pi to -pi, crosses zero only where it is continuous. Call `poincare`
-    again on the same axes for another start.
+    through the four nearest saved states, on which the crossing is found by bisection. So the error of a crossing is of
+    fourth order in the time between saved states: save some twenty states per period of `section`. If `section` jumps,
+    as an angle does from pi to -pi, a change of sign at a jump is not a crossing. Call `poincare` again on the same
+    axes for another start.
 
     Args:
         axes: matplotlib's axes; set their labels yourself.
@@ -72,12 +72,12 @@ def poincare(
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.
-        colour: of the dots, any colour of matplotlib.
-        label: a name for the dots, at the right edge at the height of the last dot.
-        size: of the dots, points.
+        colour: colour of the dots, any of matplotlib's.
+        label: a name for the dots, written at the right edge at the height of the last dot.
+        size: size of the dots, points.
 
     Returns:
-        The crossings, none where the path has none.
+        The crossings; with arrays of length 0 if there are none.
 
     Raises:
         ValueError: the path is not of one body or has too few states; an argument is not a function, or its value is
@@ -120,7 +120,7 @@ def _crossings(motion: Motion, section: Function, direction: int) -> tuple[Any, 
     before, after = values[:-1], values[1:]
     upward, downward = (before < 0) & (after >= 0), (before > 0) & (after <= 0)
     places = np.flatnonzero({1: upward, -1: downward, 0: upward | downward}[direction])
-    # Padded to a size that few paths differ in, so that what was compiled is used again.
+    # Padded to one of few sizes, so that compiled programs are reused.
     padded = np.zeros(2 ** int(np.ceil(np.log2(max(len(places), _LEAST)))), int)
     padded[: len(places)] = places
     first = np.clip(padded - 1, 0, len(motion.times) - _NEIGHBOURS)
@@ -141,7 +141,7 @@ def _bisected(section: Function, times: Array, states: Any, places: Array, signs
     Args:
         section: the function.
         times, states: four for each crossing, (k, 4, ...).
-        places: the index of that before the crossing, (k,).
+        places: the index among the four of the state before the crossing, (k,).
         signs: 1 where `section` grows, -1 where it falls, (k,).
     """
 

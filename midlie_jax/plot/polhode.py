@@ -2,8 +2,8 @@
 
 A body under no torque keeps its kinetic energy T and the length of its momentum Pi. So in the body frame the momentum
 runs on the ellipsoid Pi . I^-1 Pi = 2T, along its intersection with a sphere. The angular velocity W runs on the
-ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics, section 5.6). The curve of the
-momentum is called by the same name.
+ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics, section 5.6). Here the curve of
+the momentum is called a polhode, too.
 """
 
 from typing import Any
@@ -33,10 +33,10 @@ def polhode(
 ) -> np.ndarray:
     """Draws the angular momentum in the principal frame of the body, on the ellipsoid of its kinetic energy.
 
-    Faint curves are other polhodes of that energy, and the grey ones through the axis of the middle moment the
+    Faint curves are other polhodes of that energy; the grey curves through the axis of the middle moment are the
     separatrix. A dot marks the start. The ellipsoid is that of the energy at the start: under a torque the path leaves
-    it, and the picture says so. Call it again on the same axes for another path of nearly the same energy. A run that
-    failed is drawn up to its last good state, and the picture says so.
+    it, and the picture says so. Call the function again on the same axes for another path of nearly the same energy. A
+    run that failed is drawn up to its last good state, and the picture says so.
 
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
@@ -44,15 +44,15 @@ def polhode(
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
             state of a rigid body.
         kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
-        colour: of the path, any colour of matplotlib.
+        colour: colour of the path, any of matplotlib's.
         label: the name of the path, written beside its start; by default "momentum" or "angular velocity".
 
     Returns:
-        The points at the saved times that are drawn, (n, 3), in the principal frame.
+        The drawn points (n, 3), at the saved times, in the principal frame.
 
     Raises:
         ValueError: the axes are not 3-D; the body is not one rigid body; the path is not of one body, or its first two
-            states are bad; the body does not move; the energy is not that of the ellipsoid that is on the axes.
+            states are bad; the body does not move; the energy differs from that of the ellipsoid on the axes.
     """
     if not is_3d(axes):
         raise ValueError('axes must be 3-D: figure.add_subplot(projection="3d").')
@@ -128,8 +128,8 @@ def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
     """Polhodes of one energy, and whether each belongs to the separatrix, as points u (181, 3) with |u| = 1.
 
     The momentum is sqrt(2T I) u. Its square over 2T is sum(I u^2), between the smallest moment a and the largest c. The
-    polhodes with a square below the middle moment b go around axis a, those above around axis c; at b itself they are
-    two ellipses through axis b.
+    polhodes with a square below the middle moment b go around axis a, those above it around axis c; at b itself there
+    are two ellipses through axis b.
     """
     a, b, c = np.argsort(moments)
     low, middle, high = moments[[a, b, c]]

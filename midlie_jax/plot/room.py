@@ -1,8 +1,9 @@
-"""Room for names beside panels, on figures whose layout makes none: `plt.subplots()` and the like.
+"""Room for names beside panels, on figures without a layout engine, such as those of `plt.subplots()`.
 
 A layout engine ("constrained", "tight") moves panels until all text around them fits. Without one, matplotlib lets
-names run off the page or over the next panel. Here a panel gives up some of its width, or moves, whenever it is drawn,
-so it follows later changes of limits, sizes and labels. It does so by an axes locator, matplotlib's hook for this.
+names run off the page or over the next panel. With this module a panel gives up some of its width, or moves, whenever
+it is drawn, so it follows later changes of limits, sizes and labels. This uses an axes locator, matplotlib's hook for
+the purpose.
 """
 
 from collections.abc import Callable
@@ -11,18 +12,18 @@ from typing import Any
 from .style import is_3d
 
 _EDGE = 3.0  # points that stay free at the edges of the page and before the next panel
-_LEAST = 0.25  # of its width, and of its size if it is 3-D, which a panel keeps
-_SAME = 1e-6  # places on the page, as fractions of it, that differ less are the same
+_LEAST = 0.25  # the share of its width, or of its size if it is 3-D, that a panel keeps at least
+_SAME = 1e-6  # places on the page that differ by a smaller fraction of it count as the same
 
 Rule = Callable[[Any, Any], Any]
 
 
 class Locator:
-    """Places axes when they are drawn, by a rule that takes axes and renderer, unless a layout engine does.
+    """Places axes by a rule when they are drawn, unless a layout engine places them.
 
     Attributes:
         axes: the axes.
-        rule: returns their place, as fractions of the page.
+        rule: returns the place of the axes, in fractions of the page, from the axes and the renderer.
     """
 
     def __init__(self, axes: Any, rule: Rule):
@@ -37,7 +38,7 @@ class Locator:
 
 
 def locate(axes: Any, rule: Rule) -> None:
-    """Lets a rule place the axes, unless something else does."""
+    """Lets a rule place the axes, unless something else places them already."""
     if axes.get_axes_locator() is None:
         axes.set_axes_locator(Locator(axes, rule))
 
@@ -49,10 +50,10 @@ def _lacks_engine(axes: Any) -> bool:
 
 
 def in_same_column(axes: Any, rule: Rule) -> list[Any]:
-    """The axes that this rule places and that would have the same left and right edge without it.
+    """All axes placed by this rule that would have the same left and right edge without it.
 
-    Axes there that the panel shares its x axis with, or that lie upon it, are placed by the rule from now on, too: with
-    other edges their scales would not fit.
+    Axes at the same edges that share their x axis with the panel, or lie on top of it, are placed by the rule from now
+    on, too: with other edges their scales would not match.
     """
     column = [other for other in axes.figure.axes if _alike(axes, other, "x")]
     for other in column:
@@ -62,7 +63,7 @@ def in_same_column(axes: Any, rule: Rule) -> list[Any]:
 
 
 def _alike(axes: Any, other: Any, letter: str) -> bool:
-    """Whether two panels have the same edges in one direction, without us."""
+    """Whether two panels would have the same edges in one direction without this module."""
     intervals = [one.get_position(original=True) for one in (axes, other)]
     mine, its = ([getattr(box, f"{letter}{end}") for end in (0, 1)] for box in intervals)
     return all(abs(a - b) < _SAME for a, b in zip(mine, its, strict=True))
@@ -74,37 +75,37 @@ def _rule(axes: Any) -> Any:
 
 
 def own_place(axes: Any) -> Any:
-    """Where the axes would be without us, in pixels."""
+    """Where the axes would be without this module, in pixels."""
     return axes.get_position(original=True).transformed(axes.figure.transSubfigure)
 
 
 def on_page(axes: Any, x0: float, y0: float, x1: float, y1: float) -> Any:
-    """A place in pixels as a locator returns it."""
+    """A place given in pixels, in the form that a locator returns."""
     from matplotlib.transforms import Bbox
 
     return Bbox.from_extents(x0, y0, x1, y1).transformed(axes.figure.transSubfigure.inverted())
 
 
 def narrowed(axes: Any, needed: float, renderer: Any) -> float:
-    """The right edge, in pixels, of a plain panel with names `needed` pixels wide outside of it."""
+    """The right edge, in pixels, of a plain panel that leaves room for names `needed` pixels wide."""
     place = own_place(axes)
     limit = reach(axes, renderer)[1] - needed
     return max(min(place.x1, limit), place.x0 + _LEAST * place.width)
 
 
 def fitted(axes: Any, middle: float, picture: float, left: float, right: float, renderer: Any) -> tuple[float, float]:
-    """The factor for the size of a 3-D panel, and its shift in pixels, with which picture and names are on the page.
+    """The factor for the size of a 3-D panel, and its shift in pixels, that bring picture and names onto the page.
 
     Args:
-        axes: 3-D axes, which are at `own_place`.
+        axes: 3-D axes, placed at `own_place`.
         middle: the middle of the picture, pixels.
         picture: half the width of the picture, pixels.
         left, right: widths of the names on either side, with their leaders, pixels.
-        renderer: of the figure.
+        renderer: the renderer of the figure.
     """
     low, high = reach(axes, renderer)
     factor = min(1.0, max(_LEAST, (high - low - left - right) / (2 * picture)))
-    centre = (axes.bbox.x0 + axes.bbox.x1) / 2  # of the panel, around which it shrinks
+    centre = (axes.bbox.x0 + axes.bbox.x1) / 2  # the centre of the panel, around which it shrinks
     middle = centre + factor * (middle - centre)
     start, end = middle - factor * picture - left, middle + factor * picture + right
     return factor, min(0.0, high - end) if end > high else max(0.0, low - start)
@@ -121,7 +122,7 @@ def reach(axes: Any, renderer: Any) -> tuple[float, float]:
         tolerance = _SAME * page.width
         if its.x0 >= place.x1 - tolerance:
             high = min(high, _border(axes, other, place.x1, its.x0, renderer))
-        elif is_3d(axes) and its.x1 <= place.x0 + tolerance:  # plain panels have names to the right alone
+        elif is_3d(axes) and its.x1 <= place.x0 + tolerance:  # plain panels have names only to the right
             low = max(low, _border(axes, other, place.x0, its.x1, renderer))
     return low + free, high - free
 
@@ -129,7 +130,8 @@ def reach(axes: Any, renderer: Any) -> tuple[float, float]:
 def _border(axes: Any, other: Any, mine: float, its: float, renderer: Any) -> float:
     """The border between two panels whose facing edges are at `mine` and `its`.
 
-    A plain panel keeps what it has drawn around itself; to ask a 3-D one for that would ask it where this one is.
+    A plain panel keeps the room for its labels. A 3-D panel cannot be asked for that: its answer would need this
+    border.
     """
     if not is_3d(other):
         extent = other.get_tightbbox(renderer)

@@ -1,4 +1,4 @@
-"""`panels`: the paths of a picture that shows several side by side, each with its body and its name."""
+"""`panels`: the paths that a picture shows side by side, each with its body and its name."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -12,7 +12,7 @@ from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.states import RigidState
 
 _MOST = 12
-_ROW = 4  # panels in a row, at most
+_ROW = 4  # the most panels in a row
 
 Bodies = RigidBody | TensorBody | Sequence[RigidBody | TensorBody]
 RigidPath = AnyPath[RigidState]
@@ -37,7 +37,8 @@ def panels(body: Any, path: Any) -> list[Panel]:
     """The panels of a picture, in order.
 
     Args:
-        body: one body for all paths, or a sequence with one for each, or for a path of `ensemble` a batch of bodies.
+        body: one body for all paths, a sequence with one body for each path, or for a path of `ensemble` a batch of
+            bodies.
         path: a path of one body; a mapping of names to such paths, or a sequence of them; or a path of `ensemble`,
             whose bodies are named by their index.
 
@@ -56,7 +57,7 @@ def panels(body: Any, path: Any) -> list[Panel]:
 
 
 def grid(count: int) -> tuple[int, int]:
-    """Rows and columns of a picture with so many panels."""
+    """The numbers of rows and columns of a picture with `count` panels."""
     rows = ceil(count / _ROW)
     return rows, ceil(count / rows)
 
@@ -64,7 +65,7 @@ def grid(count: int) -> tuple[int, int]:
 def _named(path: Any) -> tuple[list[str], list[Any]]:
     if isinstance(path, Mapping):
         return [str(name) for name in path], list(path.values())
-    if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple as well
+    if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple, too
         return [""] * len(path), list(path)
     shape = np.shape(getattr(getattr(path, "states", None), "momentum", 0.0))
     if len(shape) == 3:
@@ -74,7 +75,7 @@ def _named(path: Any) -> tuple[list[str], list[Any]]:
 
 
 def _row(path: Any, k: int) -> Any:
-    """The path of body k of an ensemble; its times may be shared."""
+    """The path of body k of an ensemble, whose bodies may share their times."""
     times = path.times[k] if np.ndim(path.times) == 2 else path.times
     rest = jax.tree.map(lambda x: x[k] if np.ndim(x) else x, path._replace(times=()))
     return rest._replace(times=times)

@@ -1,7 +1,7 @@
-"""What all pictures share: colours that are told apart in any colour vision, the size of names, and an empty figure.
+"""What all pictures share: colours that any colour vision distinguishes, the size of names, and an empty figure.
 
-Text has the colour of the axis labels and what is context is grey, so both are legible on a light and a dark
-background. matplotlib is an optional dependency, so it is imported only when something is drawn.
+Text has the colour of the axis labels, and everything but the subject is grey, so both are legible on a light and a
+dark background. matplotlib is an optional dependency, so it is imported only when something is drawn.
 """
 
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 # Of M. Okabe and K. Ito, Color Universal Design (2008).
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"  # the first three lines: contrast above 3 on white and black
 SKY, ORANGE, PURPLE, BLACK = "#56B4E9", "#E69F00", "#CC79A7", "#000000"
-GREY = "#8a8a8a"  # of what is not the subject
+GREY = "#8a8a8a"  # for everything but the subject
 SIZE = 8.5  # font size of names in a panel, points
 
 
@@ -40,7 +40,7 @@ def is_3d(axes: Any) -> bool:
 
 
 def remark(axes: Any, text: str) -> None:
-    """Writes a small text at the lower left of a panel, above those that are there; nothing for ""."""
+    """Writes a small text at the lower left of a panel, above earlier remarks; nothing for ""."""
     if not text:
         return
     mark = "midlie_jax.plot.remark"

@@ -1,4 +1,4 @@
-"""`Turning`: a body at the times of the frames of an animation, as a box that has its moments of inertia."""
+"""`Turning`: a body at the times of an animation's frames, drawn as a box with its moments of inertia."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from .axis_path import as_axis, directions
 from .motion import Motion, motion_of
 
 _CORNER = 0.8  # distance of the corners from the middle; the drawn axis has length 1
-_THINNEST = 0.03  # of a flat body, relative to its longest side
+_THINNEST = 0.03  # the thickness with which a flat body is drawn, relative to its longest side
 _RESOLVED = np.pi / 2  # radians: if a body turns by less between saved states, attitudes between them are known
 # The corners of a cube, and its six faces as loops of corners, seen from outside counter-clockwise.
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -25,15 +25,15 @@ class Turning(NamedTuple):
     """The frames of an animation.
 
     Attributes:
-        times: of the frames, (k,).
-        corners: of the box in space at these times, (k, 8, 3), in the order of `CORNERS`.
+        times: the times of the frames, (k,).
+        corners: the corners of the box in space at these times, (k, 8, 3), in the sequence of `CORNERS`.
         tips: the end of the drawn axis at these times, (k, 3), a unit vector in space.
-        inside: the share of the axis, from the middle, that is inside the box.
+        inside: the share of the axis that is inside the box, measured from the middle.
         momenta: the angular momentum in space at these times, over its largest length along the path, (k, 3).
-        path_times: the saved times that are drawn, (n,).
-        path_tips, path_momenta: the same at the saved times, (n, 3).
+        path_times: the saved times whose states are drawn, (n,).
+        path_tips, path_momenta: `tips` and `momenta` at the saved times, (n, 3).
         axis: the name of the axis.
-        remarks: what is to be written on the picture.
+        remarks: texts to be written on the picture.
     """
 
     times: np.ndarray
@@ -52,7 +52,7 @@ def picture_file(file: str | Path, ending: str) -> Path:
     """The file to write.
 
     Raises:
-        ValueError: it has another ending.
+        ValueError: its name has another ending.
     """
     target = Path(file)
     if target.suffix.lower() != ending:
@@ -68,9 +68,9 @@ def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
 def turnings(moving: Sequence[tuple[Any, Any]], axis: Any, frames: Any, most: int) -> list[Turning]:
     """Bodies at the same evenly spaced times, from the first of all their paths to the last.
 
-    Between saved states a body turns at a constant rate. If it turns by more than a right angle between two saved
-    states, no attitude between them is known: then the frames show the saved states that are nearest. A body whose path
-    ends before the others stands still from then on.
+    Between saved states a body is assumed to turn at a constant rate. If it turns by more than a right angle between
+    two saved states, the attitudes between them are unknown, and the frames show the nearest saved states. A body whose
+    path ends before the others stands still from then on.
 
     Args:
         moving: pairs of a body and its path.
@@ -106,7 +106,7 @@ def _turning(body: Any, motion: Motion, corners: np.ndarray, axis: Any, times: n
     direction, name = as_axis(axis)
     attitudes = motion.attitudes  # raises before the body is compared with the states
     angles = motion.turns_by(body)
-    # In the order of ascending times, because a run may go backwards.
+    # Sorted by ascending time, because a run may go backwards.
     order = np.argsort(motion.times)
     ascending = motion.times[order]
     within = np.clip(times, ascending[0], ascending[-1])
@@ -154,10 +154,11 @@ def box(body: Any) -> np.ndarray:
     """The corners (8, 3), in the frame of the body, of the box with its moments of inertia, in the order of `CORNERS`.
 
     A box of mass m and half sides a, b, c has the moments m (b^2 + c^2) / 3, m (c^2 + a^2) / 3, m (a^2 + b^2) / 3. So
-    a^2 is proportional to I2 + I3 - I1. The size is that of the picture; what a flat body lacks in thickness is added.
+    a^2 is proportional to I2 + I3 - I1. The box is scaled to the size of the picture, and a flat body is drawn with
+    some thickness.
 
     Raises:
-        ValueError: not one rigid body.
+        ValueError: the body is not one rigid body.
     """
     if not isinstance(body, RigidBody | TensorBody):
         raise ValueError(f"body must be a RigidBody or a TensorBody, got {described(body)}.")

@@ -14,18 +14,18 @@ from .style import BLUE, GREEN, GREY, ORANGE, SKY
 from .turning import FACES, Turning, picture_file, turnings
 
 _MOST_FRAMES, _MOST_POINTS = 1000, 4000
-_DIGITS = 5  # of the coordinates, which are at most about 1
-_MILLISECONDS = 40  # for which a frame is shown
+_DIGITS = 5  # decimals of the coordinates, which are at most about 1
+_MILLISECONDS = 40  # how long a frame is shown
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # in the order of FACES
 _REACH = 1.25
-_HEIGHT = 560  # of a view in a notebook, pixels
+_HEIGHT = 560  # the height of a view in a notebook, pixels
 _PAGE: dict[str, Any] = {
     "validate": False,
     "default_height": "96vh",
-    "div_id": "midlie-view",  # the same page for the same motion
+    "div_id": "midlie-view",  # fixed, so that the same motion gives the same page
     "config": {"displaylogo": False, "responsive": True},
 }
-# The colours of page and text follow the browser, which is set to light or dark; the body is legible on both.
+# The colours of page and text follow the setting of the browser, light or dark; the body is visible on both.
 _FOLLOW = """
 const gd = document.getElementById('{plot_id}');
 const dark = window.matchMedia('(prefers-color-scheme: dark)');
@@ -67,7 +67,7 @@ class View:
         return to_html(self._figure, include_plotlyjs=True, auto_play=False, post_script=follow, **_PAGE)
 
     def write(self, file: str | Path) -> Path:
-        """Writes the page to a file .html, an existing one is replaced, and returns its path.
+        """Writes the page to a file .html, replacing an existing one, and returns the path of the file.
 
         Raises:
             ValueError: the name has another ending.
@@ -79,7 +79,7 @@ class View:
         return target
 
     def _repr_html_(self) -> str:
-        """The page in a frame of its own, so that it and the notebook do not meddle with each other."""
+        """The page in an HTML frame of its own, so that page and notebook do not interfere."""
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
 
     def __repr__(self) -> str:
@@ -98,23 +98,24 @@ def view(
 ) -> View:
     """A turning body that can be looked at from all sides, played, and set to any time, in a notebook or a browser.
 
-    As the last value of a cell it shows itself in a notebook, which grows by 5 MB. It shows a box of the body's moments
-    of inertia, an axis of the body and its path on the unit sphere, and the angular momentum and its path, over its
-    largest length. All of it is in the space frame, whose axes x, y, z are drawn. Several bodies, or one body moved by
-    several methods, stand side by side at the same times. The page contains plotly, some 5 MB, and loads nothing: it
-    works without a network. It is light or dark as the reader's browser is.
+    As the last value of a notebook's cell it is displayed there, and the notebook grows by 5 MB. It shows a box with
+    the body's moments of inertia, an axis of the body and its path on the unit sphere, and the angular momentum over
+    its largest length, with its path. All of it is in the space frame, whose axes x, y, z are drawn. Several bodies, or
+    one body moved by several methods, stand side by side at the same times. The page contains plotly, some 5 MB, and
+    loads nothing: it works without a network. It is light or dark like the reader's browser.
 
     Args:
         body: the body of the path, a `RigidBody` or a `TensorBody`; for several paths one body for all, a list with one
             for each, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
-            `free_motion`. Or several, up to 12: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
-            path of `ensemble`. Of more than 4,000 saved states every so many are drawn.
+            `free_motion`. Or up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
+            path of `ensemble`. If there are more than 4,000 saved states, only every second, third, ... of them is
+            drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
         frames: at how many evenly spaced times the body is shown, at most 1,000. If the body turns by more than a
-            quarter of a turn from one to the next, the picture says by how many turns.
-        title: a line above.
+            quarter of a turn from one frame to the next, the picture says by how many turns.
+        title: a line above the picture.
 
     Returns:
         The `View`, whose `file` is the file that was written.
@@ -144,7 +145,7 @@ def _figure(names: Sequence[str], turns: Sequence[Turning], title: str) -> dict[
     ]
     first = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, _moving(shown, 0))]
     moving = list(range(len(still), len(still) + len(first)))
-    # The places alone: colours are those of the first frame, or of the reader's browser.
+    # Later frames hold only coordinates: colours are those of the first frame, or of the reader's browser.
     times = [float(t) for t in turns[0].times]
     places = [
         [{axis: trace[axis] for axis in "xyz"} for shown in turns for trace in _moving(shown, k)]
@@ -155,12 +156,12 @@ def _figure(names: Sequence[str], turns: Sequence[Turning], title: str) -> dict[
 
 
 def _scene(k: int) -> str:
-    """Plotly's name of the part of the page in which body k is seen."""
+    """Plotly's name for the part of the page in which body k is seen."""
     return f"scene{k + 1}" if k else "scene"
 
 
 def _seen_in(k: int, traces: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The traces of body k; the legend has those of the first."""
+    """The traces of body k; the legend lists only those of the first body."""
     return [trace | {"scene": _scene(k)} | ({"showlegend": False} if k else {}) for trace in traces]
 
 
@@ -259,7 +260,7 @@ def _space_axes() -> dict[str, Any]:
 
 
 def _sphere() -> dict[str, Any]:
-    """Three great circles."""
+    """The unit sphere, as three great circles."""
     angle = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     gap = np.full((1, 3), np.nan)
@@ -268,7 +269,7 @@ def _sphere() -> dict[str, Any]:
 
 
 def _without_nan(trace: dict[str, Any]) -> dict[str, Any]:
-    """NaN as null, where plotly interrupts a line: JSON has no NaN."""
+    """The trace with null for NaN, which JSON lacks; plotly interrupts a line at either."""
     return trace | {key: [None if v != v else v for v in trace[key]] for key in "xyz"}
 
 
@@ -281,7 +282,7 @@ def _paths(shown: Turning) -> list[dict[str, Any]]:
 
 
 def _moving(shown: Turning, k: int) -> list[dict[str, Any]]:
-    """The box, the axis, in the colour of its path, and the momentum at frame k."""
+    """The box, the axis (in the colour of its path) and the momentum, at frame k."""
     x, y, z = (_numbers(column) for column in shown.corners[k].T)
     triangles = [part for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))]
     i, j, k_ = (list(corner) for corner in zip(*triangles, strict=True))

@@ -10,26 +10,26 @@ from jax import Array
 from .._checks.arguments import described, require, require_finite, shown
 from .._math.components import is_traced
 
-_ROUNDED = 1e-6  # how far correlations may be off: those of numbers rounded to float32 are
+_ROUNDED = 1e-6  # how far correlations may be off, because numbers may have been rounded to float32
 
 
 class Distribution(eqx.Module):
     """How one quantity is scattered over the bodies.
 
-    The arrays in it are its parameters. `midlie_jax.scatter` casts them to the dtype of the result before it draws.
+    Its arrays are the parameters. `midlie_jax.scatter` casts them to the dtype of the result before it draws.
     """
 
     @abstractmethod
     def draw(self, key: Array, body: Array, dtype: Any) -> Any:
         """The value of one body: an array, or a tree of arrays, without the axis of bodies.
 
-        It is mapped over blocks of bodies and compiled. XLA can round a long computation in one loop differently where
-        it runs on another number of threads; `RotationNear` shows how to divide the loop.
+        This method is mapped over blocks of bodies and compiled. XLA may round a long computation in one loop
+        differently on another number of threads; `RotationNear` shows how to divide the loop.
 
         Args:
             key: the typed key of this quantity and body.
             body: index of the body, an integer ().
-            dtype: of the result and of the parameters.
+            dtype: the dtype of the result and of the parameters.
         """
 
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
@@ -38,7 +38,7 @@ class Distribution(eqx.Module):
 
 
 def as_numbers(name: str, value: Any) -> np.ndarray:
-    """`value` as a finite array of float64 in the memory of the host, so that no digit depends on the x64 switch.
+    """`value` as a finite float64 array of NumPy, so that no digit depends on whether JAX's x64 is on.
 
     Raises:
         ValueError: it is no array of finite numbers, or it is traced.
@@ -73,7 +73,7 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     """The arrays, each repeated to their common shape.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no common shape.
     """
     try:
         return tuple(np.array(x) for x in np.broadcast_arrays(*arrays.values()))
@@ -87,9 +87,9 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
 def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
     """A matrix S with S S^T = covariance, which must be (size, size): deviations times a root of the correlations.
 
-    The covariance itself is not decomposed: its digits are relative to its largest entry, so that nothing would be left
-    of the small entries where the sizes of the quantities differ much. The root of the correlations is the symmetric
-    positive semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root made of
+    The covariance itself is not decomposed: rounding errors would be relative to its largest entry, and destroy the
+    small entries if the quantities differ much in size. The root of the correlations is the symmetric positive
+    semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root made of
     eigenvectors alone has signs that depend on the program that finds them.
 
     Raises:
@@ -112,10 +112,10 @@ def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
 
 
 def _deviations_and_correlations(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The two factors of a covariance, (d,) and (d, d); the correlations of a number that does not vary are 0.
+    """Standard deviations (d,) and correlations (d, d); the correlations of a number that does not vary are 0.
 
     Raises:
-        ValueError: there are none, or they are not symmetric, as for `covariance_root`.
+        ValueError: the covariance has none, or they are not symmetric, as for `covariance_root`.
     """
     variances = np.diagonal(covariance)
     for k in np.flatnonzero(variances < 0):
@@ -124,7 +124,7 @@ def _deviations_and_correlations(covariance: np.ndarray) -> tuple[np.ndarray, np
             "the deviations."
         )
     deviations = np.sqrt(variances)
-    unit = np.where(deviations > 0, deviations, 1)  # of each number
+    unit = np.where(deviations > 0, deviations, 1)  # the unit of each number
     correlations = covariance / unit[:, None] / unit
     varies = (deviations > 0)[:, None] & (deviations > 0)
     for i, k in np.argwhere(~varies & (covariance != 0)):

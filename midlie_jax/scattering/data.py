@@ -18,9 +18,9 @@ def _as_table(values: Any) -> np.ndarray:
 
 
 class Rows(Distribution):
-    """A row of measured data, each with the same probability and as often as it comes: the bootstrap.
+    """A row of measured data, drawn with replacement and with equal probabilities: the bootstrap.
 
-    Quantities that belong together must be columns of one array, else each takes a row of its own.
+    Quantities that belong together must be columns of one array; otherwise their rows are drawn independently.
 
     Args:
         values: (m, ...), m rows of any shape.
@@ -40,7 +40,7 @@ class Rows(Distribution):
 
 
 class Each(Distribution):
-    """Row k for body k: nothing is drawn. For values that are known, or that another program has drawn.
+    """Row k for body k; nothing is drawn. Use it for values that are known, or that another program has drawn.
 
     Args:
         values: (m, ...), one row for each body.

@@ -17,13 +17,13 @@ class Normal(Distribution):
     """Normal numbers, independent with a `deviation` each, or one vector with a covariance matrix.
 
     Attributes:
-        mean: of any shape, which is the shape of a draw.
+        mean: numbers of any shape, which is the shape of a draw.
         deviation: standard deviations, of the shape of `mean`; None with a covariance.
         root: a matrix S with S S^T = covariance, (d, d); None with deviations.
 
     Args:
         mean: numbers of any shape; with a covariance a vector (d,).
-        deviation: standard deviations of at least 0, in the unit of the mean; a single number is that of all.
+        deviation: standard deviations of at least 0, in the unit of the mean; a single number holds for all.
         covariance: (d, d), symmetric positive semi-definite, in place of the deviation.
 
     Raises:
@@ -56,7 +56,7 @@ class Normal(Distribution):
         if self.deviation is not None:
             return jnp.asarray(self.mean) + self.deviation * standard
         assert self.root is not None
-        # One column after the other: a product of matrices sums in an order that depends on how many rows there are.
+        # Summed column by column, because in a matrix product the sequence of additions depends on the number of rows.
         total = jnp.asarray(self.mean)
         for column in range(self.mean.size):
             total = total + self.root[:, column] * standard[column]
@@ -67,13 +67,13 @@ class LogNormal(Distribution):
     """Positive numbers whose logarithms are normal: masses, moments, coefficients.
 
     Attributes:
-        median: of any shape, which is the shape of a draw.
+        median: numbers of any shape, which is the shape of a draw.
         log_deviation: standard deviations of the natural logarithm.
 
     Args:
         median: positive numbers of any shape; half of all draws are larger.
-        deviation: relative standard deviations, that is standard deviation over mean, of at least 0; a single number is
-            that of all. The mean is median * sqrt(1 + deviation^2).
+        deviation: relative standard deviations, that is standard deviation over mean, of at least 0; a single number
+            holds for all. The mean is median * sqrt(1 + deviation^2).
 
     Raises:
         ValueError: a median that is not positive, a negative deviation, shapes that do not fit, or numbers that are not
@@ -99,7 +99,8 @@ class Uniform(Distribution):
         low, width: the lower bounds and how far the upper ones are above them, of the shape of a draw.
 
     Args:
-        low, high: numbers of any shape, low <= high; a single number is that of all. Rounding can give `high` itself.
+        low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` itself can be
+            drawn.
 
     Raises:
         ValueError: low exceeds high, shapes that do not fit, or numbers that are not finite.
@@ -126,14 +127,14 @@ class Joint(Distribution):
 
     Attributes:
         normal: the distribution of all numbers, in the order of `mean`, arrays row by row.
-        names, shapes: of the quantities.
+        names, shapes: those of the quantities.
 
     Args:
         mean: a dictionary of names and means, each of any shape.
         covariance: (d, d), symmetric positive semi-definite, of all d numbers in the order of `mean`.
 
     Raises:
-        ValueError: the mean is no dictionary or an empty one, or as for `Normal`.
+        ValueError: the mean is no dictionary or is empty, or as for `Normal`.
     """
 
     normal: Normal

@@ -19,13 +19,13 @@ def _direction(key: Array, size: int, dtype: Any) -> Array:
     """A uniform point of the unit sphere in `size` dimensions: normal numbers have no preferred direction."""
     normal = jax.random.normal(key, (size,), dtype)
     square = normal[0] * normal[0]
-    for n in range(1, size):  # one after the other: the order of a sum over an axis is up to the compiler
+    for n in range(1, size):  # one by one, because the compiler chooses the sequence of a sum over an axis
         square = square + normal[n] * normal[n]
     return normal / jnp.sqrt(square).reshape(1)
 
 
 class Sphere(Distribution):
-    """A vector (3,) of one length whose direction is uniform on the sphere S^2.
+    """A vector (3,) of fixed length, whose direction is uniform on the sphere S^2.
 
     Args:
         radius: the length, a positive number.

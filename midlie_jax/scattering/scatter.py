@@ -1,9 +1,9 @@
-"""`scatter`: the random inputs of an ensemble, the same for each body wherever and with whatever others it is drawn.
+"""`scatter`: random inputs of an ensemble; a body's draw does not depend on where or with which others it is made.
 
 The key of a draw is made of the user's key, a hash of the quantity's name and the index of the body, so that no draw
-depends on the order in which numbers are asked for. Its bits are integers, which every program computes alike. What
-makes normal numbers of them is rounded, and XLA rounds differently in programs for other numbers of rows. So all bodies
-go through one compiled program, in blocks of one size; a block that is not full is padded.
+depends on the sequence of draws. Random bits are integers, which every program computes alike. But the functions that
+make normal numbers of them round, and XLA rounds differently in programs for other numbers of rows. So all bodies go
+through one compiled program, in blocks of one size; a block that is not full is padded.
 """
 
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ from .._checks.arguments import FLOATS, described, require_finite
 from .._math.components import is_traced
 from .base import Distribution
 
-_BLOCK = 1024  # bodies a call of the compiled program; a power of two, so that vector instructions leave no remainder
-_MOST = 2**32  # bodies: their indices are words of 32 bits
+_BLOCK = 1024  # bodies per call of the compiled program; a power of two, so vector instructions leave no remainder
+_MOST = 2**32  # the most bodies: indices have 32 bits
 
 
 def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> dict[str, Any]:
@@ -31,8 +31,8 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
     The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype. So body k
     is the same whatever other bodies and quantities are drawn, and a process or group that holds the bodies from i to
     j - 1 draws just these: `scatter(key, range(i, j), ...)` are those rows of `scatter(key, n, ...)`, bit for bit. This
-    holds for one kind of processor and one version of JAX; another may round some draws differently. For Monte Carlo
-    runs that do not share draws, give each run its own key (`jax.random.split`).
+    holds for one kind of processor and one version of JAX; others may round some draws differently. If Monte Carlo runs
+    should not share draws, give each run its own key (`jax.random.split`).
 
     Args:
         key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
@@ -83,7 +83,7 @@ def _block(distribution: Distribution, key: Array, indices: Array, dtype: str) -
 
 
 def _blocks(indices: np.ndarray) -> Iterator[np.ndarray]:
-    """The indices in pieces of one size, at least one; the last is filled up with index 0."""
+    """The indices in blocks of one size, at least one block; the last is filled up with index 0."""
     count = max(-(-indices.size // _BLOCK), 1)
     padded = np.zeros(count * _BLOCK, np.uint32)
     padded[: indices.size] = indices
@@ -91,7 +91,7 @@ def _blocks(indices: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _joined(parts: tuple[Array, ...]) -> np.ndarray:
-    """On the host, because XLA would compile a program for each number of parts."""
+    """The parts joined by NumPy, because XLA would compile a program for each number of parts."""
     return np.concatenate([np.asarray(part) for part in parts])
 
 

@@ -1,4 +1,4 @@
-"""The checksums of what a run writes: they are kept in the store, and compared with what is read back from it."""
+"""The checksums of all that a run writes: they are stored as well, and compared with those of what is read back."""
 
 import zlib
 from collections.abc import Callable
@@ -14,15 +14,15 @@ def checksum(values: np.ndarray) -> int:
 
 
 def sealed(sums: list[int]) -> list[int]:
-    """Checksums followed by their own, which is not zero; so neither zeros nor a torn record are a commit."""
+    """Checksums followed by their own checksum, which is not zero: so neither zeros nor a torn record are a commit."""
     return [*sums, zlib.crc32(np.array(sums, np.uint32).tobytes()) or 1]
 
 
 def found(array: Callable[[], Any], *place: int | slice) -> int | None:
-    """The checksum of what an array of a store holds at a place, by default everywhere; None if that cannot be read.
+    """The checksum of an array of a store at a place, by default of all of it; None if the array cannot be read.
 
-    The last chunks of an array may reach beyond its end. Nobody reads what fills them there, but a byte that has
-    changed there, too, says that the file is damaged.
+    The last chunks of an array may reach beyond its end. Nobody reads the filling there, but if a byte of it has
+    changed, the file is damaged.
     """
     values = or_none(lambda: _whole_at(array(), place))
     return None if values is None else checksum(np.asarray(values))
@@ -31,12 +31,12 @@ def found(array: Callable[[], Any], *place: int | slice) -> int | None:
 def or_none(read: Callable[[], Any]) -> Any:
     try:
         return read()
-    except Exception:  # whatever a reader of damaged files raises
+    except Exception:  # reading a damaged file can raise anything
         return None
 
 
 def _whole_at(array: Any, place: tuple[int | slice, ...]) -> Any:
-    """What an array holds at a place that is made of chunks; None if what fills these beyond its end is damaged."""
+    """The values of an array at a place made of whole chunks; None if the filling beyond its end is damaged."""
     ends = tuple(-(-length // size) * size for length, size in zip(array.shape, array.chunks, strict=True))
     if not place or ends == array.shape:
         return array[place or ...]

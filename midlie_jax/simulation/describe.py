@@ -1,4 +1,4 @@
-"""What a file says about its run, beside the variables of the motion: times, parameters, method, versions."""
+"""What a file says about its run besides the variables of the motion: times, parameters, method, versions."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from .plan import Plan
 from .variables import BODY, TIME, Variable, own_dims
 from .versions import versions
 
-_MOST_IN_ATTRIBUTES = 16  # numbers of a parameter that is written as an attribute
+_MOST_IN_ATTRIBUTES = 16  # a parameter with more numbers is written as a variable, not as an attribute
 Whole = dict[str, tuple[Variable, np.ndarray]]
 
 

@@ -1,7 +1,7 @@
 """The description of a store: `zarr.json` of its root, which also holds a copy of the description of every array.
 
-It is sealed by a checksum, because nothing else in the store could say whether it is what was written. The copies are
-what the store is read by; where the file of an array is lost or damaged, it is written again from its copy.
+The description is sealed by a checksum, because nothing else in the store could tell whether it has changed. The store
+is read by the copies; if the own description of an array is lost or damaged, it is written again from the copy.
 """
 
 import json
@@ -10,7 +10,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-ATTRIBUTE = "midlie_jax"  # of the root: what a resumed run needs
+ATTRIBUTE = "midlie_jax"  # the attribute of the root that holds what a resumed run needs
 _FILE, _COPIES, _SEAL, _SEALED = "zarr.json", "consolidated_metadata", "seal", "sealed"
 Document = dict[str, Any]
 
@@ -34,14 +34,14 @@ def read(path: Path) -> Document:
 
 
 def seal(path: Path) -> None:
-    """Seals the description of a new store: its attributes, so that more may be added later, and all copies."""
+    """Seals the description of a new store: its present attributes (more may be added later), and all copies."""
     document = json.loads((path / _FILE).read_text())
     document["attributes"][ATTRIBUTE][_SEALED] = sorted(document["attributes"])
     write(path, document)
 
 
 def write(path: Path, document: Document) -> None:
-    """Writes a description with a new seal; at no time is there one that is not whole."""
+    """Writes a description with a new seal; at no time is there an incomplete one."""
     document["attributes"][ATTRIBUTE][_SEAL] = _checksum(document)
     unfinished = path.with_name(f"{path.name}.description-{os.getpid()}")  # in the store it would look like an array
     try:
@@ -62,7 +62,7 @@ def lost(path: Path, document: Document) -> list[str]:
 
 
 def restore(path: Path, document: Document, names: list[str]) -> None:
-    """Writes these files again."""
+    """Writes the named files again."""
     for name in names:
         file = path / name
         file.parent.mkdir(exist_ok=True)
@@ -75,7 +75,7 @@ def _copies(document: Document) -> dict[str, Document]:
 
 
 def _bare(document: Any) -> Any:
-    """Without the copies that a group may have of its own."""
+    """A description without the copies that a group may itself contain."""
     return {k: v for k, v in document.items() if k != _COPIES} if isinstance(document, dict) else document
 
 
@@ -87,7 +87,7 @@ def _found(file: Path) -> Any:
 
 
 def _checksum(document: Document) -> int:
-    """Of all that is sealed."""
+    """The checksum of all that is sealed."""
     attributes = document["attributes"]
     own = {name: value for name, value in attributes[ATTRIBUTE].items() if name != _SEAL}
     others = {name: attributes[name] for name in own[_SEALED] if name != ATTRIBUTE}

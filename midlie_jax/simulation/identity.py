@@ -23,9 +23,9 @@ UNSEEN = "code that is not in the program"
 
 
 def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str]:
-    """Names and contents of all that determines the numbers of the run: what is long is represented by a hash.
+    """Names and contents of all that determines the numbers of the run; long contents are represented by a hash.
 
-    Under the name `UNSEEN` it holds what nobody can compare, if there is any.
+    The entry `UNSEEN`, if there is one, names what cannot be compared.
     """
     arguments = eqx.combine(batch.mapped, batch.shared)
     body, torque, start, dt, t0 = arguments
@@ -59,7 +59,7 @@ def _flags() -> list[str]:
 
 
 def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
-    """In words, what is not the same in two identities."""
+    """The differences between two identities, in words."""
     return [
         f"{name} was {before.get(name, 'absent')} and is now {now.get(name, 'absent')}"
         for name in dict.fromkeys((*before, *now))
@@ -90,7 +90,7 @@ def _arrays(tree: Any) -> list[Any]:
 
 
 def _numbers(array: Any) -> np.ndarray:
-    """The array in NumPy; of random keys their data."""
+    """The array in NumPy; for random keys, their data."""
     if isinstance(array, jax.Array) and jax.numpy.issubdtype(array.dtype, jax.dtypes.prng_key):
         array = jax.random.key_data(array)
     return np.asarray(array)

@@ -1,4 +1,4 @@
-"""What a store holds: how far its run came, whether all of it is as it was written, and which bodies failed."""
+"""What a store holds: how far its run came, whether anything is damaged, and which bodies failed."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ class Inspection(NamedTuple):
         done: body-steps that are computed and written.
         total: body-steps of the whole run.
         damaged: names of what cannot be read, or is not what was written; empty if all is well.
-        first_bad: see `Simulation`; as far as the run came.
+        first_bad: see `Simulation`; as far as the run has come.
     """
 
     path: Path

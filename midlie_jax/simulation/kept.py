@@ -1,7 +1,7 @@
-"""The part of a group that is not complete, kept in one file `checkpoint/begun-GROUP.npz` of a store.
+"""The incomplete part of a group, stored in one file `checkpoint/begun-GROUP.npz` of a store.
 
-The file is there from when a part takes long until the part is written. It is replaced as a whole, and holds a checksum
-of each array, as every .npz does. So it is whole at any moment, whenever the process is killed.
+The file exists while a part that takes long is computed, until the part is written. It is always replaced as a whole,
+and holds a checksum of each array, as every .npz does. So it is complete whenever the process is killed.
 """
 
 import os
@@ -17,13 +17,13 @@ _SEEN, _CARRIED = "seen_", "carried_"
 
 
 class Kept:
-    """These files of a store."""
+    """The files of a store for incomplete parts."""
 
     def __init__(self, folder: Path):
         self._folder = folder
 
     def write(self, part: Part, begun: Begun) -> None:
-        """Keeps a part in place of what is kept of its group."""
+        """Stores an incomplete part, in place of what was stored of its group before."""
         arrays: dict[str, Any] = {"span": part.span, "steps": begun.steps, "first_bad": begun.first_bad}
         arrays |= {f"{_SEEN}{name}": values for name, values in begun.seen.items()}
         arrays |= {f"{_CARRIED}{i}": values for i, values in enumerate(begun.carried)}
@@ -35,7 +35,7 @@ class Kept:
         file.with_suffix(".new").replace(file)
 
     def read(self, part: Part) -> Begun | None:
-        """What is kept of a part; None if nothing is, or only of a part before it.
+        """What is stored of an incomplete part; None if nothing is, or only something of an earlier part.
 
         Raises:
             ValueError: the file is damaged.
@@ -50,11 +50,11 @@ class Kept:
             return Begun(int(arrays["steps"]), seen, carried, arrays["first_bad"])
         except FileNotFoundError:
             return None
-        except Exception as error:  # whatever a reader of damaged files raises
+        except Exception as error:  # reading a damaged file can raise anything
             raise ValueError(f"what is kept of {part} is damaged ({type(error).__name__}: {error}).") from error
 
     def remove(self, group: int) -> None:
-        """Forgets what is kept of a group."""
+        """Removes what is stored of a group's incomplete part."""
         for file in (self._file(group), self._file(group).with_suffix(".new")):
             file.unlink(missing_ok=True)
 

@@ -13,10 +13,10 @@ from .variables import GROUP, Variable
 
 
 class Memory(Sink):
-    """Keeps the parts of a run.
+    """Collects the parts of a run in memory.
 
     Attributes:
-        plan: the cut of the run.
+        plan: how the run is cut into parts.
     """
 
     def __init__(self, plan: Plan, seen: dict[str, Variable]):
@@ -31,7 +31,7 @@ class Memory(Sink):
         self._first_bad[self.plan.bodies_of(part.group)] = first_bad
 
     def keep(self, part: Part, begun: Begun) -> None:
-        """Nothing, because nothing is left of such a run that is stopped."""
+        """Does nothing, because a run in memory that is stopped is lost."""
 
     def first_bad(self) -> np.ndarray:
         return self._first_bad
@@ -40,7 +40,7 @@ class Memory(Sink):
         return self._arrays[name]
 
     def save(self, path: Path, whole: dict[str, np.ndarray], attributes: dict[str, Any]) -> None:
-        """Writes the file; at no time is there a file that is not whole."""
+        """Writes the file; at no time is there an incomplete file."""
         unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
         arrays = {name: values for name, values in self._arrays.items() if name not in self._of_groups}
         described = {name: np.asarray(value) for name, value in attributes.items() if not isinstance(value, dict)}

@@ -1,14 +1,14 @@
-"""Names for the arrays of a pytree, by their place in it, and for those of parameters."""
+"""Names for the arrays of a pytree, by their place in it; and for the arrays of parameters."""
 
 from typing import Any
 
 import jax
 
-ALONE = "observed"  # the name of an array that is a tree of its own
+ALONE = "observed"  # the name if the tree is a single array
 
 
 def named(tree: Any, separator: str = "_") -> dict[str, Any]:
-    """The leaves of a tree by the names of the places where they stand: {"momentum": ..., "attitude": ...}."""
+    """The leaves of a tree by names for their places in it: {"momentum": ..., "attitude": ...}."""
     places = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator=separator) or ALONE: leaf for path, leaf in places}
 

@@ -23,14 +23,14 @@ from .sink import Arrays, Begun
 
 
 class Progress(NamedTuple):
-    """How far a group of bodies is.
+    """How far a group of bodies has come.
 
     Attributes:
-        start: the states of all rows of the group where its next part begins, also of those that only fill it.
-        first_bad: `Simulation.first_bad` of these rows, from the steps that are taken so far.
-        steps: how many steps of the part are taken. The other attributes are of what these left:
+        start: the states where the part begins, of all rows of the group, including rows that only fill it up.
+        first_bad: `Simulation.first_bad` of these rows, from the steps taken so far.
+        steps: how many steps of the part are taken. The following attributes hold their results:
         carried: the progress of all rows.
-        seen: what the part will write, piece after piece in time.
+        seen: what the part will write, in pieces ordered by time.
         end: the states of all rows.
     """
 
@@ -58,7 +58,7 @@ class Computation(NamedTuple):
 
     Attributes:
         batch, observe, plan, mesh: the run.
-        nothing: what is carried by a group before its first step of a part; nobody reads the numbers.
+        nothing: stands for the carried progress before the first step of a part; nobody reads its numbers.
     """
 
     batch: Batch
@@ -79,33 +79,33 @@ class Computation(NamedTuple):
         return Progress(start, np.full(len(rows), self.plan.saves, np.int32))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
-        """A group at the end of a span, with the states and `first_bad` that the span left in a file."""
+        """A group at the end of a span, from the states and `first_bad` that were stored there."""
         rows = self._rows_in(group)
         structure = jax.tree.structure(self.batch.mapped[2])
         arrays = [state[name][rows] for name in named(self.batch.mapped[2])]
         return Progress(jax.tree.unflatten(structure, arrays), first_bad[rows])
 
     def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
-        """A group in the middle of a part, from its progress before the part and what is kept of the part."""
+        """A group in the middle of a part, from its progress before the part and what is stored of the part."""
         rows = self._rows_in(group)
         carried = jax.tree.unflatten(jax.tree.structure(self.nothing), [x[rows] for x in begun.carried])
         pieces = (begun.seen,) if begun.seen else ()
         return Progress(before.start, begun.first_bad[rows], begun.steps, carried, pieces)
 
     def tables(self, span: int) -> Any:
-        """What all bodies share in a span, computed once for all its groups."""
+        """The inputs that all bodies share in a span, computed once for all groups."""
         mapped, plan = jax.tree.map(lambda x: x[:1], self.batch.mapped), self.plan
         first, steps = jnp.int32(plan.first_step(span)), plan.intervals * plan.save_every
         return shared_tables(self.batch.method, as_adjoint(None), mapped, self.batch.shared, first, steps)
 
     def compute(self, part: Part, before: Progress, steps: int, tables: Any) -> Progress:
-        """The group after a leg of about so many steps in a part; waits for it."""
+        """The group after a leg of about `steps` steps in a part; waits for the result."""
         plan, rows, every = self.plan, self.rows(part.group), self.plan.save_every
         stop = next_stop(before.steps, steps, iteration(self.batch.method, every), every)
         stop = min(stop, plan.steps(part.span))
         body, torque, _, dt, t0 = self.batch.mapped
         body, torque, dt, t0 = jax.tree.map(lambda x: x[rows], (body, torque, dt, t0))
-        # From NumPy, because what comes from a mesh would be another argument to JAX, and compiled for anew.
+        # As NumPy arrays: for arrays on a mesh JAX would compile the program anew.
         start, first_bad, carried = jax.tree.map(
             jnp.asarray, (before.start, before.first_bad, before.carried if before.steps else self.nothing)
         )
@@ -123,7 +123,7 @@ class Computation(NamedTuple):
             Leg(jnp.int32(before.steps), jnp.int32(stop), carried),
         )
         seen, end, carried, first_bad = jax.tree.map(np.asarray, found)
-        # The state with which a part begins is written by the part before.
+        # The state with which a part begins is written by the previous part.
         new = slice(before.steps // every + 1 if before.steps or part.span else 0, stop // every + 1)
         real = slice(None) if isinstance(self.observe, Statistic) else slice(plan.bodies_in(part.group))
         piece = {name: values[real, new].copy() for name, values in seen.items()}
@@ -136,7 +136,7 @@ class Computation(NamedTuple):
         return np.minimum(np.arange(first, first + self.plan.group), self.plan.bodies - 1)
 
     def _rows_in(self, group: int) -> np.ndarray:
-        """The same, counted from the first body of the group."""
+        """The bodies of a group, counted from its first body."""
         return self.rows(group) - self.plan.bodies_of(group).start
 
 
@@ -154,9 +154,9 @@ def _compute(
     tables: Any,
     leg: Leg,
 ) -> tuple[dict[str, Array], AnyState, Any, Array]:
-    """What is seen in a span, right where the leg has been; states and progress at its end; and `first_bad`.
+    """What a span writes, valid within the leg; states and progress at the end of the leg; and `first_bad`.
 
-    One program for all spans and legs. So its results do not depend on where the legs begin and end.
+    One program serves all spans and legs, so the results do not depend on where legs begin and end.
     """
     counted = real & (first_bad == plan.saves)
     every, last = plan.save_every, plan.intervals

@@ -13,7 +13,7 @@ from .parts import Computation, Progress
 from .plan import Part
 from .sink import Begun, Sink
 
-_AHEAD = 2  # writes that are not done, at most; then the computation waits for the first of them
+_AHEAD = 2  # the most unfinished writes; beyond, the computation waits for the first of them
 
 
 def compute_and_write(
@@ -25,12 +25,12 @@ def compute_and_write(
 ) -> None:
     """Computes and writes the parts in turn; `written` is called in this thread with the body-steps of each write.
 
-    A part that takes long is kept again and again, see `pace.py`. After an error nothing more is written. After an
-    interruption (ctrl-C) all that is computed is.
+    The progress of a part that takes long is stored repeatedly, see `pace.py`. After an error nothing more is written.
+    After an interruption (ctrl-C) everything that has been computed is written.
     """
     plan, pace, stopped = computation.plan, Pace(), False
     waiting: deque[Future[int]] = deque()
-    new: tuple[Part, Progress, int] | None = None  # what is computed and not yet given to the writer
+    new: tuple[Part, Progress, int] | None = None  # computed, but not yet given to the writer
 
     def write(part: Part, progress: Progress, since: int) -> int:
         nonlocal stopped

@@ -1,7 +1,7 @@
 """How a run is cut into parts: groups of bodies, and spans of time.
 
-A part is what is written to the variables of the file at once. The cut depends on the run alone, not on the devices or
-processes that compute it or on the time that they take, so that all of them compute the same bits.
+A part is what is written to the variables of the file at once. How a run is cut depends on the run alone, and not on
+devices, processes or the time that they take, so that all of them compute the same bits.
 """
 
 from collections.abc import Iterable, Iterator
@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from ..drivers.chunks import even_size
 
-_BYTES = 2**25  # of one part in the file, about
-# Of one part, at most, unless two saved states need more: then most runs write a part, which a reader of the file can
-# see, several times a minute. What a kill costs does not depend on it, see `pace.py`.
+_BYTES = 2**25  # about the size of one part in the file
+# The most body-steps of one part, unless two saved states need more. With these, most runs write a part several times
+# per minute, which a reader of the file can see. The cost of a kill does not depend on it, see `pace.py`.
 _BODY_STEPS = 3 * 10**7
 GROUP = 2**15  # bodies of one group, by default
 
@@ -27,7 +27,7 @@ class Part(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The cut of a run.
+    """How a run is cut into parts.
 
     Attributes:
         bodies: all bodies.
@@ -56,7 +56,7 @@ class Plan(NamedTuple):
         return -(-self.saves // self.span)
 
     def parts(self, groups: range) -> Iterator[Part]:
-        """The parts of these groups in the order in which they are computed: all bodies reach a time together."""
+        """The parts of these groups in the order in which they are computed: span by span, each for all groups."""
         return (Part(span, group) for span in range(self.spans) for group in groups)
 
     def bodies_of(self, group: int) -> slice:
@@ -81,11 +81,11 @@ class Plan(NamedTuple):
 
     @property
     def intervals(self) -> int:
-        """The most intervals between saved states that a span takes."""
+        """The largest number of intervals between saved states in a span."""
         return self.span - (self.spans == 1)
 
     def place(self, part: Part, of_groups: bool) -> tuple[slice, slice]:
-        """Where a part stands in a variable (body, time, ...), or in one (group, time, ...) of a statistic."""
+        """The place of a part in a variable (body, time, ...), or in a statistic's variable (group, time, ...)."""
         rows = slice(part.group, part.group + 1) if of_groups else self.bodies_of(part.group)
         return rows, self.saves_of(part.span)
 
@@ -94,15 +94,15 @@ class Plan(NamedTuple):
         return sum(self.bodies_in(part.group) * self.steps(part.span) for part in parts)
 
     def groups_of(self, process: int, processes: int) -> range:
-        """The groups that a process computes: neighbours, and as many for each process as possible."""
+        """The groups that a process computes: consecutive ones, as evenly distributed as possible."""
         return range(process * self.groups // processes, (process + 1) * self.groups // processes)
 
 
 def sizes(bodies: int, group: int | None, chunk: int | None, longest: int) -> tuple[int, int]:
-    """The bodies of a group and of a chunk: what is asked for, else as even a cut as possible, to compute few copies.
+    """The bodies of a group and of a chunk: as requested, or else cut evenly, so that few copies are computed.
 
     Args:
-        longest: the most bodies of a chunk that are not asked for.
+        longest: the most bodies of a chunk if its size was not requested.
     """
     if group is None:
         group = _evenly(bodies, GROUP)
@@ -112,7 +112,7 @@ def sizes(bodies: int, group: int | None, chunk: int | None, longest: int) -> tu
 
 
 def _evenly(count: int, most: int) -> int:
-    """The size of parts, all the same but for the last, if there are as few as possible of at most `most`."""
+    """The size of parts if there are as few as possible of at most `most`; all have it except the last."""
     return even_size(count, -(-count // most))
 
 
@@ -121,7 +121,7 @@ def span_of(group: int, save_every: int, bytes_a_save: int | float) -> int:
 
     Args:
         group, save_every: as in `Plan`.
-        bytes_a_save: what one saved state of one body takes in the file.
+        bytes_a_save: the bytes of one saved state of one body in the file.
     """
     by_bytes = _BYTES / max(group * bytes_a_save, 1)
     by_work = _BODY_STEPS / (group * save_every)

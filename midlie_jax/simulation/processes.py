@@ -1,4 +1,4 @@
-"""What several processes of one run say to each other, by `jax.distributed`; one process alone says nothing."""
+"""How the processes of one run wait for each other, by `jax.distributed`; a single process does not wait."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -10,7 +10,7 @@ R = TypeVar("R")
 
 
 def wait(name: str) -> None:
-    """Returns when all processes have come here."""
+    """Returns when all processes have called it with this name."""
     if jax.process_count() > 1:
         from jax.experimental.multihost_utils import sync_global_devices
 
@@ -26,7 +26,7 @@ def all_succeed(work: Callable[[], R]) -> R:
     result, error = None, None
     try:
         result = work()
-    except Exception as caught:  # it is raised below, after the others know
+    except Exception as caught:  # raised below, after the other processes know
         error = caught
     failed = np.flatnonzero(process_allgather(np.array(error is not None)))
     if error is not None:

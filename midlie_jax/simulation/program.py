@@ -1,4 +1,4 @@
-"""The program of a run as the compiler gets it, with every constant: what determines the numbers beside the arguments.
+"""The program of a run as the compiler gets it, with every constant: besides the arguments it determines the numbers.
 
 A traced function (a jaxpr) does not show all of it: constants of inner loops, conditions and derivative rules hide in
 it. The lowered program holds them all, at any depth, and the settings of JAX under which it was made.
@@ -16,13 +16,13 @@ from ..drivers.ensemble import Batch
 from ..drivers.integrate import run_of_body
 from ..drivers.observe import Observe, Statistic
 
-# Calls of code outside the program, by name, whose code is part of JAX or of the GPU's libraries. Any other name is
-# code of the user's, such as that of `jax.pure_callback` or `jax.ffi.ffi_call`, and is not seen.
+# The names of calls whose code is outside the program, but part of JAX or of the GPU's libraries. Any other name stands
+# for the user's code, as with `jax.pure_callback` or `jax.ffi.ffi_call`, which cannot be seen.
 _KNOWN = re.compile(
     r"lapack_|cusolver|cublas|cudnn|cufft|cuda_|cu_|hip|roc|ducc_fft|Sharding$|SPMD|sdy|xla\.|mhlo\.|chlo\.|stablehlo\."
     r"|TopK$|ApproxTopK$|PartialReduce$|__gpu\$xla"
 )
-# A call without results cannot determine a number: that of `jax.debug.print`.
+# A call without results, such as that of `jax.debug.print`, cannot determine a number.
 _CALL = re.compile(r"custom_call @\"?(?P<name>[^\s\"(]+).*->\s*(?P<results>.+)$", re.MULTILINE)
 
 
@@ -44,13 +44,13 @@ def program(batch: Batch, observe: Observe | None) -> str:
 
 
 def unseen(program: str) -> list[str]:
-    """The names of the calls in a program whose code is not in it, so that nobody can say whether it has changed."""
+    """The names of the calls in a program whose code is outside it: nobody can say whether that has changed."""
     found = [call["name"] for call in _CALL.finditer(program) if call["results"].strip() not in ("()", "tuple<>")]
     return sorted({name for name in found if not _KNOWN.match(name)} | set(re.findall("dense_resource", program)))
 
 
 def _combined(observe: Statistic, values: Any) -> Any:
-    """What the statistic makes of the values of some bodies, all its functions used once."""
+    """The finished statistic of the values of some bodies, for which each of its functions is called once."""
     good = jax.numpy.ones(len(jax.tree.leaves(values)[0]), bool)
     part = jax.tree.map(lambda x: x[None, None], observe.part(values, good))
     return observe.finished(observe.merged(part))

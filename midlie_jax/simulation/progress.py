@@ -10,11 +10,11 @@ import jax
 
 @contextmanager
 def reported(progress: bool | Callable[[int], Any] | None, total: int, done: int) -> Generator[Callable[[int], Any]]:
-    """A function that is to be called with the body-steps that are written; the first process shows a bar.
+    """A function to be called with the number of body-steps that were written; the first process shows a bar.
 
     Args:
         progress: see `simulate`.
-        total, done: body-steps of this process in all, and those that need not be computed.
+        total, done: all body-steps of this process, and those of them that need not be computed.
     """
     if callable(progress):
         yield progress

@@ -1,4 +1,4 @@
-"""Where a run goes on: what a store holds of each group is checked, and what is damaged is computed again."""
+"""Where a run goes on: what a store holds of each group is checked, and damaged parts are computed again."""
 
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ from .store import Store
 
 
 class Resumed(NamedTuple):
-    """Where the groups of a run are.
+    """How far the groups of a run have come.
 
     Attributes:
         spans: for each group, how many spans need not be computed.
-        groups: for each group its progress after these spans, and in the next one.
-        repaired: what was damaged; it is computed again, or has been written again.
+        groups: for each group its progress after these spans, including steps of the next span.
+        repaired: what was damaged, and is computed again or has been written again.
     """
 
     spans: dict[int, int]
@@ -35,10 +35,10 @@ def begun(computation: Computation, groups: range) -> Resumed:
 
 
 def resumed(computation: Computation, store: Store, groups: range) -> Resumed:
-    """The state of these groups in a store, whose damaged parts it takes back.
+    """How far these groups have come in a store; commits of damaged parts are taken back.
 
-    The states at the end of a span are kept for the last two spans only. So a group with an older damaged part is
-    computed from its start.
+    The states at the end of a span are stored for the last two spans only. So a group with an older damaged part is
+    computed from the start of the run.
     """
     found = Resumed({}, {}, ())
     for group in groups:
@@ -65,7 +65,7 @@ def resumed(computation: Computation, store: Store, groups: range) -> Resumed:
 
 
 def kept_of(store: Store, part: Part) -> tuple[Begun | None, list[str]]:
-    """What a store keeps of the first part of a group that is not whole; and the name of that, if it is damaged."""
+    """What a store holds of the first incomplete part of a group; and its name, if it is damaged."""
     if part.span == store.plan.spans:
         return None, []
     try:
@@ -75,7 +75,7 @@ def kept_of(store: Store, part: Part) -> tuple[Begun | None, list[str]]:
 
 
 def repair_whole(computation: Computation, store: Store) -> tuple[str, ...]:
-    """Writes variables again that no part writes, such as the time, where they are damaged; returns their names."""
+    """Rewrites those damaged variables that no part writes, such as the time; returns their names."""
     whole = whole_variables(computation.batch, computation.plan)
     damaged = {name: given for name, given in whole.items() if not store.holds(name, given[1])}
     store.add(damaged)
@@ -83,7 +83,7 @@ def repair_whole(computation: Computation, store: Store) -> tuple[str, ...]:
 
 
 def whole_spans(store: Store, group: int) -> tuple[int, list[str]]:
-    """How many spans of a group are whole, with the states to go on from, and what else is damaged."""
+    """How many spans of a group are undamaged, with states to go on from; and the names of what is damaged."""
     spans = store.committed(group)
     damaged = store.damage(group)
     if damaged:
@@ -92,7 +92,7 @@ def whole_spans(store: Store, group: int) -> tuple[int, list[str]]:
     for count in range(spans, max(0, spans - 2), -1):
         if store.whole_state(Part(count - 1, group)):
             spare = Part(count - 2, group)
-            # Before the end of the run a killed process may have begun to overwrite them.
+            # Before the end of the run, a killed process may have begun to overwrite the states.
             complete = count == store.plan.spans > 1
             if complete and not store.given_up(spare) and not store.whole_state(spare):
                 damaged.append(f"the spare states after {spare}")

@@ -1,4 +1,4 @@
-"""`saved_path`: one body of a run in a file, as a path: of `simulate`, .zarr or .npz, or of `midlie run`, .npz."""
+"""`saved_path`: one body of a saved run as a path: .zarr or .npz of `simulate`, or .npz of `midlie run`."""
 
 import zipfile
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ class Saved(NamedTuple):
 
     Attributes:
         body: what moves.
-        path: its motion, as far as it is computed; `first_bad` is the number of its states if all can be trusted.
+        path: the motion, as far as it is computed; `first_bad` is the number of states if all can be trusted.
         title: what the file says about the run.
         bodies: how many bodies there are in the file.
     """
@@ -72,11 +72,11 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     good = int(np.cumprod(finite).sum())
     bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
-    # A store that is not complete has no numbers yet where nothing is computed: that is no failure.
+    # An incomplete store has no numbers yet where nothing is computed, which is not a failure.
     count = good if ok else len(t)
     parts = jnp.asarray(momentum[:count]), jnp.asarray(attitude[:count])
     one = RigidState(np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32))
-    states: Any = jax.tree.unflatten(jax.tree.structure(one), parts)  # unchecked: those of a failed run may hold NaN
+    states: Any = jax.tree.unflatten(jax.tree.structure(one), parts)  # unchecked, because a failed run may hold NaN
     path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
     title = str(arrays["title"]) if "title" in arrays else source.name
     return Saved(_body(source, arrays, body), path, title, bodies)
@@ -105,7 +105,7 @@ def states_of(file: str | File) -> AnyState:
 
 
 def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
-    """The kinds of state that are known, by their names, also those that users have defined."""
+    """The known kinds of state by name, including those that users have defined."""
     found = {kind.__name__: kind}
     for own in kind.__subclasses__():
         found |= _kinds(own)
@@ -121,7 +121,7 @@ def _of_file(source: File) -> Mapping[str, Any]:
 
 
 def _of_store(source: File) -> Mapping[str, Any]:
-    """The arrays of the root, and the parameters that stand in its attributes."""
+    """The arrays of the root, and the parameters that are in its attributes."""
     try:
         import zarr
     except ImportError as error:
@@ -130,7 +130,7 @@ def _of_store(source: File) -> Mapping[str, Any]:
         root: Any = zarr.open_group(str(source), mode="r")
         found: dict[str, Any] = dict(root.arrays())
         parameters: Any = root.attrs["parameters"]
-    except Exception as error:  # whatever a reader of damaged files raises
+    except Exception as error:  # reading a damaged file can raise anything
         raise ValueError(f"{source} is not the store of a run ({type(error).__name__}: {error}).") from error
     found |= {parameter(name): np.asarray(value) for name, value in parameters.items()}
     return found | {"title": root.attrs.get("title", source.name), "state": root.attrs.get("state")}
@@ -138,7 +138,7 @@ def _of_store(source: File) -> Mapping[str, Any]:
 
 def _body(source: File, arrays: Mapping[str, Any], body: int) -> RigidBody | TensorBody:
     def found(name: str, axes: int) -> np.ndarray | None:
-        """The parameter of this body, whether each has its own or all have one."""
+        """The parameter of this body, which may be one for each body or one for all."""
         if name not in arrays:
             return None
         values = np.asarray(arrays[name])

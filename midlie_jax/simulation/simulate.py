@@ -71,31 +71,31 @@ def simulate(
     Args:
         method, body, torque, start, dt, steps, t0, first_step, torque_axes, observe: as for `ensemble`; `start` has a
             leading axis (n,). A run that begins with the last states of another one (`Simulation.states`) and with
-            `first_step` the number of its steps goes on with the same bits.
+            `first_step` the number of steps of that run goes on with the same bits.
         out: a folder whose name ends in .zarr, for a Zarr store (needs the extra `io`); or a file whose name ends in
             .npz, for a small run that is kept in memory, written at its end, and cannot be resumed.
         save_every: save a state, or what is observed, every `save_every` steps, and at the start. `None` saves the
             start and the end alone.
-        resume: go on with the run in `out`, if there is one. What is damaged there is found, named in the result, and
+        resume: go on with the run in `out`, if there is one. Damaged parts of it are found, named in the result, and
             computed again.
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
-            each takes those of its own devices that are in the mesh. The numbers do not depend on it.
+            each uses those of its own devices that are in the mesh. The numbers do not depend on the mesh.
         group: bodies that are computed at once and written to one chunk of the file; by default up to 32768.
         span: saved states of a body that are written to one chunk, at least 2; by default as many as fill 32 MB, or
-            need 3e7 body-steps.
+            take 3e7 body-steps.
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
         progress: whether to show a bar, if tqdm is installed; by default only if stderr is a terminal. Or a function
-            that is called with a number of body-steps whenever so many more have been written.
+            that is called after each write with the number of body-steps written.
         attributes: what the file is to say about the run besides what `simulate` knows: names with texts, numbers, or
-            lists of these. In a run that is resumed they are those of its beginning.
+            lists of these. A resumed run keeps those with which it began.
 
     Returns:
         A summary with the failures of single bodies: print it, or open the file by its `open()`.
 
     Raises:
         ValueError: as for `ensemble`; `out` exists and `resume` is False; the run in `out` is another one, and the
-            message says what has changed; the torque or `observe` calls code outside the compiled program, such as
-            that of `jax.pure_callback`, so that nobody can say whether it is the same; another process writes to `out`.
+            message says what has changed; the torque or `observe` calls code outside the compiled program, such as that
+            of `jax.pure_callback`, in which changes cannot be seen; another process writes to `out`.
         ImportError: the extra `io` is not installed.
         OSError: a part cannot be written. What was written before is kept, and the run can be resumed.
     """
@@ -112,7 +112,7 @@ def simulate(
     check_spread(batch, observe, mesh)
     seen = seen_leaves(batch, observe)
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
-    if existing is not None:  # its cut is kept, unless another one is asked for, which is refused below
+    if existing is not None:  # a resumed run is cut as before; a request for another cut is refused below
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **cut)
@@ -128,7 +128,7 @@ def simulate(
 
 
 def _local(mesh: Mesh | None) -> Mesh:
-    """The devices of this process in the mesh; by default one, which is a mesh too: one program for any number."""
+    """The devices of this process in the mesh; by default a mesh of one device, so that there is only one program."""
     return Mesh(np.array(jax.local_devices()[:1]), ("bodies",)) if mesh is None else mesh.local_mesh
 
 
@@ -186,7 +186,7 @@ def _in_memory(
 def _in_store(
     computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any, attributes: dict[str, Any]
 ) -> tuple[np.ndarray, int, Repaired]:
-    """The same for a store, of which this process computes its share of the parts that are missing."""
+    """`_in_memory` for a store: this process computes its share of the missing parts."""
     batch, observe, plan, *_ = computation
     now, first = identity(batch, observe, plan), jax.process_index() == 0
 

@@ -10,13 +10,13 @@ Arrays = dict[str, np.ndarray]
 
 
 class Begun(NamedTuple):
-    """A part of which some steps are computed.
+    """An incomplete part: some of its steps are computed.
 
     Attributes:
         steps: how many.
-        seen: what the part will write, as far as it is saved.
+        seen: what the part will write, as far as it is computed.
         carried: the arrays of the progress of its bodies, (bodies, ...).
-        first_bad: (bodies,), from the steps that are taken so far.
+        first_bad: (bodies,), from the steps taken so far.
     """
 
     steps: int
@@ -40,7 +40,7 @@ class Sink(Protocol):
         ...
 
     def keep(self, part: Part, begun: Begun) -> None:
-        """Keeps what is computed of a part until there is more of it, or the part is written."""
+        """Stores an incomplete part, until it is stored with more steps or written as a whole."""
         ...
 
     def read(self, name: str) -> np.ndarray:

@@ -1,12 +1,13 @@
 """A run in a Zarr store that xarray opens, and the checks by which a run is resumed from it.
 
 The root holds what a reader wants: the variables of the run, `time`, `first_bad`, and attributes that describe the run.
-The group `parts` holds what a statistic has of each group of bodies, before these are merged at the end of the run.
+The group `parts` holds the parts of a statistic for each group of bodies, which are merged at the end of the run.
 
 The group `checkpoint` holds what a resumed run needs: the state of each body at the end of the last two spans (in
 one slot for even and one for odd spans), and for each part a commit: the checksums of all that the part wrote. The
-commit is the last that a part writes, in one atomic operation. What a process wrote before it was killed, but did not
-commit, is written again by the resumed run. A part that takes long has a file with its progress there, too (`kept.py`).
+commit is the last thing that is written of a part, in one atomic operation. What a process wrote but did not commit
+before it was killed is written again by the resumed run. For a part that takes long, the group also holds a file with
+its progress (`kept.py`).
 """
 
 import os
@@ -27,7 +28,7 @@ from .plan import Part, Plan
 from .sink import Arrays, Begun, Sink
 from .variables import BODY, COORDINATES, GROUP, Variable
 
-PARTS = "parts"  # the group with what a statistic has of each group of bodies
+PARTS = "parts"  # the Zarr group with the parts of a statistic
 _FIRST_BAD = "first_bad"
 
 
@@ -36,7 +37,7 @@ class Store(Sink):
 
     Attributes:
         path: the folder.
-        plan: the cut of the run.
+        plan: how the run is cut into parts.
         identity: see `identity.py`.
         attributes: what the root says about the run, see `describe.py`.
     """
@@ -54,7 +55,7 @@ class Store(Sink):
         self.plan, self.identity = Plan(**own["plan"]), dict(own["identity"])
         self._root: Any = _opened(path, "r" if read_only else "r+")
         places = dict(own["variables"])
-        self._seen: list[str] = sorted(places)  # in the order of the checksums; attributes keep none
+        self._seen: list[str] = sorted(places)  # in the order of the checksums, because attributes have no order
         self._arrays = {name: self._root[places[name]] for name in self._seen}
         self._checkpoint: Any = self._root["checkpoint"]
         self._states: list[str] = sorted(own["state"])
@@ -65,7 +66,8 @@ class Store(Sink):
     def locked(self) -> Generator[None]:
         """Keeps other processes from writing to the store, until this one ends or leaves the context.
 
-        The operating system takes the lock from a process that is killed; its file is left then, and does no harm.
+        The operating system releases the lock of a process that is killed; the lock's file is then left, and does no
+        harm.
 
         Raises:
             ValueError: another process holds the lock.
@@ -82,8 +84,8 @@ class Store(Sink):
         try:
             yield
         finally:
-            with suppress(PermissionError):  # Windows removes no file that is open
-                Path(lock.lock_file).unlink(missing_ok=True)  # before the release: after it, it may be another's
+            with suppress(PermissionError):  # Windows does not remove open files
+                Path(lock.lock_file).unlink(missing_ok=True)  # before the release: later it may be another's file
             lock.release()
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
@@ -103,7 +105,7 @@ class Store(Sink):
         self._kept.write(part, begun)
 
     def begun(self, part: Part) -> Begun | None:
-        """What is kept of a part that is not committed, if anything is.
+        """What is stored of a part that is not committed, if anything is.
 
         Raises:
             ValueError: it is damaged.
@@ -111,7 +113,7 @@ class Store(Sink):
         return self._kept.read(part)
 
     def forget_begun(self, group: int) -> None:
-        """Forgets what is kept of a group."""
+        """Removes what is stored of a group's incomplete part."""
         self._kept.remove(group)
 
     def state(self, part: Part) -> tuple[Arrays, np.ndarray]:
@@ -125,7 +127,7 @@ class Store(Sink):
         return next((s for s in range(self.plan.spans) if not self._sums(Part(s, group))), self.plan.spans)
 
     def damage(self, group: int) -> list[str]:
-        """Names what cannot be read of the committed spans of a group, or is not what was written."""
+        """Names what cannot be read in the committed spans of a group, or has changed since it was written."""
         count = self.committed(group)
         later = [s for s in range(count, self.plan.spans) if self._sums(Part(s, group))]
         found = [f"the commit of {Part(count, group)}"] if later else []
@@ -137,7 +139,7 @@ class Store(Sink):
         return found
 
     def torn(self, group: int) -> list[str]:
-        """Names what is damaged of a group without taking a committed span with it."""
+        """Names the damaged data of a group that are no reason to give up a committed span."""
         spans, bodies = self.committed(group), self.plan.bodies_of(group)
         found: list[str] = []
         if spans < self.plan.spans:
@@ -146,7 +148,7 @@ class Store(Sink):
             if commit is None or commit.any():
                 found.append(f"the commit of {part}")
         now = checksums.found(lambda: self._root[_FIRST_BAD], bodies)
-        # Before the end of the run it may be ahead of the last commit.
+        # Before the end of the run, `first_bad` may be ahead of the last commit.
         slots = [(spans - 1) % 2] if spans == self.plan.spans else [0, 1]
         then = [checksums.found(lambda: self._checkpoint[_FIRST_BAD], slot, bodies) for slot in slots]
         if not spans:
@@ -156,7 +158,7 @@ class Store(Sink):
         return found
 
     def whole_state(self, part: Part) -> bool:
-        """Whether the states at the end of a committed part are what was written."""
+        """Whether the states at the end of a committed part are unchanged since they were written."""
         bodies, slot = self.plan.bodies_of(part.group), part.span % 2
         names = (*self._states, _FIRST_BAD)
         return self._sums_of_state(part) == [
@@ -168,7 +170,7 @@ class Store(Sink):
         return not any(self._sums_of_state(part))
 
     def give_up(self, part: Part) -> None:
-        """Says in the commit of a part that the states at its end are lost."""
+        """Records in the commit of a part that the states at its end are lost."""
         sums = self._sums(part)
         self._commits[part.span, part.group] = sealed([*sums[: len(self._seen)], *([0] * (len(self._states) + 1))])
 
@@ -177,7 +179,7 @@ class Store(Sink):
         self._commits[spans:, group] = 0
 
     def first_bad(self) -> np.ndarray:
-        """(bodies,); of a group where it is damaged, what the last commit says."""
+        """(bodies,); for a group in which it is damaged, the values of the last commit."""
         found = np.full(self.plan.bodies, self.plan.saves, np.int32)
         for group in range(self.plan.groups):
             bodies, slot = self.plan.bodies_of(group), (self.committed(group) - 1) % 2
@@ -189,7 +191,7 @@ class Store(Sink):
         return found
 
     def write_first_bad(self, group: int, first_bad: np.ndarray) -> None:
-        """Writes what a killed process may have left half written, or ahead of its last commit."""
+        """Rewrites `first_bad`, which a killed process may have left incomplete or ahead of its last commit."""
         self._root[_FIRST_BAD][self.plan.bodies_of(group)] = first_bad
 
     def holds(self, name: str, values: np.ndarray) -> bool:
@@ -197,17 +199,17 @@ class Store(Sink):
         return name in self._root and checksums.found(lambda: self._root[name]) == checksum(values)
 
     def damaged_whole(self) -> list[str]:
-        """Names the variables of the root that no part writes and that are not what was written."""
+        """Names those variables of the root that no part writes and that have changed since they were written."""
         whole: dict[str, int] = self.attributes[ATTRIBUTE]["whole"]
         found = {name: checksums.found(lambda name=name: self._root[name]) for name in whole}
         return [name for name, expected in whole.items() if found[name] != expected]
 
     def lost_descriptions(self) -> list[str]:
-        """The files with descriptions of arrays that are not what was written."""
+        """The files with descriptions of arrays that have changed since they were written."""
         return description.lost(self.path, self._described)
 
     def restore(self) -> list[str]:
-        """Writes the descriptions of arrays, and the names of components, again where they are damaged; names these."""
+        """Rewrites damaged descriptions of arrays and names of components; returns what was rewritten."""
         lost = self.lost_descriptions()
         description.restore(self.path, self._described, lost)
         names = [name for name in self.damaged_whole() if name in COORDINATES]
@@ -224,7 +226,7 @@ class Store(Sink):
         for name, (variable, values) in variables.items():
             if name in self._root:
                 array = self._root[name]
-            else:  # also where a killed process has created it, but not described it in the root
+            else:  # also if a killed process has created the array, but not described it in the root
                 array = _create(self._root, name, variable, variable.shape, overwrite=True)
                 description.add_copy(self.path, self._described, name)
             array[...] = values
@@ -243,7 +245,7 @@ class Store(Sink):
         """The checksums of a committed part; an empty list if the part is not committed."""
         try:
             sums = [int(x) for x in self._commits[part.span, part.group]]
-        except Exception:  # a damaged commit is none
+        except Exception:  # a damaged commit counts as none
             return []
         return sums[:-1] if sums == sealed(sums[:-1]) else []
 
@@ -257,15 +259,15 @@ def create(
     whole: dict[str, tuple[Variable, np.ndarray]],
     attributes: dict[str, Any],
 ) -> None:
-    """Creates a store without parts; at no time is there a store that is not whole.
+    """Creates a store without parts; at no time is there an incomplete store.
 
     Args:
-        path: of the folder, which must not exist.
+        path: the folder, which must not exist.
         plan, identity: see `Store`.
         seen: the variables that the parts write.
         state: the arrays of the states of all bodies.
         whole: variables that are known beforehand, such as the time.
-        attributes: of the root.
+        attributes: the attributes of the root.
 
     Raises:
         OSError: the folder cannot be written.
@@ -321,7 +323,7 @@ def _first_bad_attributes(plan: Plan) -> dict[str, str]:
 
 
 def _opened(path: Path, mode: Any) -> Any:
-    """The root; the copies in its description open the arrays, also where their own descriptions are damaged."""
+    """The root, whose copies of descriptions open the arrays even if their own descriptions are damaged."""
     import zarr
 
     return zarr.open_group(path, mode=mode, use_consolidated=True)
@@ -330,9 +332,9 @@ def _opened(path: Path, mode: Any) -> Any:
 def _create(
     group: Any, name: str, variable: Variable, chunks: tuple[int, ...], missing: int = 0, overwrite: bool = False
 ) -> Any:
-    """An array without compression, because the digits of numbers of a motion are as good as random.
+    """An array without compression, because the last digits of a motion's numbers are as good as random.
 
-    Where nothing is written yet, its integers are `missing`, and its floating-point numbers NaN.
+    Where nothing is written yet, integers have the value `missing`, and floating-point numbers are NaN.
     """
     return group.create_array(
         name,
@@ -352,6 +354,6 @@ def _consolidate(path: Path) -> None:
     """Lets xarray open the store without listing its folders."""
     import zarr
 
-    with warnings.catch_warnings():  # that version 3 of the format does not specify this yet; other readers ignore it
+    with warnings.catch_warnings():  # version 3 of the format does not specify this yet; other readers ignore it
         warnings.simplefilter("ignore", UserWarning)
         zarr.consolidate_metadata(str(path))

@@ -27,12 +27,12 @@ class Simulation(NamedTuple, TypedBy[States]):
         bodies, steps: the size of the whole run.
         saves: the number of saved states of each body, the start included.
         first_bad: (n,), for each body the index of its first saved state that cannot be trusted; `saves` if there is
-            none. The first bad step lies between the state before it and this one.
+            none. The first bad step lies between the previous saved state and this one.
         computed: how many body-steps this call computed; less than bodies times steps if it resumed a run, or if
             several processes share it.
         seconds: how long this call took, compiling included.
-        repaired: what was damaged in the file, and has been computed or written again; spare states that were damaged
-            are given up.
+        repaired: what was damaged in the file and has been computed or written again; damaged spare states are only
+            given up.
     """
 
     out: Path
@@ -50,7 +50,7 @@ class Simulation(NamedTuple, TypedBy[States]):
         return self.first_bad == self.saves
 
     def open(self) -> Any:
-        """The run as an `xarray.Dataset`, which reads from the file what is asked for; of a .npz file, its arrays."""
+        """The run as an `xarray.Dataset`, which reads the file as needed; for a .npz file, its arrays."""
         if self.out.suffix == ".npz":
             return np.load(self.out)
         import xarray
@@ -60,7 +60,7 @@ class Simulation(NamedTuple, TypedBy[States]):
     def states(self) -> States:
         """The saved states of all bodies, of the class of the start, with leading axes (n, k): all in memory.
 
-        Those that cannot be trusted may hold NaN.
+        States that cannot be trusted may hold NaN.
 
         Raises:
             ValueError: the run saved something else by `observe`.
@@ -80,7 +80,7 @@ class Simulation(NamedTuple, TypedBy[States]):
 
 
 def failures(first_bad: np.ndarray, saves: int) -> str:
-    """In words, how many bodies failed, and which."""
+    """How many bodies failed, and which, in words."""
     failed = np.flatnonzero(first_bad < saves)
     if not failed.size:
         return "all bodies ok"
@@ -93,7 +93,7 @@ def merged_statistic(observe: Statistic, seen: Any, sink: Sink) -> Whole:
     """The variables (time, ...) of a statistic over all bodies, merged from the parts of the groups in a file.
 
     Args:
-        seen: the pytree of a part.
+        seen: the pytree of what a part holds.
     """
     arrays = [jnp.asarray(sink.read(name)) for name in named(seen)]
     finished = observe.finished(observe.merged(jax.tree.unflatten(jax.tree.structure(seen), arrays)))

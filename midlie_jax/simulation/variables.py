@@ -22,7 +22,7 @@ class Variable(NamedTuple):
     Attributes:
         dims: names of its dimensions.
         shape: its whole shape.
-        dtype: of its numbers.
+        dtype: the dtype of its numbers.
         attributes: long_name, units and frame where they are known.
     """
 
@@ -33,7 +33,7 @@ class Variable(NamedTuple):
 
 
 def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
-    """What a run writes at one time, as a pytree of shapes and types: of one body, or of a statistic's part."""
+    """What a run writes at one time, as a pytree of shapes and dtypes: for one body, or for a part of a statistic."""
     mapped = jax.tree.map(lambda x: x[0], batch.mapped)
     body, torque, start, _, t0 = eqx.combine(mapped, batch.shared)
     seen = eqx.filter_eval_shape(observe_state, observe, t0, start, body, torque)
@@ -44,7 +44,7 @@ def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
 
 
 def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, Variable]:
-    """The variables that a run writes, by name: of bodies (body, time, ...), or of a statistic (group, time, ...)."""
+    """The variables that a run writes, by name: (body, time, ...), or for a statistic (group, time, ...)."""
     first = (GROUP, plan.groups) if isinstance(observe, Statistic) else (BODY, plan.bodies)
     known = seen.described() if observe is None else {}
     found: dict[str, Variable] = {}
@@ -57,7 +57,7 @@ def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, 
 
 
 def state_variables(batch: Batch) -> dict[str, Variable]:
-    """The arrays of a state of all bodies, from which a run goes on."""
+    """The variables with the states of all bodies from which a run goes on."""
     start = batch.mapped[2]
     return {
         name: Variable((BODY, *own_dims(name, leaf.shape[1:])), leaf.shape, np.dtype(leaf.dtype), {})
@@ -66,5 +66,5 @@ def state_variables(batch: Batch) -> dict[str, Variable]:
 
 
 def own_dims(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Names for the dimensions of an array of which nothing is known."""
+    """Names for the dimensions of an array about which nothing is known."""
     return tuple(f"{name}_{i + 1}" for i in range(len(shape)))

@@ -4,7 +4,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 
 def versions() -> dict[str, str]:
-    """Of midlie_jax, jax and jaxlib, by the names of these packages."""
+    """The versions of midlie_jax, jax and jaxlib, by the names of these packages."""
     return {name: _version(name) for name in ("midlie_jax", "jax", "jaxlib")}
 
 

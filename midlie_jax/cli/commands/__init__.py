@@ -8,7 +8,7 @@ from . import chart, lists, run
 
 
 def _fit(options: argparse.Namespace) -> None:
-    from .fit import fit  # not before it is asked for: no other command needs the optimisers
+    from .fit import fit  # imported here, because no other command needs the optimisers
 
     fit(options)
 

@@ -12,11 +12,11 @@ from ...model import so3
 from ...simulation.saved import saved_path
 from .record import ATTITUDE
 
-_LOCKED = 1e-7  # sine, or cosine, of the second angle below which only one of the others is determined
+_LOCKED = 1e-7  # if the second angle has a smaller sine, or cosine, only one of the other angles is determined
 
 
 def export(options: argparse.Namespace) -> None:
-    """Writes a line for each time at which the body can be trusted; the header says what a column is, and its unit."""
+    """Writes a line for each time at which the body can be trusted; the header names each column and its unit."""
     saved = saved_path(options.run, options.body)
     path = saved.path
     attitudes = np.asarray(path.states.attitude)
@@ -43,15 +43,15 @@ def export(options: argparse.Namespace) -> None:
 
 
 def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.ndarray]:
-    """The angles a, b, c with R = R_i(a) R_j(b) R_k(c), of rotations about the axes that the body has by then.
+    """The angles a, b, c with R = R_i(a) R_j(b) R_k(c): rotations about body axes as they are after the earlier ones.
 
     Args:
         matrices: (n, 3, 3), each takes body components to space components.
         sequence: three letters X, Y, Z, of which no neighbours are the same: the axes i, j and k.
 
     Returns:
-        The angles (n, 3) in radians, a and c from -pi to pi; and (n,), where the first and third axis are parallel, so
-        that c is set to 0. b lies between -pi/2 and pi/2, or between 0 and pi if the first and third letter are equal.
+        The angles (n, 3) in radians, a and c from -pi to pi, b between -pi/2 and pi/2, or between 0 and pi if the first
+        and third letter are equal. And (n,), whether the first and third axis are parallel, so that c is set to 0.
     """
     i, j, last = ("XYZ".index(letter) for letter in sequence)
     k = 3 - i - j

@@ -16,10 +16,10 @@ from .fit_data import UNITS_OF_RATE, Columns, Table, read
 from .fit_guess import ORDERS, Guess, guess
 from .output import require
 
-_TURN = 0.5  # the most radians in a step
-_MOST_TURNS = 0.5  # between two rows; beyond, the rates at the rows do not tell the motion between them
-_MOST_STEPS = 1_000_000  # a second for each look of the optimiser
-_FIRST = 6.0  # radians that the body turns in what is fitted first
+_TURN = 0.5  # the most radians per step
+_MOST_TURNS = 0.5  # turns between two rows; with more, the rates at the rows do not determine the motion between
+_MOST_STEPS = 1_000_000  # about one second for each evaluation by the optimiser
+_FIRST = 6.0  # radians by which the body turns in the span that is fitted first
 _UP = (0.0, 0.0, 1.0)  # the direction that a DirectionState follows
 
 
@@ -28,9 +28,9 @@ class Problem(NamedTuple):
 
     Attributes:
         measurements: rates and, if there is a magnetometer, directions.
-        options: of `midlie_jax.fit`.
-        bias, iron: whether the gyroscope has a bias, and the magnetometer.
-        line: the line of each row.
+        options: the options for `midlie_jax.fit`.
+        bias, iron: whether the gyroscope has a bias, and whether the magnetometer has one.
+        line: the line of the file for each row.
     """
 
     measurements: list[Any]
@@ -41,7 +41,7 @@ class Problem(NamedTuple):
 
 
 def fit(options: argparse.Namespace) -> None:
-    """Fits the data and prints the estimates; writes a chart.
+    """Fits the data, prints the estimates, and writes a chart if requested.
 
     Raises:
         ValueError: the file or an option is wrong, or the fit is not ok; the message says why.
@@ -61,7 +61,7 @@ def fit(options: argparse.Namespace) -> None:
 
 
 def _problem(options: argparse.Namespace) -> Problem:
-    """Reads the file and refuses what cannot be fitted, before anything is compiled."""
+    """Reads the file and refuses data that cannot be fitted, before anything is compiled."""
     field = options.magnetometer
     if field and not (options.sigma and options.magnetometer_sigma):
         raise ValueError(
@@ -93,7 +93,7 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _step(table: Table, times: np.ndarray, speeds: np.ndarray, guessed: bool) -> float:
-    """The step: the rows lie on its grid if they are evenly spaced, which compiles and runs in less time."""
+    """The step. If the rows are evenly spaced, they lie on the grid of the step, which compiles and runs faster."""
     fastest, gaps = float(np.nanmax(speeds)), np.diff(times)
     spacing = float(np.median(gaps[gaps > 0]))
     turns = float(np.nanmedian(speeds)) * spacing / (2 * np.pi)
@@ -125,7 +125,7 @@ def _model(values: dict[str, jax.Array]) -> tuple[RigidBody, None, MomentumState
 
 
 def _fitted(problem: Problem, moments: list[float] | None) -> Fit:
-    """The best fit from the given moments or from a guess by the rates; if that is doubtful, from six orders, too."""
+    """The best fit from the given moments or a guess by the rates; if doubtful, also from all six sortings."""
     table = problem.table
     near = guess(table.times - table.times[0], table.rates, problem.bias)
     first = _from(problem, near._replace(moments=np.array(moments)) if moments else near)
@@ -144,7 +144,8 @@ def _from(problem: Problem, near: Guess) -> Fit:
     field = problem.table.field
     if field is not None:
         complete = field[np.all(np.isfinite(field), axis=1)]
-        # What turns with the body stays, on the average, where the field turns about in it.
+        # In the body frame, the field of iron in the body is constant, and the measured field turns about this
+        # constant.
         iron = (complete.max(axis=0) + complete.min(axis=0)) / 2 if problem.iron else np.zeros(3)
         start["field"] = UnitVector((complete[0] - iron) / np.linalg.norm(complete[0] - iron))
         if problem.iron:
@@ -153,7 +154,7 @@ def _from(problem: Problem, near: Guess) -> Fit:
 
 
 def _doubts(problem: Problem, result: Fit) -> list[str]:
-    """The doubts, with lines of the file."""
+    """The doubts about the fit, with the lines of the file that they concern."""
     lines = problem.table.lines
     found = doubts(result.residuals(), problem.measurements)
     return [doubt.text if doubt.row is None else f"line {lines[doubt.row]}: {doubt.text}" for doubt in found]

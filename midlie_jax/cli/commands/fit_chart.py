@@ -20,11 +20,11 @@ def fit_chart(
     """Draws a fit and writes a PNG.
 
     Args:
-        name: of the data.
+        name: the name of the data.
         times, rates: the measurements, (n,) and (n, 3), rad/s; NaN where missing.
         curve_times, curves: the fitted motion, (m,) and (m, 3).
         residuals: (n, 3), model minus measurement.
-        unit: of the residuals.
+        unit: the unit of the residuals.
         path: file to write; an existing file is replaced.
 
     Raises:

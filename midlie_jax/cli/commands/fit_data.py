@@ -1,4 +1,4 @@
-"""Measurements from a CSV file for `midlie fit`. What is not certain is refused, with the line or the column."""
+"""Measurements from a CSV file for `midlie fit`. Ambiguous files are refused, with the line or the column."""
 
 import csv
 import io
@@ -23,13 +23,13 @@ _ORDERS = ("xyz", "123", "012", "pqr", "abc", "uvw", ("roll", "pitch", "yaw"))
 
 
 class Columns(NamedTuple):
-    """What the file is asked for.
+    """Which columns are read, and their units.
 
     Attributes:
-        rates: the names of the columns of time and of the three rates; None for the first four.
-        field: the names of the three columns of a magnetometer; None for none.
-        rate_unit: of `UNITS_OF_RATE`.
-        time_unit: of `UNITS_OF_TIME`; None for seconds unless a name says otherwise, which is refused.
+        rates: the names of the columns of time and of the three rates; None for the first four columns.
+        field: the names of the three columns of a magnetometer; None if it is not used.
+        rate_unit: one of `UNITS_OF_RATE`.
+        time_unit: one of `UNITS_OF_TIME`; None for seconds, and then a name with another unit is refused.
     """
 
     rates: Sequence[str] | None
@@ -38,17 +38,17 @@ class Columns(NamedTuple):
     time_unit: str | None
 
 
-_FASTER = 1000.0  # a row faster than this many times the usual one was not measured so
+_FASTER = 1000.0  # a rate this many times the usual one is taken for an error in the file
 
 
 class Table(NamedTuple):
     """The rows of a file, in seconds and radians per second.
 
     Attributes:
-        times: (n,), as the file has them, in seconds.
+        times: (n,), the times of the file, in seconds.
         rates: (n, 3); NaN where a cell is empty.
-        field: (n, 3), in the unit of the file; NaN where a cell is empty; None if it was not asked for.
-        lines: (n,), the line of the file that each row stands in, from 1.
+        field: (n, 3), in the unit of the file; NaN where a cell is empty; None if it was not requested.
+        lines: (n,), the number of each row's line in the file, from 1.
     """
 
     times: np.ndarray
@@ -60,7 +60,7 @@ class Table(NamedTuple):
 def read(path: str, wanted: Columns) -> Table:
     """The measurements in a CSV file with a header.
 
-    Cells are separated by commas, semicolons or tabs; beside the last two, numbers may have decimal commas.
+    Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas.
 
     Raises:
         ValueError: the file has no header, a column is missing or is named as something else than it is taken for, a
@@ -101,7 +101,7 @@ def _text(path: str) -> str:
 
 
 def _separator(text: str) -> str:
-    """The one that stands most often in the first line that is not empty."""
+    """The separator that occurs most often in the first line that is not empty."""
     first = next((line for line in text.splitlines() if line.strip()), "")
     return max(",;\t", key=first.count)
 
@@ -120,7 +120,7 @@ def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
 
 
 def _places(path: str, line: int, header: list[str], wanted: Columns) -> tuple[list[str], list[int]]:
-    """The names of the columns and where they stand."""
+    """The names of the requested columns, and their places in a row."""
     known = ", ".join(header)
     names = [*(wanted.rates or header[:4]), *(wanted.field or [])]
     if len(names) < 4:
@@ -156,7 +156,7 @@ def _check_order(path: str, header: list[str], names: list[str]) -> None:
 
 
 def _common(words: list[str]) -> str:
-    """What all words begin with."""
+    """The beginning that all words have in common."""
     count = 0
     while count < min(map(len, words)) and len({word[count] for word in words}) == 1:
         count += 1
@@ -168,12 +168,12 @@ def _is_time(name: str) -> bool:
 
 
 def _words(name: str) -> list[str]:
-    """The words of a name such as "gyro_x [deg/s]", without what is in the denominator."""
+    """The words of a name such as "gyro_x [deg/s]", without those in a denominator."""
     return re.findall(r"[^\W\d_]+", re.sub(r"/\s*\w+", "", name.lower()))
 
 
 def _check_units(names: list[str], wanted: Columns) -> None:
-    """Raises if a name has a unit in it that is not the one that was said."""
+    """Raises if a name contains another unit than the one given by the user."""
     words = _words(names[0])
     said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(words)), None)
     if said is not None and said != (wanted.time_unit or "s"):
@@ -218,7 +218,7 @@ def _is_number(text: str) -> bool:
 
 
 def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> None:
-    """Raises unless all times are there and none goes back."""
+    """Raises unless all times are present and none is before the previous one."""
     missing = np.flatnonzero(np.isnan(times))
     if missing.size:
         raise ValueError(f"{path}, line {lines[missing[0]]}: {name} is missing; delete the row or complete it.")
@@ -232,7 +232,7 @@ def _check_times(path: str, name: str, lines: np.ndarray, times: np.ndarray) -> 
 
 
 def _check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
-    """Raises if one row is far faster than the others: a free body is faster by no more than its moments differ."""
+    """Raises if one row is far faster than the others: a free body's speed varies at most as its moments do."""
     speeds = np.linalg.norm(rates, axis=1)
     usual = np.median(speeds[~np.isnan(speeds)]) if not np.all(np.isnan(speeds)) else 0.0
     fastest = int(np.argmax(np.nan_to_num(speeds, posinf=np.inf)))
@@ -244,9 +244,10 @@ def _check_rates(path: str, lines: np.ndarray, rates: np.ndarray) -> None:
 
 
 def _check_last(path: str, cells: list[tuple[int, list[str]]], places: list[int]) -> None:
-    """Raises if the last number has fewer digits than all above it: the line has no end and may have been cut.
+    """Raises if the last number has fewer digits than all others in its column: the last line may have been cut.
 
-    A number that was cut and still has the digits of another one has changed by no more than that one is rounded.
+    If a number was cut and still has as many digits as another one, it changed by no more than the rounding of that
+    one.
     """
     line, row = cells[-1]
     last = max(k for k, cell in enumerate(row) if cell)
@@ -259,5 +260,5 @@ def _check_last(path: str, cells: list[tuple[int, list[str]]], places: list[int]
 
 
 def _digits(cell: str) -> int:
-    """The characters after the decimal point, or of the whole number where there is none."""
+    """The number of characters after the decimal point, or of the whole number if it has no point."""
     return len(re.split("[.,]", cell.lstrip("+-"))[-1])

@@ -1,8 +1,8 @@
 """A guess for `midlie fit` from the measured rates alone, without a run: Euler's equations, integrated over windows.
 
 I (Omega(t + w) - Omega(t)) = integral of (I Omega) x Omega from t to t + w, for all windows of one length w, is a small
-least-squares problem in the ratios of the moments and, if it is asked for, the bias. No run can depart from the data
-here, so it has no far-off minima like those of a fit of the whole motion.
+least-squares problem in the ratios of the moments and, if requested, the bias. No motion is computed that could depart
+from the data, so there are no far-off minima like those of a fit of the whole motion.
 """
 
 from typing import NamedTuple
@@ -12,25 +12,25 @@ from scipy.interpolate import CubicSpline  # SciPy comes with JAX
 from scipy.optimize import least_squares
 
 ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
-_TOTAL = 5.5  # of the moments
-_WINDOW = 1.0  # radians that the body turns in a window
+_TOTAL = 5.5  # the sum of the moments
+_WINDOW = 1.0  # radians by which the body turns per window
 _FINE = 0.05  # radians between two points of an integral
 _MOST_POINTS = 200_000
 
 
 class Guess(NamedTuple):
-    """Moments (3,) with the sum 5.5, and the bias (3,), zero unless it was asked for."""
+    """Moments (3,) with the sum 5.5, and the bias (3,), zero unless it was requested."""
 
     moments: np.ndarray
     bias: np.ndarray
 
 
 def guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
-    """The best solution of the windows' equations from six orders of the moments.
+    """The best solution of the windows' equations, from starts with the moments in all six sortings.
 
     Args:
         times, rates: (n,) and (n, 3), seconds and rad/s; rows with a NaN are left out.
-        bias: whether the rates have a bias.
+        bias: whether the bias of the rates is estimated, too.
     """
     times, first = np.unique(times[np.all(np.isfinite(rates), axis=1)], return_index=True)
     rates = rates[np.all(np.isfinite(rates), axis=1)][first]
@@ -41,7 +41,7 @@ def guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
 
     def residuals(x: np.ndarray) -> np.ndarray:
         moments, b = _moments(x[:2]), (x[2:] if bias else np.zeros(3))
-        # The integrals of the products of rates less the bias.
+        # The integrals of the products of rates minus the bias.
         mixed = np.roll(linear, -1, 1) * np.roll(b, -2) + np.roll(linear, -2, 1) * np.roll(b, -1)
         without = products - mixed + spans[:, None] * np.roll(b, -1) * np.roll(b, -2)
         slopes = (np.roll(moments, -1) - np.roll(moments, -2)) / moments
@@ -66,7 +66,7 @@ def _moments(logs: np.ndarray) -> np.ndarray:
 
 
 def _windows(times: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """For each window: the change of the rates, the integrals of their products and of themselves, and its length."""
+    """For each window: the change of the rates, the integrals of their products, their integrals, and the length."""
     fastest = np.max(np.linalg.norm(rates, axis=1))
     count = int(np.clip((times[-1] - times[0]) * fastest / _FINE, 4 * len(times), _MOST_POINTS))
     fine = np.linspace(times[0], times[-1], count)

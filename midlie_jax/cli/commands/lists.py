@@ -20,7 +20,7 @@ _HEADS = ["method", "moves", "order", "symmetric", "symplectic", "evaluations a 
 
 
 def methods(options: argparse.Namespace) -> None:
-    """Prints the methods, the flights and the schemes, best first; or the methods that are named."""
+    """Prints the lists of methods, flights and schemes, best first; or the methods that are named."""
     if options.names:
         show_table(_HEADS, [_method(chosen.method(name)) for name in options.names])
         return
@@ -48,7 +48,7 @@ def _yes(value: bool) -> str:
 
 
 def scenes(options: argparse.Namespace) -> None:
-    """Prints the scenes; or all about those that are named."""
+    """Prints the list of scenes; or all details of the scenes that are named."""
     if options.names:
         print("\n\n".join(_described(chosen.scene(name)) for name in options.names))
         return

@@ -15,8 +15,8 @@ from ..scenes import Scene
 from .output import require
 from .record import Record
 
-_SHOWN = 1000  # bodies of a store whose errors are computed, and that are drawn: evenly spaced ones
-_SCENE = ("scene", "perturbation_size", "perturbation_seed")  # attributes of a store that `midlie run` wrote
+_SHOWN = 1000  # the most bodies of a store whose errors are computed and drawn: evenly spaced ones
+_SCENE = ("scene", "perturbation_size", "perturbation_seed")  # attributes of a store written by `midlie run`
 
 
 def long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: float, steps: int, start: Any) -> None:
@@ -71,7 +71,7 @@ def inspect_run(options: argparse.Namespace) -> None:
 
 
 def _draw(found: Inspection, path: str) -> None:
-    """Draws the states of a scene with their errors, and any other run as it is."""
+    """Draws the states of a scene's run with their errors; of any other run, what it holds."""
     record = _record(found)
     if record is None:
         from .store_chart import store_chart

@@ -1,4 +1,4 @@
-"""What the commands share: a progress bar, tables, and an early error about packages."""
+"""What the commands share: a progress bar, tables, and an early error about missing packages."""
 
 from importlib.util import find_spec
 from typing import Any
@@ -16,7 +16,7 @@ def require(*packages: str) -> None:
 
 
 def progress_bar(total: int, unit: str) -> Any:
-    """A bar for so many units of work, which leaves no line behind; nothing is shown if there is no terminal."""
+    """A bar for `total` units of work, which leaves no line behind; nothing is shown if there is no terminal."""
     from tqdm import tqdm
 
     return tqdm(total=total, unit=unit, mininterval=0.5, dynamic_ncols=True, leave=False, disable=None)

@@ -32,7 +32,7 @@ class Record(NamedTuple):
         attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4).
         ok: `Path.ok` of each body, (bodies,).
         first_bad: `Path.first_bad` of each body, (bodies,), if it is known.
-        method_from: the MODULE:NAME of a method of the user's own, else the name of this package.
+        method_from: MODULE:NAME for a method of the user's own, else the name of this package.
     """
 
     scene: Scene

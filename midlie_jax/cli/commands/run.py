@@ -24,9 +24,9 @@ from .long_run import long_run
 from .output import require
 from .record import Record, save
 
-_FEW, _MANY = 200, 2000  # most states saved of each body: for the errors alone, and for a file or a chart
-_MOST_NUMBERS = 2**25  # most numbers saved of all bodies: 256 MiB in float64
-_TIMINGS, _TIMING_SECONDS = 30, 1.0  # most runs timed, and the seconds after which no further run starts
+_FEW, _MANY = 200, 2000  # the most saved states per body: for the errors alone, and for a file or a chart
+_MOST_NUMBERS = 2**25  # the most saved numbers of all bodies: 256 MiB in float64
+_TIMINGS, _TIMING_SECONDS = 30, 1.0  # the most timed runs, and the seconds after which no further run starts
 _MOST_STEPS = 2**31 - 1
 _MOST_CHECKED = 1000  # bodies whose step is checked before the run
 
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> None:
         require("matplotlib")
     dtype = jnp.dtype(jnp.float32 if options.float32 else jnp.float64)
     scene = chosen.scene(options.scene, dtype)
-    if ":" in options.scene:  # what is written says where the scene is from, and is taken for no other of its name
+    if ":" in options.scene:  # so that output does not name a scene of this package by mistake
         scene = replace(scene, name=options.scene)
     method = chosen.method(options.method)
     dt, steps = _steps(options, scene, dtype)

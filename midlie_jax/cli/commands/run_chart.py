@@ -13,11 +13,11 @@ from ...plot.style import BLUE, GREEN, VERMILLION
 from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
 from .record import Record
 
-_FIRST = 3  # bodies that have a line of their own
+_FIRST = 3  # how many bodies have a line of their own
 _COLOURS = (BLUE, VERMILLION, GREEN)
 _BAND = (5, 95)  # percentiles of all bodies
-_FEW = 50  # with fewer states, each is marked by a dot
-_ROUNDING = 1e3  # in units in the last place: a smaller error is rounding
+_FEW = 50  # with fewer saved states, each is marked by a dot
+_ROUNDING = 1e3  # in units in the last place: smaller errors count as rounding
 _LEAST_RANGE = 1e-3  # smallest range of a panel of angular velocities, relative to the largest of them
 
 
@@ -117,7 +117,7 @@ def _trace(axes: Any, record: Record) -> None:
 
 
 def _remark(axes: Any, text: str) -> None:
-    """Writes a small text above the right end of a panel; above the left end there may be a power of ten."""
+    """Writes a small text above the right end of a panel, because a power of ten may stand above the left end."""
     style = {"fontsize": 8.5, "color": "#5f5f5f", "ha": "right", "va": "bottom"}
     axes.annotate(text, (1.0, 1.0), xytext=(0, 3), xycoords="axes fraction", textcoords="offset points", **style)
     axes.set_title(axes.get_title(loc="left"), loc="left", pad=17, fontsize=PANEL_TITLE, weight="bold", color=INK)

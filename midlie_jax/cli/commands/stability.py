@@ -24,7 +24,7 @@ def stability(options: argparse.Namespace) -> None:
                 f"scene {scene.name!r} has no {' and no '.join(missing)} to vary; it has {', '.join(there)}."
             )
         varied = [sweep for sweep in varied if sweep.name in options.sweeps]
-    for method in methods:  # a method that cannot move the body is found before the first is measured
+    for method in methods:  # raises for a method that cannot move the body, before any method is measured
         method.fitted(scene.body)
     path = options.out or f"stability-{scene.name}.png"
     maps, rows = [], []

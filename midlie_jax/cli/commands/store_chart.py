@@ -1,4 +1,4 @@
-"""The chart of any store: what it holds against time, of a few bodies and of all."""
+"""The chart of any store: what it holds against time, for a few bodies and for all."""
 
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,10 @@ from ...simulation.inspect import Inspection
 from ...simulation.variables import BODY, COORDINATES, TIME
 from ..figures import FAINT, heading, new_figure, panel, write
 
-_LINES = (BLUE, VERMILLION, GREEN)  # of the first bodies
+_LINES = (BLUE, VERMILLION, GREEN)  # the colours of the first bodies
 _BAND = (5, 95)  # percentiles of all bodies that are drawn
-_SHOWN = 1000  # bodies that are read for the band: evenly spaced ones
-_PANELS = 12  # components that are drawn
+_SHOWN = 1000  # the most bodies that are read for the band: evenly spaced ones
+_PANELS = 12  # the most components that are drawn
 _COLUMNS = 3
 
 
@@ -56,7 +56,7 @@ def store_figure(found: Inspection) -> Any:
 
 
 def _panels(found: Inspection) -> list[tuple[str, str, np.ndarray, np.ndarray]]:
-    """Of each component: title, unit, times (bodies, n) and values (bodies, n); of a statistic there is one row."""
+    """For each component: title, unit, times (bodies, n) and values (bodies, n); a statistic has a single row."""
     import zarr
 
     root: Any = zarr.open_group(str(Path(found.path)), mode="r")
@@ -80,6 +80,6 @@ def _panels(found: Inspection) -> list[tuple[str, str, np.ndarray, np.ndarray]]:
 
 
 def _title(name: str, dims: tuple[str, ...], shape: tuple[int, ...], component: int) -> str:
-    """The name of a component: that of its coordinates, or its indices from 1."""
+    """The name of a component: from the names of its coordinates, or its indices counted from 1."""
     places = zip(dims, np.unravel_index(component, shape), strict=True) if shape else ()
     return " ".join([name, *(COORDINATES[d][i] if d in COORDINATES else str(i + 1) for d, i in places)])

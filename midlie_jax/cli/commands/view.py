@@ -29,7 +29,7 @@ def view_run(options: argparse.Namespace) -> None:
     if len(found) == 1:
         (body,), (path,) = body, path.values()
     shared = {"axis": options.axis} | ({"frames": options.frames} if options.frames else {})
-    if gif:  # which has no room for the title of a run
+    if gif:  # a GIF has no room for the title of a run
         out = animate(body, path, options.out, title=options.title or "", **shared, **of_gif)
     else:
         out = view(body, path, title=title if options.title is None else options.title, **shared).write(options.out)

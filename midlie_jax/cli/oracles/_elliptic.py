@@ -57,7 +57,7 @@ class Elliptic:
         return Point(u, turns, rest, sine, sign * sine, sign * cosine, dn)
 
     def third_kind(self, n: Any, n1: Any, p: Point) -> Any:
-        """Integral of 1 / (1 - n sn^2) from 0 to u, n1 = 1 - n > 0, by Carlson's R_J (DLMF 19.25.14)."""
+        """The integral of 1 / (1 - n sn^2) from 0 to u, n1 = 1 - n > 0, by Carlson's R_J (DLMF 19.25.14)."""
         ctx = self.ctx
         if n == 0:
             return p.u

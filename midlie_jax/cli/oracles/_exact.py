@@ -67,5 +67,5 @@ def quaternion_product(p: Any, q: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def decimal_size(ctx: Any, *values: Any) -> int:
-    """The number of digits before the decimal point of the largest value; precision must increase by so many."""
+    """The number of digits before the decimal point of the largest value, by which precision must increase."""
     return max(0, *(int(ctx.mag(v) * 0.30103) + 1 for v in values if v != 0), 0)

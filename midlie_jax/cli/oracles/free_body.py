@@ -31,8 +31,8 @@ def free_body(
 
     **Accuracy:** a few units in the last place of float64, at any distance from the separatrix, on it, and for
     bodies with two or three moments equal, exactly or to rounding. The inputs are treated as exact fractions, so
-    nothing is lost at large times either; near an unstable spin, where the motion depends strongly on the inputs, it is
-    the motion of exactly these float64 numbers. It takes a few ms for each time.
+    nothing is lost at large times either. Near an unstable spin, where the motion depends strongly on the inputs, the
+    result is the motion of exactly these float64 numbers. Each time takes a few ms.
 
     **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive, a zero quaternion;
     `ImportError` without mpmath.

@@ -37,8 +37,8 @@ def lagrange_top(
     **Accuracy:** a few units in the last place of float64 for every start: nutation, regular precession, the sleeping
     top (stable or not) and the motions that approach it, the pendulum without spin, and an axis that passes through the
     vertical or arbitrarily near to it. The inputs are treated as exact fractions; near an unstable motion, which
-    depends strongly on the inputs, the result is that of exactly these float64 numbers. No numerical integration is
-    used. It takes about 5 ms for each time.
+    depends strongly on the inputs, the result is the motion of exactly these float64 numbers. No numerical integration
+    is used. Each time takes about 5 ms.
 
     **Raises:** `ValueError` for wrong shapes, non-finite numbers, moments that are not positive or whose first two
     differ, a zero quaternion; `ImportError` without mpmath.
@@ -167,7 +167,7 @@ class _Nutation(_Frame):
         ctx.dps += decimal_size(ctx, rate * self.longest)
 
         def narrow(value: Any) -> Any:
-            """Rounds to `ctx`. Differences of roots are computed in the wide context before, so they lose no digits."""
+            """The value rounded to `ctx`; differences of roots are computed before, in `wide`, and lose no digits."""
             return +ctx.convert(value)
 
         self.swing, self.rate = narrow(swing), narrow(rate)

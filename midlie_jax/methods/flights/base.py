@@ -24,14 +24,17 @@ class Flight(eqx.Module):
         body: the class of body that the flight moves.
         equal_moments: whether the flight moves only bodies with two equal moments.
         solves: how many equations a flight solves by iteration.
-        per_loop: how many flights fit in one compiled loop; in a step with more flights, each flight ends a loop. XLA's
-            CPU emitter splits a larger loop into functions that call each other, and so repeats the work many times.
+        per_loop: how many flights fit one compiled loop; in a step with more flights, a loop ends after each flight.
+            XLA's CPU emitter splits a larger loop into functions that call each other, and so repeats the work many
+            times.
         per_kernel: how many flights, each with a kick, XLA's GPU compiler keeps in one kernel
             (`benchmarks/kernels.py` counts).
-        long_derivative: whether the reverse derivative of a flight has so many operations that it needs a loop alone.
-        reach: the largest angle of a flight, its time times `turn_rate`, in radians: beyond it `ok` is False.
-            Infinity if it is not known.
-        one_loop: whether one flight compiles to a single loop over the batch; False where its solve is cut in parts.
+        long_derivative: whether the reverse derivative of a flight has so many operations that it needs a loop of its
+            own.
+        reach: the largest angle of a flight, its time times `turn_rate`, in radians, beyond which `ok` is False;
+            infinity if unknown.
+        one_loop: whether one flight compiles to a single loop over the batch; False if its solve is cut into several
+            loops.
     """
 
     name: ClassVar[str]
@@ -52,7 +55,7 @@ class Flight(eqx.Module):
         """This flight specialised to a body in its principal axes, or to a batch of bodies.
 
         Raises:
-            ValueError: the numbers of the body are known, not traced, and the flight cannot move it.
+            ValueError: the numbers of the body are known, not traced, and the flight cannot move this body.
         """
         del body
         return self
@@ -72,20 +75,20 @@ class Flight(eqx.Module):
         """
 
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]:
-        """The flight with a verdict in place of `ok`, which says why the result is invalid (`methods.verdict`)."""
+        """The flight with a verdict in place of `ok`: it says why a result is invalid, see `methods.verdict`."""
         increment, change, ok = self(inertia, h, momentum)
         return increment, change, as_verdict(ok)
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
-        """The angle per unit of time that `reach` bounds: by default the angular speed |Omega| of a rigid body."""
+        """The angle per unit of time to which `reach` refers: by default the angular speed |Omega| of a rigid body."""
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
         """The flight of a state without a pose (`MomentumState`), which needs no increment.
 
-        A flight that finds the change of the momentum at less cost than the increment overrides this method. The
-        change, its derivatives and `ok` must be those of the flight, to rounding. By default the flight is called and
-        its increment dropped, and the compiler removes what only the increment needs.
+        A flight that can compute the change of the momentum without the increment, at less cost, overrides this method.
+        The change, its derivatives and `ok` must equal those of the flight to rounding. By default the flight is called
+        and its increment dropped, and the compiler removes what only the increment needs.
 
         Returns:
             The change of the momentum, and `ok` as of the flight.
@@ -95,7 +98,7 @@ class Flight(eqx.Module):
 
 
 class JudgedFlight(Flight):
-    """A flight that says why its result is invalid: it defines `judged`, from which the call follows."""
+    """A flight that says why its result is invalid: it defines `judged`, and `__call__` uses that."""
 
     @abstractmethod
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]: ...

@@ -1,8 +1,8 @@
-"""`Labels`: the axes of a free body in the order in which `free_orbit` needs them.
+"""`Labels`: the axes of a free body, relabelled as `free_orbit` needs them.
 
-They are right-handed; the second is that of the middle moment, and the third is the one that the momentum circles, in
-the direction in which the momentum is. They are chosen by comparisons of scalars, because sorting and indexing would
-end the loop over the bodies.
+The axes are right-handed. The second is that of the middle moment, and the third is the axis that the momentum circles,
+pointing to the side of the momentum. They are chosen by comparisons of scalars, because sorting and indexing would end
+the loop over the bodies.
 """
 
 from typing import NamedTuple
@@ -17,9 +17,9 @@ class Labels(NamedTuple):
     """How the labelled axes follow from those of the body.
 
     Attributes:
-        forward, backward: whether the axes of the body are counted from one axis later or earlier, so that the middle
-            one is the second.
-        exchanged: whether the first and the third then change places.
+        forward, backward: whether the axes of the body are counted from the next or from the previous axis, so that the
+            axis of the middle moment is the second.
+        exchanged: whether the first and the third axis then change places.
         side: the sign of the third axis; the momentum is on its positive side.
     """
 
@@ -35,21 +35,22 @@ class Labels(NamedTuple):
         labels = cls(middle[2] > 0, middle[0] > 0, one < 0, one)
         (w1, _, w3), (p1, _, p3) = labels.placed(weights), labels.placed(momentum)
         before, after = p1 * p1 * w3, p3 * p3 * w1
-        # On the separatrix it circles neither, and the choice with the smaller n magnifies rounding errors less.
+        # On the separatrix the momentum circles neither axis, and the choice with the smaller n magnifies rounding
+        # less.
         exchanged = (before > after) | ((before == after) & (w1 > w3))
         side = jnp.where(jnp.where(exchanged, p1, p3) < 0, -one, one)
         return labels._replace(exchanged=exchanged, side=side)
 
     def placed(self, v: cp.Vector) -> cp.Vector:
-        """Numbers that belong to the axes of the body, in the order of the labelled axes."""
+        """Numbers given for each axis of the body, rearranged for the labelled axes."""
         return self._exchange(_rolled(self.forward, self.backward, v))
 
     def seen(self, v: cp.Vector) -> cp.Vector:
-        """The components on the labelled axes of a vector on the axes of the body."""
+        """The components along the labelled axes, from those along the axes of the body."""
         return self._signed(self.placed(v))
 
     def back(self, v: cp.Vector) -> cp.Vector:
-        """The components on the axes of the body of a vector on the labelled axes."""
+        """The components along the axes of the body, from those along the labelled axes."""
         return _rolled(self.backward, self.forward, self._exchange(self._signed(v)))
 
     def _exchange(self, v: cp.Vector) -> cp.Vector:
@@ -60,7 +61,7 @@ class Labels(NamedTuple):
 
 
 def _rolled(forward: Array, backward: Array, v: cp.Vector) -> cp.Vector:
-    """The components counted from one later or one earlier."""
+    """The components counted from the next or from the previous one."""
     x, y, z = v
     return (
         jnp.where(forward, y, jnp.where(backward, z, x)),

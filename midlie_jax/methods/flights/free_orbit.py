@@ -1,15 +1,15 @@
 """`Orbit`: the motion of one free body in closed form, for `free_motion`.
 
-The momentum of a free body circles one of its axes. With the axes labelled such that it circles the third, and the
-second is that of the middle moment,
+The momentum of a free body circles one of the body's axes. With the axes labelled such that the momentum circles the
+third, and the second is that of the middle moment,
 
     Pi = (A1 cn u, A2 sn u, A3 dn u),    u = u0 + rate t,
     angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
 
-where `angle` is that of the first axis about the spatial momentum. From u = 0 on, JACOBI's flight gives both exactly
-for a short time, which `_math.elliptic` doubles as often as needed. Addition theorems give the angle and the momentum
-for the same time from the start u0 on; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below w1),
-sign that of I3 - I1, and the momentum p at the start,
+where `angle` is that of the first axis about the spatial momentum. JACOBI's flight gives both exactly for a short time
+after u = 0, and `_math.elliptic` doubles this time as often as needed. Addition theorems then give the angle and the
+momentum for the same time after the start u0; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below
+w1), sign that of I3 - I1, and the momentum p at the start,
 
     D Pi_1 = (p1 r - w1 s p2 p3)/dn,    D Pi_2 = p2 r + w2 s p1 p3/dn^2,    D Pi_3 = (p3 - w3 s p1 p2 r)/dn,
     D = 1 + p1^2 w2 w3 (s/dn)^2
@@ -42,8 +42,8 @@ from .jacobi import LARGEST_TURN, Jacobi
 from .jacobi_momentum import Invariants
 
 _TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
-_DOUBLINGS = {"float64": 52, "float32": 23}  # after more, no digit of the phase is left
-_LARGEST_LEVER = 64.0  # of rounding errors in the attitude
+_DOUBLINGS = {"float64": 52, "float32": 23}  # after more doublings, no digit of the phase is left
+_LARGEST_LEVER = 64.0  # the largest magnification of rounding errors in the attitude
 
 
 class Orbit(NamedTuple):
@@ -51,15 +51,15 @@ class Orbit(NamedTuple):
 
     Attributes:
         labels: the labelled axes.
-        inertia: of the body, on its own axes.
+        inertia: that of the body, for the axes of the body.
         size: the unit of momentum; zero for a body at rest.
-        per_time: turns a time into the units of the motion.
+        per_time: the factor that converts a time to the units of the motion.
         momentum: p, at the start.
         amplitudes: A1 and A3.
         pulls: w_l sign / sqrt(below w1).
         levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle from the start on.
-        modulus: of the elliptic functions.
-        rate: of u.
+        modulus: the modulus of the elliptic functions.
+        rate: the rate of change of u.
         n, root: as in `_math.elliptic`; the angle grows with the sign of `root`.
         omega: a bound of the angular velocity.
     """
@@ -153,7 +153,7 @@ class Orbit(NamedTuple):
         return momentum, turn, ok & flight_ok & (1 + self.n <= _LARGEST_LEVER**2)
 
     def _short(self, h: Array, turns: bool) -> tuple[Point, Complex | None, Array]:
-        """The functions and half the angle after a short time h from u = 0, and `ok`."""
+        """The elliptic functions and half the angle a short time h after u = 0, and `ok`."""
         first = self.amplitudes[0], jnp.zeros_like(h), self.amplitudes[1]
         start = self.labels.back(first)
         invariants = Invariants.of(self.inertia, self.inertia.travel(h, start))
@@ -172,7 +172,7 @@ class Orbit(NamedTuple):
 
 
 def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Complex | None]) -> Any:
-    """The functions and half the angle at twice the time."""
+    """The elliptic functions and half the angle at twice the time."""
     (modulus, n, root), (point, half_angle) = constants, carry
     twice = modulus.doubled(point)
     if half_angle is None:
@@ -197,15 +197,16 @@ def _inverse_roots(v: cp.Vector) -> cp.Vector:
 
 
 def _to_third(p: cp.Vector) -> cp.Quaternion:
-    """A multiple of the rotation that takes p to the third axis and keeps the first in the plane of first and third.
+    """A multiple of the rotation that takes p to axis 3 and leaves axis 1 in the plane of axes 1 and 3.
 
-    That is a rotation about the first axis followed by one about the second, both by less than a quarter of a turn,
-    because p[2] is not negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and
-    the sine of half the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
+    It is a rotation about the first axis followed by one about the second, each by at most a quarter of a turn, because
+    p[2] is not negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and the
+    sine of half the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
     """
     across = _root(p[1] * p[1] + p[2] * p[2])
     length = _root(cp.dot(p, p))
-    # Along the first axis any turn about it will do. Only a ball, or a body of too long a lever, comes so close to it.
+    # If p is along the first axis, any turn about this axis will do: only a ball, or a body with too long a lever, has
+    # such a p.
     along = jnp.where(across <= cp.epsilon(across) * length, jnp.ones_like(across), across + p[2])
     lift = length + across
     return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]

@@ -70,11 +70,11 @@ class Jacobi(ExactFlight):
         return verdict(True, (cp.dot(turn, turn), LARGEST_TURN**2), (largest, LARGEST_TURN**2))
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        """The rotation and the momentum that it gives."""
+        """The rotation, and the change of the momentum that follows from it."""
         spins, y = inertia.spins, inertia.travel(h, momentum)
         turn = cp.times(spins, y)
-        # A vanishing momentum leaves the axis of the angle undefined; there two terms of the series in h are exact to
-        # rounding.
+        # A vanishing momentum leaves the axis of the angle undefined; but then two terms of the series in h are exact
+        # to rounding.
         at_rest = cp.dot(turn, turn) <= cp.epsilon(h)
         change = cp.times(spins, cp.cross(y, turn))
         series = half_turn(_select(at_rest, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
@@ -86,7 +86,7 @@ class Jacobi(ExactFlight):
     def tangent(
         self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
     ) -> tuple[cp.Vector, cp.Vector, Any]:
-        """By differentiating the rational function; chi follows from it (`turn_tangent`)."""
+        """The tangent of the rational function, by differentiation; chi follows from it (`turn_tangent`)."""
         varying: dict[str, Any] = {"momentum": (momentum, changes.momentum)}
         if changes.h is not None:
             varying["h"] = h, changes.h
@@ -130,7 +130,7 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:
     products = (y[1] * y[2] * e[0], y[2] * y[0] * e[1], y[0] * y[1] * e[2])
     n = cp.add(cp.times(y, (e[1] * e[2], e[2] * e[0], e[0] * e[1])), cp.scale(s, cp.times(a, products)))
 
-    # F as above; Z and M divided by |y|^2.
+    # F as in the module docstring; Z and M divided by |y|^2.
     per_total = cp.reciprocal(total)
     along = cp.scale(per_total, cp.times(y, n))
     M = d + along[0] + along[1] + along[2]
@@ -149,7 +149,7 @@ def _turn(inertia: Inertia, spins: cp.Vector, y: cp.Vector) -> cp.Quaternion:
 
 
 def _across(a: cp.Vector, y: cp.Vector, differences: cp.Vector, e: cp.Vector, s: Array) -> cp.Vector:
-    """n x y, of two nearly parallel vectors, with an error proportional to |n x y| and not to |n| |y|.
+    """n x y for two nearly parallel vectors, with an error proportional to |n x y| and not to |n| |y|.
 
     (n x y)_l = y_m y_n E_l (E_n - E_m) + S y_l (a_m y_n^2 E_m - a_n y_m^2 E_n). To avoid subtracting nearly equal
     roots, E_n - E_m is computed from E_n^2 - E_m^2: S^2 times the difference of two entries of `differences`.

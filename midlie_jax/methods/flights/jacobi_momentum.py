@@ -1,16 +1,15 @@
-"""The momentum of JACOBI's flight alone, for states without a pose; and the invariants that the whole flight needs too.
+"""The momentum alone of JACOBI's flight, for states without a pose; and the invariants that the whole flight needs too.
 
 The angle of the body about its momentum costs most of the flight, and the momentum does not need it: in the notation
 of `jacobi.py`, Pi_l(1) = N_l / D is rational. Subtracting Pi_l(0) from this quotient would leave the rounding errors of
-Pi, which have a bias, and the length of the momentum would drift. So the change is computed from the momentum X half
-way. With S, E_l and D those of half the flight,
+Pi, which have a bias, and the length of the momentum would drift. So the change is computed from the momentum X at the
+middle of the flight. With S, E_l and D for half the flight,
 
     N_l = Pi_l E_m E_n + a_l S Pi_m Pi_n E_l,    X_l = N_l / D(Pi)
     Pi_l(1) - Pi_l(0) = 2 a_l S X_m X_n E_l / D(X),    Pi_l(1) + Pi_l(0) = 2 X_l E_m E_n / D(X)
 
-The change is a product, so its rounding errors are in proportion to the change. The change is orthogonal to the sum
-because a_1 + a_2 + a_3 = 0, and this keeps |Pi|; the energy is kept in the same way. Half a flight also needs fewer
-terms of the series.
+The change is a product, so its rounding errors are proportional to it. It is orthogonal to the sum because a_1 + a_2 +
+a_3 = 0, which keeps |Pi|; the energy is kept in the same way. Half a flight also needs fewer terms of the series.
 
 No root is needed: T = E_1 E_2 E_3 has a series of its own, and E_l N_l = Pi_l T + a_l S E_l^2 Pi_m Pi_n as well as
 T^2 D(X) contain only T and the squares of E_l.
@@ -25,8 +24,8 @@ from ..._math import components as cp
 from ..._math.weierstrass import moment_functions, sigma_functions
 from ...model.inertia import Inertia
 
-# The square of the relative change of the momentum below which a change counts as short: an error of its length, even
-# if every one of 1e5 steps repeats it, shows less than the other roundings.
+# The square of the relative change of the momentum below which a change counts as short: even if each of 1e5 steps
+# repeats the error of its length, this error is smaller than those of other roundings.
 _SHORT = 2.0**-10
 _NO_TURN = 1e-30  # keeps a denominator from vanishing; the square, in radians, of a turn that changes nothing
 
@@ -71,16 +70,16 @@ class Invariants(NamedTuple):
 
 
 class HalfWay(NamedTuple):
-    """The momentum half way through a flight, and the functions of half the flight.
+    """The momentum at the middle of a flight, and the functions of half the flight.
 
     Attributes:
         y: the momentum at the start, in units in which half the flight takes a unit of time.
-        invariants: of the motion, in these units.
+        invariants: the invariants of the motion, in these units.
         s, t: S and T = E_1 E_2 E_3.
         v: V.
         d: D at the start.
         momentum: E_l N_l, in units of the momentum.
-        moved: the same in units of y.
+        moved: `momentum` in units of y.
         squares, pairs: E_l^2, and T^2 / E_l^2.
         others: (T D X_l)^2.
         weight: a_j a_k S^2.
@@ -124,7 +123,8 @@ class HalfWay(NamedTuple):
 def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> tuple[cp.Vector, Invariants]:
     """The change of the momentum in a flight of time h, and the invariants of half the flight.
 
-    It is exact to rounding where h |Omega| and the roots of the invariants of the whole flight are at most `radius`.
+    The change is exact to rounding where h |Omega| and the roots of the invariants of the whole flight are at most
+    `radius`.
     """
     half = HalfWay.of(inertia, h, momentum, radius)
     pulls = cp.times(inertia.gaps, half.squares)
@@ -140,10 +140,10 @@ def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: flo
 def lag(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> Array:
     """The integral of (h - t) Pi_1 Pi_2 Pi_3 over a flight, with momenta in units of the largest moment.
 
-    With t from the middle of the flight it is h/2 times the integral of Pi_1 Pi_2 Pi_3, which changes Pi_l^2 by 2 a_l
-    times as much, less the integral of t Pi_1 Pi_2 Pi_3. Because a_1 a_2 a_3 Pi_1 Pi_2 Pi_3 = wp'/2, the latter is
-    given by `moment_functions`, where p^2 - g2/12, 2 g2 p + 3 g3 and 18 g3 p + g2^2 are a_1 a_2 a_3 times `change`/3,
-    `first` and `second` below.
+    With t counted from the middle of the flight, it is h/2 times the integral of Pi_1 Pi_2 Pi_3 minus the integral of t
+    Pi_1 Pi_2 Pi_3. The first integral times 2 a_l is the change of Pi_l^2. Because a_1 a_2 a_3 Pi_1 Pi_2 Pi_3 = wp'/2,
+    `moment_functions` gives the second, in which p^2 - g2/12, 2 g2 p + 3 g3 and 18 g3 p + g2^2 are a_1 a_2 a_3 times
+    `change`/3, `first` and `second` below.
     """
     half = HalfWay.of(inertia, h, momentum, radius)
     a, found = inertia.gaps, half.invariants
@@ -167,11 +167,11 @@ def lag(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> Array
 def _error_of_length(y: cp.Vector, total: Array, change: cp.Vector) -> Array:
     """The relative error in the length of a change, because of which |y| would drift; total is |y|^2.
 
-    The functions of a step are the same in every step of a free body, and so are their rounding errors: if they make
+    In all steps of a free body the functions of the step are the same, and so are their rounding errors: if these make
     the change too long, |Pi| and the energy grow steadily. A change d keeps |y| if y . d + |d|^2 / 2 = 0. This equation
-    determines the length of d well only if d is long; but only then does an error of its length matter. So the result
-    is weighted such that a short change stays as it is. Five digits of an error suffice, which is itself some units in
-    the last place.
+    determines the length of d well only if d is long; but only then does an error of the length matter. So the result
+    is weighted such that a short change stays as it is. The error is some units in the last place, so five digits of it
+    suffice.
     """
     square = 0.5 * cp.dot(change, change)
     return (cp.dot(y, change) + square) * cp.rough_reciprocal(square + (_SHORT * total + _NO_TURN))

@@ -25,7 +25,7 @@ from ...model.inertia import Inertia
 from ..verdict import verdict
 from .base import JudgedFlight
 
-# By dtype: the number of Newton steps with the plain Jacobian, then with each full Jacobian. They suffice for
+# For each dtype: the number of Newton steps with the plain Jacobian, then with each full Jacobian. They suffice for
 # |Psi| <= 1.5 and the moments of any real body, up to ratios of 1e6 (for the most slender bodies, one flight in 1e5 is
 # rejected).
 STEPS = {"float64": (1, (2, 2)), "float32": (2, (3,))}
@@ -72,7 +72,8 @@ def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, converged: Array) ->
 def _root_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
     """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u.
 
-    Both results of the solve leave its loop: if `converged` did not, the loop of the step would solve once more for it.
+    Both results of the solve are outputs of its loop: if `converged` were not, the loop of the step would solve again
+    for it.
     """
     quadruple, y, *_ = primals
     u, converged = split(_root(*primals))
@@ -101,8 +102,8 @@ def _improve(
 ) -> tuple[cp.Vector, Array]:
     """The result of Newton steps with one fixed Jacobian, and whether they converged.
 
-    Each step shrinks the residual at least by the factor of the step before. This bounds the last residual, which is
-    therefore not computed.
+    Each step shrinks the residual by at least the same factor as the previous step. This bounds the last residual, so
+    it need not be computed.
     """
     inverse = cp.Inverse3.of(columns, exact=False)
     previous = current = jnp.zeros_like(y[0])
@@ -133,7 +134,7 @@ def _columns(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, g: Array, slope: 
 
 
 def _plain_columns(k: cp.Vector, y: cp.Vector, u: cp.Vector) -> cp.Columns:
-    """Columns of K + [u] K - [K u] - [y], K = 4 g I: the Jacobian for constant g, right to first order in u."""
+    """Columns of K + [u] K - [K u] - [y], K = 4 g I: the Jacobian for constant g, correct to first order in u."""
     a, b, c = cp.add(cp.times(k, u), y)
     return (
         (k[0], k[0] * u[2] - c, b - k[0] * u[1]),

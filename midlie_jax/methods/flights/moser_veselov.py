@@ -26,7 +26,7 @@ from ...model.inertia import Inertia
 from ..verdict import verdict
 from .base import JudgedFlight
 
-# Pairs of Newton steps from the explicit guess; enough for h |Omega| <= 0.7, where two roots come close to each other.
+# Pairs of Newton steps from the explicit guess: enough up to h |Omega| = 0.7, where two roots come close to each other.
 _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 # Limit on the sum of the sizes of the terms of s and d. On a slender body that spins about a thick axis these terms
@@ -38,13 +38,13 @@ _LARGEST_CORRECTION = 0.3
 
 
 class _Preprocessed(JudgedFlight):
-    """The common part of the flights below, which differ only in the order of the series of s and d."""
+    """The common part of the three flights, which differ only in the order of the series of s and d."""
 
     solves: ClassVar[int] = 1
     body: ClassVar[type] = RigidBody
     per_loop: ClassVar[int] = 1
     one_loop: ClassVar[bool] = False
-    reach: ClassVar[float] = 1.0  # of DMV by `limits.moser_veselov_limit`; DMV4 and DMV6 reach up to a fifth further
+    reach: ClassVar[float] = 1.0  # for DMV by `limits.moser_veselov_limit`; DMV4 and DMV6 reach up to a fifth further
 
     def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:
         return _fly(inertia, h, momentum, self.order)

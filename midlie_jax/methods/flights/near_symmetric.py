@@ -20,8 +20,8 @@ from .symmetric import bounded, larger_rate, symmetric_turn
 class NearSymmetric(JudgedFlight):
     """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
 
-    The error is proportional to the difference of the first two moments: order the axes so that these two are closest.
-    The flight reports False in `ok` where one of its parts turned by more than 4.4 radians.
+    The error is proportional to the difference of the first two moments: number the axes so that these two are closest.
+    The flight reports False in `ok` where one of its rotations exceeds 4.4 radians.
     """
 
     name: ClassVar[str] = "NEARSYM"
@@ -55,7 +55,8 @@ class NearSymmetric(JudgedFlight):
         turned = cp.rotate_back_about(2, *about_third, turned)
         after_square, after = about_first(turned)
         increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))
-        # The momentum changes by the whole increment, with one rounding; `turned` only determines the next angle.
+        # The change of the momentum is computed from the whole increment, with one rounding; `turned` is only used for
+        # the next angle.
         return (
             increment,
             cp.rotation_change(cp.conjugate(increment), momentum),

@@ -81,7 +81,7 @@ class Symmetric(ExactFlight):
     def tangent(
         self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
     ) -> tuple[cp.Vector, cp.Vector, Functions]:
-        """With first derivatives that allow the moments to become unequal."""
+        """The tangent, with first derivatives that allow the moments to become unequal."""
         inertia = _first_derivatives_only(inertia)
         numbering = _Numbering.of(inertia.inverses, self.axis)
         spin, gap = numbering.renumbered(inertia.spins)[0], numbering.renumbered(inertia.gaps)[0]
@@ -106,7 +106,7 @@ def _equal(a: Any, b: Any) -> Any:
 
 
 class _Numbering(NamedTuple):
-    """The axes renumbered in their cyclic order, so that the axis of symmetry becomes the third axis.
+    """The axes renumbered cyclically, so that the axis of symmetry becomes the third axis.
 
     Attributes:
         was_first, was_second: whether the axis of symmetry is the first or the second axis of the body. Python bools,
@@ -125,7 +125,7 @@ class _Numbering(NamedTuple):
         return cls(~third & first, ~third & ~first & _equal(c, a))
 
     def renumbered(self, v: cp.Vector) -> cp.Vector:
-        """The components of v in the new order of the axes."""
+        """The components of v with the new numbers of the axes."""
         return self._select((v[1], v[2], v[0]), (v[2], v[0], v[1]), v)
 
     def restored(self, v: cp.Vector) -> cp.Vector:
@@ -153,8 +153,8 @@ def symmetric_turn(
     """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
 
     Returns:
-        The increment, and the cosine and sine of half the angle b; in the body frame, the momentum turns by -b about
-        axis 3. And the functions of both angles.
+        The increment; the cosine and sine of half the angle b (in the body frame, the momentum turns by -b about axis
+        3); and the functions of both angles.
     """
     turn, angle = _rotations(h, a, c, momentum)
     cosine, sinc = cosine_and_sinc(angle)
@@ -165,12 +165,12 @@ def symmetric_turn(
 
 
 def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
-    """The larger rate of both rotations of `symmetric_turn`."""
+    """The larger of the rates of the two rotations of `symmetric_turn`."""
     return jnp.maximum(a * cp.norm(momentum), abs((c - a) * momentum[2]))
 
 
 def bounded(h: Array, a: Array, c: Array, momentum: cp.Vector) -> list[tuple[Array, float]]:
-    """Sizes that are within their bounds where both rotations of `symmetric_turn` are at most 4.4 radians."""
+    """Pairs (size, bound): all are within bounds where both rotations of `symmetric_turn` are at most 4.4 radians."""
     turn, angle = _rotations(h, a, c, momentum)
     return [(cp.dot(turn, turn), WIDEST_SQUARE), (angle * angle, WIDEST_SQUARE)]
 

@@ -1,4 +1,4 @@
-"""The derivative of the flight of a symmetric body, with moments that may become unequal; axis 3 is that of symmetry.
+"""The derivative of the flight of a body symmetric about axis 3, with moments that may become unequal.
 
 The formulas of `symmetric.py` hold for equal moments only, so the derivative with respect to the difference of the two
 moments follows by variation of constants. With inverse moments a + e, a - e, c the energy is that of the symmetric body
@@ -29,7 +29,7 @@ class Functions(NamedTuple):
     """Functions of the two angles of a flight, which both its value and its tangent read.
 
     Attributes:
-        cosine, sinc: of b/2.
+        cosine, sinc: cos and sinc of b/2.
         two: (1 - cos |v|)/|v|^2.
     """
 
@@ -55,7 +55,7 @@ class Turning(NamedTuple):
         per_unit: 1 / the largest moment.
         momentum, scaled: the momentum at the start, and in units of the largest moment.
         angle: b.
-        functions: of its angles.
+        functions: the functions of its angles.
     """
 
     h: Array
@@ -77,7 +77,7 @@ class Turning(NamedTuple):
     def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector, Functions]:
         """The tangent of the change of the momentum, chi, and the tangents of the functions.
 
-        The increment is that of the flight.
+        `increment` is that of the flight.
         """
         start, shift, flow, along = changes.momentum, None, None, self.scaled[2]
         if changes.spins is not None:
@@ -104,7 +104,7 @@ class Turning(NamedTuple):
     ) -> tuple[cp.Vector, Functions]:
         """The chi of the two rotations and the tangents of the functions.
 
-        They follow from the tangents of the momentum at the start of the rotations and of the angle b.
+        Both follow from the tangents of the angle b and of the momentum at the start of the rotations.
         """
         turn = cp.scale(self.h * self.spin, self.scaled)
         change = cp.scale(self.h * self.spin * self.per_unit, start)

@@ -25,13 +25,14 @@ from .base import JudgedFlight
 from .lie_midpoint import free_start
 
 # Pairs of Newton steps from the guess in `_turn`; enough for |Psi| <= 0.3 and any real body whose moments have ratios
-# up to 1e3. Beyond these limits solves may fail, for thinner bodies at smaller turns; `ok` is then False.
+# up to 1e3. Beyond these limits a solve may fail, and the thinner the body, the smaller the turn at which this happens;
+# `ok` is then False.
 _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 
 
 class _Generated(JudgedFlight):
-    """The common part of the flights below, which differ in the terms of S and therefore in the order."""
+    """The common part of both flights, which differ in the terms of S and therefore in the order."""
 
     symplectic: ClassVar[bool] = True
     solves: ClassVar[int] = 1
@@ -78,7 +79,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     half = half_turn(cp.scale(0.5, turn))
     solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
     if order == 4:
-        # Where its second term exceeds the first, the series is useless and further roots appear.
+        # Where the second term of the series exceeds the first, the series is useless and further roots appear.
         a, b, c = stiffness(order, inertia, turn)
         solved = solved & (a > 0) & (b > 0) & (c > 0)
     ok = verdict(solved, (cp.dot(turn, turn), 4 * LARGEST_SQUARE), inertia.bound_of_first_root(y))
@@ -89,7 +90,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _turn(order: int | None, inertia: Inertia, y: cp.Vector) -> cp.Vector:
     """The root Psi for y = h Pi0 per unit, with derivatives of any order by the implicit function theorem."""
-    # The guess is right to second order in |Psi|, because the equation agrees with that of LIEMID to this order.
+    # The guess is correct to second order in |Psi|, because up to there the equation agrees with that of LIEMID.
     turn = cp.scale(2, free_start(cp.scale(2, inertia.relative), y))
     return newton_pairs(partial(_residual, order, inertia, y), partial(_slope, order, inertia, y), turn, _PAIRS)
 

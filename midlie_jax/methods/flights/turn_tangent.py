@@ -27,7 +27,7 @@ from jax.custom_derivatives import SymbolicZero
 from ..._math import components as cp
 from ...model.inertia import Inertia
 
-# The square of a turn, in radians, that is too small for any derivative but that with respect to the momentum.
+# The square of the turn, in radians, up to which only the derivative with respect to the momentum matters.
 _NO_TURN = {"float64": 1e-280, "float32": 1e-28}
 
 
@@ -35,9 +35,9 @@ class Changes(NamedTuple):
     """Tangents of the arguments of a flight.
 
     Attributes:
-        spins: of the inverse moments in units of the largest moment; None if they do not change.
-        h: of the time; None if it does not change.
-        momentum: of the momentum.
+        spins: the tangents of the inverse moments in units of the largest moment; None if they do not change.
+        h: that of the time; None if it does not change.
+        momentum: that of the momentum.
     """
 
     spins: cp.Vector | None
@@ -46,9 +46,9 @@ class Changes(NamedTuple):
 
     @classmethod
     def of(cls, inertia: Inertia, inertia_tangent: Any, h: Any, momentum: Any) -> "Changes":
-        """From the tangents of inertia, h and momentum, of which any may be a symbolic zero.
+        """The changes, from the tangents of inertia, h and momentum, each of which may be a symbolic zero.
 
-        The inverse moments determine all of `Inertia`, so their tangents are all that is used of it.
+        The inverse moments determine all of `Inertia`, so only their tangents are used.
         """
         inverses, spins = inertia_tangent.inverses, None
         if not all(map(is_zero, inverses)):
@@ -84,17 +84,17 @@ def turn_of(
     """The chi of a change of the arguments of a flight.
 
     Args:
-        inertia, h, momentum: of the flight.
+        inertia, h, momentum: the arguments of the flight.
         increment: the rotation in the time h.
-        changes: the tangents of the first three.
+        changes: the tangents of inertia, h and momentum.
         momentum_change: the tangent of the change of the momentum.
         lag: the L of the module docstring, for momenta in units of the largest moment; needed only if the inverse
             moments change.
     """
-    # The momentum as an angle, which neither overflows nor underflows in any units.
+    # The momentum in units in which it is an angle: so nothing overflows or underflows, whatever the user's units.
     y = inertia.travel(h, momentum)
     total = cp.dot(y, y)
-    # Where the turn vanishes, so does the axis that the formula divides by; but there the first order in h is exact.
+    # Where the turn vanishes, the formula would divide by zero; but there the term of first order in h is exact.
     at_rest = total <= _NO_TURN[str(total.dtype)]
     axis = cp.scale(h * cp.reciprocal(jnp.where(at_rest, jnp.ones_like(total), total)), y)
     per = cp.scale(inertia.per_unit, axis)

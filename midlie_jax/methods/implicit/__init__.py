@@ -1,4 +1,4 @@
-"""The implicit methods, whose steps do not split into flights and kicks: the rivals in Figure 1 of the paper."""
+"""The implicit methods, whose steps are not made of flights and kicks: the rivals in Figure 1 of the paper."""
 
 from .akw import AKW as AKW
 from .lie_midpoint_implicit import LieMidpointImplicit as LieMidpointImplicit

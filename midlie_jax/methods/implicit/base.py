@@ -11,9 +11,9 @@ from ...model.bodies import RigidBody
 from ..base import Method
 from ..system import System
 
-# Newton steps with the exact Jacobian; a turn of |Psi| = 1.5 needs five.
+# Newton steps with the exact Jacobian; five suffice up to a turn of |Psi| = 1.5.
 ITERATIONS = 5
-# In eps times the largest term; generous, because a torque whose terms cancel has a rounding error beyond its own size.
+# In units of eps times the largest term; generous, because a torque whose terms cancel has large rounding errors.
 _RESIDUAL_LIMIT = 1024
 
 
@@ -29,7 +29,7 @@ class Implicit(Method):
     evaluations: int = eqx.field(static=True, default=4 * ITERATIONS + 2)
 
     def stability_limit(self, direction: complex) -> float:
-        """2: beyond, the equation of a step may have several solutions (`limits.midpoint_fold`); NMB is unstable."""
+        """2: above, the equation of a step may have several solutions (`limits.midpoint_fold`), and NMB is unstable."""
         del direction
         return 2.0
 

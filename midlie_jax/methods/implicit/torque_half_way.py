@@ -64,9 +64,10 @@ class TorqueHalfWay(Implicit):
 def _bounds_of_single_root(
     inertia: Inertia, h: Array, w: cp.Vector, start: cp.Vector, end: cp.Vector
 ) -> list[tuple[Array, float]]:
-    """A step that turns by 2 w has a single root if it turns by at most 1.5 radians, not too fast at either end.
+    """Bounds within which the equation of a step that turns by 2 w has a single root.
 
-    Beyond these limits, several rotations may satisfy the rule for a slender body or for a spin about the middle axis.
+    They bound the turn by 1.5 radians, and h |Omega| at both ends. Beyond them, several rotations may satisfy the rule
+    for a slender body or for a spin about the middle axis.
     """
     ends = [inertia.bound_of_first_root(inertia.travel(h, momentum)) for momentum in (start, end)]
     return [(cp.dot(w, w), _LARGEST_HALF_TURN**2), *ends]

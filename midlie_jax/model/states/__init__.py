@@ -1,4 +1,4 @@
-"""The kinds of state, one a file: momentum and nothing, one direction, the attitude, or the positions of particles.
+"""The kinds of state, one per file: the momentum with nothing, one direction, the attitude, or particles' positions.
 
 What every state offers to steps and torques is in `model/state.py`.
 """

@@ -1,9 +1,9 @@
-"""`CompensatedState`: the state of a rigid body that keeps what the rounding of its sums has lost.
+"""`CompensatedState`: a state of a rigid body that also stores the rounding errors of its sums.
 
 Every step adds small changes to momentum and attitude. Each sum is rounded, and the errors of these sums add up. Here
 each component has a low part, the error of its last sum, which is added to the next change (O. Moller, BIT 5 (1965)
-37). So errors of sums do not add up, and what remains are the rounding errors of the changes themselves, which are
-smaller the smaller the steps.
+37). So the errors of the sums do not add up. What remains are the rounding errors of the changes themselves, which
+shrink with the step.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -38,7 +38,7 @@ class CompensatedState(RigidState):
         attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
         low_momentum: what is to be added to the momentum, at most half a unit in its last place, (..., 3); zero by
             default.
-        low_attitude: the same for the attitude, (..., 4).
+        low_attitude: what is to be added to the attitude, likewise, (..., 4).
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, NaN or infinity, or an attitude whose length is not

@@ -51,7 +51,7 @@ class DirectionState(BodyState[cp.Vector]):
     def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
         correction = length_correction(cp.dot(pose, pose), no_step)
         change = cp.rotation_change(cp.conjugate(increment), pose)
-        # The length is corrected along the new pose; along another direction, errors of the length would grow.
+        # The correction points along the new pose; if it pointed elsewhere, errors of the length would grow.
         return cp.add(pose, cp.add(change, cp.scale(correction, cp.add(pose, change))))
 
     @staticmethod
@@ -81,9 +81,9 @@ class DirectionState(BodyState[cp.Vector]):
         return eqx.tree_at(lambda s: s.direction, self, self.direction / length)
 
     def plus(self, increment: Array) -> "DirectionState":
-        """The momentum changed by increment[..., :3], and the direction turned by the angle increment[..., 3:], (2,).
+        """The momentum changed by increment[..., :3], and the direction turned by the vector increment[..., 3:], (2,).
 
-        The second is a vector in the plane across the direction, along two axes that depend on the direction alone.
+        This vector lies in the plane perpendicular to the direction; its two axes depend on the direction alone.
         """
         across = increment[..., 3:4] * _across(self.direction)[0] + increment[..., 4:5] * _across(self.direction)[1]
         angle = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True))
@@ -106,7 +106,7 @@ class DirectionState(BodyState[cp.Vector]):
 
 
 def _across(direction: Array) -> tuple[Array, Array]:
-    """Two unit vectors across a unit vector and each other, (..., 3); smooth but at one direction (J. R. Frisvad)."""
+    """Two unit vectors perpendicular to a unit vector and each other; smooth except at one (J. R. Frisvad)."""
     x, y, z = (direction[..., i : i + 1] for i in range(3))
     sign = jnp.where(z < 0, -1, 1).astype(direction.dtype)
     a = -1 / (sign + z)

@@ -1,4 +1,4 @@
-"""The correction of a length that rounding changes from step to step."""
+"""The correction of the length of a vector, which rounding changes from step to step."""
 
 import jax.numpy as jnp
 from jax import Array

@@ -77,7 +77,7 @@ class RigidState(BodyState[cp.Quaternion]):
         return eqx.tree_at(lambda s: s.attitude, self, self.attitude / length)
 
     def plus(self, increment: Array) -> "RigidState":
-        """The momentum changed by increment[..., :3], and turned by the rotation vector increment[..., 3:]."""
+        """The momentum changed by increment[..., :3], the attitude turned by the rotation vector increment[..., 3:]."""
         attitude = so3.multiply(self.attitude, so3.exp(increment[..., 3:]))
         return type(self)(self.momentum + increment[..., :3], attitude)
 
@@ -87,7 +87,7 @@ class RigidState(BodyState[cp.Quaternion]):
         return jnp.concatenate([self.momentum - other.momentum, turn], axis=-1)
 
     def sizes(self) -> tuple[Array, Array]:
-        """The difference of two unit quaternions is half the angle between them."""
+        """The two sizes: the angle is twice the length of the difference of two unit quaternions."""
         return jnp.sqrt(jnp.sum(self.momentum**2)), 2 * jnp.sqrt(jnp.sum(self.attitude**2))
 
     @classmethod
@@ -101,7 +101,7 @@ class RigidState(BodyState[cp.Quaternion]):
 
 
 def with_attitude(state: AnyState) -> RigidState:
-    """The state itself, if it has an attitude; a ValueError for any other state."""
+    """The argument itself if it is a state with an attitude; a ValueError for any other state."""
     if not hasattr(state, "attitude"):
         raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
     return cast(RigidState, state)
@@ -114,12 +114,12 @@ def attitude_of(state: AnyState) -> Array:
 
 @jax.custom_jvp
 def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """`RigidState.turn`, whose derivative needs no product of attitude and increment."""
+    """`RigidState.turn`, with a derivative that needs no product of attitude and increment."""
     return cp.tree_add(attitude, turn_change(attitude, increment, no_step))
 
 
 def _turn_tangent(primals: Any, tangents: Any) -> tuple[cp.Quaternion, cp.Quaternion]:
-    """The turned attitude is (1 + k) q Q, where the correction k of the length changes by -q . dq."""
+    """The tangent of the turned attitude (1 + k) q Q, whose correction k of the length changes by -q . dq."""
     (q, increment, no_step), (dq, d_increment, _) = primals, tangents
     k = length_correction(_square(q), no_step)
     along = jnp.where(no_step, jnp.zeros_like(k), q[0] * dq[0] + cp.dot(q[1:], dq[1:]))
@@ -136,9 +136,9 @@ _turn.defjvp(_turn_tangent)
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
     """What `RigidState.turn` adds to the attitude.
 
-    The product is computed as a change of the attitude and rounded only once. Rounding the product and then its length
-    would turn the attitude slightly, and in the same direction at every step. The correction accounts for the lengths
-    of both factors.
+    The product is computed as a change of the attitude and rounded only once. If the product and then its length were
+    rounded, the attitude would turn slightly, and in the same direction at every step. The correction of the length
+    accounts for the lengths of both factors.
     """
     correction = length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
     w, x, y, z = increment

@@ -1,4 +1,4 @@
-"""Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); common ones are ready here.
+"""Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); here are common ones.
 
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `fields` has torques that
 depend on the attitude, `spacecraft` torques that control or disturb a satellite.

@@ -32,7 +32,7 @@ class Torque(eqx.Module):
 
         Args:
             t: time, ().
-            state: of one body, with or without attitude, as the torque needs.
+            state: the state of one body, with or without attitude, as the torque needs.
 
         Returns:
             The torque (3,) in the body frame, in the dtype of the state.
@@ -55,7 +55,7 @@ class Torque(eqx.Module):
         return False
 
     def on(self, body: Any) -> "Torque":
-        """The torque on this body: for torques that read the body an `OnBody`, otherwise the torque itself."""
+        """The torque bound to a body: an `OnBody` if the torque reads the body, otherwise the torque itself."""
         del body
         return self
 
@@ -63,7 +63,7 @@ class Torque(eqx.Module):
         return Sum(self, other)
 
     def __radd__(self, other: TorqueLike | int) -> "Torque":
-        """The sum of a function and this torque; 0, with which Python's `sum` starts, is no torque."""
+        """The sum of a function and this torque; 0, with which Python's `sum` starts, counts as no torque."""
         return self if isinstance(other, int) else Sum(other, self)
 
 
@@ -81,7 +81,7 @@ def on_body(torque: TorqueLike, body: Any) -> TorqueLike: ...
 @overload
 def on_body(torque: None, body: Any) -> None: ...
 def on_body(torque: TorqueLike | None, body: Any) -> TorqueLike | None:
-    """The torque on this body: `torque.on(body)`, or the argument itself if it is None or a plain callable."""
+    """The torque bound to a body: `torque.on(body)`, or the argument itself if it is None or a plain callable."""
     return torque.on(body) if isinstance(torque, Torque) else torque
 
 
@@ -133,8 +133,8 @@ class Sum(Torque):
 class Prescribed(Torque):
     """A body-frame torque that is a function of time alone.
 
-    Where the torque jumps, let a step end at the jump and return the mean of both sides there: methods of second order
-    then keep their order.
+    If the torque jumps, let a step end at the jump and return the mean of both sides at that time: methods of second
+    order then keep their order.
 
     Attributes:
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
@@ -182,7 +182,7 @@ class FromPotential(Torque):
         return self.function(t, state)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
-        """The direction of a `DirectionState`, on which alone the potential depends."""
+        """The direction of a `DirectionState`, because the potential depends on nothing else."""
         return state.fixed_direction()
 
 
@@ -190,9 +190,9 @@ class VelocityDependent(Torque):
     """A torque that is declared to read the momentum: damping, control, a magnetic field on a moving charge.
 
     The kicks of the explicit methods then evaluate the torque twice (the explicit midpoint rule in the momentum), so
-    LIEMID[EA] keeps order 2. Methods are neither symplectic nor exactly reversible with such torques. A run detects by
-    itself whether a torque reads the momentum; `LieSolver.order` cannot, because it does not trace the torque, and
-    relies on this declaration.
+    LIEMID[EA] keeps order 2. With such torques methods are neither symplectic nor exactly reversible. A run detects by
+    itself whether a torque reads the momentum. `LieSolver.order` does not trace the torque, and so relies on this
+    declaration.
 
     Attributes:
         function: `function(t, state) -> (3,)`, body frame.
@@ -221,11 +221,11 @@ class ReadsBody(Torque):
     """Base class of torques that read the body on which they act; a run passes the body to `on`."""
 
     def at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
-        """The torque (3,) on this body, body frame."""
+        """The torque (3,) on the given body, in the body frame."""
         raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
 
     def potential_at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
-        """The potential energy () of this body; a ValueError if the torque has no potential."""
+        """The potential energy () of the given body; a ValueError if the torque has no potential."""
         del t, state, body
         raise _no_potential(self)
 

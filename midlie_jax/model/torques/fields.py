@@ -75,8 +75,8 @@ class DipoleInField(Torque):
     Attributes:
         moment: dipole moment, body frame, (3,).
         field: the field in the space frame, (3,), in units such that moment x field is a torque. A field that changes
-            in time is a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit; the state
-            must then be a `RigidState`.
+            in time is a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit; with it
+            the state must be a `RigidState`.
 
     Raises:
         ValueError: moment or field not of shape (..., 3) or not finite. When called: the state holds no direction, or
@@ -166,14 +166,14 @@ class GravityGradient(ReadsBody):
 
 
 def to_body_components(vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
-    """A space vector in body components; it is an array (3,) or a function of time that returns one."""
+    """The body components of a space vector, which is given as an array (3,) or as a function of time."""
     if callable(vector):
         return require_all_directions(state).seen_from_body(cp.vector(vector(t)))
     return state.seen_from_body(cp.vector(vector))
 
 
 def require_all_directions(state: AnyState) -> Any:
-    """The state itself; a ValueError for a `DirectionState`, which can convert vectors of one space direction only."""
+    """The state itself; a ValueError for a `DirectionState`, which knows the body components of one direction only."""
     if state.fixed_direction() is not None:
         raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
     return state
