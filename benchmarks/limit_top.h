@@ -1,6 +1,6 @@
 /* The body, which all tops share; a group of tops, one in each lane; and the step that all flights have in common. */
 
-/* As in midlie_jax/methods/inertia.py. The numbers come from the command line, so that the compiler cannot use that two
+/* As in midlie_jax/model/inertia.py. The numbers come from the command line, so that the compiler cannot use that two
    moments are equal: the package's programs serve any moments, too. */
 typedef struct {
     real3 inverses, relative, spins, gaps, middle;

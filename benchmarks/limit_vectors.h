@@ -69,7 +69,7 @@ INLINE int any(mask m) {
 }
 
 /* Roots, and reciprocals of positive numbers: by the machine's instructions, or by Newton steps from a guess read from the
-   bits, as in midlie_jax/_kernel/components.py. The machine's keep its one divider busy for long; Newton's steps need more
+   bits, as in midlie_jax/_math/components.py. The machine's keep its one divider busy for long; Newton's steps need more
    multiplications. limit.py tries both. A `rough` reciprocal needs five digits only. */
 #if HARDWARE_ROOTS
 INLINE vec root(vec x) {

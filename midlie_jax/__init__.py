@@ -8,6 +8,7 @@ import pathlib  # not `from pathlib import Path`, because `Path` is a public nam
 import re
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -17,7 +18,9 @@ _WHERE = {
     name: module.removesuffix(".as_typed")
     for module, name in re.findall(r"^from \.([\w.]*) import (\w+) as \2$", _STUB, re.MULTILINE)
 }
-__all__ = [*_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]
+# What an extra brings is shown where the extra is installed.
+_SHOWN = [name for name in _WHERE if name not in ("fit", "fitting") or find_spec("optimistix")]
+__all__ = [*_SHOWN]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
@@ -35,7 +38,7 @@ def __getattr__(name: str) -> Any:
 
 def _folder(name: str) -> ModuleType:
     try:
-        if not name.startswith("__"):  # `__main__` is the command
+        if name.isidentifier() and not name.startswith("__"):  # `__main__` is the command
             return import_module(f".{name}", __name__)
     except ModuleNotFoundError as error:
         if error.name != f"{__name__}.{name}":
@@ -44,7 +47,7 @@ def _folder(name: str) -> ModuleType:
 
 
 def __dir__() -> list[str]:
-    return [*_WHERE, "__version__"]
+    return [*_SHOWN, "__version__"]
 
 
 class _Package(ModuleType):

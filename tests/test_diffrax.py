@@ -235,6 +235,24 @@ def test_backsolve_approaches_the_derivative_of_the_motion():
     assert 3 < gaps[0] / gaps[1] < 5
 
 
+@pytest.mark.sample(0)
+def test_the_rotation_norm_measures_the_state_on_the_way_back_of_backsolve():
+    """There diffrax solves for the state, its adjoint and more together."""
+    control = diffrax.PIDController(rtol=0, atol=1e-6, norm=ml.RotationNorm())
+
+    def value(weight):
+        term = ml.RigidBodyTerm(BODY, ml.torques.HeavyTop(weight))
+        back = diffrax.BacksolveAdjoint(solver=diffrax.Tsit5())
+        solution = diffrax.diffeqsolve(
+            term, ml.LieSolver("LIEMID[EA]"), 0.0, 0.5, 0.01, start(), adjoint=back, stepsize_controller=control
+        )
+        return jnp.sum(solution.ys.momentum**2)
+
+    slope, h = quick(jax.grad(value))(2.0), 1e-3
+    run = quick(value)
+    assert slope == pytest.approx(float(run(2.0 + h) - run(2.0 - h)) / (2 * h), rel=1e-2)
+
+
 def north(t, y, args, **kwargs):
     """Where the axis of the top stands over the plane x = 0."""
     del t, args, kwargs

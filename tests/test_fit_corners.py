@@ -138,3 +138,20 @@ def test_a_flat_body_is_a_limit_that_the_result_names():
     assert result.flat == ["moments"]
     assert "moments: the data hardly tell this body from a flat one" in str(result)
     np.testing.assert_allclose(result.values["moments"] / result.values["moments"][2], flat / 3, rtol=0, atol=1e-3)
+
+
+@pytest.mark.sample(0)
+def test_multiple_shooting_from_a_direction_finds_what_one_segment_finds():
+    """Its segments start at increments of zero of momentum and direction."""
+    times = jnp.linspace(0.05, 1.0, 20)
+
+    def top(values):
+        start = ml.DirectionState(jnp.array([0.3, 0.1, 2.0]), jnp.array([0.0, 0.6, 0.8]))
+        return ml.RigidBody(jnp.array([2.0, 2.0, 1.0])), ml.torques.HeavyTop(values["weight"]), start
+
+    path = ml.integrate(METHOD, *top({"weight": jnp.array(3.0)}), dt=0.05, steps=20)
+    data = [Rates(times, np.asarray(path.states.momentum)[1:] / [2.0, 2.0, 1.0], 1e-3)]
+    for segments in (1, 2):
+        found = ml.fit(top, {"weight": Free(2.5)}, data, dt=0.05, method=METHOD, segments=segments, absolute_sigma=True)
+        assert found.ok
+        assert float(found.values["weight"]) == pytest.approx(3.0, abs=1e-5)

@@ -200,6 +200,22 @@ def test_increments_are_added_and_found_again():
     np.testing.assert_allclose(moved.minus(START), jnp.arange(13.0) / 100, atol=1e-15)
 
 
+def test_what_is_for_rigid_bodies_alone_says_so():
+    fitted = ml.fitting.Rates(jnp.linspace(0.1, 0.6, 6), jnp.ones((6, 3)), 0.1)
+    with pytest.raises(ValueError, match="Rates are of rigid bodies, but the model returned a Traveller"):
+        ml.fit(
+            lambda values: (BODY, pull(values["w"]), START),
+            {"w": ml.fitting.Free(2.0)},
+            [fitted],
+            dt=0.02,
+            method="RK4",
+        )
+    with pytest.raises(ValueError, match=r"recommend is for a midlie_jax\.RigidBody or TensorBody, got body Traveller"):
+        ml.recommend(BODY, pull(), START, tolerance=1e-3, duration=1.0)
+    with pytest.raises(ValueError, match="has more than an angular velocity"):
+        ml.spatial_angular_velocity(BODY, START)
+
+
 def test_wrong_forces_are_refused_with_what_is_wanted():
     def plain(t, state):
         return jnp.zeros(3)

@@ -44,6 +44,23 @@ def test_an_increment_leads_from_one_state_to_the_other(kind, batch):
     same(one.plus(jnp.zeros_like(increment)), one)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_increments_have_derivatives_at_zero(kind):
+    """Where every fit by multiple shooting begins."""
+    one = some(kind)
+    zero = jnp.zeros_like(one.minus(one))
+    found = jax.jacfwd(lambda increment: one.plus(increment).minus(one))(zero)
+    np.testing.assert_allclose(found, np.eye(len(zero)), atol=1e-12)
+
+
+def test_opposite_directions_are_half_a_turn_apart():
+    one = some(ml.DirectionState, 4)
+    other = ml.DirectionState(one.momentum, -one.direction)
+    increment = other.minus(one)
+    np.testing.assert_allclose(jnp.linalg.norm(increment[:, 3:], axis=-1), np.pi, atol=1e-12)
+    same(one.plus(increment), other)
+
+
 def test_particles_have_increments_of_all_their_numbers():
     one = ml.ParticleState(jnp.ones((2, 3)), jnp.zeros((2, 3)))
     other = ml.ParticleState(jnp.zeros((2, 3)), jnp.arange(6.0).reshape(2, 3))

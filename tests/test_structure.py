@@ -147,6 +147,20 @@ def test_fitting_stands_beside_the_plug_in():
     )]  # fmt: skip
 
 
+def test_what_an_extra_brings_is_shown_where_it_is_installed():
+    """So that help(midlie_jax) and an import of all names work without it."""
+    program = (
+        "import importlib.util as u\n"
+        "find = u.find_spec\n"
+        "u.find_spec = lambda name, *more: None if name == 'optimistix' else find(name, *more)\n"
+        "import midlie_jax as ml\n"
+        "from midlie_jax import *\n"
+        "print('fit' in dir(ml), 'fitting' in ml.__all__, integrate is ml.integrate, hasattr(ml, 'a.b'))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False", "True", "False"]
+
+
 def test_the_package_shows_the_names_of_its_stub():
     """And each is what it is in the file that the stub names, also after the folder `methods` was imported."""
     code = (

@@ -26,9 +26,9 @@ from ..methods.runge_kutta import RungeKutta
 from ..methods.schemes import SCHEMES
 from ..methods.system import System
 from ..model import so3
-from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.bodies import Body, RigidBody, principal_of
 from ..model.observables import angular_velocity
-from ..model.states import RigidState
+from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .check import check
 from .facts import Facts
@@ -94,9 +94,9 @@ class Recommendation(NamedTuple):
 
 
 def recommend(
-    body: RigidBody | TensorBody,
+    body: Body,
     torque: TorqueLike | None,
-    start: RigidState,
+    start: AnyState,
     *,
     tolerance: float,
     duration: float,
@@ -129,6 +129,8 @@ def recommend(
         raise ValueError(
             f"start must be a midlie_jax.RigidState, because errors are of the attitude, got {described(start)}."
         )
+    if not isinstance(principal_of(body), RigidBody):
+        raise ValueError(f"recommend is for a midlie_jax.RigidBody or TensorBody, got body {described(body)}.")
     try:
         tolerance = float(tolerance)
     except (TypeError, ValueError) as error:
@@ -177,7 +179,7 @@ def recommend(
 
 
 def candidates(
-    body: RigidBody | TensorBody, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
+    body: Body, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
     """The methods that `recommend` tries: schemes with the body's exact flight, from high order to low; others last.
 
@@ -194,7 +196,7 @@ def candidates(
     return names if symplectic else [*names, *general]
 
 
-def _reads_momentum(body: Any, torque: Any, start: RigidState) -> bool:
+def _reads_momentum(body: Any, torque: Any, start: AnyState) -> bool:
     return System.of(body, torque, start, jnp.zeros((), start.momentum.dtype)).reads_momentum
 
 
@@ -209,7 +211,7 @@ class _Run(NamedTuple):
 class _Candidate:
     """A method compiled for the motion; runs and times it."""
 
-    def __init__(self, name: str, body: Any, torque: Any, start: RigidState, span: float, t0: Array):
+    def __init__(self, name: str, body: Any, torque: Any, start: AnyState, span: float, t0: Array):
         self.name, self.span = name, span
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
         self.program = Program(find_method(name), body, torque, starts, t0=t0)
@@ -310,7 +312,7 @@ def _confirmed(candidate: _Candidate, steps: int, exact: np.ndarray, tolerance: 
     return None
 
 
-def _limit(body: Any, torque: Any, start: RigidState, t0: Array, trials: Sequence[Trial], best: Trial) -> str:
+def _limit(body: Any, torque: Any, start: AnyState, t0: Array, trials: Sequence[Trial], best: Trial) -> str:
     """What limits the step, if a larger step made a run fail rather than inaccurate; "" otherwise."""
     failed = [t for t in trials if t.steps < best.steps and not t.ok]
     if not failed or failed[-1].steps < best.steps / 4:
@@ -324,7 +326,7 @@ def _limit(body: Any, torque: Any, start: RigidState, t0: Array, trials: Sequenc
 def _why_none(
     body: Any,
     torque: Any,
-    start: RigidState,
+    start: AnyState,
     t0: Array,
     span: float,
     tolerance: float,
@@ -357,12 +359,12 @@ def _stiffness(largest_rate: float, motion_rate: float) -> str:
     )
 
 
-def _speed(body: Any, start: RigidState) -> float:
+def _speed(body: Any, start: Any) -> float:
     """|Omega| at the start."""
     return float(np.linalg.norm(np.asarray(angular_velocity(body, start), np.float64)))
 
 
-def _rates(body: Any, torque: Any, start: RigidState, t0: Array) -> tuple[float, float]:
+def _rates(body: Any, torque: Any, start: AnyState, t0: Array) -> tuple[float, float]:
     """The largest rate of the torque linearised at the start, and the rate of the motion itself.
 
     The rate of the motion is the larger of |Omega| and the square root of |d Omega/dt|.

@@ -3,8 +3,11 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import Array
+
+from ..model.state import State
 
 
 class RotationNorm(eqx.Module):
@@ -14,7 +17,8 @@ class RotationNorm(eqx.Module):
     the rotation between the two attitudes in units of `angle`. PIDController divides errors entry by entry by
     atol + rtol |y| before it calls the norm, and entries of a quaternion pass through zero. With rtol=0 the angle is
     therefore exact, and `atol` is the error allowed per step, in these units. With 0 < rtol <= atol the norm is right
-    within a factor of 2.
+    within a factor of 2. Of what `BacksolveAdjoint` solves for together, the state, its adjoint and more, the state
+    alone is measured.
 
     Attributes:
         momentum: the unit of momentum error.
@@ -25,5 +29,10 @@ class RotationNorm(eqx.Module):
     angle: float | Array = 1.0
 
     def __call__(self, error: Any) -> Array:
-        momentum, angle = error.sizes()
+        (state, *_) = [x for x in jax.tree.leaves(error, is_leaf=_is_state) if _is_state(x)]
+        momentum, angle = state.sizes()
         return jnp.maximum(momentum / self.momentum, angle / self.angle)
+
+
+def _is_state(part: Any) -> bool:
+    return isinstance(part, State)

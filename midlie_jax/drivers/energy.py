@@ -53,7 +53,7 @@ def energy(
     check_state("motion", state)
     check_body(body, state)
     check_torque(torque)
-    own_body, batch = axes_of_bodies(body, state) == 1, state.momentum.shape[:-1]
+    own_body, batch = axes_of_bodies(body, state) == 1, state.momentum.shape[: -state.own_axes]
     rows = _rows(body, torque, state, own_body, path is not None and path.ok.ndim == 1, torque_axes)
     if not own_body and not any(jax.tree.leaves(rows)):
         return observables.energy(body, torque, motion, t)
@@ -80,7 +80,7 @@ def _rows(body: Body, torque: Any, state: Any, own_body: bool, of_bodies: bool, 
         of_bodies: whether the states are known to be those of several bodies.
     """
     shared = jax.tree.map(lambda _: False, torque)
-    batch = state.momentum.shape[:-1]
+    batch = state.momentum.shape[: -state.own_axes]
     axes_given = not (isinstance(axes, str) and axes == AUTO)
     if torque is None or not batch or not batch[0]:
         return shared

@@ -101,6 +101,8 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
     method = check_system(method, body, torque, start)
     if not start.own_axes:
         raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
+    if any(isinstance(m, Rates) for m in measurements) and not isinstance(principal_of(body), RigidBody):
+        raise ValueError(f"Rates are of rigid bodies, but the model returned a {type(body).__name__}.")
     if torque is None:
         _check_speeds(body, start, measurements)
     if start.momentum.dtype != layout.start().dtype:

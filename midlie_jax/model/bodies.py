@@ -1,4 +1,4 @@
-"""Bodies: rigid bodies and particles with their inertia. Their configuration and momentum are in `states.py`.
+"""Bodies: rigid bodies and particles with their inertia. Their configuration and momentum are in `states/`.
 
 Every kind of body converts momentum to velocity (`velocity`) and velocity to momentum (`momentum`).
 """

@@ -118,7 +118,7 @@ def angular_velocity(body: RigidBody | TensorBody, state: BodyState[Any]) -> Flo
     return _velocity(body, state)
 
 
-def spatial_angular_velocity(body: RigidBody | TensorBody, state: RigidState) -> Float[Array, "*batch 3"]:
+def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity R I^-1 Pi in the space frame, radians per unit of time, (..., 3).
 
     Args:
@@ -128,7 +128,10 @@ def spatial_angular_velocity(body: RigidBody | TensorBody, state: RigidState) ->
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
     """
-    return so3.rotate(attitude_of(state), _velocity(body, state))
+    velocity = _velocity(body, state)
+    if not isinstance(velocity, Array):
+        raise ValueError(f"a {type(state).__name__} has more than an angular velocity: take body.velocity.")
+    return so3.rotate(attitude_of(state), velocity)
 
 
 def spatial_momentum(state: RigidState) -> Float[Array, "*batch 3"]:

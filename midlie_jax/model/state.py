@@ -180,15 +180,19 @@ class State(eqx.Module, Generic[P, Q]):
         """
         moved, begin = list[Array](), 0
         for leaf in jax.tree.leaves(self):
-            end = begin + leaf.shape[-1]
-            moved.append(leaf + increment[..., begin:end])
+            end = begin + self._flat(leaf).shape[-1]
+            moved.append(leaf + increment[..., begin:end].reshape(leaf.shape))
             begin = end
         return jax.tree.unflatten(jax.tree.structure(self), moved)
 
     def minus(self, other: Any) -> Array:
         """The increment (..., k) from another state to this one: `other.plus(self.minus(other))` is this state."""
         pairs = zip(jax.tree.leaves(self), jax.tree.leaves(other), strict=True)
-        return jnp.concatenate([a - b for a, b in pairs], axis=-1)
+        return jnp.concatenate([self._flat(a - b) for a, b in pairs], axis=-1)
+
+    def _flat(self, leaf: Array) -> Array:
+        """An array with the axes of one body as one axis."""
+        return leaf.reshape(*leaf.shape[: leaf.ndim - self.own_axes], -1)
 
     def sizes(self) -> tuple[Array, Array]:
         """For a small difference of two states: the size of its momentum, and that of the rest, in radians."""

@@ -108,7 +108,7 @@ def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
     """The known kinds of state by name, including those that users have defined."""
     found = {kind.__name__: kind}
     for own in kind.__subclasses__():
-        found |= _kinds(own)
+        found = _kinds(own) | found  # a class of the same name that was defined later does not take its place
     return found
 
 

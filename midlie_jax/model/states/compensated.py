@@ -31,7 +31,7 @@ class CompensatedState(RigidState):
     """A `RigidState` with compensated summation: float32 with less rounding, for small steps.
 
     Momentum and attitude are those of a `RigidState`, and torques read these alone. A run that is continued from a
-    saved state equals the uninterrupted run, because the low parts are saved with it.
+    saved state equals the uninterrupted run, because the low parts are saved with it; `plus` sets them to zero.
 
     Attributes:
         momentum: body-frame angular momentum Pi, (..., 3).

@@ -85,18 +85,25 @@ class DirectionState(BodyState[cp.Vector]):
 
         This vector lies in the plane perpendicular to the direction; its two axes depend on the direction alone.
         """
-        across = increment[..., 3:4] * _across(self.direction)[0] + increment[..., 4:5] * _across(self.direction)[1]
-        angle = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True))
+        first, second = _across(self.direction)
+        across = increment[..., 3:4] * first + increment[..., 4:5] * second
+        angle = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
         turned = jnp.cos(angle) * self.direction + jnp.sinc(angle / jnp.pi) * across
         return DirectionState(self.momentum + increment[..., :3], turned)
 
     def minus(self, other: Any) -> Array:
-        """The change of the momentum, and the turn (2,) of the direction, from another state to this one."""
+        """The change of the momentum, and the turn (2,) of the direction, from another state to this one.
+
+        Of the turns between opposite directions, that along the first axis is taken.
+        """
+        axes = _across(other.direction)
         cosine = jnp.sum(self.direction * other.direction, axis=-1, keepdims=True)
         across = self.direction - cosine * other.direction
-        sine = jnp.sqrt(jnp.sum(across**2, axis=-1, keepdims=True))
-        turn = across / jnp.where(sine == 0, 1, jnp.sinc(jnp.arctan2(sine, cosine) / jnp.pi))
-        along = [jnp.sum(turn * axis, axis=-1, keepdims=True) for axis in _across(other.direction)]
+        sine = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
+        parallel, one = sine <= 8 * cp.epsilon(sine), jnp.ones_like(sine)  # then rounding alone is left of `across`
+        turn = across * jnp.where(parallel, one, jnp.arctan2(sine, cosine) / jnp.where(parallel, one, sine))
+        turn = jnp.where(parallel & (cosine < 0), jnp.pi * axes[0], turn)
+        along = [jnp.sum(turn * axis, axis=-1, keepdims=True) for axis in axes]
         return jnp.concatenate([self.momentum - other.momentum, *along], axis=-1)
 
     @classmethod
@@ -106,7 +113,10 @@ class DirectionState(BodyState[cp.Vector]):
 
 
 def _across(direction: Array) -> tuple[Array, Array]:
-    """Two unit vectors perpendicular to a unit vector and each other; smooth except at one (J. R. Frisvad)."""
+    """Two unit vectors perpendicular to a unit vector and each other; both jump where its z component changes sign.
+
+    T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1.
+    """
     x, y, z = (direction[..., i : i + 1] for i in range(3))
     sign = jnp.where(z < 0, -1, 1).astype(direction.dtype)
     a = -1 / (sign + z)
