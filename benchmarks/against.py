@@ -24,7 +24,7 @@ def named():
     from midlie_jax.methods.registry import ENTRIES
     from midlie_jax.model.bodies import RigidBody
 
-    return [name for name, entry in ENTRIES.items() if entry.method.bodies is RigidBody]
+    return [name for name, entry in ENTRIES.items() if issubclass(RigidBody, entry.method.bodies)]
 
 
 def serve():

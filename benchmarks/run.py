@@ -221,7 +221,7 @@ def flight_rows(scene, batch, steps):
     baseline, _ = prepared("LIEMID[EA]")
     paper = {method.name for method in paper_methods()}
     flights = [f"{flight.name}[EA]" for flight in FLIGHTS.values() if flight.body is ml.RigidBody]
-    others = [name for name, entry in ENTRIES.items() if entry.method.bodies is ml.RigidBody]
+    others = [name for name, entry in ENTRIES.items() if issubclass(ml.RigidBody, entry.method.bodies)]
     for name in dict.fromkeys(name for name in (*flights, *others) if name not in paper):
         call, compiling = prepared(name)
         ratio = statistics.median(median_seconds(baseline, 1) / median_seconds(call, 1) for _ in range(7))
