@@ -76,7 +76,7 @@ def _methods(options: argparse.Namespace) -> list[Method]:
     """The methods to measure: those named, or all, or the default ones."""
     if options.methods:
         return chosen.methods(options.methods)
-    rigid = {name: entry for name, entry in ENTRIES.items() if entry.method.bodies is RigidBody}
+    rigid = {name: entry for name, entry in ENTRIES.items() if issubclass(RigidBody, entry.method.bodies)}
     if options.all:
         pairs = [find_method(f, s) for f in FLIGHTS.values() if f.body is RigidBody for s in SCHEMES.values()]
         return [*{method.name: method for method in (*(e.method for e in rigid.values()), *pairs)}.values()]
