@@ -128,6 +128,11 @@ def users_of(package: str) -> set[str]:
     return {name.split(".")[0] for name in users}
 
 
+def printed(code: str) -> str:
+    """What a program prints in a process of its own."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+
+
 def test_only_the_plug_in_imports_diffrax():
     assert users_of("diffrax") == {"diffrax"}
 
@@ -149,7 +154,7 @@ def test_fitting_stands_beside_the_plug_in():
 
 def test_what_an_extra_brings_is_shown_where_it_is_installed():
     """So that help(midlie_jax) and an import of all names work without it."""
-    program = (
+    code = (
         "import importlib.util as u\n"
         "find = u.find_spec\n"
         "u.find_spec = lambda name, *more: None if name == 'optimistix' else find(name, *more)\n"
@@ -157,8 +162,7 @@ def test_what_an_extra_brings_is_shown_where_it_is_installed():
         "from midlie_jax import *\n"
         "print('fit' in dir(ml), 'fitting' in ml.__all__, integrate is ml.integrate, hasattr(ml, 'a.b'))"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False", "True", "False"]
+    assert printed(code).split() == ["False", "False", "True", "False"]
 
 
 def test_the_package_shows_the_names_of_its_stub():
@@ -173,8 +177,7 @@ def test_the_package_shows_the_names_of_its_stub():
         "same = [n for n, m in where.items() if m and shown[n] is getattr(load(f'midlie_jax.{m}'), n)]\n"
         "print(*sorted(set(where) - set(same)))"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-    first, second, others = said.splitlines()
+    first, second, others = printed(code).splitlines()
     assert (first, second) == ("False", "True")
     # Folders of the package, and two modules that have classes to stand for them.
     assert others.split() == ["diffrax", "fitting", "flights", "plot", "schemes", "simulation"]
@@ -186,8 +189,7 @@ def test_fitting_is_imported_when_it_is_first_asked_for():
         "import sys; sys.modules['optax'] = None; import midlie_jax as ml\n"
         "print('midlie_jax.fitting' in sys.modules, ml.fit is ml.fitting.fit, 'midlie_jax.fitting' in sys.modules)"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-    assert said.split() == ["False", "True", "True"]
+    assert printed(code).split() == ["False", "True", "True"]
 
 
 @pytest.mark.sample(0)
@@ -198,8 +200,7 @@ def test_importing_computes_nothing():
         f"import importlib\nfor name in {names!r}: importlib.import_module(name)\n"
         "import jax; jax.config.update('jax_num_cpu_devices', 3); print(len(jax.devices('cpu')))"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-    assert said.split() == ["3"]
+    assert printed(code).split() == ["3"]
 
 
 def test_one_file_uses_what_jax_does_not_document():
@@ -208,17 +209,16 @@ def test_one_file_uses_what_jax_does_not_document():
     assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_xla.internals"]
 
 
-if __name__ == "__main__":
-    for number, folder in enumerate(FLOORS):
-        names = sorted(name or PACKAGE for name in graph() if floor(name) == number)
-        print(f"{number} {folder or PACKAGE}: {', '.join(names)}")
-    print(f"arrows upward: {len(upward(graph()))}; circles: {len(circle(graph())) and 1}")
-
-
 def test_diffrax_is_imported_when_a_solver_is_asked_for():
     code = (
         "import sys, midlie_jax as ml; print('diffrax' in sys.modules, 'optimistix' in sys.modules); "
         "ml.LieSolver, ml.LieInterpolation, ml.RigidBodyTerm, ml.RotationNorm; print('diffrax' in sys.modules)"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
-    assert said.split() == ["False", "False", "True"]
+    assert printed(code).split() == ["False", "False", "True"]
+
+
+if __name__ == "__main__":
+    for number, folder in enumerate(FLOORS):
+        names = sorted(name or PACKAGE for name in graph() if floor(name) == number)
+        print(f"{number} {folder or PACKAGE}: {', '.join(names)}")
+    print(f"arrows upward: {len(upward(graph()))}; circles: {len(circle(graph())) and 1}")

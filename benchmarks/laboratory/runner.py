@@ -15,7 +15,7 @@ from jax import Array
 
 from midlie_jax._math import components as cp
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.advice.program import begin, loop_of_steps
+from midlie_jax.advice.program import loop_of_steps
 from midlie_jax.drivers.clock import time_of
 from midlie_jax.methods.base import Method, Progress
 from midlie_jax.methods.system import System
@@ -85,6 +85,6 @@ def _path(method: Method, most: int, row: Rows, first: Array, every: Array, coun
         return progress, jax.tree.map(lambda all, x: all.at[k].set(x), carry[1], system.state(progress.motion))
 
     saved = jax.tree.map(lambda x: jnp.zeros((most, *x.shape), x.dtype), row.start)
-    progress = begin(method, system, row.start, time_of(zero, row.dt, first))
+    progress = method.begin(system, row.start, time_of(zero, row.dt, first))
     progress, saved = jax.lax.fori_loop(0, count, save, (progress, saved))
     return saved, progress.ok & cp.all_finite(progress.motion)

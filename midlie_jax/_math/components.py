@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from .._xla.internals import Tracer
@@ -57,6 +58,19 @@ def unpacked(tree: Any) -> Any:
 def wrapped(tree: Any, wrap: Callable[[Any], Any]) -> Any:
     """A tree with `wrap(leaf)` in place of each vector and quaternion."""
     return jax.tree.map(lambda x: wrap(x) if _is_components(x) else x, tree, is_leaf=_is_components)
+
+
+def flat(tree: Any) -> Array:
+    """All numbers of a tree as one array."""
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
+
+
+def of_flat(numbers: Array, like: Any) -> Any:
+    """The inverse of `flat`: a tree with these numbers and the structure and shapes of `like`."""
+    leaves, structure = jax.tree.flatten(like)
+    ends = np.cumsum([np.size(leaf) for leaf in leaves])
+    pairs = zip(leaves, ends, strict=True)
+    return structure.unflatten([numbers[end - np.size(leaf) : end].reshape(jnp.shape(leaf)) for leaf, end in pairs])
 
 
 def add(a: Vector, b: Vector) -> Vector:

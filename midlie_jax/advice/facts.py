@@ -1,8 +1,6 @@
 """What is known of a body in a field at one moment, for the rules by which `check` judges a step."""
 
 import math
-import operator
-from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -52,7 +50,7 @@ class Facts(NamedTuple):
         speed, pull, jerk, acceleration = _speeds(system, t, motion)
         changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])
         nutation = system.inertia.nutation(motion.momentum)
-        return cls(turn_rate, linearised(system, t, motion), nutation, changes, variations, acceleration)
+        return cls(turn_rate, _linearised(system, t, motion), nutation, changes, variations, acceleration)
 
     @property
     def rates(self) -> Any:
@@ -84,28 +82,26 @@ def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array,
 
 def _norm(tree: Any) -> Array:
     """The root of the sum of the squares of all numbers."""
-    return cp.root(reduce(operator.add, (leaf * leaf for leaf in jax.tree.leaves(tree))))
+    numbers = cp.flat(tree)
+    return cp.root(jnp.sum(numbers * numbers))
 
 
-def linearised(system: System, t: Array, motion: Any) -> Array:
+def _linearised(system: System, t: Array, motion: Any) -> Array:
     """The matrix of (displacement, momentum) under the linearised torque, without the terms of the free motion."""
-    leaves, structure = jax.tree.flatten(motion.momentum)
-    units = jnp.eye(len(leaves), dtype=leaves[0].dtype)
+    numbers = cp.flat(motion.momentum)
+    units = jnp.eye(len(numbers), dtype=numbers.dtype)
     still = jnp.zeros_like(units)
 
     def tree(row: Array) -> Any:
-        return structure.unflatten([row[i] for i in range(len(leaves))])
-
-    def flat(tree: Any) -> Array:
-        return jnp.stack(jax.tree.leaves(tree))
+        return cp.of_flat(row, motion.momentum)
 
     def change(momentum: Array, displacement: Array) -> Array:
         moved = Motion(tree(momentum), system.kind.rate(motion.pose, tree(displacement)))
-        return flat(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
+        return cp.flat(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
 
     # Mapped, so that the torque is traced once for all directions.
     changes = jax.vmap(change)(jnp.concatenate([still, units]), jnp.concatenate([units, still]))
-    speeds = jax.vmap(lambda momentum: flat(system.velocity(tree(momentum))))(units)
+    speeds = jax.vmap(lambda momentum: cp.flat(system.velocity(tree(momentum))))(units)
     return jnp.concatenate([jnp.concatenate([still, speeds]), changes], axis=1).T
 
 

@@ -20,7 +20,6 @@ from ..drivers.clock import ends_of_step
 from ..drivers.shared_inputs import SharedInputs
 from ..methods.base import Method, Progress
 from ..methods.system import System
-from ..methods.verdict import FINE
 from ..model.bodies import Body
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
@@ -118,17 +117,11 @@ def _run(
         return jax.lax.map(jax.vmap(of_body), progress)
 
     parts = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), starts)
-    progress = jax.vmap(jax.vmap(lambda start: begin(method, system, start, t0)))(parts)
+    progress = jax.vmap(jax.vmap(lambda start: method.begin(system, start, t0)))(parts)
     blocks = 1 if inputs is None else -(-iterations // shared_inputs.BLOCK)
     progress = jax.lax.fori_loop(0, blocks, take_block, progress)
     progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
     return jax.vmap(system.state)(progress.motion), progress.ok
-
-
-def begin(method: Method, system: System, start: AnyState, t: Array) -> Progress:
-    """The progress of a body before the first step of its run, at the time t."""
-    motion = system.motion(start)
-    return Progress(motion, system.force(t, motion) if method.keeps_force(system) else None, jnp.asarray(FINE))
 
 
 def loop_of_steps(

@@ -40,9 +40,8 @@ class Rounding(NamedTuple):
             steps: the number of steps.
             compensated: whether the state is a `CompensatedState`; by default as in the run.
         """
-        unit = (
-            self.changes if (self.compensated if compensated is None else compensated) else np.ones_like(self.changes)
-        )
+        compensated = self.compensated if compensated is None else compensated
+        unit = self.changes if compensated else np.ones_like(self.changes)
         least = np.finfo(float).tiny
         alike = np.clip(self.eps * unit / np.maximum(self.variations, least), 1, steps)
         errors = np.minimum(self.changes, self.eps / 2 * unit) * np.sqrt(steps * alike)

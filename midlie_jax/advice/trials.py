@@ -15,7 +15,6 @@ from ..drivers.ensemble import Batch
 from ..drivers.path import Path
 from ..methods.base import Method
 from ..model.state import AnyState
-from ..model.states import CompensatedState
 from .facts import Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
@@ -140,8 +139,7 @@ def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> R
         return (np.where(good, speeds, 0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)).T
 
     eps = float(jnp.finfo(start.momentum.dtype).eps)
-    compensated = isinstance(start, CompensatedState)
-    return Rounding(eps, compensated, h * mean(facts.changes), h * h * mean(facts.variations))
+    return Rounding(eps, start.compensated, h * mean(facts.changes), h * h * mean(facts.variations))
 
 
 def _energy_error(energies: Any, trusted: np.ndarray) -> float:

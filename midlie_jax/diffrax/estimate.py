@@ -102,9 +102,9 @@ def companion(
     # The length of this step, divided by the sum of this and the previous step; 0 for a step of length zero.
     fraction = h / jnp.where(total == 0, jnp.ones_like(total), total)
     rate = 1 / jnp.where(h == 0, jnp.ones_like(h), h)
-    v0, v1 = system.velocity(motion.momentum), system.velocity(end.momentum)
     if not system.kind.turns:
         return _of_rates(system, h, motion, end, torques, history, fraction, rate)
+    v0, v1 = system.velocity(motion.momentum), system.velocity(end.momentum)
 
     def acceleration(momentum: cp.Vector, velocity: cp.Vector, torque: cp.Vector) -> cp.Vector:
         return system.velocity(system.kind.momentum_rate(momentum, velocity, torque))

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from .._math import components as cp
 from .._xla.fusion import is_stored
 from ..methods.base import Method, Progress
 from ..methods.system import System
@@ -19,7 +20,6 @@ from ..methods.verdict import FINE, is_fine
 from ..model.bodies import Body
 from ..model.torques import TorqueLike
 from .dense import Dense, part_of_step
-from .term import of_flat
 
 
 class Start(eqx.Module):
@@ -80,7 +80,7 @@ def _state_at(dense: ShorterStep, t: Any) -> Any:
     system = System.of(body, torque, y0, start_time)
     ends = start_time, jnp.where(s == 1, end_time, start_time + s * h)
     motion = system.motion(y0)
-    stored = None if force is None else of_flat(force, motion.momentum)
+    stored = None if force is None else cp.of_flat(force, motion.momentum)
     progress = Progress(motion, stored, jnp.asarray(FINE))
     (end, _, judged), _ = method.advance(system, ends, lambda clock: (*clock, None), s * h, progress)
     return jax.tree.map(lambda x: jnp.where(is_fine(judged), x, jnp.nan), system.state(end))

@@ -24,7 +24,7 @@ from ..model.torques import velocity_dependent
 from .estimate import REFERENCE_ORDER, History, companion
 from .interpolation import LieInterpolation
 from .shorter_step import ShorterStep, Start
-from .term import RigidBodyTerm, as_time, check, flat, of_flat, unchecked
+from .term import RigidBodyTerm, as_time, check, unchecked
 
 
 class Memory(NamedTuple):
@@ -41,11 +41,11 @@ class Memory(NamedTuple):
     @classmethod
     def of(cls, force: Any, history: History) -> "Memory":
         """The memory of a torque as components, and of a history."""
-        return cls(flat(force), jnp.append(flat(history.slope), history.span))
+        return cls(cp.flat(force), jnp.append(cp.flat(history.slope), history.span))
 
     def unpacked(self, like: Any) -> tuple[Any, History]:
         """The torque as components, of the form of the momentum `like`, and the history."""
-        return of_flat(self.force, like), History(of_flat(self.history[:-1], like), self.history[-1])
+        return cp.of_flat(self.force, like), History(cp.of_flat(self.history[:-1], like), self.history[-1])
 
 
 class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):

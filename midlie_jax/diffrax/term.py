@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from .._checks.arguments import described, same_dtype
@@ -21,7 +20,6 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
 from ..model.state import AnyState, State
-from ..model.states import CompensatedState
 from ..model.torques import TorqueLike
 
 
@@ -110,19 +108,6 @@ def _joined(kind: type[AnyState]) -> Any:
     return jax.jit(kind.join, inline=True)
 
 
-def flat(tree: Any) -> Array:
-    """All numbers of a tree as one array."""
-    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
-
-
-def of_flat(flat: Array, like: Any) -> Any:
-    """The inverse of `flat`: a tree with these numbers and the structure and shapes of `like`."""
-    leaves, structure = jax.tree.flatten(like)
-    ends = np.cumsum([np.size(leaf) for leaf in leaves])
-    parts = [flat[end - np.size(leaf) : end].reshape(jnp.shape(leaf)) for leaf, end in zip(leaves, ends, strict=True)]
-    return structure.unflatten(parts)
-
-
 def as_time(t: Any, y: Any) -> Array:
     """The time t in the dtype of the state y, in which everything is computed."""
     return jnp.asarray(t).astype(y.momentum.dtype)
@@ -135,7 +120,7 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
             f"the state must be one such as midlie_jax.RigidState, got {described(y)}; the "
             "backward pass of BacksolveAdjoint needs a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
         )
-    if isinstance(y, CompensatedState):
+    if y.compensated:
         raise ValueError(
             "diffrax adds the steps of a state itself and would lose the low parts of a CompensatedState: give diffrax "
             "a RigidState, or use midlie_jax.integrate."

@@ -218,9 +218,7 @@ def _run(
         judged = earlier(progress.verdict, jnp.where(ok, FINE, UNFOLLOWED))
         return fuse(all_promoted((progress._replace(verdict=judged), clock), axes)), None
 
-    motion = system.motion(start)
-    force = system.force(t0, motion) if method.keeps_force(system) else None
-    progress = Progress(motion, force, jnp.asarray(FINE))
+    progress = method.begin(system, start, t0)
     value, slope = _density_and_slope(system, density, t0, progress)
     clock = _first_clock(t0, dt, t1, value if rho is None else rho, slope)
     # Two checkpoints, because each reverse derivative of a derivative removes one: see `_xla.keep.recomputed`.

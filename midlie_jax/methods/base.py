@@ -10,14 +10,16 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
 from .._xla.fusion import begin, fuse
 from .._xla.mesh import NONE, Axes, all_promoted
 from ..model.bodies import Body
+from ..model.state import AnyState
 from .system import AnyMotion, System
-from .verdict import earlier, is_fine
+from .verdict import FINE, earlier, is_fine
 
 
 class Progress(NamedTuple):
@@ -113,6 +115,11 @@ class Method(eqx.Module):
     @abstractmethod
     def keeps_force(self, system: System) -> bool:
         """Whether the force at the end of a step is kept for the next one."""
+
+    def begin(self, system: System, start: AnyState, t: Array) -> Progress:
+        """The progress before the first step of a run that starts at the time t."""
+        motion = system.motion(start)
+        return Progress(motion, system.force(t, motion) if self.keeps_force(system) else None, jnp.asarray(FINE))
 
     @abstractmethod
     def step(

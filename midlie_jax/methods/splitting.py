@@ -121,7 +121,7 @@ class Splitting(Method):
             ok = earlier(ok, flight_ok)
             if self.scheme.flights > self.flight.per_loop:
                 return cut(motion)
-            if self.scheme.flights > 1 and stages.system.kind.long_sums:
+            if self.scheme.flights > 1 and stages.system.kind.compensated:
                 return split(motion)
             return stages.system.loop_boundary(motion)
 

@@ -43,7 +43,8 @@ class State(eqx.Module, Generic[P, Q]):
         body: the kind of body that this state belongs to.
         own_axes: how many trailing axes of each array belong to one body; the others are a batch. 0 if the number is
             not fixed.
-        long_sums: whether adding a change takes so many operations that two flights do not fit one compiled loop.
+        compensated: whether it keeps what the rounding of its sums loses; such sums are so long that two flights do not
+            fit one compiled loop.
         has_pose: whether there is a pose; without one, a flight need not compute how the body turns.
         turns: whether an increment is a rotation in the body frame and nothing else, as a quaternion.
         pose_is_attitude: whether the pose is the attitude and nothing else.
@@ -52,7 +53,7 @@ class State(eqx.Module, Generic[P, Q]):
     momentum: eqx.AbstractVar[Array]
     body: ClassVar[type]
     own_axes: ClassVar[int] = 1
-    long_sums: ClassVar[bool] = False
+    compensated: ClassVar[bool] = False
     has_pose: ClassVar[bool] = True
     turns: ClassVar[bool] = False
     pose_is_attitude: ClassVar[bool] = False

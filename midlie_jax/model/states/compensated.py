@@ -47,7 +47,7 @@ class CompensatedState(RigidState):
 
     low_momentum: Float[Array, "*batch 3"]
     low_attitude: Float[Array, "*batch 4"]
-    long_sums: ClassVar[bool] = True
+    compensated: ClassVar[bool] = True
     pose_is_attitude: ClassVar[bool] = False
 
     def __init__(self, momentum: Any, attitude: Any, low_momentum: Any = None, low_attitude: Any = None):
