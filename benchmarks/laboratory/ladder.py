@@ -26,7 +26,7 @@ _GROWTH = 1.6  # factor between the numbers of steps of two rungs
 def ladder(method: Method, case: Problem) -> Iterator[Point]:
     """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long."""
     scene = case.scene
-    starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
+    starts = RigidState.of_arrays(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
     program = Program(method, scene.body, scene.torque, starts, chunk=chunk_size(len(starts.momentum)))
     count = max(1, case.scene.steps // 100)
     best, rungs_without_gain = np.inf, 0
@@ -57,7 +57,7 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
 
 def exact_point(case: Problem) -> Iterator[Point]:
     """The one point of `free_motion` on a problem without torque, compiled like `Program`."""
-    starts = RigidState.of(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
+    starts = RigidState.of_arrays(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
     times = jnp.asarray([case.scene.duration])
 
     def end(start: RigidState) -> tuple[RigidState, Array]:

@@ -71,7 +71,11 @@ def spin(w: Array) -> tuple[Array, Array]:
 
 def cosine_and_sinc(w: Array) -> tuple[Array, Array]:
     """(cos w, sin(w)/w) for w^2 <= WIDEST_SQUARE."""
-    x = w * w
+    return cosine_and_sinc_of_square(w * w)
+
+
+def cosine_and_sinc_of_square(x: Array) -> tuple[Array, Array]:
+    """(cos w, sin(w)/w) for w^2 = x <= WIDEST_SQUARE."""
     terms = SPIN_TERMS[str(x.dtype)]
     return cp.polynomial(economised(0, terms), x), cp.polynomial(economised(1, terms), x)
 

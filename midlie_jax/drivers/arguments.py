@@ -13,7 +13,7 @@ from .._math.components import is_traced
 from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
-from ..model.compatibility import check_batch, check_body, check_state, check_torque
+from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -54,9 +54,9 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
 
 def check_moves(method: Method, body: Any) -> None:
     """Raises unless the method moves bodies of this class."""
-    if not isinstance(principal_of(body), method.bodies):
+    if not method.moves(principal_of(body)):
         raise ValueError(
-            f"method {method.name!r} moves {method.bodies.__name__}, but body is {described(body)}; "
+            f"method {method.name!r} moves {method.bodies.__name__}, but body is {body_named(body)}; "
             "choose another method from midlie_jax.methods()."
         )
 

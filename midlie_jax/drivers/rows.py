@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..model.free_body import Momenta
 from ..model.state import AnyState
 from ..model.torques import on_body
 
@@ -161,7 +162,8 @@ def _evaluated(torque: _Shapes, chosen: tuple[int, ...], others: tuple[_Shapes, 
 
     def evaluated(arrays: Any) -> Any:
         torque, state, body = eqx.combine(arrays, rest)
-        return on_body(torque, body)(jnp.zeros((), state.momentum.dtype), state)
+        force = state.force_of(on_body(torque, body)(jnp.zeros((), state.momentum.dtype), state))
+        return force.angular if isinstance(force, Momenta) else force
 
     return jax.eval_shape(evaluated, arrays)
 

@@ -103,6 +103,10 @@ class Method(eqx.Module):
         del direction
         return math.inf
 
+    def moves(self, body: Body) -> bool:
+        """Whether the method moves a body of this class, in its principal axes."""
+        return isinstance(body, self.bodies)
+
     def fitted(self, body: Body) -> "Method":
         """This method specialised to a body or a batch of bodies.
 

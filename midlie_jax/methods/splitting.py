@@ -12,6 +12,7 @@ from .._xla.fusion import begin, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept
 from .._xla.platform import on_cpu
 from ..model.bodies import Body
+from ..model.free_body import FreeInertia
 from ..model.state import AnyState
 from .base import Method
 from .flights import Flight
@@ -69,14 +70,19 @@ class Splitting(Method):
         return self.flight.reach / max(abs(c) for kind, c in self.scheme.stages if kind == FLIGHT)
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
+        if isinstance(inertia, FreeInertia):
+            return self.flight.turn_rate(inertia.rotation, momentum.angular)
         return self.flight.turn_rate(inertia, momentum)
+
+    def moves(self, body: Body) -> bool:
+        return isinstance(body.turning, self.flight.bodies)
 
     def stability_limit(self, direction: complex) -> float:
         decays = -direction.real > abs(direction.imag)
         return decay_limit(self.scheme) if decays else oscillator_limit(self.scheme)
 
     def fitted(self, body: Body) -> "Splitting":
-        flight = self.flight.fitted(body.in_principal_axes())
+        flight = self.flight.fitted(body.in_principal_axes().turning)
         return self if flight == self.flight else Splitting(flight, self.scheme, self.name)
 
     def keeps_force(self, system: System) -> bool:
@@ -187,7 +193,12 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        system, known = self.system, self.known.pop() if self.known else None
+        rotated, ok = self._turn(a, *self.system.rotating(motion))
+        return self.system.travelled(a * self.h, motion, rotated), ok
+
+    def _turn(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
+        """The flight of what turns; of particles, their flight."""
+        known = self.known.pop() if self.known else None
         if isinstance(self.flight, ExactFlight) and system.kind.has_pose:
             arguments = system.inertia, a * self.h, motion, self.h == 0, known
             flown, pose, ok = _carry(self.flight, system.kind, *arguments)

@@ -12,8 +12,10 @@ from .._math import components as cp
 from .._xla.fusion import fuse_derivative, split
 from .._xla.replay import traits
 from ..model.bodies import Body
+from ..model.free_body import Momenta, Place
 from ..model.state import AnyState, P, Q
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
+from ..model.wrench import Wrench
 
 T = TypeVar("T")
 _LONG_TORQUE = 150  # operations from which a torque counts as long
@@ -72,7 +74,8 @@ class System(NamedTuple):
                 "the torque needs numbers where JAX has none yet: write jnp.where(condition, a, b) for an `if`, and "
                 f"jax.numpy for numpy (jnp.cross for np.cross). JAX reports: {str(error).splitlines()[0]}"
             ) from error
-        reads = velocity_dependent(torque) or torque_traits.reads[1].momentum
+        read = torque_traits.reads[1]
+        reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.momenta)
         long = torque_traits.operations > _LONG_TORQUE
         return cls(inertia, torque, type(start), reads, torque_traits.costly, long, frame)
 
@@ -115,6 +118,21 @@ class System(NamedTuple):
     def velocity(self, momentum: P) -> P:
         """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
         return self.inertia.velocity(momentum)
+
+    def rotating(self, motion: AnyMotion) -> "tuple[System, AnyMotion]":
+        """The rotation alone of a body that also travels; otherwise the system and the motion themselves."""
+        if self.kind.rotation is None:
+            return self, motion
+        system = self._replace(inertia=self.inertia.rotation, kind=self.kind.rotation)
+        return system, Motion(motion.momentum.angular, motion.pose.orientation)
+
+    def travelled(self, h: Array, motion: AnyMotion, rotated: AnyMotion) -> AnyMotion:
+        """The motion at the end of a flight that rotates it to `rotated`: a body that travels moves by h p / m."""
+        if self.kind.rotation is None:
+            return rotated
+        linear = motion.momentum.linear
+        position = cp.add(motion.pose.position, cp.scale(h * self.inertia.per_mass, linear))
+        return Motion(Momenta(rotated.momentum, linear), Place(rotated.pose, position))
 
     def rates(self, motion: Motion[P, Q], h: Array, force: P | None) -> Motion[P, Q]:
         """h times the right-hand side of the equations of motion."""
@@ -164,7 +182,7 @@ class System(NamedTuple):
         return self._torque_boundary(added(force, 2 * weight, change))
 
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
-        value, returned = self.evaluate(torque, t, motion)
+        value, returned = self.evaluate(lambda t, state: self.kind.force_of(torque(t, state)), t, motion)
         _check_force(returned, cp.packed(motion.momentum))
         return self._vector(value)
 
@@ -207,8 +225,13 @@ def _zeros(momentum: P) -> P:
 def _check_force(returned: Any, momentum: Any) -> None:
     """Raises a ValueError unless the torque returned arrays of the momentum's form, shapes and dtype."""
     if jax.tree.structure(returned) != jax.tree.structure(momentum):
-        wanted = "one array" if isinstance(momentum, Array) else f"a {type(momentum).__name__}"
-        cure = "use jnp.stack([...])" if isinstance(momentum, Array) else "of arrays like the momentum in `State.parts`"
+        wanted, cure = f"a {type(momentum).__name__}", "of arrays like the momentum in `State.parts`"
+        if isinstance(momentum, Array):
+            wanted, cure = "one array", "use jnp.stack([...])"
+            if isinstance(returned, Wrench):
+                cure = "a force moves a FreeState of a FreeBody"
+        elif isinstance(momentum, Momenta):
+            wanted, cure = "a midlie_jax.Wrench, or one array for a torque alone", "use jnp.stack([...])"
         raise ValueError(f"the torque must return {wanted}, got {type(returned).__name__}; {cure}.")
     for found, like in zip(jax.tree.leaves(returned), jax.tree.leaves(momentum), strict=True):
         _check_array(found, like)

@@ -26,11 +26,13 @@ _SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
 _RANGE_EXPONENT = 0.8
 
 
-def _positive(numbers: np.ndarray) -> Any:
+def is_positive(numbers: np.ndarray) -> Any:
+    """Whether numbers are finite and above zero."""
     return np.isfinite(numbers) & (numbers > 0)
 
 
-def _within_range(moments: np.ndarray) -> Any:
+def is_within_range(moments: np.ndarray) -> Any:
+    """Whether moments or masses leave room for the intermediate results of the methods."""
     smallest = float(np.finfo(moments.dtype).tiny) ** _RANGE_EXPONENT
     return (moments >= smallest) & (moments <= 1 / smallest)
 
@@ -73,6 +75,11 @@ class Body(eqx.Module):
         """The sizes of the leading axes of a batch of bodies."""
         return ()
 
+    @property
+    def turning(self) -> "Body":
+        """The body whose rotation flights compute: the body itself, unless it also travels."""
+        return self
+
     def in_principal_axes(self) -> "Body":
         """The body in the axes in which the steps move it."""
         return self
@@ -109,9 +116,11 @@ class RigidBody(Body):
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         require_rows(
-            "moments", self.moments, _positive, "must be positive and finite", cure or "check units and order."
+            "moments", self.moments, is_positive, "must be positive and finite", cure or "check units and order."
         )
-        require_rows("moments", self.moments, _within_range, "are out of range", "take other units of mass or length.")
+        require_rows(
+            "moments", self.moments, is_within_range, "are out of range", "take other units of mass or length."
+        )
         if physical:
             require_rows(
                 "moments",
@@ -262,7 +271,7 @@ class Particles(Body):
                 f"mass must be a scalar, (n,) or (n, n), got {mass.shape}; map over a batch with jax.vmap."
             )
         if mass.ndim < 2:
-            require("mass", mass, _positive, "must be positive and finite", "give every coordinate a positive mass.")
+            require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
             self.mass = mass
             return
         require_finite("mass", mass)

@@ -9,6 +9,7 @@ import equinox as eqx
 
 from .._checks.arguments import described
 from .bodies import principal_of
+from .free_body import FreeBody
 from .state import AnyState, State
 
 
@@ -21,11 +22,22 @@ def check_state(name: str, state: Any) -> None:
 
 def check_body(body: Any, state: AnyState) -> None:
     """Raises unless the body is of the kind that the state belongs to."""
-    if not isinstance(principal_of(body), state.body):
+    if not state.belongs_to(principal_of(body)):
         kind = state.body.__name__
+        if state.rotation is not None and isinstance(body, FreeBody):
+            of, made = state.rotation.body.__name__, f"FreeBody(midlie_jax.{state.rotation.body.__name__}(...), mass)"
+            raise ValueError(
+                f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a {body_named(body)}; "
+                f"make one with midlie_jax.{made}."
+            )
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
         cure = "" if own else f"; make one with midlie_jax.{kind}"
         raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
+
+
+def body_named(body: Any) -> str:
+    """For messages: the class of a body, with that of what turns in a body that travels."""
+    return f"FreeBody of a {type(body.body).__name__}" if isinstance(body, FreeBody) else described(body)
 
 
 def check_torque(torque: Any) -> None:

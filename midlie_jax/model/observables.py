@@ -143,7 +143,7 @@ def spatial_momentum(state: RigidState) -> Float[Array, "*batch 3"]:
     Raises:
         ValueError: the state has no attitude.
     """
-    return so3.rotate(attitude_of(state), state.momentum)
+    return state.spatial_momentum()
 
 
 def _velocity(body: Body, state: AnyState) -> Any:

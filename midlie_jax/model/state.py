@@ -48,6 +48,9 @@ class State(eqx.Module, Generic[P, Q]):
         has_pose: whether there is a pose; without one, a flight need not compute how the body turns.
         turns: whether an increment is a rotation in the body frame and nothing else, as a quaternion.
         pose_is_attitude: whether the pose is the attitude and nothing else.
+        momenta: the names of the fields that are momenta.
+        rotation: for a state that also travels, the kind of state of its rotation alone. Its momentum, pose and inertia
+            are then a `Momenta`, a `Place` and a `FreeInertia` (`model/free_body.py`).
     """
 
     momentum: eqx.AbstractVar[Array]
@@ -57,6 +60,13 @@ class State(eqx.Module, Generic[P, Q]):
     has_pose: ClassVar[bool] = True
     turns: ClassVar[bool] = False
     pose_is_attitude: ClassVar[bool] = False
+    momenta: ClassVar[tuple[str, ...]] = ("momentum",)
+    rotation: ClassVar["type[AnyState] | None"] = None
+
+    @classmethod
+    def belongs_to(cls, body: Any) -> bool:
+        """Whether a body, in its principal axes, is of the kind of these states."""
+        return isinstance(body, cls.body)
 
     @abstractmethod
     def parts(self) -> tuple[P, Q]:
@@ -129,7 +139,7 @@ class State(eqx.Module, Generic[P, Q]):
         return cp.unpacked(arrays)
 
     @classmethod
-    def of(cls, momentum: Any, pose: Any) -> "State[P, Q]":
+    def of_arrays(cls, momentum: Any, pose: Any) -> "State[P, Q]":
         """The state with the momentum and the pose of `parts`, each tuple of scalars as one array."""
         return cls.join(*cls.components((momentum, pose)))
 
@@ -141,7 +151,17 @@ class State(eqx.Module, Generic[P, Q]):
             The value, with a tuple of entries in place of each array; and the shape and dtype of each array.
         """
         entries = cp.wrapped((momentum, pose), Packed)
-        return by_components(lambda t, momentum, pose: function(t, cls.of(momentum, pose)), t, *entries)
+        return by_components(lambda t, momentum, pose: function(t, cls.of_arrays(momentum, pose)), t, *entries)
+
+    @classmethod
+    def force_of(cls, value: Any) -> Any:
+        """What a torque function returned, as arrays in the form of the momentum."""
+        return value
+
+    @classmethod
+    def returned(cls, force: Any) -> Any:
+        """A force as arrays in the form of the momentum, as a torque function returns it: the inverse of `force_of`."""
+        return force
 
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: P) -> P:
@@ -164,6 +184,17 @@ class State(eqx.Module, Generic[P, Q]):
     def vertical(self) -> cp.Vector:
         """The space z axis in body components; a ValueError if the state holds no direction."""
         return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
+
+    def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
+        """A vector fixed in the body and one of space, by default the space z axis, in the frame of the momentum.
+
+        Torques written with these two vectors act on an `AxisState`, too, whose momentum is in the space frame.
+        """
+        return of_body, self.vertical() if of_space is None else self.seen_from_body(of_space)
+
+    def spatial_momentum(self) -> Array:
+        """The angular momentum in the space frame, about its origin, (..., 3); a ValueError without an attitude."""
+        raise needs_attitude(self)
 
     def fixed_direction(self) -> cp.Vector | None:
         """The direction of space that the state holds, in body components; None if it holds all directions or none."""
@@ -195,8 +226,11 @@ class State(eqx.Module, Generic[P, Q]):
         """An array with the axes of one body as one axis."""
         return leaf.reshape(*leaf.shape[: leaf.ndim - self.own_axes], -1)
 
-    def sizes(self) -> tuple[Array, Array]:
-        """For a small difference of two states: the size of its momentum, and that of the rest, in radians."""
+    def sizes(self) -> tuple[Array, ...]:
+        """For a small difference of two states: the size of its momentum, and that of the rest, in radians.
+
+        For a state that travels, the sizes of linear momentum and position follow.
+        """
         momentum, *others = [jnp.sum(leaf**2) for leaf in jax.tree.leaves(self)]
         return jnp.sqrt(momentum), jnp.sqrt(sum(others, start=jnp.zeros_like(momentum)))
 
@@ -211,6 +245,13 @@ class State(eqx.Module, Generic[P, Q]):
 
 
 AnyState = State[Any, Any]
+
+
+def needs_attitude(state: AnyState) -> ValueError:
+    """The error where a state has no attitude."""
+    return ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
+
+
 StateT = TypeVar("StateT", bound=AnyState)  # the class of the states of a run
 
 
@@ -237,6 +278,16 @@ class BodyState(State[cp.Vector, Q]):
         if force is not None:
             change = cp.add(change, cp.scale(h, force))
         return change, cls.rate(pose, cp.times(cp.scale(h, inertia.inverses), momentum))
+
+    @classmethod
+    def force_of(cls, value: Any) -> Any:
+        """What a torque function returned, as arrays in the form of the momentum."""
+        return value
+
+    @classmethod
+    def returned(cls, force: Any) -> Any:
+        """A force as arrays in the form of the momentum, as a torque function returns it: the inverse of `force_of`."""
+        return force
 
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:

@@ -22,6 +22,7 @@ class Flight(eqx.Module):
         symplectic: whether the map preserves the Lie-Poisson and symplectic structure to rounding.
         symmetric: whether a flight of time -h undoes a flight of time h.
         body: the class of body that the flight moves.
+        also: further classes of body, for which `fitted` returns another flight.
         equal_moments: whether the flight moves only bodies with two equal moments.
         solves: how many equations a flight solves by iteration.
         per_loop: how many flights fit one compiled loop; in a step with more flights, a loop ends after each flight.
@@ -43,6 +44,7 @@ class Flight(eqx.Module):
     symplectic: ClassVar[bool]
     symmetric: ClassVar[bool] = True
     body: ClassVar[type[Body]]
+    also: ClassVar[tuple[type[Body], ...]] = ()
     equal_moments: ClassVar[bool] = False
     solves: ClassVar[int] = 0
     per_loop: ClassVar[int]
@@ -59,6 +61,11 @@ class Flight(eqx.Module):
         """
         del body
         return self
+
+    @property
+    def bodies(self) -> tuple[type[Body], ...]:
+        """All classes of body that the flight moves; any of these may also travel (`FreeBody`)."""
+        return (self.body, *self.also)
 
     def moves(self, moments: Array) -> bool:
         """Whether the flight moves a body with these moments, (3,)."""

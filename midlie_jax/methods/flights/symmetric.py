@@ -17,7 +17,10 @@ from ..._math import components as cp
 from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc, half_angle
 from ...model.bodies import Body
 from ...model.inertia import Inertia
+from ...model.rotor import Rotor
 from ..verdict import verdict
+from .axis_turn import AxisTurn
+from .base import Flight
 from .exact import ExactFlight, Flown
 from .symmetric_tangent import Functions, Turning
 from .turn_tangent import Changes, is_zero, with_zeros
@@ -41,16 +44,21 @@ class Symmetric(ExactFlight):
     name: ClassVar[str] = "SYMMETRIC"
     use: ClassVar[str] = "bodies with two equal moments: exact, and three times as fast as JACOBI"
     equal_moments: ClassVar[bool] = True
+    also: ClassVar[tuple[type[Body], ...]] = (Rotor,)
     per_loop: ClassVar[int] = 4
     per_kernel: ClassVar[int] = 4
     reach: ClassVar[float] = WIDEST_TURN
 
-    def fitted(self, body: Body) -> "Symmetric":
+    def fitted(self, body: Body) -> Flight:
         """This flight with the axis of symmetry fixed, if all of a batch of rigid bodies share an axis.
+
+        The flight of a `Rotor` is an `AxisTurn`.
 
         Raises:
             ValueError: no two moments of a body are equal.
         """
+        if isinstance(body, Rotor):
+            return AxisTurn()
         moments = getattr(body, "moments", None)
         if moments is None or cp.is_traced(moments):
             return self

@@ -1,10 +1,16 @@
-"""The kinds of state, one per file: the momentum with nothing, one direction, the attitude, or particles' positions.
+"""The kinds of state, one per file: a momentum with nothing, one direction, the attitude, or the axis of symmetry.
+
+The last two can also travel, and particles have positions alone.
 
 What every state offers to steps and torques is in `model/state.py`.
 """
 
+from .axis import AxisState as AxisState
 from .compensated import CompensatedState as CompensatedState
 from .direction import DirectionState as DirectionState
+from .free import FreeAxisState as FreeAxisState
+from .free import FreeState as FreeState
+from .free import Travelling as Travelling
 from .momentum import MomentumState as MomentumState
 from .particles import ParticleState as ParticleState
 from .rigid import RigidState as RigidState

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from ..state import BodyState, Described
-from .length import length_correction
 from .momentum import BODY_MOMENTUM
+from .unit_vector import changed, of_unit_length, shifted, turn_between, turned
 
 
 class DirectionState(BodyState[cp.Vector]):
@@ -49,16 +49,11 @@ class DirectionState(BodyState[cp.Vector]):
 
     @staticmethod
     def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
-        correction = length_correction(cp.dot(pose, pose), no_step)
-        change = cp.rotation_change(cp.conjugate(increment), pose)
-        # The correction points along the new pose; if it pointed elsewhere, errors of the length would grow.
-        return cp.add(pose, cp.add(change, cp.scale(correction, cp.add(pose, change))))
+        return changed(pose, cp.rotation_change(cp.conjugate(increment), pose), no_step)
 
     @staticmethod
     def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
-        new_pose = cp.add(pose, change)
-        correction = length_correction(cp.dot(new_pose, new_pose), no_step)
-        return cp.add(pose, cp.add(change, cp.scale(correction, new_pose)))
+        return shifted(pose, change, no_step)
 
     @staticmethod
     def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
@@ -77,49 +72,24 @@ class DirectionState(BodyState[cp.Vector]):
         return cp.vector(self.direction)
 
     def normalised(self) -> "DirectionState":
-        length = jnp.sqrt(jnp.sum(self.direction**2, axis=-1, keepdims=True))
-        return eqx.tree_at(lambda s: s.direction, self, self.direction / length)
+        return eqx.tree_at(lambda s: s.direction, self, of_unit_length(self.direction))
 
     def plus(self, increment: Array) -> "DirectionState":
         """The momentum changed by increment[..., :3], and the direction turned by the vector increment[..., 3:], (2,).
 
         This vector lies in the plane perpendicular to the direction; its two axes depend on the direction alone.
         """
-        first, second = _across(self.direction)
-        across = increment[..., 3:4] * first + increment[..., 4:5] * second
-        angle = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
-        turned = jnp.cos(angle) * self.direction + jnp.sinc(angle / jnp.pi) * across
-        return DirectionState(self.momentum + increment[..., :3], turned)
+        return DirectionState(self.momentum + increment[..., :3], turned(self.direction, increment[..., 3:]))
 
     def minus(self, other: Any) -> Array:
         """The change of the momentum, and the turn (2,) of the direction, from another state to this one.
 
         Of the turns between opposite directions, that along the first axis is taken.
         """
-        axes = _across(other.direction)
-        cosine = jnp.sum(self.direction * other.direction, axis=-1, keepdims=True)
-        across = self.direction - cosine * other.direction
-        sine = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
-        parallel, one = sine <= 8 * cp.epsilon(sine), jnp.ones_like(sine)  # then rounding alone is left of `across`
-        turn = across * jnp.where(parallel, one, jnp.arctan2(sine, cosine) / jnp.where(parallel, one, sine))
-        turn = jnp.where(parallel & (cosine < 0), jnp.pi * axes[0], turn)
-        along = [jnp.sum(turn * axis, axis=-1, keepdims=True) for axis in axes]
-        return jnp.concatenate([self.momentum - other.momentum, *along], axis=-1)
+        turn = turn_between(other.direction, self.direction)
+        return jnp.concatenate([self.momentum - other.momentum, turn], axis=-1)
 
     @classmethod
     def described(cls) -> Described:
         direction = {"long_name": "space z axis in body components", "units": "1", "frame": "body"}
         return {"momentum": (("axis",), BODY_MOMENTUM), "direction": (("axis",), direction)}
-
-
-def _across(direction: Array) -> tuple[Array, Array]:
-    """Two unit vectors perpendicular to a unit vector and each other; both jump where its z component changes sign.
-
-    T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1.
-    """
-    x, y, z = (direction[..., i : i + 1] for i in range(3))
-    sign = jnp.where(z < 0, -1, 1).astype(direction.dtype)
-    a = -1 / (sign + z)
-    b = x * y * a
-    first = jnp.concatenate([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    return first, jnp.concatenate([b, sign + y * y * a, -y], axis=-1)

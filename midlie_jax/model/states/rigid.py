@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from .. import so3
-from ..state import AnyState, BodyState, Described
+from ..state import AnyState, BodyState, Described, needs_attitude
 from .length import length_correction
 from .momentum import BODY_MOMENTUM
 
@@ -72,6 +72,10 @@ class RigidState(BodyState[cp.Quaternion]):
         w, x, y, z = cp.quaternion(self.attitude)
         return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
 
+    def spatial_momentum(self) -> Array:
+        """R Pi."""
+        return so3.rotate(self.attitude, self.momentum)
+
     def normalised(self) -> "RigidState":
         length = jnp.sqrt(jnp.sum(self.attitude**2, axis=-1, keepdims=True))
         return eqx.tree_at(lambda s: s.attitude, self, self.attitude / length)
@@ -103,7 +107,7 @@ class RigidState(BodyState[cp.Quaternion]):
 def with_attitude(state: AnyState) -> RigidState:
     """The argument itself if it is a state with an attitude; a ValueError for any other state."""
     if not hasattr(state, "attitude"):
-        raise ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
+        raise needs_attitude(state)
     return cast(RigidState, state)
 
 

@@ -5,7 +5,9 @@ potential, which `midlie_jax.energy` adds to the kinetic energy. `a + b` is the 
 are callables of the same kind that return an array with the shape of the momentum.
 """
 
+import operator
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, overload
 
 import equinox as eqx
@@ -17,6 +19,7 @@ from ..._checks.arguments import require_function
 from ..._math import components as cp
 from ..bodies import RigidBody, TensorBody
 from ..state import Time
+from ..wrench import Wrench
 
 TorqueLike = Callable[[Any, Any], Any]  # of (t, state) -> (3,), or of the form of the momentum
 
@@ -115,8 +118,7 @@ class Sum(Torque):
             require_function("a torque", term, "t, state")
 
     def __call__(self, t: Time, state: Any) -> Any:
-        forces = [term(t, state) for term in self.terms]
-        return jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *forces)
+        return reduce(_sum, [term(t, state) for term in self.terms])
 
     def potential(self, t: Time, state: Any) -> Array:
         parts = [potential_of(term)(t, state) for term in self.terms]
@@ -128,6 +130,12 @@ class Sum(Torque):
 
     def on(self, body: Any) -> Torque:
         return Sum(*(on_body(term, body) for term in self.terms))
+
+
+def _sum(a: Any, b: Any) -> Any:
+    """The sum of what two torques return; an array counts as a wrench without a force."""
+    wrenches = isinstance(a, Wrench) or isinstance(b, Wrench)
+    return Wrench.of(a) + Wrench.of(b) if wrenches else jax.tree.map(operator.add, a, b)
 
 
 class Prescribed(Torque):
@@ -176,7 +184,7 @@ class FromPotential(Torque):
         # dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
         # is the transpose of `rate`, applied to the gradient.
         (neg_torque,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(gradient)
-        return jax.tree.map(jnp.negative, cp.packed(neg_torque))
+        return kind.returned(jax.tree.map(jnp.negative, cp.packed(neg_torque)))
 
     def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)

@@ -41,26 +41,30 @@ class HeavyTop(Torque):
 
     def __call__(self, t: Time, state: AnyState) -> Array:
         del t
-        return cp.pack(cp.scale(self.weight, _cross_constant(state.vertical(), self.axis)))
+        lever, up = state.in_one_frame(self.axis)
+        return cp.pack(cp.scale(self.weight, _cross(up, lever)))
 
     def potential(self, t: Time, state: AnyState) -> Array:
         del t
-        up = state.vertical()
-        return self.weight * (self.axis[0] * up[0] + self.axis[1] * up[1] + self.axis[2] * up[2])
+        lever, up = state.in_one_frame(self.axis)
+        return self.weight * (lever[0] * up[0] + lever[1] * up[1] + lever[2] * up[2])
 
     def fixed_axis(self, state: AnyState) -> cp.Vector:
         """The vertical."""
-        return state.vertical()
+        return state.in_one_frame(self.axis)[1]
 
 
-def _cross_constant(a: cp.Vector, b: tuple[float, float, float]) -> cp.Vector:
-    """a x b for a constant b, leaving out products with zero; XLA would have to keep them because they could be NaN."""
+def _cross(a: Any, b: Any) -> cp.Vector:
+    """a x b, leaving out products with a number that is zero; XLA would have to keep them because they could be NaN."""
 
-    def minor(i: int, j: int) -> Array:
-        total = jnp.zeros_like(a[0])
-        if b[j]:
+    def zero(x: Any) -> bool:
+        return isinstance(x, float) and not x
+
+    def minor(i: int, j: int) -> Any:
+        total: Any = jnp.zeros_like(a[0] * b[0])
+        if not (zero(a[i]) or zero(b[j])):
             total = a[i] * b[j]
-        if b[i]:
+        if not (zero(a[j]) or zero(b[i])):
             total = total - a[j] * b[i]
         return total
 
@@ -91,18 +95,23 @@ class DipoleInField(Torque):
         require_finite("moment", self.moment)
         self.field = as_function_of_time("field", field)
 
-    def _local(self, t: Time, state: AnyState) -> cp.Vector:
-        return to_body_components(self.field, t, state)
+    def _together(self, t: Time, state: AnyState) -> tuple[cp.Vector, cp.Vector]:
+        """Moment and field in the frame of the momentum."""
+        field = self.field
+        if callable(field):
+            require_all_directions(state)
+            field = field(t)
+        return state.in_one_frame(cp.vector(self.moment), cp.vector(field))
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        return cp.pack(cp.cross(cp.vector(self.moment), self._local(t, state)))
+        return cp.pack(cp.cross(*self._together(t, state)))
 
     def potential(self, t: Time, state: AnyState) -> Array:
-        return -cp.dot(cp.vector(self.moment), self._local(t, state))
+        return -cp.dot(*self._together(t, state))
 
     def fixed_axis(self, state: AnyState) -> cp.Vector | None:
         """The direction of a field that does not change."""
-        return None if callable(self.field) else state.seen_from_body(cp.vector(self.field))
+        return None if callable(self.field) else state.in_one_frame(cp.vector(self.moment), cp.vector(self.field))[1]
 
 
 class GravityGradient(ReadsBody):

@@ -1,0 +1,125 @@
+"""`FreeBody`: a body that also travels, and its momentum and place in a step."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from .._checks.arguments import as_floats, described, require_rows
+from .._math import components as cp
+from .bodies import Body, RigidBody, TensorBody, is_positive, is_within_range
+from .rotor import Rotor
+
+
+class Momenta(NamedTuple):
+    """The momentum of a body that travels, or its velocity, or the torque and force on it.
+
+    Attributes:
+        angular: about the centre of mass, in the frame of the rotation alone.
+        linear: in the space frame.
+    """
+
+    angular: Any
+    linear: Any
+
+
+class Place(NamedTuple):
+    """The pose of a body that travels: its attitude or axis, and the position of its centre of mass in space."""
+
+    orientation: Any
+    position: Any
+
+
+class FreeInertia(NamedTuple):
+    """The constants of a run: those of the rotation, and 1 / mass."""
+
+    rotation: Any
+    per_mass: Array
+
+    def velocity(self, momentum: Momenta) -> Momenta:
+        """The angular velocity, and p / m."""
+        return Momenta(self.rotation.velocity(momentum.angular), cp.scale(self.per_mass, momentum.linear))
+
+    def commutator(self, force: Momenta) -> Momenta:
+        """That of the torque; zero for the force, whose axes do not turn."""
+        return Momenta(self.rotation.commutator(force.angular), cp.scale(0, force.linear))
+
+    def square_of_turn(self, h: Any, momentum: Momenta) -> Array:
+        """|h Omega|^2."""
+        return self.rotation.square_of_turn(h, momentum.angular)
+
+    def nutation(self, momentum: Momenta) -> Array:
+        """That of the rotation."""
+        return self.rotation.nutation(momentum.angular)
+
+
+class FreeBody(Body):
+    """A body that turns about its centre of mass and travels.
+
+    Attributes:
+        body: the body that turns: a `RigidBody`, a `TensorBody` or a `Rotor`, with the moments about the centre of
+            mass.
+        mass: its mass, (), or (...) with the batch of the body. One mass serves all bodies of a batch.
+
+    Raises:
+        ValueError: `body` is of another kind, the mass is not positive, or its shape is not that of the batch.
+    """
+
+    body: RigidBody | TensorBody | Rotor
+    mass: Float[Array, "*batch"]
+
+    def __init__(self, body: Any, mass: Any):
+        if not isinstance(body, RigidBody | TensorBody | Rotor):
+            raise ValueError(
+                f"body must be a midlie_jax.RigidBody, TensorBody or Rotor, got {described(body)}; "
+                "for principal moments write FreeBody(RigidBody(moments), mass)."
+            )
+        mass = as_floats("mass", mass)
+        require_rows("mass", mass, is_positive, "must be positive and finite", "check its units.")
+        require_rows("mass", mass, is_within_range, "is out of range", "take another unit of mass.")
+        if mass.shape not in ((), body.batch):
+            raise ValueError(f"mass must be () or {body.batch}, one for each body, got {mass.shape}.")
+        self.body, self.mass = body, jnp.broadcast_to(mass, body.batch)
+
+    def inertia(self) -> FreeInertia:
+        """The constants of a run."""
+        return FreeInertia(self.body.inertia(), 1 / self.mass)
+
+    def velocity(self, momentum: Any) -> Any:
+        """The velocity for a momentum: of an array (..., 3), the angular momentum, the angular velocity."""
+        if isinstance(momentum, Momenta):
+            return Momenta(self.body.velocity(momentum.angular), momentum.linear / self.mass[..., None])
+        return self.body.velocity(momentum)
+
+    def momentum(self, velocity: Any) -> Any:
+        """The momentum for a velocity: of an array (..., 3), the angular velocity, the angular momentum."""
+        if isinstance(velocity, Momenta):
+            return Momenta(self.body.momentum(velocity.angular), velocity.linear * self.mass[..., None])
+        return self.body.momentum(velocity)
+
+    @property
+    def trace(self) -> Float[Array, "*batch"]:
+        """The sum of the three principal moments; a ValueError for a `Rotor`, which has one."""
+        if isinstance(self.body, Rotor):
+            raise ValueError("a Rotor has no moment about its axis; take a FreeBody of a RigidBody.")
+        return self.body.trace
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The sizes of the leading axes of a batch of bodies."""
+        return self.body.batch
+
+    @property
+    def turning(self) -> Body:
+        """The attribute `body`."""
+        return self.body
+
+    def in_principal_axes(self) -> "FreeBody":
+        """The body in principal axes."""
+        principal = self.body.in_principal_axes()
+        return self if principal is self.body else FreeBody(principal, self.mass)
+
+    def frame_of_user(self) -> cp.Quaternion | None:
+        """The frame of a `TensorBody`."""
+        return self.body.frame_of_user()

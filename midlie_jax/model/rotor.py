@@ -1,0 +1,73 @@
+"""`Rotor`: a body with an axis of symmetry whose angle about this axis nobody asks for."""
+
+from typing import Any, NamedTuple
+
+from jax import Array
+from jaxtyping import Float
+
+from .._checks.arguments import as_floats, require_rows
+from .._math import components as cp
+from .bodies import Body, is_positive, is_within_range
+
+
+class RotorInertia(NamedTuple):
+    """The constants of a run: 1 / moment. Momentum and torque are in the space frame."""
+
+    inverse: Array
+
+    def velocity(self, momentum: cp.Vector) -> cp.Vector:
+        """The angular velocity pi / I1 of the axis."""
+        return cp.scale(self.inverse, momentum)
+
+    def commutator(self, force: cp.Vector) -> cp.Vector:
+        """Zero: the axes of the space frame do not turn."""
+        return cp.scale(0, force)
+
+    def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
+        """|h pi / I1|^2."""
+        turn = cp.scale(h, self.velocity(momentum))
+        return cp.dot(turn, turn)
+
+    def nutation(self, momentum: cp.Vector) -> Array:
+        """|pi| / I1, the rate at which the axis circles the momentum."""
+        return cp.norm(self.velocity(momentum))
+
+
+class Rotor(Body):
+    """A body with an axis of symmetry, of which only the direction of the axis and the momentum are computed.
+
+    Under no torque the axis e turns about the spatial momentum pi at the rate |pi| / I1, whatever the moment about the
+    axis is, and under a torque without a component along e the component pi . e is constant. So a spinning top, a
+    linear molecule or a dumbbell (pi . e = 0), a dipole and a spherical pendulum (I1 = m l^2) are all of this kind. The
+    state is an `AxisState`.
+
+    Attributes:
+        moment: the moment of inertia I1 = I2 about an axis across the axis of symmetry, (...), mass x length^2.
+
+    Raises:
+        ValueError: the moment is not positive, or out of range.
+    """
+
+    moment: Float[Array, "*batch"]
+
+    def __init__(self, moment: Any):
+        self.moment = as_floats("moment", moment)
+        require_rows("moment", self.moment, is_positive, "must be positive and finite", "check its units.")
+        require_rows("moment", self.moment, is_within_range, "is out of range", "take other units of mass or length.")
+
+    def inertia(self) -> RotorInertia:
+        """The constants of a run."""
+        return RotorInertia(1 / self.moment)
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The sizes of the leading axes of a batch of bodies."""
+        return self.moment.shape
+
+    def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular velocity pi / I1 at which the axis turns, space frame; it lacks a part of the spin."""
+        return momentum / self.moment[..., None]
+
+    def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
+        """The angular momentum I1 w of a body without spin whose axis turns at w, space frame."""
+        return velocity * self.moment[..., None]

@@ -1,0 +1,142 @@
+"""`AxisState`: the momentum and the axis of a symmetric body whose spin angle nobody asks for."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._math import components as cp
+from .. import so3
+from ..rotor import Rotor
+from ..state import Described, State, needs_attitude
+from .rigid import RigidState
+from .unit_vector import changed, of_unit_length, shifted, turn_between, turned
+
+SPATIAL_MOMENTUM = {
+    "long_name": "angular momentum in space, about the fixed point or the centre of mass",
+    "units": "mass length2 time-1",
+    "frame": "space",
+}
+AXIS = {"long_name": "axis of symmetry in space", "units": "1", "frame": "space"}
+
+
+class AxisState(State[cp.Vector, cp.Vector]):
+    """The angular momentum and the axis of a body with an axis of symmetry, both in space: six numbers.
+
+    Torques and velocities are in the space frame, too. The methods SYMMETRIC[...] and those of Runge and Kutta move it.
+
+    Attributes:
+        momentum: angular momentum pi in the space frame, (..., 3), with its part along the axis, the spin.
+        axis: unit vector e along the axis of symmetry, space frame, (..., 3).
+
+    Raises:
+        ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
+    """
+
+    momentum: Float[Array, "*batch 3"]
+    axis: Float[Array, "*batch 3"]
+    body: ClassVar[type] = Rotor
+
+    def __init__(self, momentum: Any, axis: Any):
+        self.momentum = as_floats("momentum", momentum, (3,))
+        self.axis = as_floats("axis", axis, (3,))
+        self.check_batch()
+        require_finite("momentum", self.momentum)
+        require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
+
+    @classmethod
+    def of(cls, state: RigidState) -> "AxisState":
+        """The state of a body symmetric about its third axis: R Pi and R e3."""
+        e3 = jnp.zeros_like(state.momentum).at[..., 2].set(1)
+        return cls(state.spatial_momentum(), so3.rotate(state.attitude, e3))
+
+    def with_attitude(self) -> RigidState:
+        """A `RigidState` with this momentum and axis. Its angle of spin is chosen: that of the shortest turn from z."""
+        attitude = _shortest_turn_from_z(self.axis)
+        return RigidState(so3.rotate(so3.conjugate(attitude), self.momentum), attitude)
+
+    def parts(self) -> tuple[cp.Vector, cp.Vector]:
+        return cp.vector(self.momentum), cp.vector(self.axis)
+
+    @classmethod
+    def join(cls, momentum: cp.Vector, pose: cp.Vector) -> "AxisState":
+        return cls(cp.pack(momentum), cp.pack(pose))
+
+    @staticmethod
+    def rotate(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
+        """The axis after a rotation in the space frame."""
+        return cp.rotate(increment, pose)
+
+    @staticmethod
+    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
+        # The length is corrected for the rounding of the increment, too, one step later.
+        return changed(pose, cp.unit_rotation_change(increment, pose), no_step)
+
+    @staticmethod
+    def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
+        return shifted(pose, change, no_step)
+
+    @staticmethod
+    def rate(pose: cp.Vector, velocity: cp.Vector) -> cp.Vector:
+        return cp.cross(velocity, pose)
+
+    @staticmethod
+    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        del momentum, velocity
+        return force
+
+    @staticmethod
+    def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
+        del frame
+        return vector
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """A ValueError: the components along the axes of the body need the whole attitude."""
+        raise needs_attitude(self)
+
+    def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
+        """Both vectors in the space frame; NaN if the vector of the body is not along its axis of symmetry."""
+        a, b, c = of_body
+        if not cp.is_traced(of_body) and (a != 0 or b != 0):
+            raise needs_attitude(self)
+        along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
+        return cp.scale(along, cp.vector(self.axis)), (0.0, 0.0, 1.0) if of_space is None else of_space
+
+    def spatial_momentum(self) -> Array:
+        """The momentum itself."""
+        return self.momentum
+
+    def normalised(self) -> "AxisState":
+        return eqx.tree_at(lambda s: s.axis, self, of_unit_length(self.axis))
+
+    def plus(self, increment: Array) -> "AxisState":
+        """The momentum changed by increment[..., :3], and the axis turned by the vector increment[..., 3:], (2,).
+
+        This vector lies in the plane perpendicular to the axis.
+        """
+        return AxisState(self.momentum + increment[..., :3], turned(self.axis, increment[..., 3:]))
+
+    def minus(self, other: Any) -> Array:
+        """The change of the momentum, and the turn (2,) of the axis, from another state to this one."""
+        return jnp.concatenate([self.momentum - other.momentum, turn_between(other.axis, self.axis)], axis=-1)
+
+    @classmethod
+    def described(cls) -> Described:
+        return {"momentum": (("space_axis",), SPATIAL_MOMENTUM), "axis": (("space_axis",), AXIS)}
+
+
+def _shortest_turn_from_z(axis: Array) -> Array:
+    """The unit quaternion (..., 4) of the shortest rotation that takes z to the axis; about x where that is -z."""
+    x, y, z = cp.vector(axis)
+    upper = z >= 0
+    larger = jnp.sqrt((1 + jnp.abs(z)) / 2)  # the larger of cosine and sine of half the angle
+    across = cp.root(x * x + y * y)
+    opposite = across == 0
+    safe = jnp.where(opposite, jnp.ones_like(across), across)
+    u, v = jnp.where(opposite, jnp.ones_like(x), -y / safe), jnp.where(opposite, jnp.zeros_like(x), x / safe)
+    smaller = across / (2 * larger)
+    cosine, sine = jnp.where(upper, larger, smaller), jnp.where(upper, smaller, larger)
+    return jnp.stack([cosine, sine * u, sine * v, jnp.zeros_like(x)], axis=-1)

@@ -1,0 +1,59 @@
+"""Unit vectors that turn: the direction of a `DirectionState` and the axis of an `AxisState`."""
+
+import jax.numpy as jnp
+from jax import Array
+
+from ..._math import components as cp
+from .length import length_correction
+
+
+def changed(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
+    """v + change, the end of a rotation of v, with its length corrected for earlier rounding errors."""
+    correction = length_correction(cp.dot(v, v), no_step)
+    # The correction points along the new vector; if it pointed elsewhere, errors of the length would grow.
+    return cp.add(v, cp.add(change, cp.scale(correction, cp.add(v, change))))
+
+
+def shifted(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
+    """v + change, with its length corrected by one Newton step."""
+    moved = cp.add(v, change)
+    correction = length_correction(cp.dot(moved, moved), no_step)
+    return cp.add(v, cp.add(change, cp.scale(correction, moved)))
+
+
+def of_unit_length(v: Array) -> Array:
+    """v / |v|, (..., 3)."""
+    return v / jnp.sqrt(jnp.sum(v**2, axis=-1, keepdims=True))
+
+
+def turned(v: Array, turn: Array) -> Array:
+    """A unit vector (..., 3), turned by the vector turn (..., 2) in the plane perpendicular to it."""
+    first, second = _across(v)
+    across = turn[..., 0:1] * first + turn[..., 1:2] * second
+    angle = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
+    return jnp.cos(angle) * v + jnp.sinc(angle / jnp.pi) * across
+
+
+def turn_between(start: Array, end: Array) -> Array:
+    """The turn (..., 2) with `turned(start, turn)` = end. Between opposite vectors, that along the first axis."""
+    axes = _across(start)
+    cosine = jnp.sum(end * start, axis=-1, keepdims=True)
+    across = end - cosine * start
+    sine = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
+    parallel, one = sine <= 8 * cp.epsilon(sine), jnp.ones_like(sine)  # then rounding alone is left of `across`
+    turn = across * jnp.where(parallel, one, jnp.arctan2(sine, cosine) / jnp.where(parallel, one, sine))
+    turn = jnp.where(parallel & (cosine < 0), jnp.pi * axes[0], turn)
+    return jnp.concatenate([jnp.sum(turn * axis, axis=-1, keepdims=True) for axis in axes], axis=-1)
+
+
+def _across(direction: Array) -> tuple[Array, Array]:
+    """Two unit vectors perpendicular to a unit vector and each other; both jump where its z component changes sign.
+
+    T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1.
+    """
+    x, y, z = (direction[..., i : i + 1] for i in range(3))
+    sign = jnp.where(z < 0, -1, 1).astype(direction.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = jnp.concatenate([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    return first, jnp.concatenate([b, sign + y * y * a, -y], axis=-1)

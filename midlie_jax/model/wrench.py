@@ -1,0 +1,35 @@
+"""`Wrench`, a torque and a force together: what acts on a body that also travels."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+
+class Wrench(eqx.Module):
+    """A torque in the body frame and a force in space, as a torque function returns them for a `FreeState`.
+
+    Wrenches add. An array added to a wrench is a torque without a force. For a `FreeAxisState` the torque is in the
+    space frame, as its momentum is.
+
+    Attributes:
+        torque: about the centre of mass, body frame, (..., 3).
+        force: space frame, (..., 3).
+    """
+
+    torque: Float[Array, "*batch 3"]
+    force: Float[Array, "*batch 3"]
+    __array_ufunc__: ClassVar[None] = None  # so that a NumPy array leaves the sum to `__radd__`
+
+    @classmethod
+    def of(cls, value: Any) -> "Wrench":
+        """A wrench unchanged; an array as a torque without a force."""
+        return value if isinstance(value, Wrench) else cls(jnp.asarray(value), jnp.zeros_like(value))
+
+    def __add__(self, other: Any) -> "Wrench":
+        other = Wrench.of(other)
+        return Wrench(self.torque + other.torque, self.force + other.force)
+
+    __radd__ = __add__
