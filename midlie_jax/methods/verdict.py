@@ -1,6 +1,8 @@
 """A verdict: whether a step can be trusted and, if not, why. It is an integer, computed by each step.
 
-A run carries the verdict of its first step that failed. This costs one select per step more than a boolean would.
+A run carries the verdict of its first step that failed. This costs one select per step more than a boolean would. A
+flight that solves nothing may return a number in its place, its share of the reach, which costs less: at most 1 is fine,
+NaN is not finite. Of the shares in a step, the largest counts.
 """
 
 import jax.numpy as jnp
@@ -25,13 +27,19 @@ def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
 
 
 def as_verdict(ok: Array | bool) -> Array:
-    """The verdict of a flight or step that only says whether it succeeded."""
+    """The verdict of a flight or step that only says whether it succeeded, or its share of the reach."""
     ok = jnp.asarray(ok)
+    if jnp.issubdtype(ok.dtype, jnp.floating):
+        return jnp.where(ok <= 1, FINE, jnp.where(ok > 1, BEYOND, NOT_FINITE))
     return jnp.where(ok, FINE, UNSOLVED) if ok.dtype == np.bool_ else ok
 
 
 def earlier(first: Array | bool, second: Array | bool) -> Array:
     """The verdict of two consecutive parts of a run, the earlier part first."""
+    if first is True:
+        return jnp.asarray(second)
+    if all(jnp.issubdtype(jnp.result_type(part), jnp.floating) for part in (first, second)):
+        return jnp.maximum(first, second)  # which is NaN if one of them is
     first = as_verdict(first)
     return jnp.where(first == FINE, as_verdict(second), first)
 

@@ -2,7 +2,7 @@
 
 With I1 = I2 the axis e turns about the momentum pi at the rate |pi|/I1, and the momentum in space stays:
 
-    w = h pi / (2 I1),    e(h) = q e q*,    q = (cos |w|, sin |w|/|w| w)
+    w = h pi / (2 I1),    e' = e + sin(2 |w|)/|w| w x e + (1 - cos(2 |w|))/|w|^2 w x (w x e)
 """
 
 from typing import Any, ClassVar
@@ -14,28 +14,27 @@ from ..._math import components as cp
 from ..._math.short_series import WIDEST_SQUARE, WIDEST_TURN, cosine_and_sinc_of_square
 from ...model.bodies import Body
 from ...model.rotor import Rotor, RotorInertia
-from ..verdict import verdict
+from ...model.states.axis import Swing
 from .base import JudgedFlight
 
 
 class AxisTurn(JudgedFlight):
     """The flight of a `Rotor`, by which the methods SYMMETRIC[...] move it; symplectic, up to 4.4 radians.
 
-    Its increment is a rotation in the space frame.
+    Its increment is a `Swing`, a rotation in the space frame.
     """
 
     name: ClassVar[str] = "SYMMETRIC"
     order: ClassVar[int | None] = None
     symplectic: ClassVar[bool] = True
     body: ClassVar[type[Body]] = Rotor
-    per_loop: ClassVar[int] = 32
+    per_loop: ClassVar[int] = 8
     per_kernel: ClassVar[int] = 8
     long_derivative: ClassVar[bool] = False
     reach: ClassVar[float] = WIDEST_TURN
 
-    def judged(self, inertia: RotorInertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Any]:
+    def judged(self, inertia: RotorInertia, h: Array, momentum: cp.Vector) -> tuple[Swing, cp.Vector, Any]:
         turn = cp.scale(h / 2 * inertia.inverse, momentum)
         square = cp.dot(turn, turn)
-        cosine, sinc = cosine_and_sinc_of_square(square)
         still = jnp.zeros_like(square), jnp.zeros_like(square), jnp.zeros_like(square)
-        return (cosine, *cp.scale(sinc, turn)), still, verdict(True, (square, WIDEST_SQUARE))
+        return Swing.of(turn, square, *cosine_and_sinc_of_square(square)), still, square * (1 / WIDEST_SQUARE)

@@ -1,6 +1,6 @@
 """`AxisState`: the momentum and the axis of a symmetric body whose spin angle nobody asks for."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,8 +12,9 @@ from ..._math import components as cp
 from .. import so3
 from ..rotor import Rotor
 from ..state import Described, State, needs_attitude
+from .length import length_correction
 from .rigid import RigidState
-from .unit_vector import changed, of_unit_length, shifted, turn_between, turned
+from .unit_vector import of_unit_length, shifted, turn_between, turned
 
 SPATIAL_MOMENTUM = {
     "long_name": "angular momentum in space, about the fixed point or the centre of mass",
@@ -21,6 +22,28 @@ SPATIAL_MOMENTUM = {
     "frame": "space",
 }
 AXIS = {"long_name": "axis of symmetry in space", "units": "1", "frame": "space"}
+
+
+class Swing(NamedTuple):
+    """A rotation of an axis about a vector u through 2 |u|, as its functions of |u|.
+
+    Attributes:
+        vector: u, in the space frame.
+        square: |u|^2.
+        sine: sin(2 |u|) / |u|.
+        versine: (1 - cos(2 |u|)) / |u|^2.
+    """
+
+    vector: cp.Vector
+    square: Array
+    sine: Array
+    versine: Array
+
+    @classmethod
+    def of(cls, vector: cp.Vector, square: Array, cosine: Array, sinc: Array) -> "Swing":
+        """The rotation, from |u|^2, cos |u| and sin |u| / |u|."""
+        double = sinc + sinc
+        return cls(vector, square, double * cosine, double * sinc)
 
 
 class AxisState(State[cp.Vector, cp.Vector]):
@@ -66,14 +89,13 @@ class AxisState(State[cp.Vector, cp.Vector]):
         return cls(cp.pack(momentum), cp.pack(pose))
 
     @staticmethod
-    def rotate(pose: cp.Vector, increment: cp.Quaternion) -> cp.Vector:
-        """The axis after a rotation in the space frame."""
-        return cp.rotate(increment, pose)
+    def rotate(pose: cp.Vector, increment: Swing) -> cp.Vector:
+        return cp.add(pose, _swung(pose, increment, jnp.zeros_like(increment.square)))
 
     @staticmethod
-    def turn(pose: cp.Vector, increment: cp.Quaternion, no_step: Array) -> cp.Vector:
-        # The length is corrected for the rounding of the increment, too, one step later.
-        return changed(pose, cp.unit_rotation_change(increment, pose), no_step)
+    def turn(pose: cp.Vector, increment: Swing, no_step: Array) -> cp.Vector:
+        # The correction of the length points along the new axis; if it pointed elsewhere, errors would grow.
+        return cp.add(pose, _swung(pose, increment, length_correction(cp.dot(pose, pose), no_step)))
 
     @staticmethod
     def shift(pose: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
@@ -126,6 +148,22 @@ class AxisState(State[cp.Vector, cp.Vector]):
     @classmethod
     def described(cls) -> Described:
         return {"momentum": (("space_axis",), SPATIAL_MOMENTUM), "axis": (("space_axis",), AXIS)}
+
+
+def _swung(axis: cp.Vector, swing: Swing, correction: Array) -> cp.Vector:
+    """The change of the axis when it turns and its length then grows by the factor 1 + correction.
+
+    e' - e = sine (u x e) + versine ((u . e) u - |u|^2 e); it is small if the turn is, and so is its rounding.
+    """
+    u, square, sine, versine = swing
+    sine, versine = sine + correction * sine, versine + correction * versine
+    along, back = versine * cp.dot(u, axis), correction - versine * square
+    x, y, z = cp.cross(u, axis)
+    return (
+        sine * x + along * u[0] + back * axis[0],
+        sine * y + along * u[1] + back * axis[1],
+        sine * z + along * u[2] + back * axis[2],
+    )
 
 
 def _shortest_turn_from_z(axis: Array) -> Array:

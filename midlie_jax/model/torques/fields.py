@@ -42,7 +42,7 @@ class HeavyTop(Torque):
     def __call__(self, t: Time, state: AnyState) -> Array:
         del t
         lever, up = state.in_one_frame(self.axis)
-        return cp.pack(cp.scale(self.weight, _cross(up, lever)))
+        return cp.pack(_scaled_cross(self.weight, up, lever))
 
     def potential(self, t: Time, state: AnyState) -> Array:
         del t
@@ -54,19 +54,18 @@ class HeavyTop(Torque):
         return state.in_one_frame(self.axis)[1]
 
 
-def _cross(a: Any, b: Any) -> cp.Vector:
-    """a x b, leaving out products with a number that is zero; XLA would have to keep them because they could be NaN."""
+def _scaled_cross(scale: Array, a: Any, b: Any) -> cp.Vector:
+    """scale (a x b), leaving out products with a number that is zero; XLA would have to keep them, as zero times NaN."""
 
     def zero(x: Any) -> bool:
         return isinstance(x, float) and not x
 
     def minor(i: int, j: int) -> Any:
-        total: Any = jnp.zeros_like(a[0] * b[0])
-        if not (zero(a[i]) or zero(b[j])):
-            total = a[i] * b[j]
-        if not (zero(a[j]) or zero(b[i])):
-            total = total - a[j] * b[i]
-        return total
+        first, second = not (zero(a[i]) or zero(b[j])), not (zero(a[j]) or zero(b[i]))
+        if not first and not second:
+            return jnp.zeros_like(scale)
+        total = a[i] * b[j] if first else jnp.zeros_like(scale)
+        return scale * (total - a[j] * b[i] if second else total)
 
     return minor(1, 2), minor(2, 0), minor(0, 1)
 
