@@ -14,6 +14,7 @@ from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
+from ..model.torques import Torque
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -39,6 +40,8 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     check_body(body, start)
     check_moves(method, body)
     check_torque(torque)
+    if isinstance(torque, Torque):
+        torque.check(start)
     check_batch("start", body, start, batch)
     for leaf in jax.tree.leaves(start):
         if leaf.dtype != start.momentum.dtype:

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from .._math import components as cp
@@ -223,16 +222,11 @@ class _Stages(NamedTuple):
         if self.system.reads_momentum:
             midpoint = Motion(added(motion.momentum, b * self.h / 2, force), motion.pose)
             force = self.system.force(self._time(c), midpoint)
-        change = jax.tree.map(lambda f: f if _is_zero(f) else b * self.h * f, force)
+        change = jax.tree.map(lambda f: b * self.h * f, force)
         pushed = self.system.pushed(motion, change)
         # All that follows the first kick reads the motion after that kick, and not the force left by the previous step.
         first = isinstance(c, float) and c == 0.0 and not self.system.reads_momentum
         return kept(pushed) if first else pushed
-
-
-def _is_zero(x: Any) -> bool:
-    """Whether a component of the torque is known to be zero, so that XLA need not multiply it by the step."""
-    return not cp.is_traced(x) and bool(np.all(x == 0))
 
 
 @eqx.filter_jit

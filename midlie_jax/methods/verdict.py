@@ -1,8 +1,8 @@
 """A verdict: whether a step can be trusted and, if not, why. It is an integer, computed by each step.
 
 A run carries the verdict of its first step that failed. This costs one select per step more than a boolean would. A
-flight that solves nothing may return a number in its place, its share of the reach, which costs less: at most 1 is fine,
-NaN is not finite. Of the shares in a step, the largest counts.
+flight that solves nothing may return a number in its place, its share of the reach, which costs less: at most 1 is
+fine, NaN is not finite. Of the shares in a step, the largest counts.
 """
 
 import jax.numpy as jnp

@@ -100,9 +100,7 @@ class FreeBody(Body):
 
     @property
     def trace(self) -> Float[Array, "*batch"]:
-        """The sum of the three principal moments; a ValueError for a `Rotor`, which has one."""
-        if isinstance(self.body, Rotor):
-            raise ValueError("a Rotor has no moment about its axis; take a FreeBody of a RigidBody.")
+        """The sum of the three principal moments."""
         return self.body.trace
 
     @property

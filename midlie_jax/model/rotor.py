@@ -2,12 +2,15 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require_rows
+from .._checks.arguments import as_floats, require, require_rows
 from .._math import components as cp
 from .bodies import Body, is_positive, is_within_range
+
+_UNITS = "check its units."
 
 
 class RotorInertia(NamedTuple):
@@ -43,21 +46,44 @@ class Rotor(Body):
 
     Attributes:
         moment: the moment of inertia I1 = I2 about an axis across the axis of symmetry, (...), mass x length^2.
+        along: the moment I3 about the axis of symmetry, (...), zero for a linear molecule; None if it is not known. The
+            motion does not depend on it, but a torque may, such as that of a `PointMass`.
 
     Raises:
-        ValueError: the moment is not positive, or out of range.
+        ValueError: the moment is not positive, or out of range; or `along` is negative, larger than 2 I1, or of another
+            shape.
     """
 
     moment: Float[Array, "*batch"]
+    along: Float[Array, "*batch"] | None
 
-    def __init__(self, moment: Any):
+    def __init__(self, moment: Any, along: Any = None):
         self.moment = as_floats("moment", moment)
         require_rows("moment", self.moment, is_positive, "must be positive and finite", "check its units.")
         require_rows("moment", self.moment, is_within_range, "is out of range", "take other units of mass or length.")
+        self.along = None if along is None else as_floats("along", along)
+        if self.along is not None:
+            if self.along.shape != self.moment.shape:
+                raise ValueError(f"along {self.along.shape} and moment {self.moment.shape} must have one shape.")
+            require("along", self.along, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", _UNITS)
+            if not cp.is_traced(self.along, self.moment) and np.any(np.asarray(self.along) > 2 * self.moment):
+                raise ValueError("along must not exceed twice the moment, which no real body does; check their order.")
 
     def inertia(self) -> RotorInertia:
         """The constants of a run."""
         return RotorInertia(1 / self.moment)
+
+    @property
+    def known_along(self) -> Float[Array, "*batch"]:
+        """The attribute `along`; a ValueError if it is None."""
+        if self.along is None:
+            raise ValueError("this torque needs the moment about the axis of symmetry: write Rotor(moment, along).")
+        return self.along
+
+    @property
+    def trace(self) -> Float[Array, "*batch"]:
+        """2 I1 + I3; a ValueError if `along` is None."""
+        return 2 * self.moment + self.known_along
 
     @property
     def batch(self) -> tuple[int, ...]:

@@ -192,6 +192,10 @@ class State(eqx.Module, Generic[P, Q]):
         """
         return of_body, self.vertical() if of_space is None else self.seen_from_body(of_space)
 
+    def to_space(self, vector: cp.Vector) -> cp.Vector:
+        """The components in the space frame of a vector in the frame of the momentum; a ValueError if unknown."""
+        raise needs_attitude(self)
+
     def spatial_momentum(self) -> Array:
         """The angular momentum in the space frame, about its origin, (..., 3); a ValueError without an attitude."""
         raise needs_attitude(self)

@@ -4,6 +4,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -122,10 +123,17 @@ class AxisState(State[cp.Vector, cp.Vector]):
     def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
         """Both vectors in the space frame; NaN if the vector of the body is not along its axis of symmetry."""
         a, b, c = of_body
-        if not cp.is_traced(of_body) and (a != 0 or b != 0):
-            raise needs_attitude(self)
+        if not cp.is_traced(of_body) and np.any((np.asarray(a) != 0) | (np.asarray(b) != 0)):
+            raise ValueError(
+                f"an {type(self).__name__} knows no direction of the body but its axis of symmetry, the third, but a "
+                "torque acts on another one; use a RigidState."
+            )
         along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
         return cp.scale(along, cp.vector(self.axis)), (0.0, 0.0, 1.0) if of_space is None else of_space
+
+    def to_space(self, vector: cp.Vector) -> cp.Vector:
+        """The vector itself."""
+        return vector
 
     def spatial_momentum(self) -> Array:
         """The momentum itself."""

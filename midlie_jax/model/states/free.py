@@ -121,6 +121,9 @@ class Travelling(State[Momenta, Place]):
     def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
         return self.turning.in_one_frame(of_body, of_space)
 
+    def to_space(self, vector: cp.Vector) -> cp.Vector:
+        return self.turning.to_space(vector)
+
     def spatial_momentum(self) -> Array:
         """x cross p and the angular momentum about the centre of mass."""
         return jnp.cross(self.position, self.linear) + self.turning.spatial_momentum()

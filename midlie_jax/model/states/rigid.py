@@ -72,6 +72,10 @@ class RigidState(BodyState[cp.Quaternion]):
         w, x, y, z = cp.quaternion(self.attitude)
         return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
 
+    def to_space(self, vector: cp.Vector) -> cp.Vector:
+        """R vector."""
+        return cp.rotate(cp.quaternion(self.attitude), vector)
+
     def spatial_momentum(self) -> Array:
         """R Pi."""
         return so3.rotate(self.attitude, self.momentum)

@@ -1,7 +1,8 @@
 """Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); here are common ones.
 
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `fields` has torques that
-depend on the attitude, `spacecraft` torques that control or disturb a satellite.
+depend on the attitude, `spacecraft` torques that control or disturb a satellite, and `travel` what acts on bodies that
+travel: these return a `midlie_jax.Wrench`, a torque and a force.
 """
 
 from .base import BodyTorque as BodyTorque
@@ -22,3 +23,8 @@ from .spacecraft import Drag as Drag
 from .spacecraft import PDControl as PDControl
 from .spacecraft import ReactionWheels as ReactionWheels
 from .spacecraft import Rotors as Rotors
+from .travel import Magnus as Magnus
+from .travel import Oblateness as Oblateness
+from .travel import PointMass as PointMass
+from .travel import Thrust as Thrust
+from .travel import UniformGravity as UniformGravity

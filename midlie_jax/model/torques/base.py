@@ -57,6 +57,9 @@ class Torque(eqx.Module):
         """Whether the torque is declared to read the momentum."""
         return False
 
+    def check(self, state: Any) -> None:
+        """Raises a ValueError if the torque, by its numbers, cannot act on this kind of state."""
+
     def on(self, body: Any) -> "Torque":
         """The torque bound to a body: an `OnBody` if the torque reads the body, otherwise the torque itself."""
         del body
@@ -127,6 +130,11 @@ class Sum(Torque):
     @property
     def velocity_dependent(self) -> bool:
         return any(velocity_dependent(term) for term in self.terms)
+
+    def check(self, state: Any) -> None:
+        for term in self.terms:
+            if isinstance(term, Torque):
+                term.check(state)
 
     def on(self, body: Any) -> Torque:
         return Sum(*(on_body(term, body) for term in self.terms))
@@ -228,11 +236,11 @@ class VelocityDependent(Torque):
 class ReadsBody(Torque):
     """Base class of torques that read the body on which they act; a run passes the body to `on`."""
 
-    def at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
-        """The torque (3,) on the given body, in the body frame."""
+    def at(self, t: Time, state: Any, body: Any) -> Any:
+        """The torque (3,) on the given body, in the body frame; or a `Wrench`."""
         raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
 
-    def potential_at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
+    def potential_at(self, t: Time, state: Any, body: Any) -> Array:
         """The potential energy () of the given body; a ValueError if the torque has no potential."""
         del t, state, body
         raise _no_potential(self)
@@ -256,7 +264,7 @@ class OnBody(Torque):
     """
 
     torque: ReadsBody
-    body: RigidBody | TensorBody
+    body: Any
 
     def __call__(self, t: Time, state: Any) -> Any:
         return self.torque.at(t, state, self.body)

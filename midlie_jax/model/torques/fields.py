@@ -25,7 +25,7 @@ class HeavyTop(Torque):
         axis: unit vector from the pivot to the centre of mass, body frame, a tuple of three numbers.
 
     Raises:
-        ValueError: weight not finite, or axis not a unit vector.
+        ValueError: weight not finite, or axis not a unit vector. When called: the state knows no such direction.
     """
 
     weight: Float[Array, "*batch"]
@@ -42,7 +42,7 @@ class HeavyTop(Torque):
     def __call__(self, t: Time, state: AnyState) -> Array:
         del t
         lever, up = state.in_one_frame(self.axis)
-        return cp.pack(_scaled_cross(self.weight, up, lever))
+        return cp.pack(cp.scale(self.weight, _cross(up, lever)))
 
     def potential(self, t: Time, state: AnyState) -> Array:
         del t
@@ -54,18 +54,19 @@ class HeavyTop(Torque):
         return state.in_one_frame(self.axis)[1]
 
 
-def _scaled_cross(scale: Array, a: Any, b: Any) -> cp.Vector:
-    """scale (a x b), leaving out products with a number that is zero; XLA would have to keep them, as zero times NaN."""
+def _cross(a: Any, b: Any) -> cp.Vector:
+    """a x b, leaving out products with a number that is zero; XLA would have to keep them because they could be NaN."""
 
     def zero(x: Any) -> bool:
         return isinstance(x, float) and not x
 
     def minor(i: int, j: int) -> Any:
-        first, second = not (zero(a[i]) or zero(b[j])), not (zero(a[j]) or zero(b[i]))
-        if not first and not second:
-            return jnp.zeros_like(scale)
-        total = a[i] * b[j] if first else jnp.zeros_like(scale)
-        return scale * (total - a[j] * b[i] if second else total)
+        total: Any = jnp.zeros_like(a[0] * b[0])
+        if not (zero(a[i]) or zero(b[j])):
+            total = a[i] * b[j]
+        if not (zero(a[j]) or zero(b[i])):
+            total = total - a[j] * b[i]
+        return total
 
     return minor(1, 2), minor(2, 0), minor(0, 1)
 
@@ -93,6 +94,9 @@ class DipoleInField(Torque):
         self.moment = as_floats("moment", moment, (3,))
         require_finite("moment", self.moment)
         self.field = as_function_of_time("field", field)
+
+    def check(self, state: AnyState) -> None:
+        state.in_one_frame(cp.vector(self.moment))
 
     def _together(self, t: Time, state: AnyState) -> tuple[cp.Vector, cp.Vector]:
         """Moment and field in the frame of the momentum."""

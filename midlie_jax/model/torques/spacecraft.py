@@ -19,9 +19,11 @@ from ..._math import components as cp
 from .. import so3
 from ..bodies import RigidBody, TensorBody
 from ..state import AnyState, Time
-from ..states import attitude_of
+from ..states import Travelling, attitude_of
+from ..wrench import Wrench
 from .base import ReadsBody, Torque
 from .fields import to_body_components
+from .travel import through_air, travelling
 
 
 def _gain(name: str, value: Any) -> Array:
@@ -148,41 +150,67 @@ class ReactionWheels(_ReadsVelocity):
         return _cross(momentum, body.velocity(state.momentum)) - rate
 
 
-class Drag(Torque):
-    """The torque of air drag on a body whose cross section does not depend on the attitude, lever x F.
+class Drag(ReadsBody):
+    """Air drag on a body whose cross section does not depend on the attitude: F = -1/2 rho A |v| v, and lever x F.
 
-    The force is F = -1/2 rho A |v| v, for free molecular flow (Hughes, section 8.2). For a body made of plates, add one
-    `Drag` for each plate, or write your own torque.
+    So it is in free molecular flow (Hughes, section 8.2), and for a ball in air. For a body made of plates, add one
+    `Drag` for each plate, or write your own torque. With `velocity` it is the torque alone, of a body on a known path.
+    Without, the velocity is that of a body that travels, and the drag is a wrench.
 
     Attributes:
         lever: vector from the centre of mass to the centre of pressure, body frame, (3,), length.
         area: drag coefficient times cross section A, (), length^2, not negative.
         density: density rho of the air, (), mass/length^3, not negative.
         velocity: velocity v of the body relative to the air, space frame, (3,), or a function `velocity(t) -> (3,)`,
-            length/time.
+            length/time; None for that of a `FreeState`.
+        wind: with `velocity` None, the velocity of the air, in the same forms; None for air at rest.
 
     Raises:
-        ValueError: wrong shapes, values that are not finite, or a negative area or density. When called: as for
-            `DipoleInField`.
+        ValueError: wrong shapes, values that are not finite, a negative area or density, or velocity and wind together.
+            When called: as for `DipoleInField`; without `velocity`, body and state do not travel.
     """
 
     lever: Float[Array, "*batch 3"]
     area: Float[Array, "*batch"]
     density: Float[Array, "*batch"]
-    velocity: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    velocity: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
+    wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
 
-    def __init__(self, lever: Any, area: Any, density: Any, velocity: Any):
+    def __init__(self, lever: Any, area: Any, density: Any, velocity: Any = None, *, wind: Any = None):
         self.lever = as_floats("lever", lever, (3,))
         require_finite("lever", self.lever)
         self.area, self.density = as_floats("area", area), as_floats("density", density)
         for name, value in (("area", self.area), ("density", self.density)):
             require(name, value, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check units.")
-        self.velocity = as_function_of_time("velocity", velocity)
+        self.velocity = None if velocity is None else as_function_of_time("velocity", velocity)
+        self.wind = None if wind is None else as_function_of_time("wind", wind)
+        if self.velocity is not None and self.wind is not None:
+            raise ValueError("velocity is relative to the air: give velocity or wind, not both.")
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return self.velocity is None
+
+    def check(self, state: AnyState) -> None:
+        if isinstance(state, Travelling):
+            state.in_one_frame(cp.vector(self.lever))
+
+    def on(self, body: Any) -> Torque:
+        return super().on(body) if self.velocity is None else self
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        velocity = to_body_components(self.velocity, t, state)
-        force = cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
+        if self.velocity is None:
+            return super().__call__(t, state)
+        force = self._force(to_body_components(self.velocity, t, state))
         return cp.pack(cp.cross(cp.vector(self.lever), force))
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Any:
+        state, body = travelling(self, state, body)
+        force = self._force(through_air(t, state, body, self.wind))
+        return Wrench(cp.pack(cp.cross(*state.in_one_frame(cp.vector(self.lever), force))), cp.pack(force))
+
+    def _force(self, velocity: cp.Vector) -> cp.Vector:
+        return cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -1,0 +1,276 @@
+"""What acts on bodies that travel: gravity, air and thrust, as wrenches on the states of a `FreeBody`.
+
+Each wrench of a potential has force and torque from one potential V(x, R), so that energy and, in the field of a point
+mass, the total momentum x cross p + R Pi are conserved. I is the inertia tensor about the centre of mass and
+J = R I R^T, u = x/r. In the expansion of V in the size of the body over r, the terms up to the second moments are kept.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..._math import components as cp
+from ..free_body import FreeBody
+from ..rotor import Rotor
+from ..state import AnyState, Time
+from ..states import Travelling
+from ..wrench import Wrench
+from .base import ReadsBody, Torque
+
+
+def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, FreeBody]:
+    """State and body, if both travel; a ValueError otherwise."""
+    if not isinstance(state, Travelling) or not isinstance(body, FreeBody):
+        raise ValueError(
+            f"{type(torque).__name__} acts on a body that travels, but the state is a {type(state).__name__}; use a "
+            "FreeState and a FreeBody."
+        )
+    return state, body
+
+
+class UniformGravity(ReadsBody):
+    """The weight m g of a body, V = -m g . x.
+
+    Attributes:
+        acceleration: g, space frame, (3,), length/time^2, such as (0, 0, -9.81).
+
+    Raises:
+        ValueError: acceleration not of shape (..., 3) or not finite. When called: body and state do not travel.
+    """
+
+    acceleration: Float[Array, "*batch 3"]
+
+    def __init__(self, acceleration: Any):
+        self.acceleration = as_floats("acceleration", acceleration, (3,))
+        require_finite("acceleration", self.acceleration)
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
+        del t
+        state, body = travelling(self, state, body)
+        return Wrench(jnp.zeros_like(state.momentum), body.mass * self.acceleration)
+
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
+        del t
+        moving, body = travelling(self, state, body)
+        return -body.mass * cp.dot(cp.vector(self.acceleration), cp.vector(moving.position))
+
+
+class _Place:
+    """Where a body is in a field about the origin.
+
+    Attributes:
+        inverse: 1/r.
+        space: the unit vector u in the space frame.
+        here: u in the frame of the momentum.
+    """
+
+    def __init__(self, state: Any, body: FreeBody):
+        x = cp.vector(state.position)
+        self.inverse = cp.inverse_root(cp.dot(x, x))
+        self.space = cp.scale(self.inverse, x)
+        self.state, self.body = state, body
+        self.here = self.seen(self.space)
+
+    def seen(self, vector: cp.Vector) -> cp.Vector:
+        """A vector of space in the frame of the momentum."""
+        return self.state.in_one_frame((0.0, 0.0, 1.0), vector)[1]
+
+    def inertia_times(self, v: cp.Vector) -> cp.Vector:
+        """The inertia tensor times a vector, both in the frame of the momentum."""
+        turning = self.body.body
+        if not isinstance(turning, Rotor):
+            return cp.vector(turning.momentum(cp.pack(v)))
+        axis, _ = self.state.in_one_frame((0.0, 0.0, 1.0), self.space)
+        gap = (turning.known_along - turning.moment) * cp.dot(axis, v)
+        return cp.add(cp.scale(turning.moment, v), cp.scale(gap, axis))
+
+
+class PointMass(ReadsBody):
+    """Gravity of a point mass at the origin: its force and its gravity gradient.
+
+    V = -mu m/r - mu/(2 r^3) (tr I - 3 u . J u): the force is -mu m u/r^2 with the terms of second order in the size of
+    the body, and the torque 3 mu/r^3 u x I u, in the body frame (Hughes, Spacecraft Attitude Dynamics, section 8.1).
+    Energy and the total angular momentum are conserved.
+
+    Attributes:
+        mu: gravitational parameter, (), length^3/time^2.
+
+    Raises:
+        ValueError: mu not positive. When called: body and state do not travel, or a `Rotor` has no `along`.
+    """
+
+    mu: Float[Array, "*batch"]
+
+    def __init__(self, mu: Any):
+        self.mu = as_floats("mu", mu)
+        require("mu", self.mu, lambda m: m > 0, "must be positive", "pass G times the attracting mass.")
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
+        del t
+        place = _Place(*travelling(self, state, body))
+        square, u = place.inverse * place.inverse, place.here
+        pull = place.inertia_times(u)
+        along = body.mass + square * (1.5 * body.trace - 7.5 * cp.dot(u, pull))
+        force = cp.add(cp.scale(along, u), cp.scale(3 * square, pull))
+        strength = self.mu * square
+        torque = cp.scale(3 * strength * place.inverse, cp.cross(u, pull))
+        return Wrench(cp.pack(torque), cp.pack(state.to_space(cp.scale(-strength, force))))
+
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
+        del t
+        place = _Place(*travelling(self, state, body))
+        square, u = place.inverse * place.inverse, place.here
+        shape = body.trace - 3 * cp.dot(u, place.inertia_times(u))
+        return -self.mu * place.inverse * (body.mass + square / 2 * shape)
+
+
+class Oblateness(ReadsBody):
+    """What the oblateness J2 of a planet at the origin adds to `PointMass`: its force and its gravity gradient.
+
+    With n the pole, s = n . u and k = mu J2 (radius/r)^2 / 2, the field is (k/r) (3 s^2 - 1), and
+
+        V = m (k/r) (3 s^2 - 1)
+            - k/(2 r^3) (6 n.Jn - 60 s n.Ju + (105 s^2 - 15) u.Ju - (15 s^2 - 3) tr I)
+
+    where the second line is minus half of J times the second derivatives of the field. Energy and the component of the
+    total angular momentum along the pole are conserved.
+
+    Attributes:
+        mu: gravitational parameter of the planet, (), length^3/time^2.
+        radius: equatorial radius, (), length.
+        j2: the coefficient J2, (), such as 1.08263e-3 for the Earth.
+        pole: unit vector along the axis of the planet, space frame, (3,); by default z.
+
+    Raises:
+        ValueError: mu or radius not positive, j2 not finite, or pole not a unit vector. When called: as `PointMass`.
+    """
+
+    mu: Float[Array, "*batch"]
+    radius: Float[Array, "*batch"]
+    j2: Float[Array, "*batch"]
+    pole: Float[Array, "*batch 3"]
+
+    def __init__(self, mu: Any, radius: Any, j2: Any, pole: Any = None):
+        self.mu, self.radius, self.j2 = as_floats("mu", mu), as_floats("radius", radius), as_floats("j2", j2)
+        for name, value in (("mu", self.mu), ("radius", self.radius)):
+            require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+        require_finite("j2", self.j2)
+        z = jnp.array([0.0, 0.0, 1.0], self.mu.dtype)
+        self.pole = z if pole is None else as_floats("pole", pole, (3,))
+        require("pole", self.pole, is_unit, "must be a unit vector", "divide it by its norm.")
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
+        del t
+        place = _Place(*travelling(self, state, body))
+        square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
+        k = self._strength(square)
+        s, of_u, of_n = cp.dot(n, u), place.inertia_times(u), place.inertia_times(n)
+        nn, nu, uu, trace = cp.dot(n, of_n), cp.dot(n, of_u), cp.dot(u, of_u), body.trace
+        s2 = s * s
+        along_n = 6 * s * body.mass + square * (30 * nu + 15 * s * trace - 105 * s * uu)
+        by_shape = -30 * nn + 420 * s * nu + (105 * s2 - 15) * trace - (945 * s2 - 105) * uu
+        along_u = (3 - 15 * s2) * body.mass - square / 2 * by_shape
+        pulls = cp.add(cp.scale(30 * s * square, of_n), cp.scale((15 - 105 * s2) * square, of_u))
+        force = cp.add(pulls, cp.add(cp.scale(along_n, n), cp.scale(along_u, u)))
+        first = cp.scale(15 - 105 * s2, cp.cross(u, of_u))
+        second = cp.scale(30 * s, cp.add(cp.cross(u, of_n), cp.cross(n, of_u)))
+        torque = cp.add(cp.add(first, second), cp.scale(-6, cp.cross(n, of_n)))
+        torque = cp.scale(k * square * place.inverse, torque)
+        return Wrench(cp.pack(torque), cp.pack(state.to_space(cp.scale(-k * square, force))))
+
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
+        del t
+        place = _Place(*travelling(self, state, body))
+        square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
+        k = self._strength(square)
+        s, of_u = cp.dot(n, u), place.inertia_times(u)
+        nn, nu, uu = cp.dot(n, place.inertia_times(n)), cp.dot(n, of_u), cp.dot(u, of_u)
+        shape = 6 * nn - 60 * s * nu + (105 * s * s - 15) * uu - (15 * s * s - 3) * body.trace
+        return k * place.inverse * (body.mass * (3 * s * s - 1) - square / 2 * shape)
+
+    def _strength(self, square: Array) -> Array:
+        return self.mu * self.j2 / 2 * (self.radius * self.radius * square)
+
+
+class Magnus(ReadsBody):
+    """The lift of a spinning body in air, strength * Omega x v, with Omega and v in space.
+
+    For a ball of radius a and cross section A in air of density rho it is 1/2 rho A a C_L, where C_L is the lift per
+    ratio a |Omega| / |v| of the speeds of surface and flight.
+
+    Attributes:
+        strength: force per angular velocity and velocity, (), mass.
+        wind: velocity of the air, space frame, (3,), or a function `wind(t) -> (3,)`; None for air at rest.
+
+    Raises:
+        ValueError: strength not finite, or wind of another shape. When called: body and state do not travel, or a
+            `Rotor` has no `along`.
+    """
+
+    strength: Float[Array, "*batch"]
+    wind: Float[Array, "*batch 3"] | Callable[[Any], Array] | None
+
+    def __init__(self, strength: Any, wind: Any = None):
+        self.strength = as_floats("strength", strength)
+        require_finite("strength", self.strength)
+        self.wind = None if wind is None else as_function_of_time("wind", wind)
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
+        state, body = travelling(self, state, body)
+        momentum, turning = cp.vector(state.momentum), body.body
+        spin = cp.vector(turning.velocity(state.momentum))
+        if isinstance(turning, Rotor):
+            axis, _ = state.in_one_frame((0.0, 0.0, 1.0), momentum)
+            share = 1 / turning.known_along - 1 / turning.moment
+            spin = cp.add(spin, cp.scale(share * cp.dot(axis, momentum), axis))
+        lift = cp.cross(state.to_space(spin), through_air(t, state, body, self.wind))
+        return Wrench(jnp.zeros_like(state.momentum), cp.pack(cp.scale(self.strength, lift)))
+
+
+def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any], Array] | None) -> cp.Vector:
+    """The velocity of a body relative to the air, space frame."""
+    velocity = cp.vector(state.linear / body.mass)
+    if wind is None:
+        return velocity
+    return cp.subtract(velocity, cp.vector(wind(t) if callable(wind) else wind))
+
+
+class Thrust(Torque):
+    """An engine fixed in the body: its force, and the torque lever x force, both in the body frame.
+
+    Attributes:
+        force: the thrust, body frame, (3,), or a function `force(t) -> (3,)`.
+        lever: vector from the centre of mass to the engine, body frame, (3,), or a function `lever(t) -> (3,)`.
+
+    Raises:
+        ValueError: force or lever of another shape, or not finite. When called: the state does not travel.
+    """
+
+    force: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    lever: Float[Array, "*batch 3"] | Callable[[Any], Array]
+
+    def __init__(self, force: Any, lever: Any):
+        self.force, self.lever = as_function_of_time("force", force), as_function_of_time("lever", lever)
+
+    def check(self, state: AnyState) -> None:
+        for vector in (self.force, self.lever):
+            if not callable(vector):
+                state.in_one_frame(cp.vector(vector))
+
+    def __call__(self, t: Time, state: AnyState) -> Any:
+        if not isinstance(state, Travelling):
+            raise ValueError(
+                f"Thrust acts on a body that travels, but the state is a {type(state).__name__}; use a FreeState."
+            )
+        vectors = (cp.vector(v(t) if callable(v) else v) for v in (self.force, self.lever))
+        force, lever = (state.in_one_frame(v)[0] for v in vectors)
+        return Wrench(cp.pack(cp.cross(lever, force)), cp.pack(state.to_space(force)))
