@@ -40,8 +40,10 @@ from .model.bodies import TensorBody as TensorBody
 from .model.free_body import FreeBody as FreeBody
 from .model.observables import angular_velocity as angular_velocity
 from .model.observables import kinetic_energy as kinetic_energy
+from .model.observables import linear_momentum as linear_momentum
 from .model.observables import spatial_angular_velocity as spatial_angular_velocity
 from .model.observables import spatial_momentum as spatial_momentum
+from .model.observables import velocity as velocity
 from .model.rotor import Rotor as Rotor
 from .model.state import State as State
 from .model.states import AxisState as AxisState

@@ -85,8 +85,12 @@ def body_of(equation: Any) -> ClosedJaxpr | None:
 
 
 def is_expensive(equation: Any) -> bool:
-    """Whether XLA's CPU compiler stores the result of an operation rather than repeat it, or whether it has no rule."""
-    body = body_of(equation)
+    """Whether XLA's CPU compiler stores the result of an operation rather than repeat it, or whether it has no rule.
+
+    A function with a derivative of its own, such as a reciprocal root without a root, counts by its operations.
+    """
+    own = equation.params.get("call_jaxpr") if equation.primitive.name == "custom_jvp_call" else None
+    body = body_of(equation) or own
     if body is not None:
         return any(map(is_expensive, body.jaxpr.eqns))
     rule = rule_for(equation)
@@ -301,6 +305,8 @@ RULES: dict[str, Rule] = {
         "stop_gradient sub xor",
         True,
     ),
+    **_elementwise("shift_left shift_right_arithmetic shift_right_logical", True),
+    **_elementwise("bitcast_convert_type", True, "new_dtype"),
     **_elementwise("cos sin", True, "accuracy"),
     **_elementwise("mul", True, "out_dtype"),
     **_elementwise("acos acosh asin asinh atan atan2 atanh cosh div erf erf_inv lgamma nextafter pow rem sinh", False),

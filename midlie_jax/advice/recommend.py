@@ -20,14 +20,15 @@ from jax import Array
 
 from .._checks.arguments import described, shown
 from ..drivers.arguments import as_scalar, check_system
-from ..methods.registry import DEFAULT, ENTRIES, exact_flight
+from ..methods.flights import Flight, Symmetric
+from ..methods.registry import ENTRIES, exact_flight
 from ..methods.registry import method as find_method
 from ..methods.runge_kutta import RungeKutta
 from ..methods.schemes import SCHEMES
 from ..methods.system import System
 from ..model import so3
 from ..model.bodies import Body, RigidBody, principal_of
-from ..model.observables import angular_velocity
+from ..model.rotor import Rotor
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .check import check
@@ -101,10 +102,14 @@ def recommend(
     tolerance: float,
     duration: float,
     t0: float | Array = 0.0,
+    length: float | None = None,
     symplectic: bool = True,
     progress: bool | Callable[[int], Any] | None = None,
 ) -> Recommendation:
-    """The fastest method of this package, and its step, for a given error of the attitude at the end of a motion.
+    """The fastest method of this package, and its step, for a given error at the end of a motion.
+
+    The error is that of the attitude, or of the axis of an `AxisState`; for a body that travels, together with that of
+    the position in units of `length`.
 
     Each candidate runs the motion for the whole duration. Compiling takes some seconds; long motions take longer. The
     recommendation holds for this duration, because errors grow with time, and for this machine, because times are
@@ -112,10 +117,12 @@ def recommend(
 
     Args:
         body, torque, start: as for `integrate`.
-        tolerance: largest error of the attitude at the end, Frobenius norm of the difference of rotation matrices; at
-            most 1.
+        tolerance: largest error at the end, at most 1: the Frobenius norm of the difference of rotation matrices, or
+            the length of the difference of two axes; for a body that travels, the root of the sum of the squares of
+            this and of the error of the position over `length`.
         duration: duration of the motion; not zero, negative to integrate back in time.
         t0: the time of the start, ().
+        length: for a body that travels, the error of the position that counts as 1; None otherwise.
         symplectic: True to try only symplectic methods, which also keep the energy over long runs; False to try
             Runge-Kutta methods, too.
         progress: whether to print the candidate being tried to stderr; by default only if that is a terminal. Or a
@@ -125,12 +132,18 @@ def recommend(
         ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
             no candidate reached the tolerance (the message names a torque that is stiff or not finite).
     """
-    if not hasattr(start, "attitude"):
+    body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
+    if not isinstance(body_that_turns, RigidBody | Rotor):
+        raise ValueError(f"recommend is for bodies that turn, got body {described(body)}.")
+    if not hasattr(start, "attitude") and not hasattr(start, "axis"):
         raise ValueError(
-            f"start must be a midlie_jax.RigidState, because errors are of the attitude, got {described(start)}."
+            f"start must be a state with an attitude or an axis, such as midlie_jax.RigidState, got {described(start)}."
         )
-    if not isinstance(principal_of(body), RigidBody):
-        raise ValueError(f"recommend is for a midlie_jax.RigidBody or TensorBody, got body {described(body)}.")
+    if (start.rotation is None) != (length is None):
+        raise ValueError(
+            "length is the error of the position that counts as 1: give it for a body that travels, and for no other; "
+            f"start is a {type(start).__name__}."
+        )
     try:
         tolerance = float(tolerance)
     except (TypeError, ValueError) as error:
@@ -145,7 +158,7 @@ def recommend(
     if span == 0:
         raise ValueError("duration must not be zero; give the time for which the motion is to be integrated.")
     t0 = as_scalar("t0", t0, start.momentum.dtype)
-    check_system(find_method(DEFAULT), body, torque, start)
+    check_system(find_method(_exact_method(body)), body, torque, start)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * _speed(body, start) / _FIRST_TURN))
     runs: dict[str, dict[int, _Run]] = {}
@@ -153,7 +166,7 @@ def recommend(
     print_progress = _progress_printer(progress, len(names))
     for name in names:
         print_progress(name)
-        compiled[name] = _Candidate(name, body, torque, start, span, t0)
+        compiled[name] = _Candidate(name, body, torque, start, span, t0, length)
         fastest = _fastest_seconds(runs, tolerance)
         runs[name] = dict(_ladder(compiled[name], guess, tolerance, fastest * _SLOWER))
         if callable(progress):
@@ -186,7 +199,7 @@ def candidates(
     Args:
         reads_momentum: whether the torque depends on the momentum.
     """
-    flight = exact_flight(principal_of(body).moments)
+    flight = _exact_flight(body)
     schemes = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum
         schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
@@ -200,8 +213,27 @@ def _reads_momentum(body: Any, torque: Any, start: AnyState) -> bool:
     return System.of(body, torque, start, jnp.zeros((), start.momentum.dtype)).reads_momentum
 
 
+def _exact_flight(body: Body) -> Flight:
+    """The fastest exact flight of a body."""
+    turning = principal_of(body).turning
+    return Symmetric() if isinstance(turning, Rotor) else exact_flight(turning.moments)
+
+
+def _exact_method(body: Body) -> str:
+    return f"{_exact_flight(body).name}[EA]"
+
+
+def _place(states: Any, length: float | None) -> np.ndarray:
+    """What is compared of the first of several states: its rotation matrix or axis, and position over `length`."""
+    orientation = so3.to_matrix(states.attitude[0]) if hasattr(states, "attitude") else states.axis[0]
+    parts = [np.ravel(np.asarray(orientation, np.float64))]
+    if length is not None:
+        parts.append(np.asarray(states.position[0], np.float64) / length)
+    return np.concatenate(parts)
+
+
 class _Run(NamedTuple):
-    """The result of a run: the rotation matrix at the end, (3, 3); whether all copies are ok; seconds for one body."""
+    """The result of a run: the place at the end, (k,); whether all copies are ok; seconds for one body."""
 
     end: np.ndarray
     ok: bool
@@ -211,8 +243,10 @@ class _Run(NamedTuple):
 class _Candidate:
     """A method compiled for the motion; runs and times it."""
 
-    def __init__(self, name: str, body: Any, torque: Any, start: AnyState, span: float, t0: Array):
-        self.name, self.span = name, span
+    def __init__(
+        self, name: str, body: Any, torque: Any, start: AnyState, span: float, t0: Array, length: float | None
+    ):
+        self.name, self.span, self.length = name, span, length
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
         self.program = Program(find_method(name), body, torque, starts, t0=t0)
         self.dtype = start.momentum.dtype
@@ -228,7 +262,7 @@ class _Candidate:
         """A run of the whole motion in `steps` steps."""
         step = self.span / max(steps, 1)
         (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
-        end = np.asarray(so3.to_matrix(states.attitude[0]), np.float64)
+        end = _place(states, self.length)
         seconds = max(timing.seconds / _COPIES - self.idle, 0.0)
         return _Run(end, bool(np.all(ok)) and bool(np.all(np.isfinite(end))), seconds)
 
@@ -260,7 +294,7 @@ def _ladder(candidate: _Candidate, guess: int, tolerance: float, patience: float
 
 
 def _distance(first: _Run, second: _Run) -> float:
-    """Frobenius norm of the difference of the ends of two runs; infinity if one of them failed."""
+    """The length of the difference of the ends of two runs; infinity if one of them failed."""
     return float(np.linalg.norm(first.end - second.end)) if first.ok and second.ok else math.inf
 
 
@@ -360,8 +394,8 @@ def _stiffness(largest_rate: float, motion_rate: float) -> str:
 
 
 def _speed(body: Any, start: Any) -> float:
-    """|Omega| at the start."""
-    return float(np.linalg.norm(np.asarray(angular_velocity(body, start), np.float64)))
+    """|Omega| at the start; for a `Rotor`, that of its axis."""
+    return float(np.linalg.norm(np.asarray(body.turning.velocity(start.momentum), np.float64)))
 
 
 def _rates(body: Any, torque: Any, start: AnyState, t0: Array) -> tuple[float, float]:
@@ -369,7 +403,9 @@ def _rates(body: Any, torque: Any, start: AnyState, t0: Array) -> tuple[float, f
 
     The rate of the motion is the larger of |Omega| and the square root of |d Omega/dt|.
     """
-    facts = jax.tree.map(np.asarray, jax.jit(lambda: Facts.of(find_method(DEFAULT), body, torque, start, t0))())
+    facts = jax.tree.map(
+        np.asarray, jax.jit(lambda: Facts.of(find_method(_exact_method(body)), body, torque, start, t0))()
+    )
     largest = float(np.max(np.abs(facts.rates)))
     return largest, max(_speed(body, start), float(facts.acceleration) ** 0.5) if math.isfinite(largest) else math.inf
 

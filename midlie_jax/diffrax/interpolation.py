@@ -28,7 +28,7 @@ class LieInterpolation(Dense):
     and spatial torque at both ends, and is then rotated to the body frame, so that a free body's spatial momentum is
     constant between steps as well. The result inside a step is NaN if |W| exceeds 8.8 radians, or if the turn of the
     step differs from W by more than a quarter of a turn. For a state without attitude, each array is interpolated by a
-    cubic, and a direction is scaled back to unit length.
+    cubic, and a direction is scaled back to unit length; so are linear momentum and position of a body that travels.
 
     Args:
         t0, t1: times of the ends.
@@ -61,7 +61,26 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
     each of these arrays entry by entry.
     """
     s = part_of_step(dense.t0, dense.t1, t, dense.y0.momentum.dtype)
-    return _rigid_state_at(dense, s) if dense.y0.pose_is_attitude else _arrays_at(dense, s)
+    if dense.y0.rotation is None:
+        return _rigid_state_at(dense, s) if dense.y0.pose_is_attitude else _arrays_at(dense, s)
+    turning, moved = _of_rotation(dense), _arrays_at(dense, s)
+    turned = _rigid_state_at(turning, s) if turning.y0.pose_is_attitude else _arrays_at(turning, s)
+    return moved.made(turned, moved.linear, moved.position)
+
+
+def _of_rotation(dense: LieInterpolation) -> LieInterpolation:
+    """The dense output of the rotation of a body that travels."""
+    return LieInterpolation(
+        t0=dense.t0,
+        t1=dense.t1,
+        y0=dense.y0.turning,
+        y1=dense.y1.turning,
+        velocity0=dense.velocity0.angular,
+        velocity1=dense.velocity1.angular,
+        torque0=dense.torque0.angular,
+        torque1=dense.torque1.angular,
+        h=dense.h,
+    )
 
 
 def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:

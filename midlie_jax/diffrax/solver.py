@@ -122,20 +122,20 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     def init(self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any) -> Memory:
         """The memory before the first step: the torque at t0, and no history."""
         del t1
-        system, clock = self._system(terms, t0, y0, args)
-        return _new_memory(system, clock(t0), system.motion(y0), _begins_with_force(self.method, system))
+        system, clock, method = self._system(terms, t0, y0, args)
+        return _new_memory(system, clock(t0), system.motion(y0), _begins_with_force(method, system))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Any, args: Any, solver_state: Memory, made_jump: Any
     ) -> tuple[Any, Any, dict[str, Any], Memory, diffrax.RESULTS]:
-        system, clock = self._system(terms, t0, y0, args)
+        system, clock, method = self._system(terms, t0, y0, args)
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
         y0, memory = _varying_together((y0, solver_state))
-        y1, error, dense, force, memory, ok = _step(self.method, system, start_time, end_time, h, y0, memory, made_jump)
+        y1, error, dense, force, memory, ok = _step(method, system, start_time, end_time, h, y0, memory, made_jump)
         if self.dense == "step":
             term, times = _single_term(terms), [start_time, end_time, h]
-            stored = force if _begins_with_force(self.method, system) else None
-            dense = {"start": Start.of(self.method, term.body, term.torque_at(args), y0, stored, times)}
+            stored = force if _begins_with_force(method, system) else None
+            dense = {"start": Start.of(method, term.body, term.torque_at(args), y0, stored, times)}
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
@@ -144,8 +144,11 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         self._system(terms, t0, y0, args)
         return terms.vf(t0, y0, args).ambient
 
-    def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array]]:
-        """The system, and the clock: the function from diffrax's time, which always increases, to the term's time."""
+    def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array], Method]:
+        """The system, the clock, and the method fitted to the body.
+
+        The clock is the function from diffrax's time, which always increases, to the term's time.
+        """
         term = _single_term(terms)
         torque = term.torque_at(args)
         check(term.body, torque, y, self.method)
@@ -153,7 +156,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         def clock(t: Any) -> Array:
             return as_time(terms.contr(jnp.zeros_like(t), jnp.asarray(t)), y)
 
-        return System.of(term.body, torque, y, clock(t)), clock
+        return System.of(term.body, torque, y, clock(t)), clock, self.method.fitted(term.body)
 
 
 def _begins_with_force(method: Method, system: System) -> bool:

@@ -32,8 +32,9 @@ class Rates(NamedTuple):
 
     Attributes:
         ambient: the derivative of the state's arrays, as a state of the same class.
-        velocity: body-frame angular velocity (3,); for particles the velocity. It always has the form of the momentum.
-        torque: body-frame torque (3,); for particles the force. It always has the form of the momentum.
+        velocity: body-frame angular velocity (3,); for particles the velocity; for a body that travels, both. It always
+            has the form of the momentum.
+        torque: body-frame torque (3,), and likewise.
     """
 
     ambient: Any
@@ -45,8 +46,8 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
     """Pi' = Pi x Om + T, R' = R skew(Om), Om = I^-1 Pi, as a term for `LieSolver` and for every ODE solver of diffrax.
 
     Attributes:
-        body: a `RigidBody`, `TensorBody` or `Particles`.
-        torque: any callable `torque(t, state) -> (3,)` in the body frame, or None.
+        body: a `RigidBody`, `TensorBody`, `FreeBody`, `Rotor` or `Particles`.
+        torque: any callable `torque(t, state) -> (3,)` in the body frame, or a `Wrench` on a body that travels; or None.
         torque_of_args: instead of `torque`, a function that returns the torque (a callable or None) for diffrax's
             `args`, for example `lambda args: ml.torques.HeavyTop(args["weight"])`.
 
@@ -60,7 +61,9 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 
     def __init__(self, body: Any, torque: Any = None, *, torque_of_args: Any = None):
         if not isinstance(body, Body):
-            raise ValueError(f"body must be a midlie_jax.RigidBody, TensorBody or Particles, got {described(body)}.")
+            raise ValueError(
+                f"body must be a midlie_jax.RigidBody, TensorBody, FreeBody, Rotor or Particles, got {described(body)}."
+            )
         if torque is not None and torque_of_args is not None:
             raise ValueError("give torque or torque_of_args, not both; add torques with midlie_jax.torques.Sum.")
         for name, value, form in (("torque", torque, "(t, state)"), ("torque_of_args", torque_of_args, "args")):

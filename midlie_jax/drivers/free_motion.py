@@ -15,10 +15,12 @@ from .._checks.arguments import as_floats, require_finite
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import begin, fuse
+from ..methods.flights.axis_turn import Circle
 from ..methods.flights.free_orbit import Orbit
 from ..methods.system import Motion, System
 from ..methods.verdict import FINE, LOST
 from ..model.bodies import Body, principal_of
+from ..model.rotor import Rotor
 from ..model.state import StateT
 from .arguments import as_method, as_scalar, check_system
 from .path import Path
@@ -35,13 +37,16 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     sensitive to the last digits of moments and momentum that the result is the motion for moments and a momentum that
     differ by a few eps from those given.
 
-    Differentiable where the three moments differ and the momentum is neither along a principal axis nor on the
+    A body that travels moves along a straight line, with an error of its time t p/m. The axis of a `Rotor` turns about
+    its momentum by one rotation, which is differentiable everywhere but at rest.
+
+    Otherwise differentiable where the three moments differ and the momentum is neither along a principal axis nor on the
     separatrix; elsewhere derivatives can be NaN (those of `integrate` with JACOBI are not). A derivative always takes
     the largest number of doublings, 52 in float64, and its program takes some ten seconds to compile.
 
     Args:
-        body: a `RigidBody`, or a `TensorBody` in a frame of your own.
-        start: the state at the time t0: a `MomentumState`, `DirectionState` or `RigidState`.
+        body: a `RigidBody`, a `TensorBody` in a frame of your own, a `Rotor`, or a `FreeBody` of one of these.
+        start: the state at the time t0, of any kind that belongs to the body.
         times: (n,), any times, not necessarily sorted, before and after t0.
         t0: the time of the start, ().
 
@@ -54,7 +59,8 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
             traced.
     """
-    check_system(as_method("JACOBI[EA]"), body, None, start)
+    mover = "SYMMETRIC[EA]" if isinstance(getattr(body, "turning", body), Rotor) else "JACOBI[EA]"
+    check_system(as_method(mover), body, None, start)
     times = as_floats("times", times)
     if times.ndim != 1:
         raise ValueError(f"times must have shape (n,), got {times.shape}; map over a batch with jax.vmap.")
@@ -68,11 +74,17 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
 def _run(body: Any, start: StateT, times: Array) -> Path[StateT]:
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
-    orbit = fuse(Orbit.of(*begin((principal_of(body).moments, motion.momentum))))
+    turning, turned = system.rotating(motion)
+    turning_body = principal_of(body).turning
+    if isinstance(turning_body, Rotor):
+        orbit: Any = Circle.of(*begin((turning.inertia, turned.momentum)))
+    else:
+        orbit = fuse(Orbit.of(*begin((turning_body.moments, turned.momentum))))
 
     def at(t: Array) -> tuple[Any, Array]:
-        momentum, turn, ok = orbit.at(t, turns=system.kind.has_pose)
-        moved = system.in_user_axes(Motion(momentum, system.kind.rotate(motion.pose, turn)))
+        momentum, turn, ok = orbit.at(t, turns=turning.kind.has_pose)
+        rotated = Motion(momentum, turning.kind.rotate(turned.pose, turn))
+        moved = system.in_user_axes(system.travelled(t, motion, rotated))
         same = Motion(*start.parts())
         moved = fuse(jax.tree.map(lambda x, y: jnp.where(t == 0, x, y), same, moved))
         return system.kind.join(moved.momentum, moved.pose), ok & cp.all_finite(moved)

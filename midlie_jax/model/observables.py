@@ -14,15 +14,19 @@ from .._checks.arguments import as_floats, described
 from .._math import components as cp
 from .._xla.replay import traits
 from . import so3
-from .bodies import Body, RigidBody, TensorBody
+from .bodies import Body, principal_of
 from .compatibility import check_body, check_state, check_torque
-from .state import AnyState, BodyState, State
-from .states import RigidState, attitude_of
+from .free_body import Momenta
+from .rotor import Rotor
+from .state import AnyState, State
+from .states import Travelling, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
-    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles.
+    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; of a body that travels, both.
+
+    For a `Rotor` it is |pi|^2 / (2 I1), which differs from the energy by a constant of its spin.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
@@ -105,17 +109,21 @@ def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...
     return shape[: -state.own_axes] if state.own_axes else shape[: len(path_shape)]
 
 
-def angular_velocity(body: RigidBody | TensorBody, state: BodyState[Any]) -> Float[Array, "*batch 3"]:
+def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     """The angular velocity I^-1 Pi in the body frame, radians per unit of time, (..., 3) like the momentum.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        state: any state of a rigid body, which may have leading batch axes; of a path its `states`.
+        state: any state of a rigid body, which may travel and have leading batch axes; of a path its `states`.
 
     Raises:
-        ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n.
+        ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n; or the
+            body is a `Rotor`, whose spin is not known.
     """
-    return _velocity(body, state)
+    if isinstance(principal_of(body).turning, Rotor):
+        raise ValueError("the spin of a Rotor about its axis is not known, and so is its angular velocity.")
+    velocity = _velocity(body, state)
+    return velocity.angular if isinstance(velocity, Momenta) else velocity
 
 
 def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
@@ -123,27 +131,64 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
 
     Args:
         body: as for `angular_velocity`.
-        state: a `RigidState` or `CompensatedState`, which may have leading batch axes; of a path its `states`.
+        state: a state with an attitude, which may have leading batch axes; of a path its `states`.
 
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
     """
     velocity = _velocity(body, state)
+    if isinstance(velocity, Momenta):
+        velocity = velocity.angular
     if not isinstance(velocity, Array):
         raise ValueError(f"a {type(state).__name__} has more than an angular velocity: take body.velocity.")
     return so3.rotate(attitude_of(state), velocity)
 
 
-def spatial_momentum(state: RigidState) -> Float[Array, "*batch 3"]:
-    """The angular momentum R Pi in the space frame, (..., 3); constant for a free body.
+def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
+    """The angular momentum in the space frame about its origin, (..., 3); constant for a free body.
+
+    It is R Pi for a body that turns in one place, x cross p + R Pi for one that travels; the momentum of an `AxisState`
+    is in the space frame already.
 
     Args:
-        state: a `RigidState` or `CompensatedState`, which may have leading batch axes; of a path its `states`.
+        state: a state with an attitude or an axis, which may have leading batch axes; of a path its `states`.
 
     Raises:
-        ValueError: the state has no attitude.
+        ValueError: the state has neither.
     """
     return state.spatial_momentum()
+
+
+def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
+    """The linear momentum p of a body that travels, space frame, (..., 3).
+
+    Args:
+        state: a `FreeState` or `FreeAxisState`, which may have leading batch axes; of a path its `states`.
+
+    Raises:
+        ValueError: the state does not travel.
+    """
+    return _travelling(state).linear
+
+
+def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
+    """The velocity p/m of the centre of mass of a body that travels, space frame, length/time, (..., 3).
+
+    Args:
+        body: one `FreeBody` for all states; or n bodies, whose states have the leading axes (n, times).
+        state: as for `linear_momentum`.
+
+    Raises:
+        ValueError: the state does not travel, or does not belong to the body.
+    """
+    _travelling(state)
+    return _velocity(body, state).linear
+
+
+def _travelling(state: Any) -> Any:
+    if not isinstance(state, Travelling):
+        raise ValueError(f"a {type(state).__name__} does not travel; this needs a FreeState or a FreeAxisState.")
+    return state
 
 
 def _velocity(body: Body, state: AnyState) -> Any:
