@@ -16,11 +16,11 @@ class RotationNorm(eqx.Module):
 
     The norm is the larger of two numbers: the length of the momentum's error in units of `momentum`, and the angle of
     the rotation between the two attitudes in units of `angle`. For a body that travels it is the largest of four, with
-    the errors of linear momentum and position in units of `linear` and `position`. PIDController divides errors entry by entry by
-    atol + rtol |y| before it calls the norm, and entries of a quaternion pass through zero. With rtol=0 the angle is
-    therefore exact, and `atol` is the error allowed per step, in these units. With 0 < rtol <= atol the norm is right
-    within a factor of 2. Of what `BacksolveAdjoint` solves for together, the state, its adjoint and more, the state
-    alone is measured.
+    the errors of linear momentum and position in units of `linear` and `position`. PIDController divides errors entry
+    by entry by atol + rtol |y| before it calls the norm, and entries of a quaternion pass through zero. With rtol=0 the
+    angle is therefore exact, and `atol` is the error allowed per step, in these units. With 0 < rtol <= atol the norm
+    is right within a factor of 2. Of what `BacksolveAdjoint` solves for together, the state, its adjoint and more, the
+    state alone is measured.
 
     Attributes:
         momentum: the unit of momentum error.

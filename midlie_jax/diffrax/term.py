@@ -47,7 +47,8 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 
     Attributes:
         body: a `RigidBody`, `TensorBody`, `FreeBody`, `Rotor` or `Particles`.
-        torque: any callable `torque(t, state) -> (3,)` in the body frame, or a `Wrench` on a body that travels; or None.
+        torque: any callable `torque(t, state) -> (3,)` in the body frame, or None; on a body that travels it can return
+            a `Wrench`.
         torque_of_args: instead of `torque`, a function that returns the torque (a callable or None) for diffrax's
             `args`, for example `lambda args: ml.torques.HeavyTop(args["weight"])`.
 

@@ -40,9 +40,10 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     A body that travels moves along a straight line, with an error of its time t p/m. The axis of a `Rotor` turns about
     its momentum by one rotation, which is differentiable everywhere but at rest.
 
-    Otherwise differentiable where the three moments differ and the momentum is neither along a principal axis nor on the
-    separatrix; elsewhere derivatives can be NaN (those of `integrate` with JACOBI are not). A derivative always takes
-    the largest number of doublings, 52 in float64, and its program takes some ten seconds to compile.
+    For other bodies it is differentiable where the three moments differ and the momentum is neither along a principal
+    axis nor on the separatrix; elsewhere derivatives can be NaN (those of `integrate` with JACOBI are not). A
+    derivative always takes the largest number of doublings, 52 in float64, and its program takes some ten seconds to
+    compile.
 
     Args:
         body: a `RigidBody`, a `TensorBody` in a frame of your own, a `Rotor`, or a `FreeBody` of one of these.

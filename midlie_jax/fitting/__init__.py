@@ -15,6 +15,7 @@ optimistix solves the least-squares problem; only this folder imports it, and `i
 
 from .estimate import Estimate as Estimate
 from .fit import fit as fit
+from .measurements import Accelerations as Accelerations
 from .measurements import Attitudes as Attitudes
 from .measurements import Directions as Directions
 from .measurements import Measurement as Measurement

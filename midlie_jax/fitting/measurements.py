@@ -18,9 +18,10 @@ from jaxtyping import Bool, Float
 from .._checks.arguments import as_floats, is_unit, require, require_finite
 from .._math import components as cp
 from ..model import so3
-from ..model.bodies import RigidBody, TensorBody
 from ..model.state import AnyState
-from ..model.states import attitude_of
+from ..model.states import Travelling, attitude_of
+from ..model.torques import TorqueLike, on_body, without_gravity
+from ..model.wrench import Wrench
 
 Part = str | Callable[[Any], Array] | Array  # a name in the values, a function of the values, or a known array
 _SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is computed by a series
@@ -85,6 +86,11 @@ class Measurement(eqx.Module):
             body: the body of the model.
             states: the model's states at `times`.
         """
+
+    def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Measurement":
+        """The measurement for a run under this torque; `times` are those of the states. By default, itself."""
+        del torque, times
+        return self
 
     def residuals(self, parameters: Any, body: Any, states: AnyState) -> Float[Array, " r"]:
         """The differences over sigma, flat; zero where a value is missing."""
@@ -235,13 +241,16 @@ class Directions(Measurement):
 class Positions(Measurement):
     """Positions in the space frame of markers fixed in the body.
 
+    On a body that travels, markers are seen from its centre of mass; a marker (0, 0, 0) is that centre.
+
     Args:
         times: (n,), ascending.
         values: (n, 3) of one marker, or (n, m, 3), length; NaN where missing.
         sigma: standard deviation in the same unit of length, broadcast to the shape of `values`.
         markers: body-frame coordinates of the markers, (3,) or (m, 3): a known array, the name of a parameter, or a
             function of the values of the parameters.
-        origin: position in space of the point about which the body turns, (3,), in the same three forms.
+        origin: position in space of the point about which the body turns, (3,), in the same three forms; None for the
+            origin, or for a body that travels.
         clock: as for `Rates`.
 
     Raises:
@@ -280,16 +289,92 @@ class Positions(Measurement):
         del body
         markers = self.markers(parameters).reshape(1, -1, 3)
         expected = so3.rotate(attitude_of(states)[:, None], markers)
+        if isinstance(states, Travelling):
+            expected = expected + states.position[:, None]
         if self.origin is not None:
             expected = expected + self.origin(parameters).reshape(1, 1, 3)
         return expected - self.values
+
+
+class Accelerations(Measurement):
+    """Specific forces in the body frame, as an accelerometer measures them: its acceleration without that of gravity.
+
+    The model is R^T (a - g) + Omega' x r + Omega x (Omega x r), with the acceleration a of the centre of mass of a body
+    that travels, zero for one that turns about a fixed point; r is the place of the instrument, and Omega' is from
+    Euler's equations with the torque of the model.
+
+    Args:
+        times: (n,), ascending.
+        values: (n, 3), length/time^2; NaN where missing.
+        sigma: standard deviation in the same unit: one number, (3,), or (n, 3).
+        lever: the place r of the instrument, from the centre of mass or the fixed point, body frame, (3,): a known
+            array, the name of a parameter, or a function of the values of the parameters.
+        gravity: the acceleration g of gravity, space frame, (3,), in the same three forms. None for a body that travels
+            means that the terms `UniformGravity`, `PointMass` and `Oblateness` of the torque, and no others, are
+            gravity.
+        bias: what the instrument adds, (3,), in the same three forms. None means no bias.
+        clock: as for `Rates`.
+
+    Raises:
+        ValueError: as for `Rates`.
+    """
+
+    times: Float[Array, " n"]
+    values: Float[Array, "n 3"]
+    sigma: Float[Array, "n 3"]
+    present: Bool[Array, "n 3"]
+    lever: Source
+    gravity: Source | None
+    bias: Source | None
+    clock: Source | None
+    run: tuple[TorqueLike | None, Array] | None
+
+    def __init__(
+        self,
+        times: Any,
+        values: Any,
+        sigma: Any,
+        *,
+        lever: Part | Any,
+        gravity: Part | Any = None,
+        bias: Part | Any = None,
+        clock: Part | float | None = None,
+    ):
+        self.times, self.values, self.present = _rows(times, values, (3,))
+        self.sigma = _deviations(sigma, self.values)
+        self.lever, self.gravity = Source.of("lever", lever, (3,)), _source("gravity", gravity, (3,))
+        self.bias, self.clock = _source("bias", bias, (3,)), _source("clock", clock, ())
+        self.run = None
+
+    def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Accelerations":
+        return eqx.tree_at(lambda m: m.run, self, (torque, times), is_leaf=lambda x: x is None)
+
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        assert self.run is not None
+        torque, times = self.run
+        bound, pushing = on_body(torque, body), on_body(without_gravity(torque), body)
+        lever = self.lever(parameters).reshape(3)
+        gravity = None if self.gravity is None else self.gravity(parameters).reshape(3)
+
+        def measured(t: Array, state: Any) -> Array:
+            zeros, rates = jnp.zeros_like(state.momentum), body.velocity(state.momentum)
+            moment = zeros if bound is None else Wrench.of(bound(t, state)).torque
+            change = body.velocity(jnp.cross(state.momentum, rates) + moment)
+            felt = zeros if gravity is None else -gravity
+            if isinstance(state, Travelling) and pushing is not None:
+                felt = felt + Wrench.of(pushing(t, state)).force / body.mass
+            of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
+            return cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning
+
+        expected = jax.vmap(measured)(times, states)
+        return expected - self.values if self.bias is None else expected + self.bias(parameters)[None] - self.values
 
 
 def _source(name: str, part: Any, shape: tuple[int, ...]) -> Source | None:
     return None if part is None else Source.of(name, part, shape)
 
 
-def velocities(body: RigidBody | TensorBody, states: AnyState) -> Float[Array, "n 3"]:
+def velocities(body: Any, states: AnyState) -> Float[Array, "n 3"]:
     """The angular velocities (n, 3) of several states of one body, body frame."""
     return jax.vmap(body.velocity)(states.momentum)
 
@@ -344,7 +429,7 @@ def _perpendicular(directions: Float[Array, "n 3"]) -> tuple[Array, Array]:
 
 def check_parts(measurement: Measurement, names: set[str]) -> None:
     """Raises a ValueError for a `Part` that names no parameter."""
-    for field in ("bias", "markers", "origin", "clock"):
+    for field in ("bias", "markers", "origin", "lever", "gravity", "clock"):
         source = getattr(measurement, field, None)
         rule = source.rule if isinstance(source, Source) else None
         if isinstance(rule, str) and rule not in names:

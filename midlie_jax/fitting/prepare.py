@@ -9,10 +9,11 @@ import numpy as np
 from .._checks.arguments import as_count, described
 from ..drivers.arguments import as_method, check_system
 from ..methods.base import Method
-from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.bodies import RigidBody, principal_of
 from ..model.state import AnyState
+from ..model.torques import without_gravity
 from .layout import Layout
-from .measurements import Attitudes, Directions, Measurement, Positions, Rates, check_parts
+from .measurements import Accelerations, Attitudes, Directions, Measurement, Positions, Rates, check_parts
 from .residuals import Model, Problem
 from .sampling import Grid, check_grid
 from .solve import Plan
@@ -84,7 +85,7 @@ def as_list(measurements: Any) -> list[Measurement]:
     wrong = [m for m in listed if not isinstance(m, Measurement)]
     if wrong or not listed:
         raise ValueError(
-            "measurements must be one or several of Rates, Attitudes, Directions and Positions, got "
+            "measurements must be one or several of Rates, Attitudes, Directions, Positions and Accelerations, got "
             f"{described(wrong[0]) if wrong else 'none'}."
         )
     return listed
@@ -101,7 +102,7 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
     method = check_system(method, body, torque, start)
     if not start.own_axes:
         raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
-    if any(isinstance(m, Rates) for m in measurements) and not isinstance(principal_of(body), RigidBody):
+    if any(isinstance(m, Rates) for m in measurements) and not isinstance(principal_of(body).turning, RigidBody):
         raise ValueError(f"Rates are of rigid bodies, but the model returned a {type(body).__name__}.")
     if torque is None:
         _check_speeds(body, start, measurements)
@@ -110,22 +111,30 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
     for m in measurements:
         kind = type(m).__name__
         suits = hasattr(start, "attitude") or (isinstance(m, Directions) and hasattr(start, "direction"))
-        if isinstance(m, Attitudes | Positions | Directions) and not suits:
+        if isinstance(m, Attitudes | Positions | Directions | Accelerations) and not suits:
             raise ValueError(
                 f"{kind} need the attitude, but the model starts from a {type(start).__name__}; return a RigidState."
             )
+        if isinstance(m, Positions) and m.origin is not None and start.rotation is not None:
+            raise ValueError("Positions of a body that travels have no origin but its own position; leave origin out.")
+        if isinstance(m, Accelerations):
+            in_model = torque is not None and without_gravity(torque) is not torque
+            if start.rotation is None and m.gravity is None:
+                raise ValueError("Accelerations of a body that does not travel need gravity=, such as (0, 0, -9.81).")
+            if in_model and m.gravity is not None:
+                raise ValueError("gravity is a term of the model's torque already: leave gravity out of Accelerations.")
         if m.values.dtype != start.momentum.dtype:
             raise ValueError(f"{kind} are {m.values.dtype} but the start of the model is {start.momentum.dtype}.")
     return method
 
 
-def _check_speeds(body: RigidBody | TensorBody, start: AnyState, measurements: Sequence[Measurement]) -> None:
+def _check_speeds(body: Any, start: AnyState, measurements: Sequence[Measurement]) -> None:
     """Raises if a free body cannot turn as fast or as slowly as measured; the units are then not the same.
 
     Its speed changes by at most the ratio of the largest moment to the smallest.
     """
     guessed = float(jnp.linalg.norm(body.velocity(start.momentum)))
-    moments = principal_of(body).moments
+    moments = principal_of(body).turning.moments
     allowed = max(_FACTOR, 2 * float(jnp.max(moments) / jnp.min(moments)))
     for measurement in measurements:
         if not isinstance(measurement, Rates):

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..methods.base import Method
 from ..model.state import AnyState
+from ..model.states import Travelling
 from .layout import Layout
 from .measurements import Attitudes, Measurement, Rates
 from .sampling import Grid
@@ -83,7 +84,7 @@ class Problem(eqx.Module):
         for measurement in data.measurements:
             end = begin + measurement.times.shape[0]
             here = jax.tree.map(lambda x, a=begin, b=end: x[a:b], states)
-            found.append(measurement.residuals(values, body, here))
+            found.append(measurement.of_run(torque, times[begin:end]).residuals(values, body, here))
             begin = end
         if data.anchors is not None:
             ends = jax.tree.map(lambda x: x[:-1, -1], paths.states)
@@ -137,10 +138,19 @@ def _defects(ends: AnyState, starts: AnyState) -> Float[Array, "s k"]:
 
 
 def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s k"]:
-    """The units of increments: the length of the momentum for its three numbers, and 1 radian for the others."""
-    size = jnp.linalg.norm(states.momentum, axis=-1, keepdims=True)
-    ones = jnp.ones_like(increments)
-    return ones.at[..., :3].set(jnp.where(size == 0, jnp.ones_like(size), size))
+    """The units of increments: the length of the momentum for its three numbers, and 1 radian for the turn.
+
+    For a body that travels, also the lengths of linear momentum and position for theirs. A length of zero counts as 1.
+    """
+
+    def unit(vectors: Array) -> Array:
+        size = jnp.linalg.norm(vectors, axis=-1, keepdims=True)
+        return jnp.where(size == 0, jnp.ones_like(size), size)
+
+    units = jnp.ones_like(increments).at[..., :3].set(unit(states.momentum))
+    if isinstance(states, Travelling):
+        units = units.at[..., -6:-3].set(unit(states.linear)).at[..., -3:].set(unit(states.position))
+    return units
 
 
 @eqx.filter_custom_jvp

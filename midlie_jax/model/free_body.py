@@ -89,13 +89,17 @@ class FreeBody(Body):
     def velocity(self, momentum: Any) -> Any:
         """The velocity for a momentum: of an array (..., 3), the angular momentum, the angular velocity."""
         if isinstance(momentum, Momenta):
-            return Momenta(self.body.velocity(momentum.angular), momentum.linear / self.mass[..., None])
+            return Momenta(
+                self.body.velocity(momentum.angular), cp.pack(cp.scale(1 / self.mass, cp.vector(momentum.linear)))
+            )
         return self.body.velocity(momentum)
 
     def momentum(self, velocity: Any) -> Any:
         """The momentum for a velocity: of an array (..., 3), the angular velocity, the angular momentum."""
         if isinstance(velocity, Momenta):
-            return Momenta(self.body.momentum(velocity.angular), velocity.linear * self.mass[..., None])
+            return Momenta(
+                self.body.momentum(velocity.angular), cp.pack(cp.scale(self.mass, cp.vector(velocity.linear)))
+            )
         return self.body.momentum(velocity)
 
     @property

@@ -92,8 +92,8 @@ class Rotor(Body):
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular velocity pi / I1 at which the axis turns, space frame; it lacks a part of the spin."""
-        return momentum / self.moment[..., None]
+        return cp.pack(cp.scale(1 / self.moment, cp.vector(momentum)))
 
     def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
         """The angular momentum I1 w of a body without spin whose axis turns at w, space frame."""
-        return velocity * self.moment[..., None]
+        return cp.pack(cp.scale(self.moment, cp.vector(velocity)))

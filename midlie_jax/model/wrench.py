@@ -7,6 +7,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from .._checks.arguments import as_floats
+
 
 class Wrench(eqx.Module):
     """A torque in the body frame and a force in space, as a torque function returns them for a `FreeState`.
@@ -17,11 +19,17 @@ class Wrench(eqx.Module):
     Attributes:
         torque: about the centre of mass, body frame, (..., 3).
         force: space frame, (..., 3).
+
+    Raises:
+        ValueError: wrong shapes or dtypes.
     """
 
     torque: Float[Array, "*batch 3"]
     force: Float[Array, "*batch 3"]
     __array_ufunc__: ClassVar[None] = None  # so that a NumPy array leaves the sum to `__radd__`
+
+    def __init__(self, torque: Any, force: Any):
+        self.torque, self.force = as_floats("torque", torque, (3,)), as_floats("force", force, (3,))
 
     @classmethod
     def of(cls, value: Any) -> "Wrench":

@@ -1,6 +1,6 @@
 """`RigidState`: momentum and attitude."""
 
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -108,11 +108,11 @@ class RigidState(BodyState[cp.Quaternion]):
         return {"momentum": (("axis",), BODY_MOMENTUM), "attitude": (("quaternion",), attitude)}
 
 
-def with_attitude(state: AnyState) -> RigidState:
+def with_attitude(state: AnyState) -> Any:
     """The argument itself if it is a state with an attitude; a ValueError for any other state."""
     if not hasattr(state, "attitude"):
         raise needs_attitude(state)
-    return cast(RigidState, state)
+    return state
 
 
 def attitude_of(state: AnyState) -> Array:

@@ -15,6 +15,7 @@ from .base import VelocityDependent as VelocityDependent
 from .base import on_body as on_body
 from .base import potential_of as potential_of
 from .base import velocity_dependent as velocity_dependent
+from .base import without_gravity as without_gravity
 from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop

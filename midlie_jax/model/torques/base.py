@@ -17,7 +17,6 @@ from jax import Array
 
 from ..._checks.arguments import require_function
 from ..._math import components as cp
-from ..bodies import RigidBody, TensorBody
 from ..state import Time
 from ..wrench import Wrench
 
@@ -55,6 +54,11 @@ class Torque(eqx.Module):
     @property
     def velocity_dependent(self) -> bool:
         """Whether the torque is declared to read the momentum."""
+        return False
+
+    @property
+    def gravitational(self) -> bool:
+        """Whether the force is that of gravity, which an accelerometer does not feel."""
         return False
 
     def check(self, state: Any) -> None:
@@ -144,6 +148,16 @@ def _sum(a: Any, b: Any) -> Any:
     """The sum of what two torques return; an array counts as a wrench without a force."""
     wrenches = isinstance(a, Wrench) or isinstance(b, Wrench)
     return Wrench.of(a) + Wrench.of(b) if wrenches else jax.tree.map(operator.add, a, b)
+
+
+def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
+    """The torque without its terms of gravity: itself if there are none, None if nothing else is left."""
+    if isinstance(torque, Sum):
+        kept = [without_gravity(term) for term in torque.terms]
+        if all(new is old for new, old in zip(kept, torque.terms, strict=True)):
+            return torque
+        return Sum(*kept) if any(term is not None for term in kept) else None
+    return None if isinstance(torque, Torque) and torque.gravitational else torque
 
 
 class Prescribed(Torque):
@@ -293,5 +307,5 @@ class BodyTorque(ReadsBody):
     def __check_init__(self) -> None:
         require_function("function", self.function, "t, state, body")
 
-    def at(self, t: Time, state: Any, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: Any, body: Any) -> Array:
         return self.function(t, state, body)

@@ -158,11 +158,11 @@ class GravityGradient(ReadsBody):
         inverse = 1 / jnp.sqrt(square)
         return 3 * self.mu * inverse / square, require_all_directions(state).seen_from_body(cp.scale(inverse, position))
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
         strength, u = self._local(t, state)
         return cp.pack(cp.scale(strength, cp.cross(u, cp.vector(body.momentum(cp.pack(u))))))
 
-    def potential_at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
         """The potential energy up to terms independent of the attitude, (3 mu/2r^3) (u . I u - tr I / 3)."""
         strength, u = self._local(t, state)
         return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)

@@ -17,7 +17,6 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
 from ..._math import components as cp
 from .. import so3
-from ..bodies import RigidBody, TensorBody
 from ..state import AnyState, Time
 from ..states import Travelling, attitude_of
 from ..wrench import Wrench
@@ -58,7 +57,7 @@ class Damping(_ReadsVelocity):
     def __init__(self, coefficient: Any):
         self.coefficient = _gain("coefficient", coefficient)
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
         return -self.coefficient * body.velocity(state.momentum)
 
@@ -91,7 +90,7 @@ class PDControl(_ReadsVelocity):
         self.proportional = _gain("proportional", proportional)
         self.derivative = _gain("derivative", derivative)
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
         error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
         factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
@@ -117,11 +116,11 @@ class Rotors(_ReadsVelocity):
         self.momentum = as_floats("momentum", momentum, (3,))
         require_finite("momentum", self.momentum)
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
         return _cross(self.momentum, body.velocity(state.momentum))
 
-    def potential_at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
         """Zero: the torque is perpendicular to the angular velocity and does no work."""
         del t, body
         return jnp.zeros_like(state.momentum[..., 0])
@@ -144,7 +143,7 @@ class ReactionWheels(_ReadsVelocity):
     def __check_init__(self) -> None:
         require_function("momentum", self.momentum, "t")
 
-    def at(self, t: Time, state: AnyState, body: RigidBody | TensorBody) -> Array:
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
         t = jnp.asarray(t, state.momentum.dtype)
         momentum, rate = jax.jvp(self.momentum, (t,), (jnp.ones_like(t),))
         return _cross(momentum, body.velocity(state.momentum)) - rate

@@ -33,7 +33,15 @@ def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, FreeBody]:
     return state, body
 
 
-class UniformGravity(ReadsBody):
+class _Gravity(ReadsBody):
+    """A field of gravity, which pulls every part of a body."""
+
+    @property
+    def gravitational(self) -> bool:
+        return True
+
+
+class UniformGravity(_Gravity):
     """The weight m g of a body, V = -m g . x.
 
     Attributes:
@@ -90,7 +98,7 @@ class _Place:
         return cp.add(cp.scale(turning.moment, v), cp.scale(gap, axis))
 
 
-class PointMass(ReadsBody):
+class PointMass(_Gravity):
     """Gravity of a point mass at the origin: its force and its gravity gradient.
 
     V = -mu m/r - mu/(2 r^3) (tr I - 3 u . J u): the force is -mu m u/r^2 with the terms of second order in the size of
@@ -129,7 +137,7 @@ class PointMass(ReadsBody):
         return -self.mu * place.inverse * (body.mass + square / 2 * shape)
 
 
-class Oblateness(ReadsBody):
+class Oblateness(_Gravity):
     """What the oblateness J2 of a planet at the origin adds to `PointMass`: its force and its gravity gradient.
 
     With n the pole, s = n . u and k = mu J2 (radius/r)^2 / 2, the field is (k/r) (3 s^2 - 1), and

@@ -1,0 +1,218 @@
+"""The forces of the package on bodies that travel, and axes: closed forms, limits, and each wrench from its potential."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import epsilon, quick, turn, whole
+from travel_cases import KINDS, start
+
+import midlie_jax as ml
+from midlie_jax.cli.oracles import lagrange_top
+
+T = ml.torques
+GRAVITY = [0.3, -0.2, -9.81]
+POLE = np.array([0.6, 0.0, 0.8])
+SOURCES = {
+    "uniform": T.UniformGravity(GRAVITY),
+    "point": T.PointMass(1.3),
+    "oblate": T.Oblateness(1.3, 0.9, 0.05, POLE),
+    "planet": T.PointMass(1.3) + T.Oblateness(1.3, 0.9, 0.05, POLE),
+}
+TRAVELLING = ["free", "free tensor", "free axis"]
+
+
+@pytest.mark.parametrize("kind", TRAVELLING)
+@pytest.mark.parametrize("source", list(SOURCES))
+def test_force_and_torque_are_those_of_one_potential(source, kind):
+    body, state = KINDS[kind].body("float64"), start(kind)
+    torque = SOURCES[source].on(body)
+    found, expected = torque(0.0, state), T.FromPotential(torque.potential)(0.0, state)
+    np.testing.assert_allclose(found.torque, expected.torque, atol=1e-13)
+    np.testing.assert_allclose(found.force, expected.force, atol=1e-13)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", TRAVELLING)
+def test_a_planet_keeps_the_energy_and_the_momentum_about_its_pole(kind):
+    """Two steps of one length and half of it: the energy wavers by a quarter; the other momentum is not kept."""
+    body, torque = KINDS[kind].body("float64"), T.PointMass(3.0) + T.Oblateness(3.0, 0.5, 0.05, POLE)
+    state, name = start(kind), "SYMMETRIC[EA]" if "axis" in kind else "JACOBI[EA]"
+    state = state.made(state.turning, state.linear, jnp.array([3.0, 1, -2]))
+    errors = []
+    for steps in (200, 400):
+        run = quick(lambda s, n=steps: ml.integrate(name, body, torque, s, dt=4 / n, steps=n, save_every=n // 100))
+        path = run(state)
+        total, energy = ml.spatial_momentum(path.states), ml.energy(body, torque, path)
+        errors.append(float(jnp.max(jnp.abs(energy - energy[0]))))
+        np.testing.assert_allclose(total @ POLE, np.full(101, total[0] @ POLE), atol=1e-12)
+        assert jnp.ptp(total, axis=0).max() > 1e-3
+    assert 3.6 < errors[0] / errors[1] < 4.4
+
+
+def test_a_small_body_turns_as_on_an_orbit_that_is_given():
+    """As I/(m r^2) falls, the attitude tends to that under GravityGradient on the orbit; the difference falls as fast."""
+    place, speed, attitude, missed = [1.0, 0.0, 0.0], [0.0, 1.2, 0.0], turn(0.5, -0.3, 0.8), []
+    run = {"dt": 0.02, "steps": 200, "save_every": 200}
+    for scale in (1e-3, 1e-4):
+        rigid = ml.RigidBody(scale * jnp.array([1.0, 2.0, 2.5]))
+        momentum = rigid.momentum(jnp.array([0.5, 0.3, 0.4]))
+        given = T.GravityGradient(None, ml.orbits.KeplerOrbit(place, speed, 1.0), 1.0)
+        free, turning = ml.FreeState(momentum, attitude, speed, place), ml.RigidState(momentum, attitude)
+        name, body = "JACOBI[SRKN6b]", ml.FreeBody(rigid, 1.0)
+        ends = [
+            quick(lambda s, b=b, f=f: ml.integrate(name, b, f, s, **run))(s).states.attitude[-1]
+            for b, f, s in ((body, T.PointMass(1.0), free), (rigid, given, turning))
+        ]
+        missed.append(float(jnp.linalg.norm(ends[0] - ends[1])))
+    assert 1e-6 < missed[1] < 1e-3
+    assert 8 < missed[0] / missed[1] < 12
+
+
+@pytest.mark.parametrize("wind", [None, [0.0, 0.0, 2.0]])
+def test_a_falling_ball_approaches_its_terminal_speed(wind):
+    """v = v_t tanh(g t / v_t) in still air; in an upward wind the speed relative to the air obeys the same law."""
+    mass, area, density, g, dt, steps = 3.0, 0.1, 1.2, 9.81, 1 / 512, 1024
+    terminal = np.sqrt(2 * mass * g / (density * area))
+    body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass)
+    torque = T.UniformGravity([0.0, 0, -g]) + T.Drag([0.0, 0, 0], area, density, wind=wind)
+    state = ml.FreeState([0.1, 0.2, 0.3], turn(0.5, -0.3, 0.8), [0.0, 0, 0], [0.0, 0, 0])
+    path = quick(lambda s: ml.integrate("JACOBI[EA]", body, torque, s, dt=dt, steps=steps, save_every=128))(state)
+    air = 0.0 if wind is None else wind[2]
+    expected = air - terminal * np.tanh(g * np.asarray(path.times) / terminal + np.arctanh(air / terminal))
+    np.testing.assert_allclose(ml.velocity(body, path.states)[:, 2], expected, atol=2e-5)
+
+
+def test_a_spinning_ball_is_bent_across_its_velocity_and_its_spin():
+    rigid = ml.RigidBody([2.0, 2.0, 2.0])
+    state = ml.FreeState([1.0, 0.5, -2.0], turn(0.5, -0.3, 0.8), [3.0, 6.0, 9.0], [0.0, 0, 0])
+    spin = ml.spatial_angular_velocity(rigid, state.turning)
+    wrench = T.Magnus(0.4, wind=[0.5, 0.0, 0.0]).on(ml.FreeBody(rigid, 3.0))(0.0, state)
+    np.testing.assert_allclose(wrench.force, 0.4 * np.cross(spin, [0.5, 2.0, 3.0]), atol=1e-14)
+    axis = T.Magnus(0.4).on(ml.FreeBody(ml.Rotor(2.0, 2.0), 3.0))(0.0, ml.FreeAxisState.of(state))
+    np.testing.assert_allclose(axis.force, 0.4 * np.cross(spin, [1.0, 2.0, 3.0]), atol=1e-14)
+
+
+def test_an_engine_pushes_along_the_body_and_turns_it_by_its_lever():
+    state = ml.FreeState([1.0, 0.5, -2.0], turn(0.5, -0.3, 0.8), [0.0, 0, 0], [0.0, 0, 0])
+    force, lever = jnp.array([0.0, 0.3, 2.0]), jnp.array([0.1, 0.0, -0.5])
+    wrench = T.Thrust(lambda t: t * force, lever)(2.0, state)
+    np.testing.assert_allclose(wrench.torque, np.cross(lever, 2 * force), atol=1e-14)
+    np.testing.assert_allclose(wrench.force, 2 * ml.so3.to_matrix(state.attitude) @ force, atol=1e-14)
+
+
+def test_wrenches_add_and_an_array_is_a_torque_alone():
+    one = ml.Wrench(jnp.ones(3), jnp.arange(3.0))
+    for total in (one + one, one + ml.Wrench(np.ones(3), np.arange(3.0))):
+        np.testing.assert_array_equal(total.torque, 2 * np.ones(3))
+        np.testing.assert_array_equal(total.force, 2 * np.arange(3.0))
+    for total in (
+        one + np.ones(3),
+        np.ones(3) + one,
+        jnp.ones(3) + one,
+        T.Sum(lambda t, s: one, lambda t, s: jnp.ones(3))(0, 0),
+    ):
+        np.testing.assert_array_equal(total.torque, 2 * np.ones(3))
+        np.testing.assert_array_equal(total.force, np.arange(3.0))
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("spin", [4.0, *whole(0.0, -7.0)])
+def test_the_axis_of_a_heavy_top_is_lagranges_to_1e12(spin):
+    moments, weight, times = [2.0, 2.0, 0.9], 3.0, np.array([0.0, 0.4, 0.8])
+    momentum, attitude = np.array([0.6, -0.4, spin]), turn(0.7, 0.2, -0.3)
+    begin = ml.AxisState.of(ml.RigidState(momentum, attitude))
+    run = {"dt": 1 / 320, "steps": 256, "save_every": 128}
+    path = quick(lambda s: ml.integrate("SYMMETRIC[SRKN14a]", ml.Rotor(2.0), T.HeavyTop(weight), s, **run))(begin)
+    exact = ml.AxisState.of(ml.RigidState(*lagrange_top(moments, weight, momentum, attitude, times)))
+    np.testing.assert_allclose(path.states.axis, exact.axis, atol=1e-12)
+    np.testing.assert_allclose(path.states.momentum, exact.momentum, atol=1e-12 * np.abs(momentum).max())
+
+
+def test_axis_states_and_back():
+    """The angle of spin is chosen, and the axis kept, also where it points up or down."""
+    axes = np.array([[0.0, 0.6, -0.8], [0, 0, 1], [0, 0, -1], [1e-9, 0, -1], [0.36, 0.48, 0.8]])
+    state = ml.AxisState(np.arange(15.0).reshape(5, 3), axes)
+    back = ml.AxisState.of(state.with_attitude())
+    np.testing.assert_allclose(back.axis, axes, atol=1e-15)
+    np.testing.assert_allclose(back.momentum, state.momentum, atol=1e-14)
+    moved = state.plus(jnp.asarray(np.tile([0.1, 0.2, -0.3, 0.4, -0.2], (5, 1))))
+    np.testing.assert_allclose(moved.minus(state), np.tile([0.1, 0.2, -0.3, 0.4, -0.2], (5, 1)), atol=1e-14)
+
+
+STAYING = ml.RigidState([1.0, 2, 3], [1.0, 0, 0, 0])
+AXIS = ml.AxisState([1.0, 2, 3], [0.0, 0.6, 0.8])
+FREE = ml.FreeState([1.0, 2, 3], [1.0, 0, 0, 0], [1.0, 0, 0], [0.0, 0, 1])
+RIGID = ml.RigidBody([2.0, 2.0, 1.0])
+REFUSED = {
+    "a force on a body that stays": ("JACOBI[EA]", RIGID, lambda t, s: ml.Wrench(s.momentum, s.momentum), STAYING,
+        "got Wrench; a force moves a FreeState"),
+    "gravity on a body that stays": ("JACOBI[EA]", RIGID, T.UniformGravity(GRAVITY), STAYING, "acts on a body that travels"),
+    "no mass": ("JACOBI[EA]", RIGID, None, FREE, "belongs to a FreeBody"),
+    "no attitude": ("JACOBI[EA]", ml.FreeBody(ml.Rotor(2.0), 3.0), None, FREE, "belongs to a FreeBody of a RigidBody"),
+    "an axis of a rigid body": ("SYMMETRIC[EA]", RIGID, None, AXIS, "belongs to a Rotor"),
+    "AKW": ("AKW", ml.FreeBody(RIGID, 3.0), None, FREE, "moves RigidBody, but body is FreeBody of a RigidBody"),
+    "SW": ("SW", ml.FreeBody(RIGID, 3.0), None, FREE, "moves RigidBody"),
+    "NMB": ("NMB", ml.FreeBody(RIGID, 3.0), None, FREE, "moves RigidBody"),
+    "PGBS12": ("PGBS12", ml.Rotor(2.0), None, AXIS, "moves RigidBody, but body is Rotor"),
+    "JACOBI": ("JACOBI[EA]", ml.Rotor(2.0), None, AXIS, "moves RigidBody, but body is Rotor"),
+    "a dipole across": ("SYMMETRIC[EA]", ml.Rotor(2.0), T.DipoleInField([0.1, 0, 1], [0, 0, 1.0]), AXIS,
+        "knows no direction of the body but its axis"),
+    "the whole attitude": ("SYMMETRIC[EA]", ml.Rotor(2.0), T.PDControl([1.0, 0, 0, 0], 1.0, 1.0), AXIS, "needs the attitude"),
+    "the moment along": ("SYMMETRIC[EA]", ml.FreeBody(ml.Rotor(2.0), 3.0), T.PointMass(1.0), ml.FreeAxisState.of(FREE),
+        r"write Rotor\(moment, along\)"),
+    "a tuple": ("JACOBI[EA]", ml.FreeBody(RIGID, 3.0), lambda t, s: (s.momentum, s.momentum), FREE, "must return a midlie_jax.Wrench"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", list(REFUSED))
+def test_what_does_not_fit_is_refused_before_tracing(case):
+    name, body, torque, state, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message):
+        ml.integrate(name, body, torque, state, dt=0.1, steps=1)
+
+
+def test_constructors_name_what_is_wrong():
+    for make, message in (
+        (lambda: ml.FreeBody([1.0, 2, 2], 3.0), r"FreeBody\(RigidBody\(moments\), mass\)"),
+        (lambda: ml.FreeBody(RIGID, -3.0), "mass must be positive"),
+        (lambda: ml.FreeBody(RIGID, [1.0, 2.0]), "mass must be"),
+        (lambda: ml.Rotor(-1.0), "moment must be positive"),
+        (lambda: ml.Rotor(1.0, 2.5), "must not exceed twice"),
+        (lambda: ml.AxisState([0.0, 0, 0], [0.0, 0, 2.0]), "axis must be a unit vector"),
+        (lambda: ml.FreeState([0.0, 0, 0], [1.0, 0, 0, 0], [0.0, 0], [0.0, 0, 0]), "linear must have shape"),
+        (lambda: ml.linear_momentum(STAYING), "does not travel"),
+        (lambda: ml.angular_velocity(ml.Rotor(2.0), AXIS), "spin of a Rotor"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_free_motion_is_what_steps_give(kind):
+    body, state = KINDS[kind].body("float64"), start(kind)
+    name = "SYMMETRIC[EA]" if "axis" in kind else "JACOBI[EA]"
+    path = quick(lambda s: ml.integrate(name, body, None, s, dt=0.01, steps=300, save_every=100))(state)
+    found = ml.free_motion(body, state, path.times)
+    assert found.ok
+    for a, b in zip(jax.tree.leaves(found.states), jax.tree.leaves(path.states), strict=True):
+        np.testing.assert_allclose(a, b, atol=600 * epsilon("float64") * np.abs(b).max())
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_simulate_names_what_it_writes(kind, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    body, state = KINDS[kind].body("float64"), start(kind)
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), state)
+    name = "SYMMETRIC[EA]" if "axis" in kind else "JACOBI[EA]"
+    run = {"dt": 0.01, "steps": 20, "save_every": 10, "out": tmp_path / "run.zarr", "progress": False}
+    saved = ml.simulate(name, body, None, many, **run)
+    assert saved.ok.all()
+    data = xarray.open_zarr(tmp_path / "run.zarr")
+    for field in jax.tree_util.tree_leaves_with_path(state):
+        named = jax.tree_util.keystr(field[0]).removeprefix(".")
+        assert data[named].attrs["units"]
+        assert data[named].attrs["frame"] in ("body", "space", "body to space")
+        assert data[named].dims[-1] in ("axis", "space_axis", "quaternion")
