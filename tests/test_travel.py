@@ -46,7 +46,7 @@ def paths(kind, name, dtype):
     return run(kind, name, stacked(*[start(kind, dtype)] * len(DT)), DT)
 
 
-@pytest.mark.sample(6)
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_order(kind, name):
     order, found, exact = ml.method(name).order, paths(kind, name, "float64"), truth(kind, 1.0)
@@ -61,7 +61,7 @@ def test_order(kind, name):
     assert slope > order - 0.35 or errors[high] < 1e-12, (slope, errors)
 
 
-@pytest.mark.sample(6)
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind, name, dtype):
     found = paths(kind, name, dtype)
@@ -78,7 +78,7 @@ def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind
         assert missed <= 2 * roundings(name) * epsilon(dtype), missed / epsilon(dtype)
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
     found, half = paths(kind, name, dtype), STEPS // 2
@@ -105,7 +105,7 @@ TURNS = [(*case, DTYPES[n % 2]) for n, case in enumerate(FEW_TRAVELLING)]
 TURNS += whole(*((*case, dtype) for case in TRAVELLING for dtype in DTYPES if (*case, dtype) not in TURNS))
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "name", "dtype"), TURNS)
 def test_a_point_mass_keeps_the_total_momentum(kind, name, dtype):
     """x cross p + R Pi, to rounding, by every splitting; the others keep it as well as they are accurate."""
@@ -117,10 +117,10 @@ def test_a_point_mass_keeps_the_total_momentum(kind, name, dtype):
     assert path.ok
     assert np.abs(total - total[0]).max() <= 4 * limit * np.linalg.norm(total[0])
     spin = path.states.turning.spatial_momentum()
-    assert jnp.ptp(spin, axis=0).max() > 0.05  # the gravity gradient acts
+    assert jnp.ptp(spin, axis=0).max() > 0.03  # the gravity gradient acts
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "name", "dtype"), TURNS)
 def test_free_fall_is_exact_and_the_rotation_that_of_the_body_alone(kind, name, dtype):
     """In uniform gravity, at any step, by every method of order 2 and more; the rotation is the free one bit for bit."""
@@ -173,10 +173,10 @@ def test_an_axis_moves_as_that_of_a_rigid_body(name):
 
 
 SYMPLECTIC = [name for name in moved_by("free") if isinstance(ml.method(name), Splitting)]
-FEW_SYMPLECTIC = ["JACOBI[EA]", "SLIEMID[EA]", "DLM[EA]", "LIEMID[EA]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]"]
+FEW_SYMPLECTIC = ["JACOBI[EA]", "LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]"]
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [*FEW_SYMPLECTIC, *whole(*(n for n in SYMPLECTIC if n not in FEW_SYMPLECTIC))])
 def test_the_defect_on_the_phase_space_of_twelve_dimensions(name):
     """M^T W1 M = W0 to rounding where the flight is symplectic; LIEMID misses it, as on a body that stays."""
@@ -202,7 +202,7 @@ def test_the_defect_on_the_phase_space_of_twelve_dimensions(name):
     assert defect < 1e-2
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", list(KINDS))
 @pytest.mark.parametrize("adjoint", [ml.Reversible(), ml.Checkpointed(), ml.Forward()], ids=lambda x: type(x).__name__)
 def test_gradients_are_those_of_differences(kind, adjoint):
@@ -244,15 +244,15 @@ def test_energy_wavers_as_the_order_says(kind, name):
 BATCH = 517
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("kind", "name", "torque", "expected"),
     [
         ("free", "JACOBI[EA]", ml.torques.UniformGravity([0, 0, -9.81]), 1),
         ("axis", "SYMMETRIC[EA]", ml.torques.HeavyTop(2.0), 1),
-        ("free axis", "SYMMETRIC[EA]", ml.torques.PointMass(3.0), 1),
         # The torque is so long that it has a loop of its own beside the flight's.
         ("free", "JACOBI[EA]", ml.torques.PointMass(3.0), 2),
+        ("free axis", "SYMMETRIC[EA]", ml.torques.PointMass(3.0), 2),
         ("free", "JACOBI[EA]", None, 2),
         ("axis", "SYMMETRIC[EA]", None, 1),
         ("axis", "SYMMETRIC[SRKN6b]", ml.torques.HeavyTop(2.0), 1),

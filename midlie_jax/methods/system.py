@@ -184,7 +184,7 @@ class System(NamedTuple):
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
         value, returned = self.evaluate(lambda t, state: self.kind.force_of(torque(t, state)), t, motion)
         _check_force(returned, cp.packed(motion.momentum))
-        return self._vector(value)
+        return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return numbers that depend on nothing
 
     def _vector(self, vector: Any) -> Any:
         """A vector in principal components, from one in the user's."""
