@@ -32,7 +32,7 @@ def draw_space(axes: Any, limits: np.ndarray, size: float = SIZE, colour: Any = 
     scale, unit = unit_of(limits)
     axes.set_proj_type("ortho")
     axes.set(xlim=limits[:, 0], ylim=limits[:, 1], zlim=limits[:, 2])
-    axes.set_box_aspect(spans / spans.max(), zoom=0.82 if size < SIZE else 0.9)
+    axes.set_box_aspect(spans / spans.max(), zoom=0.79 if size < SIZE else 0.9)
     for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_major_locator(MaxNLocator(_TICKS))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:.6g}"))

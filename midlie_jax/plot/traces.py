@@ -1,5 +1,6 @@
 """The traces of a view: what of a moving body stands still, and what moves, as plotly's dictionaries."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ def moving_traces(shown: Turning, k: int) -> list[dict[str, Any]]:
     digits = _digits(shown)
     x, y, z = (_numbers(column, digits) for column in shown.placed(k, shown.corners[k]).T)
     faces = shown.shape.faces
-    triangles = [(face[0], b, c) for face in faces for b, c in zip(face[1:-1], face[2:], strict=True)]
+    triangles = [(face[0], b, c) for face in faces for b, c in pairwise(face[1:])]
     i, j, k_ = (list(corner) for corner in zip(*triangles, strict=True))
     body: dict[str, Any] = {"type": "mesh3d", "name": "body", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k_}
     body |= {

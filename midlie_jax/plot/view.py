@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .several import Bodies, Paths, grid, panels
@@ -238,7 +237,7 @@ def _seen(shown: Turning, columns: float, x: tuple[float, float], y: tuple[float
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
     # Farther away where numbers stand at the axes, and the more so the narrower the part is.
-    near = 1.0 if shown.travel is None else 1.5 * max(1.0, 0.6 * columns)
+    near = 1.0 if shown.travel is None else 1.5 * max(1.0, 0.7 * columns)
     return {
         **axes,
         "domain": {"x": list(x), "y": list(y)},
