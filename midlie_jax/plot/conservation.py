@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..model.bodies import Body
-from ..model.observables import energy, kinetic_energy
+from ..model.observables import energy
 from ..model.state import AnyState, State
 from ..model.states import Travelling
 from ..model.torques import TorqueLike, on_body
@@ -65,7 +65,7 @@ def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
         kinetic, reason = True, f"not defined: {str(error).split(';')[0]}"
 
     def at(states: Any, times: Any) -> Any:
-        return kinetic_energy(body, states) if kinetic else energy(body, torque, states, times)
+        return energy(body, None if kinetic else torque, states, times)
 
     energies = np.asarray(jax.jit(at)(states, jnp.asarray(times)))
     name, formula = ("kinetic energy", "(K - K₀) / K₀") if kinetic else ("energy", "(E - E₀) / |E₀|")

@@ -79,7 +79,7 @@ class Motion(NamedTuple):
             ValueError: the body is not of the kind of the states.
         """
         check_body(body, self.states)
-        speeds = np.linalg.norm(np.asarray(body.turning.velocity(self.turning.states.momentum)), axis=1)
+        speeds = np.linalg.norm(np.asarray(jax.vmap(body.turning.velocity)(self.turning.states.momentum)), axis=1)
         return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
 
 

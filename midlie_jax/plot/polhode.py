@@ -60,13 +60,13 @@ def polhode(
         raise ValueError('axes must be 3-D: figure.add_subplot(projection="3d").')
     if kind not in _KINDS:
         raise ValueError(f"kind must be one of {', '.join(_KINDS)}, got {kind!r}.")
-    body, moments = _turning(body)
     motion = motion_of(path).turning
     if motion.has_axis_alone:
         raise ValueError(
             "path must hold momenta in the body frame, which an AxisState does not; integrate a RigidState or a "
             "FreeState, such as state.with_attitude(), with the moments of the body."
         )
+    body, moments = _turning(body)
     momenta = _in_principal_frame(body, motion)
     energies = np.sum(momenta**2 / moments, axis=1) / 2
     if not energies[0] > 0:

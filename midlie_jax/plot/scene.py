@@ -16,7 +16,7 @@ from .style import GREY, ORANGE, VERMILLION
 from .turning import Turning
 
 _TEXT = 9  # font size of the letters at the axes, points
-_SMALL = 7  # that of lengths at the axes
+_SMALL = 7.0  # that of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
 _BODY = ORANGE
 _BACKGROUND = 0.5  # opacity of the part of the track that is still to come
