@@ -3,6 +3,7 @@
 import contextlib
 import inspect
 import io
+import itertools
 import re
 
 import jax
@@ -10,10 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from test_view import figure_of
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
+from midlie_jax.plot.kept import kept_by
 from midlie_jax.plot.several import panels
 from midlie_jax.plot.shape import CORNERS, shape_of
 from midlie_jax.plot.turning import turning
@@ -229,21 +232,32 @@ def test_the_cylinder_of_a_rotor_has_its_moments(rotor):
     np.testing.assert_allclose(shape.inside(up), shape.corners[0, 2])
 
 
-def test_names_are_inside_the_picture_and_apart():
+@pytest.mark.parametrize(("speed", "steps", "title"), [(8.0, 40, ""), (8e6, 40, "far"), (80.0, 330, "long")])
+def test_names_and_numbers_are_inside_the_picture_and_apart(monkeypatch, speed, steps, title):
     from midlie_jax.plot.animate import _Movie
 
-    for speed, title in ((8.0, ""), (8e6, "far")):
-        shown = turning(brick(), thrown(speed=speed), 2, 3, most=9)
-        movie = _Movie([""], [shown], 320, (22.0, -55.0), ("white", False), title)
-        movie.frame(1)
-        renderer = movie.figure.canvas.get_renderer()
-        axes = movie.scenes[0].axes
-        labels = [axis.label.get_window_extent(renderer) for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
-        page = movie.figure.bbox
-        for box in labels:
-            assert page.x0 <= box.x0 < box.x1 <= page.x1
-        words = [text.get_window_extent(renderer) for text in movie.figure.texts if text.get_text()]
-        assert not any(label.overlaps(word) for label in labels for word in words)
+    found, draw = {}, Text.draw
+
+    def seen(text, renderer):
+        """Where a text is when it is drawn; matplotlib moves the numbers at 3-D axes again afterwards."""
+        draw(text, renderer)
+        if text.get_text() and text.get_visible():
+            box, angle = text.get_window_extent(renderer), np.radians(text.get_rotation())
+            along = np.hypot(box.width, box.height) / 2 * np.array([np.cos(angle), np.sin(angle)])
+            line = (box.min + box.max) / 2 + np.linspace(-1, 1, 41)[:, None] * along
+            found[text.get_text(), box.bounds] = (box, line)
+
+    monkeypatch.setattr(Text, "draw", seen)
+    shown = turning(brick(), thrown(speed=speed, steps=steps), 2, 3, most=9)
+    movie = _Movie([""], [shown], 320, (22.0, -55.0), ("white", False), title)
+    found.clear()
+    movie.frame(1)
+    assert len(found) > 8
+    page = movie.figure.bbox
+    assert all(page.x0 <= box.x0 < box.x1 <= page.x1 and page.y0 <= box.y0 for box, _ in found.values())
+    for one, other in itertools.combinations(found, 2):
+        gaps = found[one][1][:, None] - found[other][1]
+        assert np.min(np.linalg.norm(gaps, axis=-1)) > 4, (one, other)  # pixels, between the middles of two lines
 
 
 def test_bodies_of_an_ensemble_are_told_apart():
@@ -287,7 +301,6 @@ FORCES = {
     "gravity": (GRAVITY, "total momentum along gravity", False),
     "point mass": (MU, "total angular momentum", False),
     "oblate": (MU + FLAT, "total momentum along the pole", False),
-    "two poles": (MU + FLAT + OTHER, None, False),
     "torque alone": (UP, "vertical total momentum", True),
     "dipole": (ml.torques.DipoleInField([0.1, 0.0, 0.3], [1.0, 2.0, 0.0]), "total momentum along the field", True),
     "gravity and torque": (GRAVITY + UP, "total momentum along gravity", False),
@@ -316,6 +329,14 @@ def test_what_is_said_to_be_conserved_is_conserved(torque, momentum, linear):
         assert errors is None or np.max(errors) < 1e-12
     names = {line.get_label() for line in axes.lines if line.get_linewidth() == 2.0}
     assert names == {"energy"} | ({momentum} if momentum else set()) | ({"linear momentum"} if linear else set())
+
+
+def test_a_sum_of_forces_keeps_what_each_of_them_keeps():
+    for torque in (MU + FLAT + OTHER, GRAVITY + FLAT, MU + ml.torques.Thrust([0.1, 0.0, 0.0], [0.0, 0.1, 0.0])):
+        assert kept_by(torque) is None
+        assert kept_by(torque + torque) is None
+    assert kept_by(MU + MU) == kept_by(None)
+    assert kept_by(FLAT + MU + FLAT).which == "component along the pole"
 
 
 def test_an_axis_keeps_what_a_body_with_an_attitude_keeps(cases):
