@@ -237,11 +237,15 @@ def _seen(shown: Turning, columns: float, x: tuple[float, float], y: tuple[float
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
     # Farther away where numbers stand at the axes, and the more so the narrower the part is.
-    near = 1.0 if shown.travel is None else 1.5 * max(1.0, 0.7 * columns)
+    near = 1.0 if shown.travel is None else 1.75 * max(1.0, 0.6 * columns)
+    lower = 0.0 if shown.travel is None else -0.1  # and looking at a lower place, for the names of x and y
     return {
         **axes,
         "domain": {"x": list(x), "y": list(y)},
-        "camera": {"eye": {"x": 0.76 * near, "y": -1.05 * near, "z": 0.56 * near}},
+        "camera": {
+            "eye": {"x": 0.76 * near, "y": -1.05 * near, "z": 0.56 * near},
+            "center": {"x": 0.0, "y": 0.0, "z": lower},
+        },
         "dragmode": "orbit",
     }
 
