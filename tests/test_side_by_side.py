@@ -12,7 +12,8 @@ from test_view import BRICK, START, figure_of, frames_of, midlie
 
 import midlie_jax as ml
 from midlie_jax.plot.several import grid, panels
-from midlie_jax.plot.turning import box, turning, turnings
+from midlie_jax.plot.shape import shape_of
+from midlie_jax.plot.turning import turning, turnings
 
 SLIM = ml.RigidBody([0.3, 2.0, 2.1])
 
@@ -118,7 +119,7 @@ def test_a_view_of_two_has_a_scene_for_each(path, other):
         for place, moving, motion in zip(bodies, (BRICK, SLIM), exact, strict=True):
             points = np.array([moved[place][letter] for letter in "xyz"]).T
             matrix = np.asarray(ml.so3.to_matrix(motion.states.attitude[k]))
-            np.testing.assert_allclose(points, box(moving) @ matrix.T, atol=1e-5)
+            np.testing.assert_allclose(points, shape_of(moving).corners @ matrix.T, atol=1e-5)
     assert sum(trace.get("showlegend", True) for trace in data if trace["name"].startswith("path")) == 2
 
 

@@ -18,7 +18,8 @@ from PIL import Image, ImageSequence
 import midlie_jax as ml
 from midlie_jax.cli import scenes
 from midlie_jax.cli.main import main
-from midlie_jax.plot.turning import FACES, box, turning
+from midlie_jax.plot.shape import FACES, shape_of
+from midlie_jax.plot.turning import turning
 from midlie_jax.simulation.saved import saved_path
 
 BRICK = ml.RigidBody([1.0, 2.0, 2.5])
@@ -38,20 +39,20 @@ def matrices(path):
 @pytest.mark.parametrize("moments", [[1.0, 2.0, 2.5], [5.0, 5.0, 1.0], [2.0] * 3, [1.0, 1.0, 2.0]])
 def test_the_box_has_the_moments_of_the_body(moments):
     """Up to their size; the last is flat, and is drawn a little thicker than it is."""
-    half = np.abs(box(ml.RigidBody(moments))).max(axis=0)
+    half = np.abs(shape_of(ml.RigidBody(moments)).corners).max(axis=0)
     drawn = np.sum(half**2) - half**2
     np.testing.assert_allclose(drawn / drawn.max(), np.array(moments) / max(moments), atol=2e-3)
 
 
 def test_the_box_of_a_tensor_is_that_of_its_principal_frame_turned():
     turn = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.2, 0.5])))
-    corners = box(ml.TensorBody(turn @ jnp.diag(BRICK.moments) @ turn.T))
-    expected = box(BRICK) @ np.asarray(turn).T
+    corners = shape_of(ml.TensorBody(turn @ jnp.diag(BRICK.moments) @ turn.T)).corners
+    expected = shape_of(BRICK).corners @ np.asarray(turn).T
     assert all(np.min(np.linalg.norm(corners - corner, axis=1)) < 1e-12 for corner in expected)
 
 
 def test_faces_are_seen_from_outside():
-    corners = box(BRICK)
+    corners = shape_of(BRICK).corners
     for face in FACES:
         a, b, c, d = corners[list(face)]
         assert np.cross(b - a, c - b) @ (a + c) > 0
@@ -64,7 +65,7 @@ def test_frames_are_evenly_spaced_and_the_body_turns_between_saved_states(path):
     np.testing.assert_allclose(np.diff(shown.times), 12.0 / 36)
     exact = matrices(ml.free_motion(BRICK, START, jnp.asarray(shown.times)))
     np.testing.assert_allclose(shown.tips, exact[:, :, 2], atol=1e-3)  # 0.02 rad turned at a constant rate
-    np.testing.assert_allclose(shown.corners, np.einsum("kij,cj->kci", exact, box(BRICK)), atol=1e-3)
+    np.testing.assert_allclose(shown.corners, np.einsum("kij,cj->kci", exact, shape_of(BRICK).corners), atol=1e-3)
     np.testing.assert_allclose(shown.momenta, np.tile(shown.momenta[0], (37, 1)), atol=1e-12)
     assert shown.remarks == ()
     back = jax.tree.map(lambda x: x[::-1], (path.times, path.states))
@@ -164,7 +165,7 @@ def test_a_view_shows_the_path_and_loads_nothing(page, path):
     for frame, matrix in zip(frames, exact, strict=True):
         body, axis, momentum = frame["data"]
         assert [data[i]["name"] for i in frame["traces"]] == ["body", "e3 of the body", "angular momentum"]
-        np.testing.assert_allclose(points(body), box(BRICK) @ matrix.T, atol=1e-5)
+        np.testing.assert_allclose(points(body), shape_of(BRICK).corners @ matrix.T, atol=1e-5)
         np.testing.assert_allclose(points(axis), [np.zeros(3), matrix[:, 2]], atol=1e-5)
         np.testing.assert_allclose(points(momentum)[1], momenta[0] / np.linalg.norm(momenta[0]), atol=1e-5)
     assert [buttons["label"] for buttons in layout["updatemenus"][0]["buttons"]] == ["play", "pause"]

@@ -2,11 +2,12 @@
 
 `import midlie_jax` imports neither this folder nor matplotlib nor plotly; each is imported when it is first needed.
 
-Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `polhode`, `conserved` and `poincare` (one
-path each); files `animate` (GIF) and `view` (HTML). Below them: `motion` (the part of a path that can be trusted),
-`several` (paths side by side), `turning` and `box` (the body at evenly spaced times), `conservation` (what the exact
-motion conserves), `ellipsoid` and `labels3d` (artists for 3-D axes), `edge`, `apart` and `room` (names that neither
-collide nor are cut off) and `style`. `cli` uses these lower modules, too.
+Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `track`, `polhode`, `conserved` and
+`poincare` (one path each); files `animate` (GIF, of `scene`s) and `view` (HTML, of `traces`). Below them: `motion` (the
+part of a path that can be trusted), `several` (paths side by side), `turning`, `travel` and `shape` (the body at evenly
+spaced times), `conservation` and `kept` (what the exact motion conserves), `ellipsoid`, `space` and `labels3d` (artists
+for 3-D axes), `edge`, `apart` and `room` (names that neither collide nor are cut off) and `style`. `cli` uses these
+lower modules, too.
 """
 
 from .animate import animate as animate
@@ -18,5 +19,6 @@ from .conserved import conserved as conserved
 from .poincare import Crossings as Crossings
 from .poincare import poincare as poincare
 from .polhode import polhode as polhode
+from .track import track as track
 from .view import View as View
 from .view import view as view

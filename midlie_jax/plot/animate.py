@@ -8,16 +8,14 @@ from numpy.typing import ArrayLike
 
 from .._checks.arguments import as_count
 from .several import Bodies, Paths, grid, panels
-from .style import BLUE, GREY, ORANGE, SKY, new_figure
-from .turning import FACES, Turning, picture_file, turnings
+from .style import BLUE, SKY, new_figure
+from .turning import Turning, picture_file, turnings
 
 _DPI = 80
 _TEXT = 9  # font size, points
 _STRIP = 26  # height of the title above several pictures, pixels
 _COLOURS = 128  # size of the palette, which all frames share
 _MOST_FRAMES = 400
-_LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
-_BOX = ORANGE
 
 
 def animate(
@@ -36,19 +34,24 @@ def animate(
 ) -> Path:
     """Writes a GIF of a turning body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
+    A body that travels is drawn at its place in space, with the track of its centre of mass. If its path is so long
+    that it could not be seen beside it, it is drawn larger, and the picture says how many times. A body of which only
+    the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
+
     Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
     spaced in time. If the body turns by more than a quarter of a turn from one frame to the next, the eye is misled, as
     by wheels in a film: the picture then says by how many turns the body turns per frame, and a shorter path or more
     frames help. A run that failed is shown up to its last good state, and the picture says so.
 
     Args:
-        body: the body of the path, a `RigidBody` or a `TensorBody`; for several paths one body for all, a list with one
-            for each, or the bodies of an ensemble.
-        path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
-            `free_motion`. Or up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
-            path of `ensemble`.
+        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
+            for all, a list with one for each, or the bodies of an ensemble.
+        path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
+            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`. Or up to 12 paths: a mapping of
+            names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`.
         file: the GIF to write; an existing file is replaced.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
+            only the axis of symmetry is known, only e3, which is that axis.
         frames: number of frames, at most 400.
         rate: frames shown in a second, at most 50, which is what browsers show.
         size: width and height of the picture of one body, pixels.
@@ -60,8 +63,8 @@ def animate(
         The path of the file.
 
     Raises:
-        ValueError: a path is not of one body with attitudes, or its first two states are bad; an argument is out of
-            its range.
+        ValueError: a path is not of one body with attitudes or axes, or not of this kind of body, or its first two
+            states are bad; an argument is out of its range.
         ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
@@ -100,6 +103,8 @@ class _Movie:
         ground: tuple[str, bool],
         title: str,
     ):
+        from .scene import Scene
+
         background, dark = ground
         text, line = ("white", SKY) if dark else ("black", BLUE)
         rows, columns = grid(len(turns))
@@ -115,7 +120,7 @@ class _Movie:
         for k, (name, shown) in enumerate(zip(names, turns, strict=True)):
             x, y = k % columns * pixels, (rows - 1 - k // columns) * pixels
             place = (x / width, y / height, pixels / width, pixels / height)
-            self.scenes.append(_Scene(self.figure, place, shown, view, text, line))
+            self.scenes.append(Scene(self.figure, place, shown, view, text, line))
             heading = name or (title if len(turns) == 1 else "")
             self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
             self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(shown.remarks), **note)
@@ -132,67 +137,6 @@ class _Movie:
         self.clock.set_text(f"t = {self.times[k]:.4g}")
         self.figure.canvas.draw()
         return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
-
-
-class _Scene:
-    """The artists of one body, which are moved for each frame."""
-
-    def __init__(
-        self,
-        figure: Any,
-        place: tuple[float, float, float, float],
-        shown: Turning,
-        view: tuple[float, float],
-        text: str,
-        colour: str,
-    ):
-        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-        from .ellipsoid import draw_ellipsoid
-        from .labels3d import towards_viewer
-
-        self.shown, self.colour = shown, colour
-        self.axes = axes = figure.add_axes(place, projection="3d", facecolor="none")
-        axes.view_init(*view)
-        out = towards_viewer(axes)
-        right = np.cross([0.0, 0.0, 1.0], out) / max(float(np.hypot(*out[:2])), 1e-9)
-        self.lamp = _LAMP @ np.stack([right, np.cross(out, right), out])
-        draw_ellipsoid(axes, np.ones(3))
-        for direction, letter in zip(np.eye(3), "xyz", strict=True):
-            axes.plot(*np.stack([0 * direction, 1.15 * direction]).T, color=GREY, linewidth=0.8)
-            axes.text(*(1.24 * direction), letter, color=text, fontsize=_TEXT, ha="center", va="center")
-        self.box = Poly3DCollection([shown.corners[0][list(face)] for face in FACES], linewidth=0.6, edgecolor=text)
-        axes.add_collection3d(self.box, autolim=False)
-        (self.axis,) = axes.plot([], [], [], color=colour, linewidth=2.4)
-        self.trace: list[Any] = []
-
-    def move(self, k: int) -> None:
-        """Moves the body, its axis and the path of the axis to frame k."""
-        from .ellipsoid import BEHIND, IN_FRONT, draw_curve
-        from .labels3d import towards_viewer
-
-        shown = self.shown
-        faces = [shown.corners[k][list(face)] for face in FACES]
-        self.box.set_verts(faces)
-        self.box.set_facecolor([_lit(face, self.lamp) for face in faces])
-        tip = shown.tips[k]
-        self.axis.set_data_3d(*np.stack([shown.inside * tip, tip]).T)
-        self.axis.set_zorder(IN_FRONT if tip @ towards_viewer(self.axes) > 0 else BEHIND)
-        forward = shown.path_times[-1] >= shown.path_times[0]
-        past = shown.path_times <= shown.times[k] if forward else shown.path_times >= shown.times[k]
-        for line in self.trace:
-            line.remove()
-        whole = np.concatenate([shown.path_tips[past], tip[None]])
-        self.trace = draw_curve(self.axes, whole, np.ones(3), color=self.colour, linewidth=1.3)
-
-
-def _lit(face: np.ndarray, lamp: np.ndarray) -> tuple[float, ...]:
-    """The colour of a face (4, 3), from the light that falls on it from the direction of the lamp."""
-    from matplotlib.colors import to_rgb
-
-    normal = np.cross(face[1] - face[0], face[2] - face[1])
-    shine = 0.7 + 0.3 * float(normal @ lamp) / max(float(np.linalg.norm(normal)), 1e-12)
-    return tuple(shine * c for c in to_rgb(_BOX))
 
 
 def _write(pictures: list[Any], target: Path, rate: float) -> None:

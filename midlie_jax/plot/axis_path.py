@@ -2,16 +2,14 @@
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks.arguments import as_floats, described, is_unit, shown
 from ..drivers.path import AnyPath
-from ..model import so3
-from ..model.states import RigidState
+from ..model.state import AnyState
 from .edge import name_at_edge
-from .motion import Motion, motion_of
+from .motion import motion_of
 from .style import BLUE, GREY, is_3d, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
@@ -21,7 +19,7 @@ _BODY_AXES = ("e1", "e2", "e3")
 
 def axis_path(
     axes: Any,
-    path: AnyPath[RigidState],
+    path: AnyPath[AnyState],
     axis: str | int | ArrayLike = 2,
     *,
     colour: str | None = None,
@@ -37,9 +35,11 @@ def axis_path(
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
-        path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
-            `free_motion`.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with
+            states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
+            `AxisState` or a `FreeAxisState`.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. For
+            states with an axis alone only e3, which is that axis.
         colour: colour of the path, any of matplotlib's.
         label: the name of the path; by default that of the axis.
 
@@ -47,12 +47,12 @@ def axis_path(
         The directions in space that are drawn, (n, 3), at the saved times.
 
     Raises:
-        ValueError: the path is not of one body with attitudes, or its first two states are bad; the axis is neither a
-            name, nor an index, nor a unit vector.
+        ValueError: the path is not of one body with attitudes or axes, or its first two states are bad; the axis is
+            neither a name, nor an index, nor a unit vector, or the states do not know it.
     """
     direction, name = as_axis(axis)
     motion = motion_of(path)
-    tips = directions(motion, direction)
+    tips = motion.directions(direction)
     name, chosen = label or name, colour or BLUE
     (_on_sphere if is_3d(axes) else _seen_from_above)(axes, tips, name, chosen)
     remark(axes, motion.failed and f"{name}: {motion.failed}")
@@ -80,12 +80,6 @@ def as_axis(axis: Any) -> tuple[np.ndarray, str]:
     if direction.shape != (3,) or not is_unit(direction):
         raise ValueError(f"{wanted} {shown(axis) if np.shape(axis) == (3,) else described(axis)}.")
     return direction / np.linalg.norm(direction), "axis"
-
-
-def directions(motion: Motion, axis: np.ndarray) -> np.ndarray:
-    """The unit vectors in space of an axis of the body, (n, 3)."""
-    tips = np.asarray(so3.to_matrix(jnp.asarray(motion.attitudes)), float) @ axis
-    return tips / np.linalg.norm(tips, axis=1, keepdims=True)
 
 
 def _on_sphere(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:

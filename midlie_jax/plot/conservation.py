@@ -1,4 +1,4 @@
-"""The change of energy and spatial momentum along motions, and whether the exact motion conserves them.
+"""The change of energy and momenta along motions, and whether the exact motion conserves them.
 
 Changes are computed in float64, if it is enabled, for runs of any dtype, so that the result shows the rounding of the
 run and not that of its evaluation.
@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..model import torques
-from ..model.bodies import RigidBody, TensorBody
-from ..model.observables import energy, kinetic_energy, spatial_momentum
-from ..model.state import BodyState
-from ..model.states import with_attitude
-from ..model.torques import TorqueLike
+from ..model.bodies import Body
+from ..model.observables import energy
+from ..model.state import AnyState, State
+from ..model.states import Travelling
+from ..model.torques import TorqueLike, on_body
+from .kept import ALL, Kept, kept_by
 
 
 class Change(NamedTuple):
@@ -44,9 +44,7 @@ class Change(NamedTuple):
         return f"{float(np.max(np.abs(self.values))):.2e}" + (f"  ({self.note})" if self.note else "")
 
 
-def energy_change(
-    body: RigidBody | TensorBody, torque: TorqueLike | None, times: ArrayLike, states: BodyState[Any]
-) -> Change:
+def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: AnyState) -> Change:
     """(E(t) - E(0)) / |E(0)|; E is the kinetic energy alone if the torque has no potential.
 
     Args:
@@ -67,7 +65,7 @@ def energy_change(
         kinetic, reason = True, f"not defined: {str(error).split(';')[0]}"
 
     def at(states: Any, times: Any) -> Any:
-        return kinetic_energy(body, states) if kinetic else energy(body, torque, states, times)
+        return energy(body, None if kinetic else torque, states, times)
 
     energies = np.asarray(jax.jit(at)(states, jnp.asarray(times)))
     name, formula = ("kinetic energy", "(K - K₀) / K₀") if kinetic else ("energy", "(E - E₀) / |E₀|")
@@ -75,47 +73,81 @@ def energy_change(
     return Change(_relative(energies - start, np.abs(start)), name, formula, reason=reason)
 
 
-def momentum_change(torque: TorqueLike | None, states: BodyState[Any]) -> Change:
+def momentum_change(torque: TorqueLike | None, states: AnyState) -> Change:
     """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, the change of this component over |pi(0)|.
+
+    For a body that travels, pi is the total angular momentum about the origin, and the change is relative to the
+    largest |x cross p| + |R Pi| of the path, because pi may vanish.
 
     Args:
         torque: as for `integrate`.
-        states: with leading axes (..., n); they may contain NaN. Without an attitude only the length of the momentum
-            is known, or its component along the direction of a `DirectionState`.
+        states: with leading axes (..., n); they may contain NaN. Without an attitude or an axis only the length of the
+            momentum is known, or its component along the direction of a `DirectionState`.
     """
     torque, states = _doubles((torque, states))
-    size = np.linalg.norm(np.asarray(states.momentum)[..., :1, :], axis=-1)
+    size, letter = np.linalg.norm(np.asarray(states.momentum)[..., :1, :], axis=-1), "|π₀|"
     name, changed = "spatial momentum", "not conserved: the torque changes it"
-    direction, letter, which = _conserved_direction(torque)
-    if direction is not None and states.has_pose:
-        along = _along(states, direction / (np.linalg.norm(direction) or 1.0))
+    if isinstance(states, Travelling):
+        name, letter, changed = "total angular momentum", "max |π|", "not conserved: torque or force changes it"
+        parts = np.cross(states.position, states.linear), np.asarray(states.momentum)
+        size = np.nanmax(sum(np.linalg.norm(part, axis=-1) for part in parts), axis=-1, keepdims=True)
+    kept = kept_by(torque)
+    if isinstance(kept, Kept) and states.has_pose:
+        along = _along(states, kept.direction / (np.linalg.norm(kept.direction) or 1.0))
         values = _relative(np.abs(along - along[..., :1]), size)
-        return Change(values, name, f"|π{letter} - π{letter}₀| / |π₀|", f"{which}, which is conserved")
-    if not hasattr(states, "attitude"):
+        formula = f"|π{kept.letter} - π{kept.letter}₀| / {letter}"
+        return Change(values, name, formula, f"{kept.which}, which is conserved")
+    if not _is_in_space(states):
         lengths = np.linalg.norm(np.asarray(states.momentum), axis=-1)
         name, formula = "length of the momentum", "(|Π| - |Π₀|) / |Π₀|"
         return Change(_relative(lengths - size, size), name, formula, reason="" if torque is None else changed)
-    momenta = np.asarray(spatial_momentum(with_attitude(states)))
+    momenta = _in_space(states)
     whole = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
-    formula = "|π - π₀| / |π₀|"
-    if torque is None:
+    formula = f"|π - π₀| / {letter}"
+    if kept == ALL:
         return Change(whole, name, formula, "all of it")
     return Change(whole, name, formula, reason=changed)
 
 
-def _conserved_direction(torque: Any) -> tuple[np.ndarray | None, str, str]:
-    """The direction in space along which a torque keeps the momentum, its letter, and the name of this component."""
-    if isinstance(torque, torques.HeavyTop):
-        return np.array([0.0, 0.0, 1.0]), "z", "vertical component"
-    if isinstance(torque, torques.DipoleInField) and not callable(torque.field):
-        return np.asarray(torque.field), "f", "component along the field"
-    return None, "", ""
+def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: Travelling) -> Change:
+    """|p(t) - p(0)| / max |p| of a body that travels, which is conserved where no force acts.
+
+    Args:
+        body: one body.
+        torque: as for `integrate`.
+        times: (n,).
+        states: at these times, with leading axis (n,).
+    """
+    body, torque, states = _doubles((body, torque, states))
+    momenta = np.asarray(states.linear)
+    size = np.nanmax(np.linalg.norm(momenta, axis=-1), axis=-1, keepdims=True)
+    values = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
+    reason = ""
+    if torque is not None:
+        bound: Any = on_body(torque, body)
+
+        def force(t: Any, state: Any) -> Any:
+            return type(state).force_of(bound(t, state)).linear
+
+        forces = jax.jit(jax.vmap(force))(jnp.asarray(times, jnp.result_type(float)), states)
+        reason = "not conserved: a force acts" if np.any(np.asarray(forces) != 0) else ""
+    return Change(values, "linear momentum", "|p - p₀| / max |p|", "" if reason else "all of it", reason)
+
+
+def _is_in_space(states: Any) -> bool:
+    """Whether the states know their angular momentum in space."""
+    return hasattr(states, "attitude") or type(states).spatial_momentum is not State.spatial_momentum
+
+
+def _in_space(states: Any) -> np.ndarray:
+    """The angular momentum in space; compiled, because the states of a failed run are not to be checked."""
+    return np.asarray(jax.jit(lambda s: s.spatial_momentum())(states))
 
 
 def _along(states: Any, direction: np.ndarray) -> np.ndarray:
     """The component of the spatial momentum along a unit vector of space."""
-    if hasattr(states, "attitude"):
-        return np.asarray(spatial_momentum(with_attitude(states))) @ direction
+    if _is_in_space(states):
+        return _in_space(states) @ direction
     along: Any = states.seen_from_body(tuple(map(jnp.asarray, direction)))
     return np.sum(np.asarray(states.momentum) * np.stack(along, axis=-1), axis=-1)
 

@@ -1,4 +1,4 @@
-"""`conserved`: the errors of energy and spatial momentum of a run against time, on a logarithmic scale."""
+"""`conserved`: the errors of energy and momenta of a run against time, on a logarithmic scale."""
 
 from typing import Any, NamedTuple
 
@@ -6,14 +6,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..drivers.path import AnyPath
-from ..model.bodies import RigidBody, TensorBody
+from ..model.bodies import Body
 from ..model.compatibility import check_body, check_torque
-from ..model.state import BodyState
+from ..model.state import AnyState
+from ..model.states import Travelling
 from ..model.torques import TorqueLike
-from .conservation import Change, energy_change, momentum_change
+from .conservation import Change, energy_change, linear_change, momentum_change
 from .edge import name_at_edge
 from .motion import motion_of
-from .style import BLUE, VERMILLION, remark
+from .style import BLUE, GREEN, VERMILLION, remark
+
+# Colours and dashes of energy, angular and linear momentum.
+_LINES = (BLUE, "-"), (VERMILLION, (0, (4, 1.5))), (GREEN, (0, (1.5, 1.5)))
 
 
 class Conserved(NamedTuple):
@@ -23,18 +27,21 @@ class Conserved(NamedTuple):
         times: (n,), the saved times before the run failed.
         energy: the relative error of the energy, (n,); None if it is not conserved.
         momentum: the relative error of the conserved part of the spatial momentum, (n,); None if there is none.
+        linear: the relative error of the linear momentum, (n,); None if it is not conserved, or the body does not
+            travel.
     """
 
     times: np.ndarray
     energy: np.ndarray | None
     momentum: np.ndarray | None
+    linear: np.ndarray | None = None
 
 
 def conserved(
     axes: Any,
-    body: RigidBody | TensorBody,
+    body: Body,
     torque: TorqueLike | None,
-    path: AnyPath[BodyState[Any]],
+    path: AnyPath[AnyState],
     *,
     colour: str | None = None,
     label: str | None = None,
@@ -44,9 +51,12 @@ def conserved(
     The bold lines are the largest relative error so far, the faint ones the error at each saved time. Conserved are:
 
     - the energy, if the torque has a potential that does not depend on time;
-    - all of the spatial momentum without a torque, its vertical component under a `HeavyTop`, and its component along
-      the field under a `DipoleInField` whose field is constant;
-    - without a torque, for a state that has no attitude, the length of the momentum.
+    - all of the spatial momentum without a torque and under a `PointMass`, its vertical component under a `HeavyTop`,
+      and its component along the field under a `DipoleInField` whose field is constant, along the acceleration under a
+      `UniformGravity`, and along the pole under an `Oblateness`; under a sum of torques, what each of them conserves;
+    - without a torque, for a state that has no attitude, the length of the momentum;
+    - for a body that travels, the linear momentum if no force acts at the saved times. Its spatial momentum is the
+      total angular momentum about the origin, x cross p + R Pi.
 
     What is not conserved is named on the picture and not drawn. Errors are computed in float64 if it is enabled. Errors
     below half a unit in the last place of the run's dtype are drawn at that height. Call the function again on the same
@@ -54,11 +64,11 @@ def conserved(
 
     Args:
         axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
-        body: the body of the path, a `RigidBody` or a `TensorBody`.
+        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
         torque: as for `integrate`.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
-            state of a rigid body.
-        colour: the colour of both lines (the line of the momentum is dashed); by default blue and vermilion.
+            state of one body.
+        colour: the colour of all lines (the lines of the momenta are dashed); by default blue, vermilion and green.
         label: put before the names "energy" and "momentum", for example the name of the method.
 
     Returns:
@@ -66,19 +76,21 @@ def conserved(
 
     Raises:
         ValueError: body, torque and path do not fit each other; the path is not of one body, or its first two states
-            are bad; neither energy nor momentum is conserved.
+            are bad; neither energy nor a momentum is conserved.
     """
     motion = motion_of(path)
     check_body(body, motion.states)
     check_torque(torque)
-    changes = energy_change(body, torque, motion.times, motion.states), momentum_change(torque, motion.states)
+    changes = [energy_change(body, torque, motion.times, motion.states), momentum_change(torque, motion.states)]
+    if isinstance(motion.states, Travelling):
+        changes.append(linear_change(body, torque, motion.times, motion.states))
     if all(change.reason for change in changes):
         raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
     least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2
     axes.set_yscale("log")
     axes.set(xlabel=axes.get_xlabel() or "time", ylabel=axes.get_ylabel() or "relative error")
     found: list[np.ndarray | None] = []
-    for change, own, dash in zip(changes, (BLUE, VERMILLION), ("-", (0, (4, 1.5))), strict=True):
+    for change, (own, dash) in zip(changes, _LINES, strict=False):
         name = f"{label}: {_short(change)}" if label else _short(change)
         if change.reason:
             remark(axes, f"{name} {change.reason}")
@@ -98,4 +110,9 @@ def conserved(
 def _short(change: Change) -> str:
     """A name short enough to stand beside a panel."""
     part = change.note.split()[0] if change.note.endswith("conserved") else ""
-    return {"vertical": "vertical momentum", "component": "momentum along the field"}.get(part, change.name)
+    total = "total " if change.name.startswith("total") else ""
+    if part == "vertical":
+        return f"vertical {total}momentum"
+    if part == "component":
+        return f"{total}momentum {change.note.removeprefix('component ').partition(',')[0]}"
+    return change.name

@@ -3,14 +3,16 @@
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._checks.arguments import described
 from ..drivers.path import AdaptivePath, Path
-from ..model.bodies import RigidBody, TensorBody
-from ..model.observables import angular_velocity
-from ..model.state import BodyState, State
-from ..model.states import attitude_of
+from ..model import so3
+from ..model.bodies import Body
+from ..model.compatibility import check_body
+from ..model.state import AnyState, State
+from ..model.states import AxisState, Travelling, attitude_of
 
 
 class Motion(NamedTuple):
@@ -23,12 +25,18 @@ class Motion(NamedTuple):
     """
 
     times: np.ndarray
-    states: BodyState[Any]
+    states: AnyState
     failed: str
 
     @property
+    def turning(self) -> "Motion":
+        """The rotation alone of a body that also travels; of any other body the motion itself."""
+        states = self.states
+        return self._replace(states=states.turning) if isinstance(states, Travelling) else self
+
+    @property
     def momenta(self) -> np.ndarray:
-        """The angular momenta in the body frame, (n, 3)."""
+        """The angular momenta about the centre of mass or the fixed point, in the frame of the state, (n, 3)."""
         return np.asarray(self.states.momentum)
 
     @property
@@ -36,9 +44,42 @@ class Motion(NamedTuple):
         """The attitudes (n, 4); a ValueError if the states have none."""
         return np.asarray(attitude_of(self.states))
 
-    def turns_by(self, body: RigidBody | TensorBody) -> np.ndarray:
-        """By about how many radians the body turns from each time to the next, (n - 1,)."""
-        speeds = np.linalg.norm(np.asarray(angular_velocity(body, self.states)), axis=1)
+    @property
+    def has_axis_alone(self) -> bool:
+        """Whether of the rotation only the axis of symmetry is known."""
+        return isinstance(self.turning.states, AxisState)
+
+    def directions(self, axis: np.ndarray) -> np.ndarray:
+        """The unit vectors in space of an axis of the body, (n, 3).
+
+        Raises:
+            ValueError: the states hold no direction in space, or only that of another axis.
+        """
+        states = self.turning.states
+        if isinstance(states, AxisState):
+            if abs(axis[2]) < 1 - 1e-6:
+                raise ValueError(
+                    f"a {type(self.states).__name__} knows no direction of the body but its axis of symmetry, so axis "
+                    'must be "e3"; integrate a state with an attitude for others.'
+                )
+            tips = np.asarray(states.axis, float) * np.sign(axis[2])
+        else:
+            tips = np.asarray(so3.to_matrix(jnp.asarray(self.turning.attitudes)), float) @ axis
+        return tips / np.linalg.norm(tips, axis=1, keepdims=True)
+
+    @property
+    def spatial_momenta(self) -> np.ndarray:
+        """The angular momenta about the centre of mass or the fixed point, in space, (n, 3)."""
+        return np.asarray(self.turning.states.spatial_momentum(), float)
+
+    def turns_by(self, body: Body) -> np.ndarray:
+        """By about how many radians the body, or its axis, turns from each time to the next, (n - 1,).
+
+        Raises:
+            ValueError: the body is not of the kind of the states.
+        """
+        check_body(body, self.states)
+        speeds = np.linalg.norm(np.asarray(jax.vmap(body.turning.velocity)(self.turning.states.momentum)), axis=1)
         return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
 
 

@@ -6,7 +6,7 @@ curve if the motion is regular, and fill an area if it is chaotic (M. Henon, Phy
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from jax import Array
 from .._checks.arguments import described, require_function, shown
 from .._checks.typed_by import TypedBy
 from ..drivers.path import AnyPath, States
-from ..model.state import BodyState
+from ..model.state import StateT
 from .edge import name_at_edge
 from .motion import Motion, motion_of
 from .style import BLUE, remark
@@ -42,33 +42,32 @@ class Crossings(NamedTuple, TypedBy[States]):
 
 
 Function = Callable[[Any, Any], Any]
-BodyStateT = TypeVar("BodyStateT", bound=BodyState[Any])  # the class of the states of the path
 
 
 def poincare(
     axes: Any,
-    path: AnyPath[BodyStateT],
-    section: Callable[[Any, BodyStateT], Any],
-    x: Callable[[Any, BodyStateT], Any],
-    y: Callable[[Any, BodyStateT], Any],
+    path: AnyPath[StateT],
+    section: Callable[[Any, StateT], Any],
+    x: Callable[[Any, StateT], Any],
+    y: Callable[[Any, StateT], Any],
     *,
     direction: int = 1,
     colour: str | None = None,
     label: str | None = None,
     size: float = 2.0,
-) -> Crossings[BodyStateT]:
+) -> Crossings[StateT]:
     """Draws a dot wherever a motion crosses the surface `section` = 0.
 
-    Between two saved states at which `section` has different signs, momentum and attitude are interpolated by a cubic
-    through the four nearest saved states, on which the crossing is found by bisection. So the error of a crossing is of
-    fourth order in the time between saved states: save some twenty states per period of `section`. If `section` jumps,
-    as an angle does from pi to -pi, a change of sign at a jump is not a crossing. Call `poincare` again on the same
-    axes for another start.
+    Between two saved states at which `section` has different signs, the numbers of a state, such as momentum, attitude
+    and position, are interpolated by a cubic through the four nearest saved states, on which the crossing is found by
+    bisection. So the error of a crossing is of fourth order in the time between saved states: save some twenty states
+    per period of `section`. If `section` jumps, as an angle does from pi to -pi, a change of sign at a jump is not a
+    crossing. Call `poincare` again on the same axes for another start.
 
     Args:
         axes: matplotlib's axes; set their labels yourself.
         path: a `Path` or `AdaptivePath` of one body, with at least 4 saved states, from `integrate`,
-            `integrate_adaptive` or `free_motion`, with any state of a rigid body.
+            `integrate_adaptive` or `free_motion`, with any state of one body.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.
@@ -162,7 +161,7 @@ def _bisected(section: Function, times: Array, states: Any, places: Array, signs
 
 
 def _interpolated(t: Array, times: Array, states: Any) -> Any:
-    """The state at time t on the cubic through four states, with attitude or direction of length one."""
+    """The state at time t on the cubic through four states, with attitude, axis or direction of length one."""
     # Lagrange's polynomials; the diagonal, without a factor, is set to 1.
     own = jnp.eye(_NEIGHBOURS, dtype=bool)
     factors = (t - times)[None, :] / jnp.where(own, 1, times[:, None] - times[None, :])

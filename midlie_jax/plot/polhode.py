@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from .._checks.arguments import described
 from ..drivers.path import AnyPath
 from ..model.bodies import RigidBody, TensorBody, principal_of
-from ..model.state import BodyState
+from ..model.compatibility import body_named
+from ..model.free_body import FreeBody
+from ..model.state import AnyState
 from .motion import Motion, motion_of
 from .style import BLUE, GREY, is_3d, remark
 
@@ -24,8 +25,8 @@ _FAMILY = (0.15, 0.5, 0.85)  # where, from an axis to the separatrix, other polh
 
 def polhode(
     axes: Any,
-    body: RigidBody | TensorBody,
-    path: AnyPath[BodyState[Any]],
+    body: RigidBody | TensorBody | FreeBody,
+    path: AnyPath[AnyState],
     *,
     kind: str = "momentum",
     colour: str | None = None,
@@ -40,9 +41,9 @@ def polhode(
 
     Args:
         axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
-        body: the body of the path, a `RigidBody` or a `TensorBody`.
+        body: the body of the path, a `RigidBody` or a `TensorBody`, or a `FreeBody` of one, whose rotation is drawn.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
-            state of a rigid body.
+            state of a rigid body, or a `FreeState`.
         kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
         colour: colour of the path, any of matplotlib's.
         label: the name of the path, written beside its start; by default "momentum" or "angular velocity".
@@ -51,15 +52,21 @@ def polhode(
         The drawn points (n, 3), at the saved times, in the principal frame.
 
     Raises:
-        ValueError: the axes are not 3-D; the body is not one rigid body; the path is not of one body, or its first two
-            states are bad; the body does not move; the energy differs from that of the ellipsoid on the axes.
+        ValueError: the axes are not 3-D; the body is not one rigid body; the path is not of one body, its first two
+            states are bad, or they have no momentum in the body frame, such as an `AxisState`; the body does not turn;
+            the energy differs from that of the ellipsoid on the axes.
     """
     if not is_3d(axes):
         raise ValueError('axes must be 3-D: figure.add_subplot(projection="3d").')
     if kind not in _KINDS:
         raise ValueError(f"kind must be one of {', '.join(_KINDS)}, got {kind!r}.")
-    moments = _moments(body)
-    motion = motion_of(path)
+    motion = motion_of(path).turning
+    if motion.has_axis_alone:
+        raise ValueError(
+            "path must hold momenta in the body frame, which an AxisState does not; integrate a RigidState or a "
+            "FreeState, such as state.with_attitude(), with the moments of the body."
+        )
+    body, moments = _turning(body)
     momenta = _in_principal_frame(body, motion)
     energies = np.sum(momenta**2 / moments, axis=1) / 2
     if not energies[0] > 0:
@@ -75,14 +82,15 @@ def polhode(
     return points
 
 
-def _moments(body: Any) -> np.ndarray:
-    """The principal moments of one rigid body, (3,)."""
-    if not isinstance(body, RigidBody | TensorBody):
-        raise ValueError(f"body must be a RigidBody or a TensorBody, got {described(body)}.")
-    moments = np.asarray(principal_of(body).moments, float)
+def _turning(body: Any) -> tuple[RigidBody | TensorBody, np.ndarray]:
+    """The one rigid body that turns, and its principal moments (3,)."""
+    turning = body.turning if isinstance(body, FreeBody) else body
+    if not isinstance(turning, RigidBody | TensorBody):
+        raise ValueError(f"body must be a RigidBody or a TensorBody, or a FreeBody of one, got {body_named(body)}.")
+    moments = np.asarray(principal_of(turning).moments, float)
     if moments.shape != (3,):
         raise ValueError(f"body must be one body with moments (3,), got {moments.shape}; take the row of the body.")
-    return moments
+    return turning, moments
 
 
 def _in_principal_frame(body: RigidBody | TensorBody, motion: Motion) -> np.ndarray:

@@ -8,15 +8,18 @@ import jax
 import numpy as np
 
 from ..drivers.path import AnyPath
-from ..model.bodies import RigidBody, TensorBody, principal_of
-from ..model.states import RigidState
+from ..model.bodies import Body, RigidBody, TensorBody
+from ..model.free_body import FreeBody
+from ..model.rotor import Rotor
+from ..model.state import AnyState
 
 _MOST = 12
 _ROW = 4  # the most panels in a row
 
-Bodies = RigidBody | TensorBody | Sequence[RigidBody | TensorBody]
-RigidPath = AnyPath[RigidState]
-Paths = RigidPath | Mapping[str, RigidPath] | Sequence[RigidPath]
+Turns = RigidBody | TensorBody | Rotor | FreeBody  # bodies that turn
+Bodies = Turns | Sequence[Turns]
+OnePath = AnyPath[AnyState]
+Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
 
 
 class Panel(NamedTuple):
@@ -24,7 +27,7 @@ class Panel(NamedTuple):
 
     Attributes:
         name: written on the panel; may be "".
-        body: one rigid body.
+        body: one body.
         path: its path.
     """
 
@@ -84,6 +87,6 @@ def _row(path: Any, k: int) -> Any:
 def _bodies(body: Any, count: int) -> list[Any]:
     if isinstance(body, Sequence):
         return list(body)
-    if count > 1 and isinstance(body, RigidBody | TensorBody) and principal_of(body).moments.ndim == 2:
-        return [jax.tree.map(lambda x, k=k: x[k], body) for k in range(len(principal_of(body).moments))]
+    if count > 1 and isinstance(body, Body) and len(body.batch) == 1:
+        return [jax.tree.map(lambda x, k=k: x[k], body) for k in range(body.batch[0])]
     return [body] * count

@@ -6,17 +6,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .several import Bodies, Paths, grid, panels
-from .style import BLUE, GREEN, GREY, ORANGE, SKY
-from .turning import FACES, Turning, picture_file, turnings
+from .style import BLUE, GREY, SKY
+from .traces import moving_traces, still_traces
+from .turning import Turning, picture_file, turnings
 
-_MOST_FRAMES, _MOST_POINTS = 1000, 4000
-_DIGITS = 5  # decimals of the coordinates, which are at most about 1
+_MOST_FRAMES = 1000
 _MILLISECONDS = 40  # how long a frame is shown
-_FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # in the order of FACES
 _REACH = 1.25
 _HEIGHT = 560  # the height of a view in a notebook, pixels
 _PAGE: dict[str, Any] = {
@@ -104,15 +102,20 @@ def view(
     one body moved by several methods, stand side by side at the same times. The page contains plotly, some 5 MB, and
     loads nothing: it works without a network. It is light or dark like the reader's browser.
 
+    A body that travels is shown at its place, with the track of its centre of mass in place of the unit sphere. If its
+    path is so long that it could not be seen beside it, it is drawn larger, and the picture says how many times. A body
+    of which only the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
+
     Args:
-        body: the body of the path, a `RigidBody` or a `TensorBody`; for several paths one body for all, a list with one
-            for each, or the bodies of an ensemble.
-        path: a `Path` or `AdaptivePath` of one body with `RigidState`s, from `integrate`, `integrate_adaptive` or
-            `free_motion`. Or up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a
-            path of `ensemble`. If there are more than 4,000 saved states, only every second, third, ... of them is
-            drawn.
+        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
+            for all, a list with one for each, or the bodies of an ensemble.
+        path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
+            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`. Or up to 12 paths: a mapping of
+            names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`. If there are more than 4,000
+            saved states, only every second, third, ... of them is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
+            only the axis of symmetry is known, only e3, which is that axis.
         frames: at how many evenly spaced times the body is shown, at most 1,000. If the body turns by more than a
             quarter of a turn from one frame to the next, the picture says by how many turns.
         title: a line above the picture.
@@ -121,8 +124,8 @@ def view(
         The `View`, whose `file` is the file that was written.
 
     Raises:
-        ValueError: a path is not of one body with attitudes, or its first two states are bad; an argument is out of
-            its range.
+        ValueError: a path is not of one body with attitudes or axes, or not of this kind of body, or its first two
+            states are bad; an argument is out of its range.
         ImportError: plotly is not installed.
         OSError: the file cannot be written.
     """
@@ -140,15 +143,13 @@ def view(
 
 def _figure(names: Sequence[str], turns: Sequence[Turning], title: str) -> dict[str, Any]:
     """The picture as plotly's dictionary."""
-    still = [
-        trace for k, shown in enumerate(turns) for trace in _seen_in(k, [_space_axes(), _sphere(), *_paths(shown)])
-    ]
-    first = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, _moving(shown, 0))]
+    still = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, still_traces(shown))]
+    first = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, moving_traces(shown, 0))]
     moving = list(range(len(still), len(still) + len(first)))
     # Later frames hold only coordinates: colours are those of the first frame, or of the reader's browser.
     times = [float(t) for t in turns[0].times]
     places = [
-        [{axis: trace[axis] for axis in "xyz"} for shown in turns for trace in _moving(shown, k)]
+        [{axis: trace[axis] for axis in "xyz"} for shown in turns for trace in moving_traces(shown, k)]
         for k in range(len(times))
     ]
     frames = [{"name": str(k), "data": data, "traces": moving} for k, data in enumerate(places)]
@@ -186,7 +187,10 @@ def _layout(names: Sequence[str], turns: Sequence[Turning], title: str, times: S
         "margin": {"l": 0, "r": 0, "t": (50 if heading else 10) + (0 if alone else 30), "b": 100},
         "template": {},
         "autosize": True,
-        **{_scene(k): _seen(*place) for k, place in enumerate(places)},
+        **{
+            _scene(k): _seen(shown, columns / rows, *place)
+            for k, (shown, place) in enumerate(zip(turns, places, strict=True))
+        },
         "annotations": [] if alone else [_note(text, *place) for text, place in zip(words, places, strict=True)],
         "legend": legend | {"bgcolor": "rgba(0,0,0,0)"},
         "updatemenus": [
@@ -222,86 +226,38 @@ def _layout(names: Sequence[str], turns: Sequence[Turning], title: str, times: S
     }
 
 
-def _seen(x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
+def _seen(shown: Turning, columns: float, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
     """The part of the page, as fractions, in which one body is seen, and from where."""
     hidden = {"visible": False, "range": [-_REACH, _REACH]}
+    axes: dict[str, Any] = {**dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden), "aspectmode": "cube"}
+    if shown.travel is not None:
+        limits = shown.travel.limits
+        spans = limits[1] - limits[0]
+        axes = {f"{letter}axis": _lengths(letter, *ends) for letter, ends in zip("xyz", limits.T, strict=True)}
+        sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
+        axes |= {"aspectmode": "manual", "aspectratio": sides}
+    # Farther away where numbers stand at the axes, and the more so the narrower the part is.
+    near = 1.0 if shown.travel is None else 1.75 * max(1.0, 0.6 * columns)
+    lower = 0.0 if shown.travel is None else -0.1  # and looking at a lower place, for the names of x and y
     return {
-        **dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden),
-        "aspectmode": "cube",
+        **axes,
         "domain": {"x": list(x), "y": list(y)},
-        "camera": {"eye": {"x": 0.76, "y": -1.05, "z": 0.56}},
+        "camera": {
+            "eye": {"x": 0.76 * near, "y": -1.05 * near, "z": 0.56 * near},
+            "center": {"x": 0.0, "y": 0.0, "z": lower},
+        },
         "dragmode": "orbit",
     }
+
+
+def _lengths(letter: str, low: float, high: float) -> dict[str, Any]:
+    """An axis of space with numbers; those of orbits are written as powers of ten."""
+    grid = {"gridcolor": GREY, "zerolinecolor": GREY, "showbackground": False, "showspikes": False}
+    numbers = {"nticks": 5, "exponentformat": "power", "showexponent": "all"}
+    return {"title": {"text": f"{letter} [length]"}, "range": [float(low), float(high)], **grid, **numbers}
 
 
 def _note(text: str, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
     """The name of one body, at the upper left of its part of the page."""
     corner = {"x": x[0] + 0.02, "y": y[1] - 0.01, "xanchor": "left", "yanchor": "top"}
     return {"text": text, "xref": "paper", "yref": "paper", "showarrow": False, "align": "left", **corner}
-
-
-def _numbers(values: np.ndarray) -> list[Any]:
-    return np.round(np.asarray(values, float), _DIGITS).tolist()
-
-
-def _line(points: np.ndarray, name: str, colour: str, width: int, **more: Any) -> dict[str, Any]:
-    """A line through points (n, 3)."""
-    x, y, z = (_numbers(column) for column in points.T)
-    line = {"color": colour, "width": width}
-    trace = {"type": "scatter3d", "mode": "lines", "name": name, "line": line, "hoverinfo": "skip", "showlegend": False}
-    return {**trace, "x": x, "y": y, "z": z, **more}
-
-
-def _space_axes() -> dict[str, Any]:
-    nothing = np.full(3, np.nan)
-    points = np.concatenate([[np.zeros(3), 1.15 * direction, nothing] for direction in np.eye(3)])
-    trace = _line(points, "space", GREY, 3, mode="lines+text", text=["", "x", "", "", "y", "", "", "z", ""])
-    return _without_nan(trace)
-
-
-def _sphere() -> dict[str, Any]:
-    """The unit sphere, as three great circles."""
-    angle = np.linspace(0, 2 * np.pi, 73)
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    gap = np.full((1, 3), np.nan)
-    points = np.concatenate([part for shift in range(3) for part in (np.roll(circle, shift, axis=1), gap)])
-    return _without_nan(_line(points, "unit sphere", GREY, 1, opacity=0.6))
-
-
-def _without_nan(trace: dict[str, Any]) -> dict[str, Any]:
-    """The trace with null for NaN, which JSON lacks; plotly interrupts a line at either."""
-    return trace | {key: [None if v != v else v for v in trace[key]] for key in "xyz"}
-
-
-def _paths(shown: Turning) -> list[dict[str, Any]]:
-    every = -(-len(shown.path_times) // _MOST_POINTS)
-    return [
-        _line(shown.path_tips[::every], f"path of {shown.axis}", BLUE, 3, showlegend=True),
-        _line(shown.path_momenta[::every], "path of the angular momentum", GREEN, 3, showlegend=True),
-    ]
-
-
-def _moving(shown: Turning, k: int) -> list[dict[str, Any]]:
-    """The box, the axis (in the colour of its path) and the momentum, at frame k."""
-    x, y, z = (_numbers(column) for column in shown.corners[k].T)
-    triangles = [part for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))]
-    i, j, k_ = (list(corner) for corner in zip(*triangles, strict=True))
-    box: dict[str, Any] = {"type": "mesh3d", "name": "body", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k_}
-    box |= {
-        "facecolor": [colour for colour in _FACE_COLOURS for _ in range(2)],
-        "flatshading": True,
-        "hoverinfo": "skip",
-        "lighting": {"ambient": 0.75, "diffuse": 0.5, "specular": 0.05},
-    }
-    tips = [
-        _line(np.stack([np.zeros(3), end]), name, colour, 7, mode="lines+markers", marker=_dot(colour), showlegend=True)
-        for end, name, colour in (
-            (shown.tips[k], f"{shown.axis} of the body", BLUE),
-            (shown.momenta[k], "angular momentum", GREEN),
-        )
-    ]
-    return [box, *tips]
-
-
-def _dot(colour: str) -> dict[str, Any]:
-    return {"color": colour, "size": [0, 5]}

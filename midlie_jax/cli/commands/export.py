@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...model import so3
+from ...model.state import needs_attitude
 from ...simulation.saved import saved_path
 from .record import ATTITUDE
 
@@ -19,6 +20,8 @@ def export(options: argparse.Namespace) -> None:
     """Writes a line for each time at which the body can be trusted; the header names each column and its unit."""
     saved = saved_path(options.run, options.body)
     path = saved.path
+    if not hasattr(path.states, "attitude"):
+        raise needs_attitude(path.states)
     attitudes = np.asarray(path.states.attitude)
     good = int(np.cumprod(np.isfinite(attitudes).all(axis=1)).sum())
     count = min(good, int(path.first_bad))

@@ -13,7 +13,7 @@ from ..figures import FAINT, heading, new_figure, panel, write
 _LINES = (BLUE, VERMILLION, GREEN)  # the colours of the first bodies
 _BAND = (5, 95)  # percentiles of all bodies that are drawn
 _SHOWN = 1000  # the most bodies that are read for the band: evenly spaced ones
-_PANELS = 12  # the most components that are drawn
+_PANELS = 15  # the most components that are drawn: a body that travels has 13
 _COLUMNS = 3
 
 

@@ -1,0 +1,90 @@
+"""`Shape`: how a body is drawn, as a solid with its moments of inertia.
+
+A box of mass m and half sides a, b, c has the moments m (b^2 + c^2) / 3, m (c^2 + a^2) / 3, m (a^2 + b^2) / 3. So a^2
+is proportional to I2 + I3 - I1. A cylinder of radius r and half length c has I3 = m r^2 / 2 and
+I1 = m r^2 / 4 + m c^2 / 3.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..model import so3
+from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.compatibility import body_named
+from ..model.free_body import FreeBody
+from ..model.rotor import Rotor
+
+CORNER = 0.8  # distance of the outermost corner from the middle; the drawn axis has length 1
+_THINNEST = 0.03  # the thickness with which a flat or thin body is drawn, relative to its longest side
+_SIDES = 24  # of the prism that is drawn for a cylinder
+# The corners of a cube, and its six faces as loops of corners, seen from outside counter-clockwise.
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+FACES = ((4, 6, 7, 5), (0, 1, 3, 2), (2, 3, 7, 6), (0, 4, 5, 1), (1, 5, 7, 3), (0, 2, 6, 4))  # +x -x +y -y +z -z
+
+
+class Shape(NamedTuple):
+    """A convex solid, scaled to the size of a picture.
+
+    Attributes:
+        corners: in the frame of the body, (c, 3), the outermost at the distance `CORNER` from the middle.
+        faces: the faces as loops of corners, seen from outside counter-clockwise.
+        round: whether the faces stand for a curved surface, so that edges between them are not drawn.
+        reach: the true distance of the outermost corner times the root of the mass, from the moments of inertia.
+    """
+
+    corners: np.ndarray
+    faces: tuple[tuple[int, ...], ...]
+    round: bool
+    reach: float
+
+    def inside(self, direction: np.ndarray) -> float:
+        """How far a ray from the middle stays inside, in the units of the corners."""
+        loops = [self.corners[list(face[:3])] for face in self.faces]
+        normals = np.array([np.cross(b - a, c - b) for a, b, c in loops])
+        heights = np.sum(normals * np.array([loop[0] for loop in loops]), axis=1)
+        return 1 / float(np.max(normals @ direction / heights))
+
+
+def shape_of(body: Any) -> Shape:
+    """A box with the moments of a rigid body; for a `Rotor` a cylinder, or a rod if only one moment is known.
+
+    Flat and thin bodies are drawn with some thickness.
+
+    Raises:
+        ValueError: the body is not one body that turns.
+    """
+    turning = body.turning if isinstance(body, FreeBody) else body
+    if not isinstance(turning, RigidBody | TensorBody | Rotor):
+        raise ValueError(f"body must be a RigidBody, a TensorBody or a Rotor, or a FreeBody, got {body_named(body)}.")
+    if turning.batch:
+        known = "a moment ()" if isinstance(turning, Rotor) else "moments (3,)"
+        shape = turning.batch if isinstance(turning, Rotor) else (*turning.batch, 3)
+        raise ValueError(f"body must be one body with {known}, got {shape}; take the row of the body.")
+    return _cylinder(turning) if isinstance(turning, Rotor) else _box(turning)
+
+
+def _box(body: RigidBody | TensorBody) -> Shape:
+    moments = np.asarray(principal_of(body).moments, float)
+    half_sides = np.sqrt(np.maximum(moments.sum() - 2 * moments, 0.0) * 1.5)
+    half_sides = np.maximum(half_sides, _THINNEST * half_sides.max())
+    reach = float(np.linalg.norm(half_sides))
+    corners = CORNERS * half_sides * (CORNER / reach)
+    if isinstance(body, TensorBody):
+        corners = corners @ np.asarray(so3.to_matrix(jnp.asarray(body.frame)), float).T
+    return Shape(corners, FACES, False, reach)
+
+
+def _cylinder(body: Rotor) -> Shape:
+    across, along = float(body.moment), 0.0 if body.along is None else float(body.along)
+    radius, half = np.sqrt(2 * along), np.sqrt(max(3 * across - 1.5 * along, 0.0))
+    radius, half = max(radius, _THINNEST * half), max(half, _THINNEST * radius)
+    reach = float(np.hypot(radius, half))
+    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
+    top = np.array([0.0, 0.0, half])
+    corners = np.concatenate([ring + top, ring - top]) * (CORNER / reach)
+    n = _SIDES
+    sides = tuple((k, n + k, n + (k + 1) % n, (k + 1) % n) for k in range(n))
+    return Shape(corners, (tuple(range(n)), tuple(range(2 * n - 1, n - 1, -1)), *sides), True, reach)

@@ -1,0 +1,87 @@
+"""`Travel`: where a body is at the frames of an animation, and how much larger than it is it must be drawn to be seen.
+
+An orbit is millions of times as large as a satellite. So the body is drawn larger than it is, by a round number that
+the picture tells, while path and axes keep one scale.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..model.free_body import FreeBody
+from ..model.states import Travelling
+from .motion import Motion
+from .shape import CORNER, Shape
+
+_SEEN = 0.11  # the length of the drawn axis over the size of the path, where the body must be drawn larger than it is
+_AT_REST = 0.02  # a path that is smaller than this, relative to the body, is not shown
+_SLIMMEST = 0.4  # the least side of the picture over the largest, so that names of axes have room
+
+
+class Travel(NamedTuple):
+    """The place of a body.
+
+    Attributes:
+        track: the positions of the centre of mass at the saved times, (n, 3).
+        centres: those at the frames, (k, 3).
+        size: the length of the drawn axis of the body, in the units of the positions.
+        magnified: how many times as large as the body it is drawn.
+    """
+
+    track: np.ndarray
+    centres: np.ndarray
+    size: float
+    magnified: float
+
+    @property
+    def in_words(self) -> str:
+        """What the picture says about the size of the body; "" if it is drawn as large as it is."""
+        if self.magnified == 1:
+            return ""
+        return f"body x {self.magnified:,.0f}" if self.magnified < 1e9 else f"body x {self.magnified:.0e}"
+
+    @property
+    def limits(self) -> np.ndarray:
+        """The least and the largest coordinates of the picture, (2, 3)."""
+        return around(self.track, 1.05 * self.size)
+
+
+def around(track: np.ndarray, margin: float) -> np.ndarray:
+    """The least and the largest coordinates of a picture of a track (n, 3), (2, 3)."""
+    low, high = track.min(axis=0), track.max(axis=0)
+    half = (high - low) / 2 + margin
+    half = np.maximum(half, max(_SLIMMEST * float(half.max()), np.finfo(float).tiny))
+    return (low + high) / 2 + np.stack([-half, half])
+
+
+def travel_of(
+    body: Any, motion: Motion, shape: Shape, before: np.ndarray, after: np.ndarray, share: np.ndarray
+) -> Travel | None:
+    """Where the body is at the frames; None if it does not travel, or by less than can be seen.
+
+    Args:
+        body: one body.
+        motion: its motion.
+        shape: its shape.
+        before, after: for each frame the indices of the saved states on either side of it, (k,).
+        share: how far each frame is on the way from one to the other, (k,).
+    """
+    states = motion.states
+    if not isinstance(states, Travelling) or not isinstance(body, FreeBody):
+        return None
+    track = np.asarray(states.position, float)
+    extent = float(np.max(np.ptp(track, axis=0)))
+    own = shape.reach / float(body.mass) ** 0.5  # the distance of its outermost corner
+    if extent < _AT_REST * own:
+        return None
+    magnified = _round_number(_SEEN * CORNER * extent / own)
+    centres = track[before] + share[:, None] * (track[after] - track[before])
+    return Travel(track, centres, magnified * own / CORNER, magnified)
+
+
+def _round_number(wanted: float) -> float:
+    """The largest of 1, 2, 5, 10, 20, 50, ... that is not above the number; 1 for smaller ones."""
+    if wanted <= 1:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
