@@ -1,8 +1,17 @@
 """The options of the commands that make a run, and of those that read one."""
 
 import argparse
+from typing import Any
 
 from ..readers import MOST_STEPS, OWN, axis, file, file_or_store, number, positive, sequence, whole
+
+
+class _Given(argparse.Action):
+    """Notes that the option was given: the scenes that need another method than the default name their own."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        setattr(namespace, self.dest, values)
+        setattr(namespace, f"{self.dest}_given", True)
 
 
 def run(parser: argparse.ArgumentParser) -> None:
@@ -12,8 +21,13 @@ def run(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
     parser.add_argument(
-        "--method", default="JACOBI[EA]", metavar="NAME", help=f"see `midlie methods` (default: JACOBI[EA]){OWN}"
+        "--method",
+        default="JACOBI[EA]",
+        action=_Given,
+        metavar="NAME",
+        help=f"see `midlie methods` (default: JACOBI[EA], or the scene's if that cannot move its body){OWN}",
     )
+    parser.set_defaults(method_given=False)
     parser.add_argument("--dt", type=number, metavar="H", help="step (default: the scene's)")
     parser.add_argument(
         "--steps", type=whole(1, MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)"
