@@ -1,7 +1,7 @@
 """`saved_path`: one body of a saved run as a path: .zarr or .npz of `simulate`, or .npz of `midlie run`."""
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path as File
 from typing import Any, NamedTuple
@@ -13,11 +13,13 @@ import numpy as np
 from ..drivers.path import Path
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody
+from ..model.free_body import FreeBody
+from ..model.rotor import Rotor
 from ..model.state import AnyState, State
-from ..model.states import RigidState
+from ..model.states import AxisState, FreeAxisState, FreeState, RigidState, Travelling
 from .names import parameter
 
-_MOMENTS, _PRINCIPAL, _FRAME = "body.moments", "body.principal.moments", "body.frame"
+_KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (AxisState, FreeState, FreeAxisState)}
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
 
 
@@ -25,14 +27,14 @@ class Saved(NamedTuple):
     """One body of a run in a file.
 
     Attributes:
-        body: what moves.
+        body: what moves: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
         path: the motion, as far as it is computed; `first_bad` is the number of states if all can be trusted.
         title: what the file says about the run.
         bodies: how many bodies there are in the file.
     """
 
-    body: RigidBody | TensorBody
-    path: Path[RigidState]
+    body: Any
+    path: Path[Any]
     title: str
     bodies: int
 
@@ -56,30 +58,31 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     if not source.exists():
         raise ValueError(f"there is no {source}; write one with midlie run --out, or midlie_jax.simulate.")
     arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
-    names = {new: next((old for old in olds if old in arrays), "") for new, olds in _NAMES.items()}
-    lacking = [new for new in ("momentum", "attitude", "times") if not names[new]]
+    kind = _KINDS.get(str(arrays.get("state")), RigidState)
+    fields_of_kind = [field.name for field in fields(kind)]  # pyright: ignore[reportArgumentType]
+    sought = [*fields_of_kind, "times"]
+    names = {new: next((old for old in _NAMES.get(new, (new,)) if old in arrays), "") for new in sought}
+    lacking = [new for new in sought if not names[new]]
     if lacking:
         raise ValueError(
-            f"{source} holds no {' and no '.join(lacking)}; it must be a run of RigidStates, without observe=."
+            f"{source} holds no {' and no '.join(lacking)}; it must be a run of {kind.__name__}s, without observe=."
         )
-    momenta, attitudes, times = (arrays[names[new]] for new in ("momentum", "attitude", "times"))
-    bodies = momenta.shape[0]
+    *parts, times = (arrays[names[new]] for new in sought)
+    bodies = parts[0].shape[0]
     if not 0 <= body < bodies:
         raise ValueError(f"body must be from 0 to {bodies - 1}, the last in {source}, got {body}.")
-    momentum, attitude = np.asarray(momenta[body]), np.asarray(attitudes[body])
+    parts = [np.asarray(part[body]) for part in parts]
     t = np.asarray(times[body] if len(times.shape) > 1 else times)
-    finite = np.isfinite(momentum).all(axis=1) & np.isfinite(attitude).all(axis=1)
+    finite = np.all([np.isfinite(part).all(axis=1) for part in parts], axis=0)
     good = int(np.cumprod(finite).sum())
     bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
     # An incomplete store has no numbers yet where nothing is computed, which is not a failure.
     count = good if ok else len(t)
-    parts = jnp.asarray(momentum[:count]), jnp.asarray(attitude[:count])
-    one = RigidState(np.zeros(3, np.float32), np.array([1.0, 0.0, 0.0, 0.0], np.float32))
-    states: Any = jax.tree.unflatten(jax.tree.structure(one), parts)  # unchecked, because a failed run may hold NaN
+    states = _unchecked(kind, fields_of_kind, [jnp.asarray(part[:count]) for part in parts])
     path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
     title = str(arrays["title"]) if "title" in arrays else source.name
-    return Saved(_body(source, arrays, body), path, title, bodies)
+    return Saved(_body(source, arrays, kind, body), path, title, bodies)
 
 
 def states_of(file: str | File) -> AnyState:
@@ -98,10 +101,15 @@ def states_of(file: str | File) -> AnyState:
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
             "defines a kind of state of your own must have been imported."
         )
-    blank = object.__new__(kind)  # unchecked, as the states of a failed run must be
+    return _unchecked(kind, names, [jnp.asarray(arrays[name][:]) for name in names])
+
+
+def _unchecked(kind: type[Any], names: list[str], values: list[Any]) -> Any:
+    """A state with these fields, which are not checked, because those of a failed run may hold NaN."""
+    blank = object.__new__(kind)
     for name in names:
         object.__setattr__(blank, name, 0.0)
-    return jax.tree.unflatten(jax.tree.structure(blank), [jnp.asarray(arrays[name][:]) for name in names])
+    return jax.tree.unflatten(jax.tree.structure(blank), values)
 
 
 def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
@@ -136,19 +144,33 @@ def _of_store(source: File) -> Mapping[str, Any]:
     return found | {"title": root.attrs.get("title", source.name), "state": root.attrs.get("state")}
 
 
-def _body(source: File, arrays: Mapping[str, Any], body: int) -> RigidBody | TensorBody:
-    def found(name: str, axes: int) -> np.ndarray | None:
-        """The parameter of this body, which may be one for each body or one for all."""
-        if name not in arrays:
-            return None
-        values = np.asarray(arrays[name])
-        return values[body] if values.ndim > axes else values
+def _body(source: File, arrays: Mapping[str, Any], kind: type[Any], body: int) -> Any:
+    """The body, whose parameters a store names as the body does, and a file of `midlie run` without prefix."""
 
-    moments = found(parameter(_MOMENTS), 1)
-    moments = found("moments", 1) if moments is None else moments
+    def found(name: str, axes: int, prefix: str) -> np.ndarray | None:
+        """The parameter of this body, which may be one for each body or one for all."""
+        for own in (parameter(prefix + name), name):
+            if own in arrays:
+                values = np.asarray(arrays[own])
+                return values[body] if values.ndim > axes else values
+        return None
+
+    if not issubclass(kind, Travelling):
+        return _turning(source, found, "body.", issubclass(kind, AxisState))
+    mass = found("mass", 0, "body.")
+    if mass is None:
+        raise ValueError(f"{source} holds no mass; write it anew with this version of midlie_jax.")
+    return FreeBody(_turning(source, found, "body.body.", issubclass(kind, FreeAxisState)), mass)
+
+
+def _turning(source: File, found: Callable[..., np.ndarray | None], prefix: str, is_axis: bool) -> Any:
+    """The body that turns."""
+    if is_axis and (moment := found("moment", 0, prefix)) is not None:
+        return Rotor(moment, found("along", 0, prefix))
+    moments = found("moments", 1, prefix)
     if moments is not None:
         return RigidBody(moments, physical=False)
-    principal, axes = found(parameter(_PRINCIPAL), 1), found(parameter(_FRAME), 1)
+    principal, axes = found("principal.moments", 1, prefix), found("frame", 1, prefix)
     if principal is None or axes is None:
         raise ValueError(f"{source} holds no moments of inertia; write it anew with this version of midlie_jax.")
     turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))

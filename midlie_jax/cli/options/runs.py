@@ -42,8 +42,8 @@ def run(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=file_or_store,
         metavar="FILE",
-        help="save times, momenta and attitudes: .npz or .csv; or .zarr, a store that is written as the run goes and "
-        "from which it resumes (needs the extra io)",
+        help="save times and states: .npz or .csv; or .zarr, a store that is written as the run goes and from which it "
+        "resumes (needs the extra io)",
     )
     parser.add_argument(
         "--resume", action="store_true", help="go on with the run in the .zarr of --out, if there is one"
@@ -106,7 +106,8 @@ def view(parser: argparse.ArgumentParser) -> None:
 def export(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Writes the attitudes of one body of a run that `midlie run --out` or midlie_jax.simulate has written, as CSV: "
-        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit."
+        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit. "
+        "The position of a body that travels follows; of a body that is only an axis, it writes the axis."
     )
     parser.add_argument("run", metavar="RUN", help="the .npz or .zarr")
     parser.add_argument("--body", type=whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")
