@@ -33,7 +33,7 @@ def thrown_brick(dtype: Any) -> Scene:
     moments, mass = _BRICK
     return Scene(
         name="",
-        title="thrown brick: a parabola, while it turns over again and again about its middle axis",
+        title="a brick in a parabola that turns over again and again about its middle axis",
         body=_body(moments, mass, dtype),
         torque=UniformGravity(jnp.asarray([0.0, 0.0, -32.174], dtype)),
         start=_start(
@@ -53,7 +53,7 @@ def dropped_brick(dtype: Any) -> Scene:
     height = radius / _FOOT + 30000
     return Scene(
         name="",
-        title="tumbling brick dropped from 30000 ft over the turning Earth: it falls east of the plumb line",
+        title="the tumbling brick dropped from 30000 ft over the turning Earth, east of the plumb line",
         body=_body(moments, mass, dtype),
         torque=EarthOnPoint(*(jnp.asarray(x, dtype) for x in (mu / _FOOT**3, radius / _FOOT, j2, [1.0, 0.0, 0.0]))),
         start=_start(
@@ -74,14 +74,14 @@ def boomerang(dtype: Any) -> Scene:
     blades = (jnp.asarray(x, dtype) for x in (0.0145, 0.3, 0.8, 3.0, 0.016))
     return Scene(
         name="",
-        title="boomerang: the lift of its blades turns its axis, and so it flies a circle and comes back",
+        title="the lift of its blades turns its axis, and so it flies a circle and comes back",
         body=_body(moments, mass, dtype),
         torque=Blades(*blades) + UniformGravity(jnp.asarray([0.0, 0.0, -9.81], dtype)),
         start=_start(
             moments * np.array([0.0, 0.0, 100.0]), [np.cos(half), np.sin(half), 0.0, 0.0],
             mass * np.array([22.0, 0.0, 8.8]), [0.0, 0.0, 1.8], dtype,
         ),
-        dt=0.005,
+        dt=0.001,
         duration=2.0,
         source="mean over a turn of the lift and drag of its blades (after Hess, Sci. Am. 219 (1968) 124); numbers "
         "chosen here",
@@ -93,7 +93,7 @@ def satellite(dtype: Any) -> Scene:
     mass, earth = 1000.0, tuple(jnp.asarray(x, dtype) for x in (jeod.MU, 6378136.3, 1.0826357e-3))
     return Scene(
         name="",
-        title="satellite whose orbit and attitude are one system: the Earth's oblateness turns the orbit",
+        title="orbit and attitude as one system: the Earth's oblateness turns the orbit",
         body=_body(jeod.MOMENTS, mass, dtype),
         torque=PointMass(earth[0]) + Oblateness(*earth),
         start=_start(
@@ -116,7 +116,7 @@ def spherical_pendulum(dtype: Any) -> Scene:
     momentum = mass * length**2 * np.cross(axis, np.cross([0.0, 0.0, push], axis))
     return Scene(
         name="",
-        title="spherical pendulum, an axis that hangs: the bob swings between two heights, and the swing turns",
+        title="an axis that hangs: the bob swings between two heights, and the swing turns",
         body=Rotor(jnp.asarray(mass * length**2, dtype)),
         torque=HeavyTop(jnp.asarray(mass * 9.81 * length, dtype)),
         start=AxisState(jnp.asarray(momentum, dtype), jnp.asarray(axis, dtype)),
