@@ -21,6 +21,7 @@ from cases import half_last_digit, worst
 
 import midlie_jax as ml
 from midlie_jax.cli import oracles, scenes
+from midlie_jax.model.torques import on_body
 
 REFINEMENTS = (1, 2, 3, 4, 6, 8, 12)
 
@@ -390,10 +391,11 @@ def test_a_scene_is_whole(name, dtype):
     assert {leaf.dtype for leaf in arrays} == {jnp.dtype(dtype or "float64")}
     assert abs(scene.steps * scene.dt / scene.duration - 1) < 1e-12
     if scene.torque is not None:
-        torque = scene.torque(jnp.zeros((), dtype), scene.start)
-        assert torque.shape == (3,)
-        assert torque.dtype == scene.start.momentum.dtype
-        assert jnp.isfinite(torque).all()
+        torque = on_body(scene.torque, scene.body)(jnp.zeros((), dtype), scene.start)
+        for part in jax.tree.leaves(torque):  # of a body that travels, the torque and the force
+            assert part.shape == (3,)
+            assert part.dtype == scene.start.momentum.dtype
+            assert jnp.isfinite(part).all()
 
 
 def test_the_dtype_follows_jax():

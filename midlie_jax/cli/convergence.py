@@ -267,7 +267,7 @@ def _matrix(quaternion: np.ndarray) -> np.ndarray:
 
 def _pose(state: Any) -> np.ndarray:
     """The rotation matrix of a state, or its axis."""
-    return _matrix(state.attitude) if hasattr(state, "attitude") else np.asarray(state.axis)
+    return _matrix(np.asarray(state.attitude)) if hasattr(state, "attitude") else np.asarray(state.axis)
 
 
 def _slope(coarse: float, fine: float) -> float:

@@ -87,7 +87,9 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
     if isinstance(start, Travelling):
         linear, position = travel
         push = _length(start.linear) * linear
-        others = start.made(others, start.linear + push, start.position + _way_of_a_radian(scene) * position)
+        others = start.made(
+            others, start.linear[None] + push, start.position[None] + _way_of_a_radian(scene) * position
+        )
     # The start is prepended instead of perturbed by zero, so that the first state equals it bit for bit.
     return jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), start, others)
 

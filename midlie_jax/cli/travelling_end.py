@@ -43,10 +43,9 @@ def travelling_end(scene: Scene) -> End | None:
             return None
         state = AxisState.of(RigidState(jnp.asarray(ends.momenta[0]), jnp.asarray(ends.attitudes[0])))
         return End(state, None, ends.source)
-    weight = torque is None or isinstance(torque, UniformGravity)
-    if not (
-        isinstance(body, FreeBody) and isinstance(body.body, RigidBody) and isinstance(start, FreeState) and weight
-    ):
+    if not (isinstance(body, FreeBody) and isinstance(body.body, RigidBody) and isinstance(start, FreeState)):
+        return None
+    if torque is not None and not isinstance(torque, UniformGravity):
         return None
     ends = _ends(replace(scene, body=body.body, torque=None), start.turning)
     if ends is None:

@@ -1,7 +1,7 @@
 """`saved_path`: one body of a saved run as a path: .zarr or .npz of `simulate`, or .npz of `midlie run`."""
 
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path as File
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from ..model.state import AnyState, State
 from ..model.states import AxisState, FreeAxisState, FreeState, RigidState, Travelling
 from .names import parameter
 
-_KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (AxisState, FreeState, FreeAxisState)}
+_KINDS: dict[str, type[AnyState]] = {kind.__name__: kind for kind in (AxisState, FreeState, FreeAxisState)}
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
 
 
@@ -27,13 +27,14 @@ class Saved(NamedTuple):
     """One body of a run in a file.
 
     Attributes:
-        body: what moves: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
-        path: the motion, as far as it is computed; `first_bad` is the number of states if all can be trusted.
+        body: what moves.
+        path: the motion, as far as it is computed; `first_bad` is the number of states if all can be trusted. Its
+            states are those of the run if they have an axis or travel; otherwise `RigidState`s.
         title: what the file says about the run.
         bodies: how many bodies there are in the file.
     """
 
-    body: Any
+    body: RigidBody | TensorBody | Rotor | FreeBody
     path: Path[Any]
     title: str
     bodies: int
@@ -47,8 +48,8 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
         body: which body, from 0.
 
     Raises:
-        ValueError: the file is not of such a run, or holds no attitudes or no moments of inertia; there is no such
-            body.
+        ValueError: the file is not of such a run, or holds no attitudes (or axes, or places) or no moments of inertia
+            (or mass); there is no such body.
         ImportError: a .zarr is given and the extra `io` is not installed.
         OSError: the file cannot be read.
     """
@@ -59,30 +60,30 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
         raise ValueError(f"there is no {source}; write one with midlie run --out, or midlie_jax.simulate.")
     arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
     kind = _KINDS.get(str(arrays.get("state")), RigidState)
-    fields_of_kind = [field.name for field in fields(kind)]  # pyright: ignore[reportArgumentType]
-    sought = [*fields_of_kind, "times"]
-    names = {new: next((old for old in _NAMES.get(new, (new,)) if old in arrays), "") for new in sought}
-    lacking = [new for new in sought if not names[new]]
+    names = {
+        new: next((old for old in _NAMES.get(new, (new,)) if old in arrays), "") for new in (*_fields(kind), "times")
+    }
+    lacking = [new for new, old in names.items() if not old]
     if lacking:
         raise ValueError(
             f"{source} holds no {' and no '.join(lacking)}; it must be a run of {kind.__name__}s, without observe=."
         )
-    *parts, times = (arrays[names[new]] for new in sought)
-    bodies = parts[0].shape[0]
+    bodies = arrays[names["momentum"]].shape[0]
     if not 0 <= body < bodies:
         raise ValueError(f"body must be from 0 to {bodies - 1}, the last in {source}, got {body}.")
-    parts = [np.asarray(part[body]) for part in parts]
+    values = {name: np.asarray(arrays[names[name]][body]) for name in _fields(kind)}
+    times = arrays[names["times"]]
     t = np.asarray(times[body] if len(times.shape) > 1 else times)
-    finite = np.all([np.isfinite(part).all(axis=1) for part in parts], axis=0)
+    finite = np.all([np.isfinite(value).all(axis=1) for value in values.values()], axis=0)
     good = int(np.cumprod(finite).sum())
     bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
     # An incomplete store has no numbers yet where nothing is computed, which is not a failure.
     count = good if ok else len(t)
-    states = _unchecked(kind, fields_of_kind, [jnp.asarray(part[:count]) for part in parts])
+    states = _unchecked(kind, {name: value[:count] for name, value in values.items()})
     path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
     title = str(arrays["title"]) if "title" in arrays else source.name
-    return Saved(_body(source, arrays, kind, body), path, title, bodies)
+    return Saved(_body(source, arrays, body, kind), path, title, bodies)
 
 
 def states_of(file: str | File) -> AnyState:
@@ -95,21 +96,24 @@ def states_of(file: str | File) -> AnyState:
     source = File(file)
     arrays = _of_store(source) if source.suffix.lower() == ".zarr" else _of_file(source)
     kind = _kinds(State).get(str(arrays.get("state")))
-    names = [field.name for field in fields(kind)] if kind else []  # pyright: ignore[reportArgumentType]
-    if kind is None or any(name not in arrays for name in names):
+    if kind is None or any(name not in arrays for name in _fields(kind)):
         raise ValueError(
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
             "defines a kind of state of your own must have been imported."
         )
-    return _unchecked(kind, names, [jnp.asarray(arrays[name][:]) for name in names])
+    return _unchecked(kind, {name: arrays[name][:] for name in _fields(kind)})
 
 
-def _unchecked(kind: type[Any], names: list[str], values: list[Any]) -> Any:
-    """A state with these fields, which are not checked, because those of a failed run may hold NaN."""
+def _fields(kind: type[Any]) -> list[str]:
+    return [field.name for field in fields(kind)]
+
+
+def _unchecked(kind: type[Any], arrays: Mapping[str, Any]) -> Any:
+    """The states with these arrays, unchecked, as those of a failed run, which may hold NaN, must be."""
     blank = object.__new__(kind)
-    for name in names:
+    for name in _fields(kind):
         object.__setattr__(blank, name, 0.0)
-    return jax.tree.unflatten(jax.tree.structure(blank), values)
+    return jax.tree.unflatten(jax.tree.structure(blank), [jnp.asarray(arrays[name]) for name in _fields(kind)])
 
 
 def _kinds(kind: type[Any]) -> dict[str, type[Any]]:
@@ -144,35 +148,40 @@ def _of_store(source: File) -> Mapping[str, Any]:
     return found | {"title": root.attrs.get("title", source.name), "state": root.attrs.get("state")}
 
 
-def _body(source: File, arrays: Mapping[str, Any], kind: type[Any], body: int) -> Any:
-    """The body, whose parameters a store names as the body does, and a file of `midlie run` without prefix."""
+def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyState]) -> Any:
+    """The body of states of this kind."""
 
-    def found(name: str, axes: int, prefix: str) -> np.ndarray | None:
+    def found(name: str, axes: int) -> np.ndarray | None:
         """The parameter of this body, which may be one for each body or one for all."""
-        for own in (parameter(prefix + name), name):
-            if own in arrays:
-                values = np.asarray(arrays[own])
-                return values[body] if values.ndim > axes else values
-        return None
+        name = parameter(name) if "." in name else name
+        if name not in arrays:
+            return None
+        values = np.asarray(arrays[name])
+        return values[body] if values.ndim > axes else values
+
+    def lacks(what: str) -> ValueError:
+        return ValueError(f"{source} holds no {what}; write it anew with this version of midlie_jax.")
+
+    def turning(own: str, rotation: type[Any]) -> RigidBody | TensorBody | Rotor:
+        if issubclass(rotation, AxisState):
+            moment = found(f"{own}.moment", 0)
+            if moment is None:
+                raise lacks("moment of inertia")
+            return Rotor(moment, found(f"{own}.along", 0))
+        moments = found(f"{own}.moments", 1)
+        moments = found("moments", 1) if moments is None else moments
+        if moments is not None:
+            return RigidBody(moments, physical=False)
+        principal, axes = found(f"{own}.principal.moments", 1), found(f"{own}.frame", 1)
+        if principal is None or axes is None:
+            raise lacks("moments of inertia")
+        turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
+        tensor = turn @ np.diag(principal) @ turn.T
+        return TensorBody((tensor + tensor.T) / 2, physical=False)
 
     if not issubclass(kind, Travelling):
-        return _turning(source, found, "body.", issubclass(kind, AxisState))
-    mass = found("mass", 0, "body.")
+        return turning("body", kind)
+    mass = found("body.mass", 0)
     if mass is None:
-        raise ValueError(f"{source} holds no mass; write it anew with this version of midlie_jax.")
-    return FreeBody(_turning(source, found, "body.body.", issubclass(kind, FreeAxisState)), mass)
-
-
-def _turning(source: File, found: Callable[..., np.ndarray | None], prefix: str, is_axis: bool) -> Any:
-    """The body that turns."""
-    if is_axis and (moment := found("moment", 0, prefix)) is not None:
-        return Rotor(moment, found("along", 0, prefix))
-    moments = found("moments", 1, prefix)
-    if moments is not None:
-        return RigidBody(moments, physical=False)
-    principal, axes = found("principal.moments", 1, prefix), found("frame", 1, prefix)
-    if principal is None or axes is None:
-        raise ValueError(f"{source} holds no moments of inertia; write it anew with this version of midlie_jax.")
-    turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
-    tensor = turn @ np.diag(principal) @ turn.T
-    return TensorBody((tensor + tensor.T) / 2, physical=False)
+        raise lacks("mass")
+    return FreeBody(turning("body.body", kind.rotation), mass)

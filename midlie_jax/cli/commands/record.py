@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ...model.free_body import FreeBody
-from ...model.rotor import Rotor
+from ...model.bodies import RigidBody
 from ...model.states import AxisState, Travelling
 from ...plot.conservation import Change, energy_change, momentum_change
+from ...simulation.names import named, parameter
 from ...simulation.variables import COORDINATES
 from ...simulation.versions import versions
+from .. import travel_changes
 from ..scenes import Scene
-from ..travel_changes import angular_change, linear_change, place_change
 
 _PLURAL = {"momentum": "momenta", "attitude": "attitudes"}  # as such files have always named these two
 _FRAMES = {
@@ -79,16 +79,20 @@ class Record(NamedTuple):
     @property
     def energy_change(self) -> Change:
         """The change of the energy of each body, (bodies, n)."""
-        return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
+        change = energy_change if isinstance(self.scene.body, RigidBody) else travel_changes.energy_change
+        return change(self.scene.body, self.scene.torque, self.times, self.states)
 
     @property
     def momentum_change(self) -> Change:
         """The change of the spatial momentum of each body, (bodies, n)."""
         states = self.states
         if isinstance(states, Travelling):
-            return angular_change(self.scene.torque, states)
-        # The momentum of an axis in space is that of a body with this axis, whatever its angle of spin.
-        return momentum_change(self.scene.torque, states.with_attitude() if isinstance(states, AxisState) else states)
+            return travel_changes.angular_change(self.scene.torque, states)
+        if isinstance(states, AxisState):
+            # The momentum of an axis in space is that of a body with this axis, whatever its angle of spin. Compiled,
+            # because the states of a failed run are not to be checked.
+            states = jax.jit(lambda s: s.with_attitude())(states)
+        return momentum_change(self.scene.torque, states)
 
     @property
     def travel_changes(self) -> list[Change]:
@@ -96,8 +100,8 @@ class Record(NamedTuple):
         if not self.travel:
             return []
         scene, states = self.scene, self.states
-        place = place_change(scene.body.mass, scene.torque, self.times, states)
-        return [linear_change(scene.torque, states), *([place] if place else [])]
+        place = travel_changes.place_change(scene.body.mass, scene.torque, self.times, states)
+        return [travel_changes.linear_change(scene.torque, states), *([place] if place else [])]
 
     @property
     def columns(self) -> dict[str, tuple[str, ...]]:
@@ -175,12 +179,10 @@ def _of_states(record: Record) -> dict[str, Any]:
 
 
 def _of_body(body: Any) -> dict[str, Any]:
-    if isinstance(body, FreeBody):
-        return {**_of_body(body.body), "mass": np.asarray(body.mass)}
-    if not isinstance(body, Rotor):
+    """The parameters of the body; of a body that travels and of an axis as `simulate` names them."""
+    if isinstance(body, RigidBody):
         return {"moments": np.asarray(body.moments)}
-    along = {} if body.along is None else {"along": np.asarray(body.along)}
-    return {"moment": np.asarray(body.moment), **along}
+    return {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
 
 
 def _save_csv(record: Record, path: str) -> None:
