@@ -56,19 +56,24 @@ def origin(chosen: str) -> str:
     return chosen if ":" in chosen else "midlie_jax"
 
 
-def methods(chosen: Sequence[str | Method]) -> list[Method]:
+def methods(chosen: Sequence[str | Method], body: Any = None) -> list[Method]:
     """The chosen methods, which must move rigid bodies; each is listed once.
 
     Args:
         chosen: names of `midlie_jax.methods()`, names MODULE:NAME, or methods.
+        body: the body that they must move, if it is no `RigidBody`.
 
     Raises:
-        ValueError: one of them is not a method, does not move rigid bodies, or has the name of another method.
+        ValueError: one of them is not a method, does not move such bodies, or has the name of another method.
     """
     found: dict[str, Method] = {}
     for one in map(method, chosen):
-        if not issubclass(RigidBody, one.bodies):
-            raise ValueError(f"method {one.name!r} does not move a rigid body; choose from `midlie methods`.")
+        if body is None or isinstance(body, RigidBody):
+            moves, what = issubclass(RigidBody, one.bodies), "rigid body"
+        else:
+            moves, what = one.moves(body), type(body).__name__
+        if not moves:
+            raise ValueError(f"method {one.name!r} does not move a {what}; choose from `midlie methods`.")
         if not bool(found.setdefault(one.name, one) == one):
             raise ValueError(
                 f"two different methods are called {one.name!r}, and charts and tables tell methods apart by name; "

@@ -22,9 +22,11 @@ from ..advice.timing import Stopwatch
 from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model import so3
+from ..model.bodies import RigidBody
 from . import chosen
 from .closed_form import Numbering, exact_ends
 from .scenes import Scene
+from .travelling_end import travelling_end
 
 COPIES = 256  # bodies in a timed batch: with so many, the cost of starting a loop is negligible
 LEVELS = 5  # rungs of the ladder by default
@@ -36,22 +38,25 @@ _COARSEST = {
 }  # steps on the first rung in the paper's figure; for other scenes twice the scene's step is used
 _ROMBERG = 4  # how many runs are extrapolated if no closed form is known
 _REFERENCE = "LIEMID[EA]"  # the method that is extrapolated
+_OF_HIGH_ORDER = "GBS12"  # the reference for bodies that travel, whose forces may read the velocity, and for axes
 
 
 class Reference(NamedTuple):
     """The end of a scene against which errors are measured.
 
     Attributes:
-        momentum: body-frame angular momentum, (3,).
-        attitude: rotation matrix, body to space, (3, 3).
+        momentum: body-frame angular momentum, (3,); of an axis, in space.
+        attitude: rotation matrix, body to space, (3, 3); or the axis, (3,).
         source: how the reference was computed.
         uncertainty: estimate of the error of momentum and attitude, relative to their norms.
+        position: of a body that travels, (3,).
     """
 
     momentum: np.ndarray
     attitude: np.ndarray
     source: str
     uncertainty: float
+    position: np.ndarray | None = None
 
 
 class Row(NamedTuple):
@@ -70,6 +75,7 @@ class Row(NamedTuple):
         ok: whether every solve converged and every number is finite.
         failure: the error that stopped the method; "" if there was none.
         spread: half the distance between the quartiles of the timings, relative to the median.
+        position_error: |x - x_reference| at the end, of a body that travels.
     """
 
     method: str
@@ -84,6 +90,7 @@ class Row(NamedTuple):
     ok: bool = False
     failure: str = ""
     spread: float = math.nan
+    position_error: float = math.nan
 
 
 def ladder(scene: Scene, coarsest: int | None = None, levels: int = LEVELS) -> list[int]:
@@ -119,7 +126,7 @@ def measure(scene: Scene, methods: Sequence[str | Method], rungs: Sequence[int],
         rungs: from `ladder`.
         reference: from `find_reference`.
     """
-    for method in chosen.methods(methods):
+    for method in chosen.methods(methods, scene.body):
         yield from _Ladder(scene, method, rungs, reference).rows()
 
 
@@ -140,7 +147,7 @@ def survey(
     Returns:
         The rows, and the number of rounds, which is smaller if rounds take seconds.
     """
-    ladders = [_Ladder(scene, method, rungs, reference) for method in chosen.methods(methods)]
+    ladders = [_Ladder(scene, method, rungs, reference) for method in chosen.methods(methods, scene.body)]
     for measured in ladders:
         for row in measured.rows():
             report(row)
@@ -166,7 +173,9 @@ def find_reference(scene: Scene, finest: int) -> Reference:
         ImportError: a closed form needs mpmath.
     """
     closed = _closed_form(scene)
-    return closed if closed is not None else _extrapolated(scene, finest)
+    if closed is not None:
+        return closed
+    return _extrapolated(scene, finest) if isinstance(scene.body, RigidBody) else _much_finer(scene, finest)
 
 
 def _program(method: Method, scene: Scene, coarsest: int, copies: int) -> Program:
@@ -213,7 +222,8 @@ class _Ladder:
         state, ok = _end(program, row.dt, row.steps)
         self._time(program, row, _TIMINGS)
         momentum = float(np.linalg.norm(state.momentum - self.reference.momentum))
-        attitude = float(np.linalg.norm(_matrix(state.attitude) - self.reference.attitude))
+        attitude = float(np.linalg.norm(_pose(state) - self.reference.attitude))
+        place = self.reference.position
         evaluations = 0 if self.scene.torque is None else program.method.evaluations * row.steps
         return self._timed(
             row._replace(
@@ -223,6 +233,7 @@ class _Ladder:
                 attitude_slope=_slope(before.attitude_error if before else math.nan, attitude),
                 evaluations=evaluations,
                 ok=ok,
+                position_error=math.nan if place is None else float(np.linalg.norm(state.position - place)),
             )
         )
 
@@ -254,11 +265,19 @@ def _matrix(quaternion: np.ndarray) -> np.ndarray:
     return np.asarray(so3.to_matrix(jnp.asarray(quaternion)))
 
 
+def _pose(state: Any) -> np.ndarray:
+    """The rotation matrix of a state, or its axis."""
+    return _matrix(np.asarray(state.attitude)) if hasattr(state, "attitude") else np.asarray(state.axis)
+
+
 def _slope(coarse: float, fine: float) -> float:
     return math.log2(coarse / fine) if coarse > 0 and fine > 0 else math.nan
 
 
 def _closed_form(scene: Scene) -> Reference | None:
+    if not isinstance(scene.body, RigidBody):
+        end = travelling_end(scene)
+        return end and Reference(np.asarray(end.state.momentum), _pose(end.state), end.source, 1e-14, end.position)
     numbering = Numbering.of(scene)
     third = numbering.apply(scene)
     if third is None:
@@ -293,3 +312,20 @@ def _extrapolated(scene: Scene, finest: int) -> Reference:
     momentum, attitude = row[-1][:3], row[-1][3:]
     matrix = _matrix(attitude / np.linalg.norm(attitude))
     return Reference(momentum, matrix, f"extrapolation of {_REFERENCE} from up to {steps} steps", uncertainty)
+
+
+def _much_finer(scene: Scene, finest: int) -> Reference:
+    """The end by a method of high order with twice as many steps; with four times as many it is hardly different."""
+    program, ends = _program(find_method(_OF_HIGH_ORDER), scene, finest, copies=1), list[Any]()
+    for steps in (2 * finest, 4 * finest):
+        state, ok = _end(program, scene.duration / steps, steps)
+        if not ok:
+            raise ValueError(f"no reference for scene {scene.name!r}: {_OF_HIGH_ORDER} failed with {steps} steps.")
+        ends.append(state)
+    coarse, fine = ends
+    momentum = np.abs(fine.momentum - coarse.momentum).max() / np.linalg.norm(fine.momentum)
+    uncertainty = float(max(momentum, np.abs(_pose(fine) - _pose(coarse)).max()))
+    position = getattr(fine, "position", None)
+    return Reference(
+        fine.momentum, _pose(fine), f"solution by {_OF_HIGH_ORDER} in {4 * finest} steps", uncertainty, position
+    )

@@ -1,15 +1,16 @@
 """`Scene`: a test problem with a body, a torque, a start and a duration; and perturbed copies of its start."""
 
 from dataclasses import dataclass
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from ..model import so3
-from ..model.bodies import RigidBody
-from ..model.states import RigidState
+from ..model.states import AxisState, RigidState, Travelling
 from ..model.torques import TorqueLike
 
 
@@ -20,27 +21,29 @@ class Scene:
     Attributes:
         name: as in `scenes()`.
         title: description in one line.
-        body: the body, about its fixed point or its centre of mass.
-        torque: body-frame torque, or None for a free body.
-        start: body-frame angular momentum (3,) and attitude (4,), at time 0.
+        body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `Rotor`, or a `FreeBody`.
+        torque: what acts on it, or None for a free body.
+        start: its state at time 0: a `RigidState`, an `AxisState`, or one of those that travel.
         dt: a step small enough that a picture of the motion by LIEMID[EA] shows no error.
         duration: duration of the motion, a whole number of steps.
         source: where the numbers are from.
         units: the units of mass, length and time, and the space frame if it needs a definition.
         axes: (3, 3) for a body given by a full tensor: the principal axes, as columns, in the frame in which the
             tensor was given (see `RigidBody.from_tensor`); None where the body frame is the given frame.
+        method: the method that `midlie run` takes.
     """
 
     name: str
     title: str
-    body: RigidBody
+    body: Any
     torque: TorqueLike | None
-    start: RigidState
+    start: Any
     dt: float
     duration: float
     source: str
     units: str
     axes: Float[Array, "3 3"] | None = None
+    method: str = "JACOBI[EA]"
 
     @property
     def steps(self) -> int:
@@ -54,14 +57,15 @@ class Scene:
         return units[-1].strip() if len(units) == 3 else ""
 
 
-def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidState:
+def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
     """Perturbed copies of the start of a scene.
 
     Args:
         scene: from `scene(name)`.
         count: number of copies.
-        size: standard deviation of each component of the perturbation: for the momentum relative to its norm, for the
-            attitude a rotation vector in the body frame, radian.
+        size: standard deviation of each component of the perturbation: for a momentum relative to its norm, for the
+            attitude a rotation vector in the body frame, radian, for an axis one in space, and for a position relative
+            to the way on which the body turns by a radian.
         seed: the same seed gives the same copies in any dtype, and the same first copies for a larger count.
 
     Returns:
@@ -74,13 +78,42 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> RigidStat
         raise ValueError(f"count must be a positive Python int, got {count!r}.")
     if not np.isfinite(size) or size < 0:
         raise ValueError(f"size must be finite and not negative, got {size!r}.")
-    changes = size * np.random.default_rng(seed).standard_normal((count, 2, 3))
-    momentum, attitude = scene.start.momentum, scene.start.attitude
-    momentum_change, rotation = (jnp.asarray(changes[1:, i], momentum.dtype) for i in (0, 1))
-    norm = jnp.sqrt(jnp.sum(momentum**2))
-    others = (momentum[None] + norm * momentum_change, so3.multiply(attitude[None], so3.exp(rotation)))
+    start = scene.start
+    parts = 4 if isinstance(start, Travelling) else 2
+    changes = size * np.random.default_rng(seed).standard_normal((count, parts, 3))
+    momentum_change, rotation, *travel = (jnp.asarray(changes[1:, i], start.momentum.dtype) for i in range(parts))
+    turning = start.turning if isinstance(start, Travelling) else start
+    others: Any = _turned(turning, momentum_change, rotation)
+    if isinstance(start, Travelling):
+        linear, position = travel
+        push = _length(start.linear) * linear
+        others = start.made(
+            others, start.linear[None] + push, start.position[None] + _way_of_a_radian(scene) * position
+        )
     # The start is prepended instead of perturbed by zero, so that the first state equals it bit for bit.
-    return RigidState(
-        momentum=jnp.concatenate([momentum[None], others[0]]),
-        attitude=jnp.concatenate([attitude[None], others[1]]),
-    )
+    return jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), start, others)
+
+
+def _turned(start: Any, momentum_change: Array, rotation: Array) -> Any:
+    """The states of rotation, perturbed."""
+    momentum = start.momentum[None] + _length(start.momentum) * momentum_change
+    turn = so3.exp(rotation)
+    if isinstance(start, AxisState):
+        axis = so3.rotate(turn, jnp.broadcast_to(start.axis, momentum.shape))
+        # A momentum without a component along the axis must stay so: it is that of a pendulum.
+        spin = jnp.sum(start.momentum * start.axis)
+        along = jnp.sum(momentum * axis, axis=-1, keepdims=True)
+        kept = jnp.where(spin == 0, momentum - along * axis, momentum)
+        return AxisState(kept, axis)
+    return RigidState(momentum, so3.multiply(start.attitude[None], turn))
+
+
+def _way_of_a_radian(scene: Scene) -> Array:
+    """How far the body travels, at its start, while it turns by a radian; 0 if it does not turn."""
+    velocity = scene.start.linear / scene.body.mass
+    rate = _length(scene.body.velocity(scene.start.momentum))
+    return jnp.where(rate > 0, _length(velocity) / jnp.where(rate > 0, rate, 1), 0)
+
+
+def _length(vector: Array) -> Array:
+    return jnp.sqrt(jnp.sum(vector**2))

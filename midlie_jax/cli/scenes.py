@@ -20,6 +20,7 @@ from ..model.bodies import RigidBody
 from ..model.orbits import KeplerOrbit
 from ..model.states import RigidState
 from ..model.torques import DipoleInField, GravityGradient, HeavyTop, Prescribed
+from . import jeod, travelling_scenes
 from .pair_potential import PairPotential
 from .scene import Scene as Scene
 from .scene import perturbed as perturbed
@@ -258,30 +259,17 @@ def _bruls_cardona(dtype: Any) -> Scene:
 
 @_named("gravity-gradient")
 def _gravity_gradient(dtype: Any) -> Scene:
-    mu = 3.986004415e14
-    moments = np.array([500.0, 12250.0, 12250.0])
-    to_body = jnp.asarray(
-        [
-            [-0.6443912270931274, 0.05284210190675609, 0.7628680480341864],
-            [-0.7615617871470506, -0.1345758407161209, -0.6339660776454052],
-            [0.06916350883930189, -0.9894933326514259, 0.1269620166955875],
-        ],
-        dtype,
-    )
-    orbit = KeplerOrbit(
-        position=jnp.asarray([-4292653.41, 955168.47, 5139356.57], dtype),
-        velocity=jnp.asarray([109.649663, -7527.72649, 1484.521489], dtype),
-        mu=jnp.asarray(mu, dtype),
-    )
+    orbit = KeplerOrbit(*(jnp.asarray(x, dtype) for x in (jeod.POSITION, jeod.VELOCITY, jeod.MU)))
+    moments = jnp.asarray(jeod.MOMENTS, dtype)
     return Scene(
         name="",
         title="satellite in the Earth's gravity gradient, on a nearly circular orbit",
         body=_body(moments, dtype),
-        torque=GravityGradient(jnp.asarray(moments, dtype), orbit, jnp.asarray(mu, dtype)),
+        torque=GravityGradient(moments, orbit, orbit.mu),
         # The source gives the matrix from inertial to body components; an attitude is its inverse, from body to space.
         start=RigidState(
-            momentum=jnp.asarray(moments * np.array([-1.97989570839746e-5, -0.001134281491669957, 0.0]), dtype),
-            attitude=so3.from_matrix(to_body.T),
+            momentum=jnp.asarray(np.array(jeod.MOMENTS) * np.array(jeod.RATES), dtype),
+            attitude=so3.from_matrix(jnp.asarray(jeod.TO_BODY, dtype).T),
         ),
         dt=10.0,
         duration=28800.0,
@@ -318,6 +306,13 @@ def _pulsed_body(dtype: Any) -> Scene:
         units="kg, m, s; the tensor's frame, `axes` from the body frame, starts along space",
         axes=axes,
     )
+
+
+_named("thrown-brick")(travelling_scenes.thrown_brick)
+_named("dropped-brick")(travelling_scenes.dropped_brick)
+_named("boomerang")(travelling_scenes.boomerang)
+_named("satellite")(travelling_scenes.satellite)
+_named("spherical-pendulum")(travelling_scenes.spherical_pendulum)
 
 
 @_named("drift-test")

@@ -109,6 +109,11 @@ def sweeps(scene: Scene, count: int) -> tuple[np.ndarray, list[Sweep]]:
     Raises:
         ValueError: the energy of the scene is not constant or not defined, or the body neither spins nor is in a field.
     """
+    if not isinstance(scene.body, RigidBody):
+        raise ValueError(
+            f"a stability map varies spin and shape of a rigid body that only turns, and the body of scene "
+            f"{scene.name!r} is a {type(scene.body).__name__}; take another scene."
+        )
     _check_energy(scene)
     moments, momentum = (np.asarray(x, np.float64) for x in (scene.body.moments, scene.start.momentum))
     velocity = momentum / moments

@@ -1,4 +1,7 @@
-"""`midlie export RUN`: the attitudes of one body of a saved run as CSV, as quaternions or as Euler angles."""
+"""`midlie export RUN`: the attitudes of one body of a saved run as CSV, as quaternions or as Euler angles.
+
+A body that travels has its position beside them, and a body that is only an axis has the axis instead.
+"""
 
 import argparse
 import csv
@@ -9,38 +12,43 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...model import so3
-from ...model.state import needs_attitude
+from ...model.states import Travelling
 from ...simulation.saved import saved_path
-from .record import ATTITUDE
+from .record import columns
 
+_PLURAL = {"attitude": "attitudes", "axis": "axes"}
 _LOCKED = 1e-7  # if the second angle has a smaller sine, or cosine, only one of the other angles is determined
 
 
 def export(options: argparse.Namespace) -> None:
     """Writes a line for each time at which the body can be trusted; the header names each column and its unit."""
     saved = saved_path(options.run, options.body)
-    path = saved.path
-    if not hasattr(path.states, "attitude"):
-        raise needs_attitude(path.states)
-    attitudes = np.asarray(path.states.attitude)
-    good = int(np.cumprod(np.isfinite(attitudes).all(axis=1)).sum())
+    path, states = saved.path, saved.path.states
+    what = "attitude" if hasattr(states, "attitude") else "axis"
+    poses = np.asarray(getattr(states, what))
+    good = int(np.cumprod(np.isfinite(poses).all(axis=1)).sum())
     count = min(good, int(path.first_bad))
     if not count:
-        raise ValueError(f"{options.run} holds no attitude of body {options.body} that can be trusted.")
-    heads, values, remark = ATTITUDE, attitudes[:count], ""
+        raise ValueError(f"{options.run} holds no {what} of body {options.body} that can be trusted.")
+    heads, values, remark = columns(states)[what], poses[:count], ""
     if options.euler:
-        angles, locked = euler_angles(np.asarray(so3.to_matrix(jnp.asarray(attitudes[:count]))), options.euler)
+        if what == "axis":
+            raise ValueError(f"{options.run} holds the axis of a body, and no angle about it; leave --euler out.")
+        angles, locked = euler_angles(np.asarray(so3.to_matrix(jnp.asarray(values))), options.euler)
         unit = "rad" if options.radians else "deg"
         heads = tuple(f"euler_{i + 1}_{axis} [{unit}]" for i, axis in enumerate(options.euler))
         values = angles if options.radians else np.degrees(angles)
         if locked.any():
             remark = f"; at {locked.sum()} times the first and third axis are parallel: the third angle is set to 0"
+    if isinstance(states, Travelling):
+        heads = (*heads, *columns(states)["position"])
+        values = np.concatenate([values, np.asarray(states.position)[:count]], axis=1)
     with open(options.out, "w", newline="") if options.out else nullcontext(sys.stdout) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("time", *heads))
         writer.writerows((t, *row) for t, row in zip(np.asarray(path.times[:count]), values, strict=True))
     if options.out:
-        print(f"wrote {options.out}: {count} attitudes of body {options.body}{remark}")
+        print(f"wrote {options.out}: {count} {_PLURAL[what]} of body {options.body}{remark}")
     elif remark:
         print(f"midlie: note{remark[1:]}", file=sys.stderr)
 

@@ -9,8 +9,11 @@ import numpy as np
 
 from ...methods.base import Method
 from ...methods.flights import FLIGHTS
-from ...methods.registry import ENTRIES
+from ...methods.registry import DEFAULT, ENTRIES
 from ...methods.schemes import SCHEMES
+from ...model.free_body import FreeBody
+from ...model.rotor import Rotor
+from ...model.torques import Sum
 from .. import chosen
 from .. import scenes as all_scenes
 from ..scenes import Scene
@@ -63,20 +66,42 @@ def _described(scene: Scene) -> str:
     unit = f" {scene.time_unit}".rstrip()
     facts = {
         "units": scene.units,
-        "moments of inertia": _numbers(scene.body.moments),
+        **_body(scene.body),
         "torque": _torque(scene.torque),
-        "momentum at the start": f"{_numbers(scene.start.momentum)}  (body frame)",
-        "attitude at the start": f"{_numbers(scene.start.attitude)}  (w, x, y, z; body to space)",
+        **_start(scene.start),
         "step and duration": f"{scene.dt:g} and {scene.duration:g}{unit}: {scene.steps} steps",
         "source": scene.source,
     }
-    return "\n".join([f"{scene.name}: {scene.title}", *(f"  {name:<22} {value}" for name, value in facts.items())])
+    if scene.method != DEFAULT:
+        facts["method"] = scene.method
+    width = 1 + max(map(len, facts))
+    return "\n".join([f"{scene.name}: {scene.title}", *(f"  {name:<{width}} {value}" for name, value in facts.items())])
+
+
+def _body(body: Any) -> dict[str, str]:
+    if isinstance(body, FreeBody):
+        return {**_body(body.body), "mass": _numbers(body.mass)}
+    if isinstance(body, Rotor):
+        return {"moment across the axis": _numbers(body.moment)}
+    return {"moments of inertia": _numbers(body.moments)}
+
+
+def _start(start: Any) -> dict[str, str]:
+    """The fields of a state, with the frame of each."""
+    found: dict[str, str] = {}
+    for name, (_, about) in start.described().items():
+        frame = "w, x, y, z; body to space" if name == "attitude" else f"{about['frame']} frame"
+        words = {"linear": "linear momentum", "position": "position"}.get(name, name)
+        found[f"{words} at the start"] = f"{_numbers(getattr(start, name))}  ({frame})"
+    return found
 
 
 def _torque(torque: Any) -> str:
     """The class of a torque, and its parameters."""
     if torque is None:
         return "none"
+    if isinstance(torque, Sum):
+        return " + ".join(_torque(term) for term in torque.terms)
     parameters = ", ".join(f"{name} = {_numbers(value)}" for name, value in _parameters(torque))
     return f"{getattr(torque, '__name__', type(torque).__name__)}({parameters})"
 

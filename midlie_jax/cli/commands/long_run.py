@@ -34,6 +34,7 @@ def long_run(options: argparse.Namespace, method: Method, scene: Scene, dt: floa
         dt=dt,
         steps=steps,
         save_every=options.save_every or _save_every(steps),
+        torque_axes=None,  # all copies are in one field
         resume=options.resume,
         mesh=jax.make_mesh((len(devices),), ("bodies",), devices=devices) if devices else None,
         attributes={
@@ -66,6 +67,8 @@ def inspect_run(options: argparse.Namespace) -> None:
         shown = "all bodies" if found.bodies <= _SHOWN else f"{len(record.ok)} of {found.bodies} bodies"
         print(f"energy error, largest relative, of {shown}: {record.energy_change.in_words}")
         print(f"momentum error, largest relative, of {shown}: {record.momentum_change.in_words}")
+        for change in record.travel_changes:
+            print(f"{change.name} error, largest relative, of {shown}: {change.in_words}")
     if options.plot:
         _draw(found, options.plot)
 
@@ -87,19 +90,20 @@ def _draw(found: Inspection, path: str) -> None:
 def _record(found: Inspection) -> Record | None:
     """The run as far as it is computed, of evenly spaced bodies; None unless the store holds the states of a scene."""
     said = found.attributes
-    if said.get("scene") not in scenes.scenes() or said.get("state") != "RigidState" or found.done == 0:
+    if said.get("scene") not in scenes.scenes() or found.done == 0:
         return None
+    scene = scenes.scene(said["scene"], jnp.dtype(said["dtype"]))
     import zarr
 
     root: Any = zarr.open_group(str(found.path), mode="r")
-    if "momentum" not in root:
+    names = list(scene.start.described())
+    if said.get("state") != type(scene.start).__name__ or any(name not in root for name in names):
         return None
     bodies = slice(None, None, -(-found.bodies // _SHOWN))
-    momenta = root["momentum"][bodies]
+    momenta, *others = (root[name][bodies] for name in names)
     computed = int(np.sum(~np.all(np.isnan(momenta), axis=(0, 2))))
-    times, attitudes = root["time"][:computed], root["attitude"][bodies][:, :computed]
-    scene = scenes.scene(said["scene"], jnp.dtype(said["dtype"]))
+    momenta, attitudes, *travel = (values[:, :computed] for values in (momenta, *others))
     _, size, seed = (said[name] for name in _SCENE)
     ok = found.first_bad[bodies] == found.saves
     run = said["method"], said["dt"], said["steps"], size, seed
-    return Record(scene, *run, times, momenta[:, :computed], attitudes, ok)
+    return Record(scene, *run, root["time"][:computed], momenta, attitudes, ok, travel=tuple(travel))

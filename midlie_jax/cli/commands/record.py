@@ -1,21 +1,34 @@
 """The result of `midlie run` as NumPy arrays, for the report, the chart and the saved file."""
 
 import csv
+from itertools import chain
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from ...model.states import RigidState
+from ...model.bodies import RigidBody
+from ...model.states import AxisState, Travelling
 from ...plot.conservation import Change, energy_change, momentum_change
+from ...simulation.names import named, parameter
+from ...simulation.variables import COORDINATES
 from ...simulation.versions import versions
+from .. import travel_changes
 from ..scenes import Scene
 
-MOMENTUM = ("momentum_1", "momentum_2", "momentum_3")
-ATTITUDE = ("attitude_w", "attitude_x", "attitude_y", "attitude_z")
-COLUMNS = ("body", "time", *MOMENTUM, *ATTITUDE, "ok")
-_MOMENTUM_FRAME = "angular momentum along the principal axes of the body, about its fixed point or centre of mass"
-_ATTITUDE_FRAME = "unit quaternion, scalar first, that takes components in the body frame to components in space"
+_PLURAL = {"momentum": "momenta", "attitude": "attitudes"}  # as such files have always named these two
+_FRAMES = {
+    "momentum": "angular momentum along the principal axes of the body, about its fixed point or centre of mass",
+    "attitude": "unit quaternion, scalar first, that takes components in the body frame to components in space",
+}
+
+
+def columns(state: Any) -> dict[str, tuple[str, ...]]:
+    """For each field of a kind of state, the names of its components."""
+    return {
+        name: tuple(f"{name}_{letter}" for letter in COORDINATES[dims[-1]])
+        for name, (dims, _) in state.described().items()
+    }
 
 
 class Record(NamedTuple):
@@ -28,11 +41,12 @@ class Record(NamedTuple):
         steps: number of steps.
         size, seed: size and seed of the perturbations, see `scenes.perturbed`; the first body is not perturbed.
         times: times of the saved states, (n,).
-        momenta: angular momenta, body frame, (bodies, n, 3).
-        attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4).
+        momenta: angular momenta, body frame, (bodies, n, 3); of an axis, in space.
+        attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes in space, (bodies, n, 3).
         ok: `Path.ok` of each body, (bodies,).
         first_bad: `Path.first_bad` of each body, (bodies,), if it is known.
         method_from: MODULE:NAME for a method of the user's own, else the name of this package.
+        travel: linear momenta and positions, (bodies, n, 3) each, of a body that travels; else nothing.
     """
 
     scene: Scene
@@ -47,28 +61,52 @@ class Record(NamedTuple):
     ok: np.ndarray
     first_bad: np.ndarray | None = None
     method_from: str = "midlie_jax"
+    travel: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def of(cls, scene: Scene, method: str, dt: float, steps: int, size: float, seed: int, path: Any) -> "Record":
         """The record of a path of `integrate` with a leading axis of bodies."""
-        arrays = path.times[0], path.states.momentum, path.states.attitude, path.ok, path.first_bad
-        times, momenta, attitudes, ok, first_bad = map(np.asarray, arrays)
-        return cls(scene, method, dt, steps, size, seed, times, momenta, attitudes, ok, first_bad)
+        momenta, attitudes, *travel = (np.asarray(leaf) for leaf in jax.tree.leaves(path.states))
+        times, ok, first_bad = map(np.asarray, (path.times[0], path.ok, path.first_bad))
+        run = scene, method, dt, steps, size, seed
+        return cls(*run, times, momenta, attitudes, ok, first_bad, travel=tuple(travel))
 
     @property
-    def states(self) -> RigidState:
+    def states(self) -> Any:
         """The states, with leading axes (bodies, n), unchecked: those of a failed run may contain NaN."""
-        return jax.tree.unflatten(jax.tree.structure(self.scene.start), (self.momenta, self.attitudes))
+        return jax.tree.unflatten(jax.tree.structure(self.scene.start), (self.momenta, self.attitudes, *self.travel))
 
     @property
     def energy_change(self) -> Change:
         """The change of the energy of each body, (bodies, n)."""
-        return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
+        change = energy_change if isinstance(self.scene.body, RigidBody) else travel_changes.energy_change
+        return change(self.scene.body, self.scene.torque, self.times, self.states)
 
     @property
     def momentum_change(self) -> Change:
         """The change of the spatial momentum of each body, (bodies, n)."""
-        return momentum_change(self.scene.torque, self.states)
+        states = self.states
+        if isinstance(states, Travelling):
+            return travel_changes.angular_change(self.scene.torque, states)
+        if isinstance(states, AxisState):
+            # The momentum of an axis in space is that of a body with this axis, whatever its angle of spin. Compiled,
+            # because the states of a failed run are not to be checked.
+            states = jax.jit(lambda s: s.with_attitude())(states)
+        return momentum_change(self.scene.torque, states)
+
+    @property
+    def travel_changes(self) -> list[Change]:
+        """Of a body that travels, the change of its linear momentum, and the error of its place if it is known."""
+        if not self.travel:
+            return []
+        scene, states = self.scene, self.states
+        place = travel_changes.place_change(scene.body.mass, scene.torque, self.times, states)
+        return [travel_changes.linear_change(scene.torque, states), *([place] if place else [])]
+
+    @property
+    def columns(self) -> dict[str, tuple[str, ...]]:
+        """The names of the components of the arrays of the states."""
+        return columns(self.scene.start)
 
     @property
     def dtype(self) -> str:
@@ -89,7 +127,7 @@ def save(record: Record, path: str) -> None:
     """Writes a .npz or .csv file, by the ending of `path`.
 
     The .npz contains the arrays and a full description of the run, and can be read without pickle. The .csv has a line
-    for each body and time, with the columns `COLUMNS`.
+    for each body and time: body, time, the components of the state, ok.
 
     Raises:
         OSError: the file cannot be written.
@@ -101,10 +139,9 @@ def _save_npz(record: Record, path: str) -> None:
     scene = record.scene
     parts: dict[str, Any] = {
         "times": record.times,
-        "momenta": record.momenta,
-        "attitudes": record.attitudes,
+        **_of_states(record),
         "ok": record.ok,
-        "moments": np.asarray(scene.body.moments),
+        **_of_body(scene.body),
         "scene": scene.name,
         "title": scene.title,
         "source": scene.source,
@@ -117,10 +154,6 @@ def _save_npz(record: Record, path: str) -> None:
         "bodies": len(record.ok),
         "perturbation_size": record.size,
         "perturbation_seed": record.seed,
-        "momentum_frame": _MOMENTUM_FRAME,
-        "momentum_components": MOMENTUM,
-        "attitude_frame": _ATTITUDE_FRAME,
-        "attitude_components": ATTITUDE,
         "version": versions()["midlie_jax"],
         "jax_version": versions()["jax"],
     }
@@ -132,11 +165,33 @@ def _save_npz(record: Record, path: str) -> None:
         np.savez(file, **parts)
 
 
+def _of_states(record: Record) -> dict[str, Any]:
+    """The arrays of the states, with the frames and names of their components."""
+    start, found = record.scene.start, dict[str, Any]()
+    arrays = record.momenta, record.attitudes, *record.travel
+    for (name, columns), array in zip(record.columns.items(), arrays, strict=True):
+        found[_PLURAL.get(name, name)] = array
+        found[f"{name}_components"] = columns
+        found[f"{name}_frame"] = _FRAMES.get(name) or start.described()[name][1]["frame"]
+    if isinstance(start, AxisState) or record.travel:
+        found |= {"state": type(start).__name__, "momentum_frame": start.described()["momentum"][1]["frame"]}
+    return found
+
+
+def _of_body(body: Any) -> dict[str, Any]:
+    """The parameters of the body; of a body that travels and of an axis as `simulate` names them."""
+    if isinstance(body, RigidBody):
+        return {"moments": np.asarray(body.moments)}
+    return {parameter(name): np.asarray(leaf) for name, leaf in named({"body": body}, ".").items()}
+
+
 def _save_csv(record: Record, path: str) -> None:
+    arrays = record.momenta, record.attitudes, *record.travel
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for body, (momenta, attitudes, ok) in enumerate(zip(record.momenta, record.attitudes, record.ok, strict=True)):
-            for t, momentum, attitude in zip(record.times, momenta, attitudes, strict=True):
+        writer.writerow(("body", "time", *chain(*record.columns.values()), "ok"))
+        for body, ok in enumerate(record.ok):
+            rows = np.concatenate([array[body] for array in arrays], axis=-1)
+            for t, row in zip(record.times, rows, strict=True):
                 # A NumPy scalar prints with the fewest digits that give back the same number.
-                writer.writerow([body, t, *momentum, *attitude, int(ok)])
+                writer.writerow([body, t, *row, int(ok)])

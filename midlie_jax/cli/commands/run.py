@@ -17,9 +17,10 @@ from ...advice.trials import MOST_STEPS
 from ...drivers.integrate import integrate
 from ...drivers.path import Path
 from ...methods.base import Method
-from ...model.states import RigidState
+from ...model.states import AxisState
 from .. import chosen, scenes
 from ..scenes import Scene
+from ..travel_changes import in_words
 from .long_run import long_run
 from .output import require
 from .record import Record, save
@@ -39,11 +40,15 @@ def run(options: argparse.Namespace) -> None:
     scene = chosen.scene(options.scene, dtype)
     if ":" in options.scene:  # so that output does not name a scene of this package by mistake
         scene = replace(scene, name=options.scene)
+    if not options.method_given:
+        options.method = scene.method
     method = chosen.method(options.method)
     dt, steps = _steps(options, scene, dtype)
     start = scenes.perturbed(scene, options.bodies, options.size, options.seed)
     few = jax.tree.map(lambda leaf: leaf[:_MOST_CHECKED], start)
-    checked = check(method, scene.body, scene.torque, few, dt=dt, steps=min(steps, MOST_STEPS)).parts_of(steps)
+    # All copies are in one field: with three of them its vectors would look as if each body had a component of its own.
+    trial: dict[str, Any] = {"dt": dt, "steps": min(steps, MOST_STEPS), "torque_axes": None}
+    checked = check(method, scene.body, scene.torque, few, **trial).parts_of(steps)
     if options.out and options.out.lower().endswith(".zarr"):
         print(*(f"{name}: {value}" for name, value in checked), sep="\n")
         long_run(options, method, scene, dt, steps, start)
@@ -95,7 +100,7 @@ def _save_every(steps: int, bodies: int, most: int) -> int:
 
 def _integrated(
     method: Method, scene: Scene, start: Any, dt: float, steps: int, every: int
-) -> tuple[Path[RigidState], float, Timing]:
+) -> tuple[Path[Any], float, Timing]:
     """The path of all bodies, the seconds of compiling, and the timing of the runs."""
     rest = steps % every
 
@@ -128,7 +133,7 @@ def _integrated(
     return path, compile_seconds, timing
 
 
-def _since(path: Path[RigidState]) -> str:
+def _since(path: Path[Any]) -> str:
     """When the first body failed, for the report; "" if none did."""
     if bool(np.all(path.ok)):
         return ""
@@ -145,14 +150,27 @@ def _report(
     runs = f"median, ±{timing.spread:.0%}" if math.isfinite(timing.spread) else "one run"
     clock = user_clock().name + (f" on {cores()} cores" if cores() > 1 else " on one core")
     warning = load.warning()
-    for name, value in (
+    lines = (
         *checked,
         ("energy error, largest relative", record.energy_change.in_words),
         ("momentum error, largest relative", record.momentum_change.in_words),
+        *((f"{change.name} error, largest relative", change.in_words) for change in record.travel_changes),
+        *_end(record),
         ("ok", "yes" if not failed else f"NO: failed for {failed} of {count}{since}"),
         ("compile time", f"{compile_seconds:.2f} s"),
         ("run time", f"{timing.seconds:.3g} s of {clock} ({runs})"),
         ("throughput", f"{count * record.steps / timing.seconds:.3g} body-steps/s"),
         *([("note", warning)] if warning else []),
-    ):
-        print(f"  {name:<33} {value}")
+    )
+    width = 1 + max(len(name) for name, _ in lines)
+    for name, value in lines:
+        print(f"  {name:<{width}} {value}")
+
+
+def _end(record: Record) -> list[tuple[str, str]]:
+    """Where the first body is at the end, if it travels; or how its axis points, if it is only an axis."""
+    if record.travel:
+        return [("place at the end", in_words(record.travel[-1][0, -1]))]
+    if isinstance(record.scene.start, AxisState):
+        return [("axis at the end", in_words(record.attitudes[0, -1]))]
+    return []

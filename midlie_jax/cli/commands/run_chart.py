@@ -1,4 +1,7 @@
-"""The chart of a run: changes of energy and momentum, angular velocities, and the path of an axis of the body."""
+"""The chart of a run: changes of energy and momentum, angular velocities, and the path of an axis of the body.
+
+Of a body that travels also the path of its centre of mass and the change of its linear momentum.
+"""
 
 import math
 from collections.abc import Sequence
@@ -8,9 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...model import so3, torques
+from ...model.rotor import Rotor
+from ...model.states import AxisState
 from ...plot.conservation import Change
 from ...plot.style import BLUE, GREEN, VERMILLION
 from ..figures import FAINT, INK, PANEL_TITLE, heading, new_figure, panel, write
+from .flight_path import flight_path
 from .record import Record
 
 _FIRST = 3  # how many bodies have a line of their own
@@ -37,7 +43,8 @@ def run_chart(record: Record, path: str) -> None:
 
 def run_figure(record: Record) -> Any:
     """The chart as a matplotlib figure."""
-    figure = new_figure(13.0, 10.0)
+    travels = bool(record.travel)
+    figure = new_figure(19.0 if travels else 13.0, 10.0)
     count, failed = len(record.ok), int(np.sum(~record.ok))
     note = f"Run by {record.method} with {record.steps} steps of {record.dt:g} in {record.dtype}."
     if count > 1:
@@ -49,7 +56,7 @@ def run_figure(record: Record) -> Any:
         note += f" FAILED for {failed} of {count}: values that are not finite are left out."
     heading(figure, f"{record.scene.name}: {record.scene.title}", note)
     figure.subplots_adjust(bottom=0.065, wspace=0.2, hspace=0.28)
-    grid = figure.add_gridspec(2, 2)
+    grid = figure.add_gridspec(2, 3 if travels else 2)
     unit = record.scene.time_unit or "time"
     time = f"Time t  [{unit}]"
     _change(figure.add_subplot(grid[0, 0]), record, record.energy_change, time)
@@ -57,6 +64,9 @@ def run_figure(record: Record) -> Any:
     _trace(figure.add_subplot(grid[0, 1]), record)
     stack = grid[1, 1].subgridspec(3, 1, hspace=0.18)
     _rates([figure.add_subplot(stack[i]) for i in range(3)], record, time, unit)
+    if travels:
+        flight_path(figure.add_subplot(grid[0, 2]), record)
+        _change(figure.add_subplot(grid[1, 2]), record, record.travel_changes[0], time)
     return figure
 
 
@@ -75,15 +85,18 @@ def _change(axes: Any, record: Record, change: Change, time: str) -> None:
 
 def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
     """Draws the angular velocities in one panel for each axis, because their sizes may be very different."""
-    rates = record.momenta / np.asarray(record.scene.body.moments)
+    body, is_axis = record.scene.body, isinstance(record.scene.start, AxisState)
+    turning = getattr(body, "body", body)
+    rates = record.momenta / np.asarray(turning.moment if isinstance(turning, Rotor) else turning.moments)
+    named, letters = ("the axes of space", "xyz") if is_axis else ("the principal axes", "123")
     for i, axes in enumerate(stack):
         first, last = i == 0, i == len(stack) - 1
-        title = "Angular velocity about the principal axes" if first else ""
+        title = f"Angular velocity about {named}" if first else ""
         largest = np.nanmax(np.abs(rates[..., i]))
         power = 3 * math.floor(math.log10(largest) / 3) if 0 < largest < 0.01 else 0
         scaled, scale = rates[..., i] / 10.0**power, f"$10^{{{power}}}$ " if power else ""
         panel(axes, title, time if last else "", "")
-        axes.set_ylabel(f"Ω{i + 1}  [{scale}rad/{unit}]", fontsize=9, color=INK)
+        axes.set_ylabel(f"Ω{letters[i]}  [{scale}rad/{unit}]", fontsize=9, color=INK)
         axes.tick_params(labelbottom=last)
         _band(axes, record.times, scaled, FAINT)
         for values, colour in zip(scaled[:_FIRST], _COLOURS, strict=False):
@@ -101,8 +114,9 @@ def _trace(axes: Any, record: Record) -> None:
     """Draws the path of an axis of the body on the unit sphere, seen along the z axis of space."""
     axis, name = _axis(record)
     panel(axes, f"Path of {name} in space, seen from +z", "x in space  [-]", "y in space  [-]")
-    matrices = np.asarray(so3.to_matrix(jnp.asarray(record.attitudes[:_FIRST])), np.float64)
-    tips = matrices @ axis
+    poses = record.attitudes[:_FIRST]
+    is_axis = isinstance(record.scene.start, AxisState)
+    tips = np.asarray(poses if is_axis else so3.to_matrix(jnp.asarray(poses)) @ axis, np.float64)
     for (x, y, z), colour in zip(np.moveaxis(tips, -1, 1), _COLOURS, strict=False):
         above = np.where(z >= 0, 1.0, np.nan)
         axes.plot(x, y, color=colour, linewidth=0.9, alpha=0.35)
@@ -139,7 +153,9 @@ def _span(record: Record) -> tuple[float, float]:
 def _axis(record: Record) -> tuple[np.ndarray, str]:
     """The axis of the body whose path is drawn, and its name: the axis of the torque if it has one, else the third."""
     torque = record.scene.torque
-    if isinstance(torque, torques.HeavyTop):
+    if isinstance(record.scene.start, AxisState):
+        axis, name = np.array([0.0, 0.0, 1.0]), "the axis of symmetry"
+    elif isinstance(torque, torques.HeavyTop):
         axis, name = np.asarray(torque.axis), "the axis from the pivot to the centre of mass"
     elif isinstance(torque, torques.DipoleInField):
         moment = np.asarray(torque.moment, np.float64)
@@ -147,7 +163,7 @@ def _axis(record: Record) -> tuple[np.ndarray, str]:
     else:
         axis, name = np.array([0.0, 0.0, 1.0]), "the body's axis e3"
     principal = [f"e{i + 1}" for i in range(3) if axis[i] == 1 and np.count_nonzero(axis) == 1]
-    return axis, f"the body's axis {principal[0]}" if principal else name
+    return axis, f"the body's axis {principal[0]}" if principal and "symmetry" not in name else name
 
 
 def _band(axes: Any, times: np.ndarray, values: np.ndarray, colour: str) -> None:

@@ -1,8 +1,17 @@
 """The options of the commands that make a run, and of those that read one."""
 
 import argparse
+from typing import Any
 
 from ..readers import MOST_STEPS, OWN, axis, file, file_or_store, number, positive, sequence, whole
+
+
+class _Given(argparse.Action):
+    """Notes that the option was given: the scenes that need another method than the default name their own."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
+        setattr(namespace, self.dest, values)
+        setattr(namespace, f"{self.dest}_given", True)
 
 
 def run(parser: argparse.ArgumentParser) -> None:
@@ -12,8 +21,13 @@ def run(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("scene", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
     parser.add_argument(
-        "--method", default="JACOBI[EA]", metavar="NAME", help=f"see `midlie methods` (default: JACOBI[EA]){OWN}"
+        "--method",
+        default="JACOBI[EA]",
+        action=_Given,
+        metavar="NAME",
+        help=f"see `midlie methods` (default: JACOBI[EA], or the scene's if that cannot move its body){OWN}",
     )
+    parser.set_defaults(method_given=False)
     parser.add_argument("--dt", type=number, metavar="H", help="step (default: the scene's)")
     parser.add_argument(
         "--steps", type=whole(1, MOST_STEPS), metavar="N", help="number of steps (default: the scene's duration)"
@@ -28,8 +42,8 @@ def run(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=file_or_store,
         metavar="FILE",
-        help="save times, momenta and attitudes: .npz or .csv; or .zarr, a store that is written as the run goes and "
-        "from which it resumes (needs the extra io)",
+        help="save times and states: .npz or .csv; or .zarr, a store that is written as the run goes and from which it "
+        "resumes (needs the extra io)",
     )
     parser.add_argument(
         "--resume", action="store_true", help="go on with the run in the .zarr of --out, if there is one"
@@ -92,7 +106,8 @@ def view(parser: argparse.ArgumentParser) -> None:
 def export(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Writes the attitudes of one body of a run that `midlie run --out` or midlie_jax.simulate has written, as CSV: "
-        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit."
+        "time, then the unit quaternion from body to space, scalar first; or Euler angles. The header says the unit. "
+        "The position of a body that travels follows; of a body that is only an axis, it writes the axis."
     )
     parser.add_argument("run", metavar="RUN", help="the .npz or .zarr")
     parser.add_argument("--body", type=whole(0), default=0, metavar="K", help="which body, from 0 (default: 0)")

@@ -1,0 +1,90 @@
+"""Forces of scenes whose bodies travel: the blades of a boomerang in air, and the Earth's pull on a small body."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..model import so3
+from ..model.torques.base import ReadsBody
+from ..model.wrench import Wrench
+
+
+class Blades(ReadsBody):
+    """Lift and drag of thin blades that turn about the third axis of the body, in air at rest, as means over a turn.
+
+    A piece of a blade that moves at U along the plane and at W along the third axis n is lifted by
+    strength/radius * U (lift U - slope W) for each unit of length, along n, and held back by strength/radius * drag
+    U^2. U = spin r + v . (n x r^), where v is the velocity of the body and r^ points along the blade, so the blade
+    that advances is lifted more: the axis turns and the flight bends. There is no stall, and no wake.
+
+    Attributes:
+        strength: half the density of air times the chord, the number and the length of the blades, (), mass/length.
+        radius: length of a blade, ().
+        lift: coefficient of lift of a blade that moves in its plane, ().
+        slope: how fast this coefficient falls with W/U, (), 1/radian.
+        drag: coefficient of drag, ().
+    """
+
+    strength: Float[Array, ""]
+    radius: Float[Array, ""]
+    lift: Float[Array, ""]
+    slope: Float[Array, ""]
+    drag: Float[Array, ""]
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
+
+    def at(self, t: Any, state: Any, body: Any) -> Wrench:
+        del t
+        a, turn = self.radius, body.velocity(state.momentum)
+        v = so3.rotate(so3.conjugate(state.attitude), state.linear / body.mass)  # all vectors are along the body's axes
+        n = jnp.zeros_like(v).at[2].set(1)
+        spin, along = turn[2], v[2]
+        across, tilt = v - along * n, turn - spin * n  # the parts in the plane of the blades
+        square = jnp.sum(across**2)
+        lift = self.lift * ((spin * a) ** 2 / 3 + square / 2) + self.slope * a * (
+            jnp.sum(across * tilt) / 4 - spin * along / 2
+        )
+        bend = (self.slope * a * along / 4 - self.lift * a**2 * spin / 3) * across
+        steady = -self.slope * a**3 * spin / 8 * tilt
+        slow = -self.drag * a * ((spin * a) ** 2 + square) / 4 * n
+        force = lift * n - self.drag * a * spin / 2 * across
+        return Wrench(self.strength * (bend + steady + slow), self.strength * so3.rotate(state.attitude, force))
+
+
+class EarthOnPoint(ReadsBody):
+    """Gravity of an oblate planet at the origin that acts on the centre of mass alone, so that it turns nothing.
+
+    V = -mu m/r (1 - j2 (radius/r)^2 (3 s^2 - 1)/2), where s is the sine of the latitude.
+
+    Attributes:
+        mu: gravitational parameter, (), length^3/time^2.
+        radius: equatorial radius, ().
+        j2: the coefficient J2, ().
+        pole: unit vector along the axis of the planet, space frame, (3,).
+    """
+
+    mu: Float[Array, ""]
+    radius: Float[Array, ""]
+    j2: Float[Array, ""]
+    pole: Float[Array, "3"]
+
+    def at(self, t: Any, state: Any, body: Any) -> Wrench:
+        del t
+        inverse, sine, flat = self._place(state)
+        u = state.position * inverse
+        pull = (1 + flat * (1 - 5 * sine**2)) * u + 2 * flat * sine * self.pole
+        return Wrench(jnp.zeros_like(state.momentum), -self.mu * body.mass * inverse**2 * pull)
+
+    def potential_at(self, t: Any, state: Any, body: Any) -> Array:
+        del t
+        inverse, sine, flat = self._place(state)
+        return -self.mu * body.mass * inverse * (1 - flat * (sine**2 - 1 / 3))
+
+    def _place(self, state: Any) -> tuple[Array, Array, Array]:
+        """1/r, the sine of the latitude, and 3/2 j2 (radius/r)^2."""
+        inverse = 1 / jnp.linalg.norm(state.position)
+        return inverse, jnp.sum(self.pole * state.position) * inverse, 1.5 * self.j2 * (self.radius * inverse) ** 2
