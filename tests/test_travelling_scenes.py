@@ -16,7 +16,7 @@ from cases import worst
 
 import midlie_jax as ml
 from midlie_jax.cli import convergence, scenes
-from midlie_jax.cli.air_and_earth import Blades, EarthOnPoint
+from midlie_jax.cli.blades import Blades
 from midlie_jax.cli.main import main
 from midlie_jax.simulation.saved import saved_path
 
@@ -183,17 +183,6 @@ def test_blades_are_the_mean_of_their_pieces():
             force, torque = force + piece, torque + np.cross(r * arm, piece)
     np.testing.assert_allclose(found.torque, torque, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(found.force, R @ force, rtol=1e-12)
-
-
-def test_the_earth_pulls_on_a_point_as_on_a_small_body():
-    mu, radius, j2 = 3.986e14, 6.378e6, 1e-3
-    body = ml.FreeBody(ml.RigidBody([1e-6, 2e-6, 2.5e-6]), 3.0)
-    state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [4e6, -3e6, 5e6])
-    here = EarthOnPoint(*map(jnp.asarray, (mu, radius, j2, [0.0, 0.0, 1.0]))).on(body)
-    there = (ml.torques.PointMass(mu) + ml.torques.Oblateness(mu, radius, j2)).on(body)
-    np.testing.assert_allclose(here(0.0, state).force, there(0.0, state).force, rtol=1e-13)
-    np.testing.assert_allclose(here.potential(0.0, state), there.potential(0.0, state), rtol=1e-13)
-    assert not here(0.0, state).torque.any()
 
 
 def test_a_ball_that_falls_in_air_reaches_its_terminal_speed():

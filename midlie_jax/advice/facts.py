@@ -73,7 +73,7 @@ class Facts(NamedTuple):
 def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array, Array]:
     """|Omega|, |T|, the speed |dT/dt| at which the torque changes along the motion, and |d Omega/dt|."""
     velocity = system.velocity(motion.momentum)
-    torque = jax.tree.map(jnp.asarray, system.force(t, motion))  # a part that is always zero is no array of JAX
+    torque = system.force(t, motion)
     rates = system.kind.momentum_rate(motion.momentum, velocity, torque), system.kind.rate(motion.pose, velocity)
     _, change = jax.jvp(system.force, (t, motion), (jnp.ones_like(t), Motion(*rates)))
     speed, acceleration = (cp.root(system.inertia.square_of_turn(1.0, x)) for x in (motion.momentum, rates[0]))

@@ -10,7 +10,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..model import so3
-from ..model.states import AxisState, RigidState, Travelling
+from ..model.states import AxisState, RigidState, TravellingState
 from ..model.torques import TorqueLike
 
 
@@ -79,12 +79,12 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
     if not np.isfinite(size) or size < 0:
         raise ValueError(f"size must be finite and not negative, got {size!r}.")
     start = scene.start
-    parts = 4 if isinstance(start, Travelling) else 2
+    parts = 4 if isinstance(start, TravellingState) else 2
     changes = size * np.random.default_rng(seed).standard_normal((count, parts, 3))
     momentum_change, rotation, *travel = (jnp.asarray(changes[1:, i], start.momentum.dtype) for i in range(parts))
-    turning = start.turning if isinstance(start, Travelling) else start
+    turning = start.turning if isinstance(start, TravellingState) else start
     others: Any = _turned(turning, momentum_change, rotation)
-    if isinstance(start, Travelling):
+    if isinstance(start, TravellingState):
         linear, position = travel
         push = _length(start.linear) * linear
         others = start.made(

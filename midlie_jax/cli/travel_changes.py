@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..model.observables import energy
-from ..model.states import Travelling
+from ..model.states import TravellingState
 from ..model.torques import Oblateness, PointMass, Sum, UniformGravity
 from ..plot.conservation import Change
-from .air_and_earth import EarthOnPoint
 
 
 def energy_change(body: Any, torque: Any, times: np.ndarray, states: Any) -> Change:
@@ -35,7 +34,7 @@ def _energies(body: Any, torque: Any, times: np.ndarray, states: Any) -> np.ndar
 _CHANGED = "not conserved: forces change it"
 
 
-def angular_change(torque: Any, states: Travelling) -> Change:
+def angular_change(torque: Any, states: TravellingState) -> Change:
     """The change of the angular momentum that is conserved, or else of that about the centre of mass.
 
     Weight alone turns nothing, so the momentum about the centre of mass is conserved. In the field of a planet it is
@@ -44,7 +43,7 @@ def angular_change(torque: Any, states: Travelling) -> Change:
     terms, name = _terms(torque), "spatial momentum"
     # Compiled, because the states of a failed run are not to be checked.
     about_centre = np.asarray(jax.jit(lambda s: s.turning.spatial_momentum())(states), np.float64)
-    if all(isinstance(term, UniformGravity | EarthOnPoint) for term in terms):
+    if all(isinstance(term, UniformGravity) or not getattr(term, "gradient", True) for term in terms):
         return Change(_relative(about_centre), name, "|π - π₀| / |π₀|", "all of it, about the centre of mass")
     if not all(isinstance(term, PointMass | Oblateness) for term in terms):
         return Change(_relative(about_centre), name, "|π - π₀| / |π₀|", reason="not conserved: the torque changes it")
@@ -59,7 +58,7 @@ def angular_change(torque: Any, states: Travelling) -> Change:
     return Change(_relative(along, scale), name, "|Lₙ - Lₙ₀| / |L₀|", note)
 
 
-def linear_change(torque: Any, states: Travelling) -> Change:
+def linear_change(torque: Any, states: TravellingState) -> Change:
     """The change of the linear momentum, or of its part across a uniform gravity, which is conserved."""
     p, terms = np.asarray(states.linear, np.float64), _terms(torque)
     name, formula = "linear momentum", "|p - p₀| / |p₀|"
@@ -73,7 +72,7 @@ def linear_change(torque: Any, states: Travelling) -> Change:
     return Change(_relative(across, size), name, formula, "part across gravity")
 
 
-def place_change(mass: Any, torque: Any, times: np.ndarray, states: Travelling) -> Change | None:
+def place_change(mass: Any, torque: Any, times: np.ndarray, states: TravellingState) -> Change | None:
     """The distance from the parabola over the way along its axes; None if the path has no closed form."""
     terms = _terms(torque)
     if not all(isinstance(term, UniformGravity) for term in terms):

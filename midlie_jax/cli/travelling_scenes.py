@@ -12,7 +12,7 @@ from ..model.rotor import Rotor
 from ..model.states import AxisState, FreeState
 from ..model.torques import HeavyTop, Oblateness, PointMass, UniformGravity
 from . import jeod
-from .air_and_earth import Blades, EarthOnPoint
+from .blades import Blades
 from .scene import Scene
 
 _BRICK = np.array([0.00189422, 0.006211019, 0.007194665]), 0.155404754  # moments and mass, slug and ft
@@ -51,11 +51,13 @@ def dropped_brick(dtype: Any) -> Scene:
     moments, mass = _BRICK
     mu, radius, j2 = _EARTH
     height = radius / _FOOT + 30000
+    mu, radius, j2, pole = (jnp.asarray(x, dtype) for x in (mu / _FOOT**3, radius / _FOOT, j2, [1.0, 0.0, 0.0]))
+    earth = PointMass(mu, gradient=False) + Oblateness(mu, radius, j2, pole, gradient=False)  # as published
     return Scene(
         name="",
         title="the tumbling brick dropped from 30000 ft over the turning Earth, east of the plumb line",
         body=_body(moments, mass, dtype),
-        torque=EarthOnPoint(*(jnp.asarray(x, dtype) for x in (mu / _FOOT**3, radius / _FOOT, j2, [1.0, 0.0, 0.0]))),
+        torque=earth,
         start=_start(
             moments * np.deg2rad([10.0, 20.0, 30.0]), [1.0, 0.0, 0.0, 0.0],
             [0.0, mass * _TURN_OF_EARTH * height, 0.0], [0.0, 0.0, -height], dtype,

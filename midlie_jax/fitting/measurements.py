@@ -19,7 +19,7 @@ from .._checks.arguments import as_floats, is_unit, require, require_finite
 from .._math import components as cp
 from ..model import so3
 from ..model.state import AnyState
-from ..model.states import Travelling, attitude_of
+from ..model.states import TravellingState, attitude_of
 from ..model.torques import TorqueLike, on_body, without_gravity
 from ..model.wrench import Wrench
 
@@ -289,7 +289,7 @@ class Positions(Measurement):
         del body
         markers = self.markers(parameters).reshape(1, -1, 3)
         expected = so3.rotate(attitude_of(states)[:, None], markers)
-        if isinstance(states, Travelling):
+        if isinstance(states, TravellingState):
             expected = expected + states.position[:, None]
         if self.origin is not None:
             expected = expected + self.origin(parameters).reshape(1, 1, 3)
@@ -361,7 +361,7 @@ class Accelerations(Measurement):
             moment = zeros if bound is None else Wrench.of(bound(t, state)).torque
             change = body.velocity(jnp.cross(state.momentum, rates) + moment)
             felt = zeros if gravity is None else -gravity
-            if isinstance(state, Travelling) and pushing is not None:
+            if isinstance(state, TravellingState) and pushing is not None:
                 felt = felt + Wrench.of(pushing(t, state)).force / body.mass
             of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
             return cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning

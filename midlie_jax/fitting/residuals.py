@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..methods.base import Method
 from ..model.state import AnyState
-from ..model.states import Travelling
+from ..model.states import TravellingState
 from .layout import Layout
 from .measurements import Attitudes, Measurement, Rates
 from .sampling import Grid
@@ -148,7 +148,7 @@ def _units(states: AnyState, increments: Float[Array, "s k"]) -> Float[Array, "s
         return jnp.where(size == 0, jnp.ones_like(size), size)
 
     units = jnp.ones_like(increments).at[..., :3].set(unit(states.momentum))
-    if isinstance(states, Travelling):
+    if isinstance(states, TravellingState):
         units = units.at[..., -6:-3].set(unit(states.linear)).at[..., -3:].set(unit(states.position))
     return units
 

@@ -53,7 +53,11 @@ ENTRIES: dict[str, Entry] = {
         _entry(flights.Jacobi(), schemes.SRKN6B, "any body, four to six digits"),
         _entry(flights.Jacobi(), schemes.SRKN14A, "any body, six digits and more, also over long runs"),
         _entry(flights.Jacobi(), schemes.CHIN4A, "any body, three to five digits, torque from a potential"),
-        _entry(flights.Symmetric(), schemes.EA, "two equal moments, up to three digits: three times as fast as JACOBI; on an AxisState six times"),
+        _entry(
+            flights.Symmetric(),
+            schemes.EA,
+            "two equal moments, up to three digits: three times as fast as JACOBI, six times on an AxisState",
+        ),
         _entry(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
         _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
         _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),

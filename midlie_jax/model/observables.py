@@ -19,7 +19,7 @@ from .compatibility import check_body, check_state, check_torque
 from .free_body import Momenta
 from .rotor import Rotor
 from .state import AnyState, State
-from .states import Travelling, attitude_of
+from .states import TravellingState, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
@@ -186,7 +186,7 @@ def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
 
 
 def _travelling(state: Any) -> Any:
-    if not isinstance(state, Travelling):
+    if not isinstance(state, TravellingState):
         raise ValueError(f"a {type(state).__name__} does not travel; this needs a FreeState or a FreeAxisState.")
     return state
 

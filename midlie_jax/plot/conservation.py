@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..model.bodies import Body
 from ..model.observables import energy
 from ..model.state import AnyState, State
-from ..model.states import Travelling
+from ..model.states import TravellingState
 from ..model.torques import TorqueLike, on_body
 from .kept import ALL, Kept, kept_by
 
@@ -87,7 +87,7 @@ def momentum_change(torque: TorqueLike | None, states: AnyState) -> Change:
     torque, states = _doubles((torque, states))
     size, letter = np.linalg.norm(np.asarray(states.momentum)[..., :1, :], axis=-1), "|π₀|"
     name, changed = "spatial momentum", "not conserved: the torque changes it"
-    if isinstance(states, Travelling):
+    if isinstance(states, TravellingState):
         name, letter, changed = "total angular momentum", "max |π|", "not conserved: torque or force changes it"
         parts = np.cross(states.position, states.linear), np.asarray(states.momentum)
         size = np.nanmax(sum(np.linalg.norm(part, axis=-1) for part in parts), axis=-1, keepdims=True)
@@ -109,7 +109,7 @@ def momentum_change(torque: TorqueLike | None, states: AnyState) -> Change:
     return Change(whole, name, formula, reason=changed)
 
 
-def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: Travelling) -> Change:
+def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: TravellingState) -> Change:
     """|p(t) - p(0)| / max |p| of a body that travels, which is conserved where no force acts.
 
     Args:

@@ -9,7 +9,7 @@ from ..drivers.path import AnyPath
 from ..model.bodies import Body
 from ..model.compatibility import check_body, check_torque
 from ..model.state import AnyState
-from ..model.states import Travelling
+from ..model.states import TravellingState
 from ..model.torques import TorqueLike
 from .conservation import Change, energy_change, linear_change, momentum_change
 from .edge import name_at_edge
@@ -82,7 +82,7 @@ def conserved(
     check_body(body, motion.states)
     check_torque(torque)
     changes = [energy_change(body, torque, motion.times, motion.states), momentum_change(torque, motion.states)]
-    if isinstance(motion.states, Travelling):
+    if isinstance(motion.states, TravellingState):
         changes.append(linear_change(body, torque, motion.times, motion.states))
     if all(change.reason for change in changes):
         raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")

@@ -12,7 +12,7 @@ from ..model import so3
 from ..model.bodies import Body
 from ..model.compatibility import check_body
 from ..model.state import AnyState, State
-from ..model.states import AxisState, Travelling, attitude_of
+from ..model.states import AxisState, TravellingState, attitude_of
 
 
 class Motion(NamedTuple):
@@ -32,7 +32,7 @@ class Motion(NamedTuple):
     def turning(self) -> "Motion":
         """The rotation alone of a body that also travels; of any other body the motion itself."""
         states = self.states
-        return self._replace(states=states.turning) if isinstance(states, Travelling) else self
+        return self._replace(states=states.turning) if isinstance(states, TravellingState) else self
 
     @property
     def momenta(self) -> np.ndarray:

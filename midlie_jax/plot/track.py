@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..drivers.path import AnyPath
-from ..model.states import Travelling
+from ..model.states import TravellingState
 from .edge import name_at_edge
 from .motion import motion_of
 from .style import BLUE, SIZE, ink, is_3d, remark
@@ -16,7 +16,9 @@ _LETTERS = "xyz"
 _MARK = "midlie_jax.plot.track"  # marks the lines of this module on 3-D axes
 
 
-def track(axes: Any, path: AnyPath[Travelling], *, colour: str | None = None, label: str | None = None) -> np.ndarray:
+def track(
+    axes: Any, path: AnyPath[TravellingState], *, colour: str | None = None, label: str | None = None
+) -> np.ndarray:
     """Draws the path of the centre of mass in space, with one scale in all directions.
 
     On plain axes it is drawn in the plane xy, xz or yz in which it is longest; labels "x" and "z" that the axes have
@@ -37,7 +39,7 @@ def track(axes: Any, path: AnyPath[Travelling], *, colour: str | None = None, la
         ValueError: the path is not of one body that travels, or its first two states are bad.
     """
     motion = motion_of(path)
-    if not isinstance(motion.states, Travelling):
+    if not isinstance(motion.states, TravellingState):
         raise ValueError(
             f"a {type(motion.states).__name__} has no place in space; integrate a FreeState of a FreeBody to draw one."
         )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..model.free_body import FreeBody
-from ..model.states import Travelling
+from ..model.states import TravellingState
 from .motion import Motion
 from .shape import CORNER, Shape
 
@@ -67,7 +67,7 @@ def travel_of(
         share: how far each frame is on the way from one to the other, (k,).
     """
     states = motion.states
-    if not isinstance(states, Travelling) or not isinstance(body, FreeBody):
+    if not isinstance(states, TravellingState) or not isinstance(body, FreeBody):
         return None
     track = np.asarray(states.position, float)
     extent = float(np.max(np.ptp(track, axis=0)))

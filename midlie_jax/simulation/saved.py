@@ -16,7 +16,7 @@ from ..model.bodies import RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
 from ..model.state import AnyState, State
-from ..model.states import AxisState, FreeAxisState, FreeState, RigidState, Travelling
+from ..model.states import AxisState, FreeAxisState, FreeState, RigidState, TravellingState
 from .names import parameter
 
 _KINDS: dict[str, type[AnyState]] = {kind.__name__: kind for kind in (AxisState, FreeState, FreeAxisState)}
@@ -179,7 +179,7 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         tensor = turn @ np.diag(principal) @ turn.T
         return TensorBody((tensor + tensor.T) / 2, physical=False)
 
-    if not issubclass(kind, Travelling):
+    if not issubclass(kind, TravellingState):
         return turning("body", kind)
     mass = found("body.mass", 0)
     if mass is None:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...model import so3
-from ...model.states import Travelling
+from ...model.states import TravellingState
 from ...simulation.saved import saved_path
 from .record import columns
 
@@ -40,7 +40,7 @@ def export(options: argparse.Namespace) -> None:
         values = angles if options.radians else np.degrees(angles)
         if locked.any():
             remark = f"; at {locked.sum()} times the first and third axis are parallel: the third angle is set to 0"
-    if isinstance(states, Travelling):
+    if isinstance(states, TravellingState):
         heads = (*heads, *columns(states)["position"])
         values = np.concatenate([values, np.asarray(states.position)[:count]], axis=1)
     with open(options.out, "w", newline="") if options.out else nullcontext(sys.stdout) as file:

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ...model.bodies import RigidBody
-from ...model.states import AxisState, Travelling
+from ...model.states import AxisState, TravellingState
 from ...plot.conservation import Change, energy_change, momentum_change
 from ...simulation.names import named, parameter
 from ...simulation.variables import COORDINATES
@@ -86,7 +86,7 @@ class Record(NamedTuple):
     def momentum_change(self) -> Change:
         """The change of the spatial momentum of each body, (bodies, n)."""
         states = self.states
-        if isinstance(states, Travelling):
+        if isinstance(states, TravellingState):
             return travel_changes.angular_change(self.scene.torque, states)
         if isinstance(states, AxisState):
             # The momentum of an axis in space is that of a body with this axis, whatever its angle of spin. Compiled,

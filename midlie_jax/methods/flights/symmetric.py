@@ -42,7 +42,7 @@ class Symmetric(ExactFlight):
     axis: int | None = eqx.field(static=True, default=None)
 
     name: ClassVar[str] = "SYMMETRIC"
-    use: ClassVar[str] = "bodies with two equal moments: exact, and three times as fast as JACOBI"
+    use: ClassVar[str] = "bodies with two equal moments: exact, three times as fast as JACOBI, on an AxisState six"
     equal_moments: ClassVar[bool] = True
     also: ClassVar[tuple[type[Body], ...]] = (Rotor,)
     per_loop: ClassVar[int] = 4

@@ -10,7 +10,7 @@ from .compensated import CompensatedState as CompensatedState
 from .direction import DirectionState as DirectionState
 from .free import FreeAxisState as FreeAxisState
 from .free import FreeState as FreeState
-from .free import Travelling as Travelling
+from .free import TravellingState as TravellingState
 from .momentum import MomentumState as MomentumState
 from .particles import ParticleState as ParticleState
 from .rigid import RigidState as RigidState

@@ -20,7 +20,7 @@ from .axis import AxisState
 from .rigid import RigidState
 
 
-class Travelling(State[Momenta, Place]):
+class TravellingState(State[Momenta, Place]):
     """A state of rotation and, in the space frame, the linear momentum and the position of the centre of mass.
 
     Every method is that of the rotation, beside the arithmetic of vectors.
@@ -159,7 +159,7 @@ def _checked_travel(linear: Any, position: Any) -> tuple[Array, Array]:
     return linear, position
 
 
-class FreeState(Travelling):
+class FreeState(TravellingState):
     """The state of a rigid body that turns and travels: thirteen numbers.
 
     Attributes:
@@ -190,7 +190,7 @@ class FreeState(Travelling):
         return cls(turning.momentum, turning.attitude, linear, position)
 
 
-class FreeAxisState(Travelling):
+class FreeAxisState(TravellingState):
     """The state of a body that travels, and of whose rotation only the axis of symmetry is computed: twelve numbers.
 
     Attributes:

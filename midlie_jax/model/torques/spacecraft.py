@@ -18,7 +18,7 @@ from ..._checks.arguments import as_floats, as_function_of_time, is_unit, requir
 from ..._math import components as cp
 from .. import so3
 from ..state import AnyState, Time
-from ..states import Travelling, attitude_of
+from ..states import TravellingState, attitude_of
 from ..wrench import Wrench
 from .base import ReadsBody, Torque
 from .fields import to_body_components
@@ -191,7 +191,7 @@ class Drag(ReadsBody):
         return self.velocity is None
 
     def check(self, state: AnyState) -> None:
-        if isinstance(state, Travelling):
+        if isinstance(state, TravellingState):
             state.in_one_frame(cp.vector(self.lever))
 
     def on(self, body: Any) -> Torque:

@@ -8,6 +8,7 @@ J = R I R^T, u = x/r. In the expansion of V in the size of the body over r, the 
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -18,14 +19,14 @@ from ..._math import components as cp
 from ..free_body import FreeBody
 from ..rotor import Rotor
 from ..state import AnyState, Time
-from ..states import Travelling
+from ..states import TravellingState
 from ..wrench import Wrench
 from .base import ReadsBody, Torque
 
 
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, FreeBody]:
     """State and body, if both travel; a ValueError otherwise."""
-    if not isinstance(state, Travelling) or not isinstance(body, FreeBody):
+    if not isinstance(state, TravellingState) or not isinstance(body, FreeBody):
         raise ValueError(
             f"{type(torque).__name__} acts on a body that travels, but the state is a {type(state).__name__}; use a "
             "FreeState and a FreeBody."
@@ -107,14 +108,18 @@ class PointMass(_Gravity):
 
     Attributes:
         mu: gravitational parameter, (), length^3/time^2.
+        gradient: False leaves out the terms of second order: the body is pulled like a point, and not turned.
 
     Raises:
-        ValueError: mu not positive. When called: body and state do not travel, or a `Rotor` has no `along`.
+        ValueError: mu not positive. When called: body and state do not travel; with the gradient, a `Rotor` has no
+            `along`.
     """
 
     mu: Float[Array, "*batch"]
+    gradient: bool = eqx.field(static=True)
 
-    def __init__(self, mu: Any):
+    def __init__(self, mu: Any, *, gradient: bool = True):
+        self.gradient = gradient
         self.mu = as_floats("mu", mu)
         require("mu", self.mu, lambda m: m > 0, "must be positive", "pass G times the attracting mass.")
 
@@ -122,6 +127,9 @@ class PointMass(_Gravity):
         del t
         place = _Place(*travelling(self, state, body))
         square, u = place.inverse * place.inverse, place.here
+        if not self.gradient:
+            pull = cp.pack(cp.scale(-self.mu * square * body.mass, place.space))
+            return Wrench(jnp.zeros_like(state.momentum), pull)
         pull = place.inertia_times(u)
         along = body.mass + square * (1.5 * body.trace - 7.5 * cp.dot(u, pull))
         force = cp.add(cp.scale(along, u), cp.scale(3 * square, pull))
@@ -133,6 +141,8 @@ class PointMass(_Gravity):
         del t
         place = _Place(*travelling(self, state, body))
         square, u = place.inverse * place.inverse, place.here
+        if not self.gradient:
+            return -self.mu * place.inverse * body.mass
         shape = body.trace - 3 * cp.dot(u, place.inertia_times(u))
         return -self.mu * place.inverse * (body.mass + square / 2 * shape)
 
@@ -153,6 +163,7 @@ class Oblateness(_Gravity):
         radius: equatorial radius, (), length.
         j2: the coefficient J2, (), such as 1.08263e-3 for the Earth.
         pole: unit vector along the axis of the planet, space frame, (3,); by default z.
+        gradient: as for `PointMass`.
 
     Raises:
         ValueError: mu or radius not positive, j2 not finite, or pole not a unit vector. When called: as `PointMass`.
@@ -162,8 +173,10 @@ class Oblateness(_Gravity):
     radius: Float[Array, "*batch"]
     j2: Float[Array, "*batch"]
     pole: Float[Array, "*batch 3"]
+    gradient: bool = eqx.field(static=True)
 
-    def __init__(self, mu: Any, radius: Any, j2: Any, pole: Any = None):
+    def __init__(self, mu: Any, radius: Any, j2: Any, pole: Any = None, *, gradient: bool = True):
+        self.gradient = gradient
         self.mu, self.radius, self.j2 = as_floats("mu", mu), as_floats("radius", radius), as_floats("j2", j2)
         for name, value in (("mu", self.mu), ("radius", self.radius)):
             require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
@@ -177,6 +190,10 @@ class Oblateness(_Gravity):
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k = self._strength(square)
+        if not self.gradient:
+            s, pole = cp.dot(n, u), cp.vector(self.pole)
+            parts = cp.scale(6 * s, pole), cp.scale(3 - 15 * s * s, place.space)
+            return Wrench(jnp.zeros_like(state.momentum), cp.pack(cp.scale(-k * square * body.mass, cp.add(*parts))))
         s, of_u, of_n = cp.dot(n, u), place.inertia_times(u), place.inertia_times(n)
         nn, nu, uu, trace = cp.dot(n, of_n), cp.dot(n, of_u), cp.dot(u, of_u), body.trace
         s2 = s * s
@@ -196,6 +213,8 @@ class Oblateness(_Gravity):
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k = self._strength(square)
+        if not self.gradient:
+            return k * place.inverse * body.mass * (3 * cp.dot(n, u) ** 2 - 1)
         s, of_u = cp.dot(n, u), place.inertia_times(u)
         nn, nu, uu = cp.dot(n, place.inertia_times(n)), cp.dot(n, of_u), cp.dot(u, of_u)
         shape = 6 * nn - 60 * s * nu + (105 * s * s - 15) * uu - (15 * s * s - 3) * body.trace
@@ -275,7 +294,7 @@ class Thrust(Torque):
                 state.in_one_frame(cp.vector(vector))
 
     def __call__(self, t: Time, state: AnyState) -> Any:
-        if not isinstance(state, Travelling):
+        if not isinstance(state, TravellingState):
             raise ValueError(
                 f"Thrust acts on a body that travels, but the state is a {type(state).__name__}; use a FreeState."
             )

@@ -1,4 +1,4 @@
-"""Forces of scenes whose bodies travel: the blades of a boomerang in air, and the Earth's pull on a small body."""
+"""The force of a scene whose body travels: the blades of a boomerang in air."""
 
 from typing import Any
 
@@ -53,38 +53,3 @@ class Blades(ReadsBody):
         slow = -self.drag * a * ((spin * a) ** 2 + square) / 4 * n
         force = lift * n - self.drag * a * spin / 2 * across
         return Wrench(self.strength * (bend + steady + slow), self.strength * so3.rotate(state.attitude, force))
-
-
-class EarthOnPoint(ReadsBody):
-    """Gravity of an oblate planet at the origin that acts on the centre of mass alone, so that it turns nothing.
-
-    V = -mu m/r (1 - j2 (radius/r)^2 (3 s^2 - 1)/2), where s is the sine of the latitude.
-
-    Attributes:
-        mu: gravitational parameter, (), length^3/time^2.
-        radius: equatorial radius, ().
-        j2: the coefficient J2, ().
-        pole: unit vector along the axis of the planet, space frame, (3,).
-    """
-
-    mu: Float[Array, ""]
-    radius: Float[Array, ""]
-    j2: Float[Array, ""]
-    pole: Float[Array, "3"]
-
-    def at(self, t: Any, state: Any, body: Any) -> Wrench:
-        del t
-        inverse, sine, flat = self._place(state)
-        u = state.position * inverse
-        pull = (1 + flat * (1 - 5 * sine**2)) * u + 2 * flat * sine * self.pole
-        return Wrench(jnp.zeros_like(state.momentum), -self.mu * body.mass * inverse**2 * pull)
-
-    def potential_at(self, t: Any, state: Any, body: Any) -> Array:
-        del t
-        inverse, sine, flat = self._place(state)
-        return -self.mu * body.mass * inverse * (1 - flat * (sine**2 - 1 / 3))
-
-    def _place(self, state: Any) -> tuple[Array, Array, Array]:
-        """1/r, the sine of the latitude, and 3/2 j2 (radius/r)^2."""
-        inverse = 1 / jnp.linalg.norm(state.position)
-        return inverse, jnp.sum(self.pole * state.position) * inverse, 1.5 * self.j2 * (self.radius * inverse) ** 2
