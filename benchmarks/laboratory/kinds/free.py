@@ -57,4 +57,4 @@ def errors(ends: np.ndarray, exact: np.ndarray) -> np.ndarray:
     return np.maximum(2 * np.arcsin(np.minimum(chord, 1.0)), away)
 
 
-FREE = Kind(rates, errors, "the attitude (radian) or the position (over r), whichever is larger", no_closed_form)
+FREE = Kind(rates, errors, "attitude (rad) or position (over r), the larger", no_closed_form)
