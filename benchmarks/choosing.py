@@ -27,8 +27,8 @@ def _cell(row: dict[str, str], family: str) -> str:
 
 def rows() -> Iterator[list[str]]:
     """For each scene the fastest of all methods and of the symplectic ones, with microseconds a body."""
-    for scene, table in tables("reports/work-precision.md", "error of R").items():
-        at = {row["error of R"]: row for row in table}
+    for scene, table in tables("reports/work-precision.md", "error").items():
+        at = {row["error"]: row for row in table}
         for family, told in FAMILIES.items():
             yield [scene, told, *(_cell(at[error], family) for error in ERRORS)]
 

@@ -34,7 +34,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from laboratory.rivals.problem import rates  # noqa: E402
+from laboratory.kinds.rigid import rates  # noqa: E402
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402

@@ -3,14 +3,14 @@
     python benchmarks/rivals.py [SCENE] [--methods NAME ...] [--out FILE] [--quick]
 
 A method or a scene of your own is given as MODULE:NAME, of a module in the current folder. `make rivals` does the same
-for five scenes and writes docs/reports/work-precision.md (`work_precision.py`).
+for seven scenes and writes docs/reports/work-precision.md (`work_precision.py`).
 """
 
 import argparse
 from collections.abc import Sequence
 
 import jax
-from laboratory import frontier, rivals, work_precision
+from laboratory import frontier, rivals, scenes, work_precision
 from laboratory.frontier_chart import work_precision_chart
 
 from midlie_jax.advice.timing import cost_clock, one_core
@@ -23,7 +23,9 @@ jax.config.update("jax_enable_x64", True)
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", nargs="?", default="P1", metavar="SCENE", help=f"see `midlie scenes`{OWN}")
+    parser.add_argument(
+        "scene", nargs="?", default="P1", metavar="SCENE", help=f"orbit, axis, see `midlie scenes`{OWN}"
+    )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help=f"see `midlie methods`{OWN}")
     parser.add_argument("--out", type=file(".png"), metavar="FILE", help="by default chart-SCENE-rivals.png")
     parser.add_argument("--quick", action="store_true", help="time fewer and shorter runs")
@@ -38,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def compare(options: argparse.Namespace) -> None:
     rivals.require()
     require("matplotlib", "mpmath")
-    scene, methods = chosen.scene(options.scene), chosen.methods(options.methods or ())
+    scene, methods = scenes.scene(options.scene), chosen.methods(options.methods or ())
     path = options.out or f"chart-{scene.name}-rivals.png"
     comparison = work_precision.compared(scene, methods or None, quick=options.quick)
     print()
@@ -48,6 +50,7 @@ def compare(options: argparse.Namespace) -> None:
         *(comparison.ours, comparison.rivals, comparison.families, path),
         title=work_precision.title(comparison.problem),
         note=work_precision.note(comparison),
+        measured=comparison.problem.kind.measured,
         clock=cost_clock().name,
     )
     print(f"\nwrote {path}")

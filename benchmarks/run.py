@@ -31,7 +31,7 @@ from scipy.integrate import solve_ivp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from laboratory.rivals.problem import rates  # noqa: E402
+from laboratory.kinds.rigid import rates  # noqa: E402
 from pages import put  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
@@ -87,7 +87,7 @@ def ours(name, scene, batch, steps, dtype=jnp.float64, torque=None):
 
 def ambient(scene, t, y):
     """d/dt of momentum and quaternion as one array (7,), for a general solver."""
-    state = ml.RigidState.of(y[:3], y[3:])
+    state = ml.RigidState.of_arrays(y[:3], y[3:])
     velocity = y[:3] / scene.body.moments
     rate = ml.RigidState.rate(tuple(y[i] for i in range(3, 7)), tuple(velocity))
     return jnp.concatenate([jnp.cross(y[:3], velocity) + scene.torque(t, state), jnp.stack(rate)])

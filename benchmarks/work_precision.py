@@ -3,7 +3,7 @@
     python benchmarks/work_precision.py [--scene NAME ...] [--quick] [--out FOLDER]
 
 The process pins itself to one core before XLA counts the cores. It writes FOLDER/work-precision-SCENE.png for each
-scene and FOLDER/work-precision.md, of which it replaces the parts of the scenes named if only some are measured.
+scene and FOLDER/work-precision.md, of which it replaces only the parts of the scenes named.
 `--quick` times fewer runs, and by default writes into a temporary folder.
 """
 
@@ -22,6 +22,7 @@ import times_faster
 from laboratory import frontier, rivals, work_precision
 from laboratory.families import FAMILIES
 from laboratory.frontier_chart import work_precision_chart
+from laboratory.rivals import spinning_top
 from pages import put, shown
 
 from midlie_jax.advice.timing import cost_clock, pin
@@ -32,13 +33,15 @@ pin()
 ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / "docs" / "reports"
 BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
+SPIN_BEGIN, SPIN_END = "<!-- spin -->", "<!-- /spin -->"
+SPIN = "A spinning frame is expensive for the series of heyoka:"
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
 HEAD = """# Error against time
 
 Written by `make rivals`. One core, float64, {bodies} bodies with slightly different starts. Times are processor times
 per body, medians of several runs, without compiling; on one core that is wall time without the time that other
-processes take. ± is half the distance between the quartiles of the runs. Errors are of the attitude at the end, root
-mean square over the first {judged} bodies.
+processes take. ± is half the distance between the quartiles of the runs. Errors are those at the end, root mean square
+over the first {judged} bodies; each section says of what.
 
 In the charts, the lower and the further left a line is, the better. The three bold lines of the left panel belong to
 our families of methods (see below): each shows, at every error, the time of the fastest method of the family. They are
@@ -56,8 +59,10 @@ row "in steps" has the ratios without it.
 
 heyoka: `taylor_adaptive_batch`, at each tolerance the fastest of several widths of the batch and options, without the
 time of the Python loop over batches. diffrax: the better of a constant step and a PID controller, compiled with the
-options of our own programs. SciPy, MuJoCo: a few bodies, one after another; MuJoCo does not run the satellite, whose
-torque would need a callback in Python. NO_SQUISH is another name of DLM (`tests/test_work_precision.py`).
+options of our own programs. Every program is given as many numbers as we have: seven for a rigid body, thirteen for one
+that travels (`orbit`), six for an axis (`axis`). SciPy, MuJoCo: a few bodies, one after another; MuJoCo does not run
+the satellite and the orbit, whose torques would need a callback in Python, nor the axis. NO_SQUISH is another name of
+DLM (`tests/test_work_precision.py`).
 
 {versions}; {machine}.
 """
@@ -73,15 +78,12 @@ def main() -> None:
     out = options.out or (Path(tempfile.mkdtemp(prefix="midlie-")) if options.quick else REPORTS)
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
-    parts = []
-    for name in options.scene:
-        parts.append(scene_report(name, out, options.quick))
-        print(f"[{time.perf_counter() - began:.0f} s]", flush=True)
     page = out / "work-precision.md"
-    if set(options.scene) == set(work_precision.SCENES):
-        page.write_text(whole_page(parts))
-    elif page.exists():
-        page.write_text(with_new(page.read_text(), dict(zip(options.scene, parts, strict=True))))
+    parts = parts_of(page.read_text()) if page.exists() else {}
+    for name in options.scene:
+        parts[name] = scene_report(name, out, options.quick)
+        print(f"[{time.perf_counter() - began:.0f} s]", flush=True)
+    page.write_text(whole_page([parts[name] for name in work_precision.SCENES if name in parts]))
     if out == REPORTS:
         into_page(page.read_text())
         times_faster.main()
@@ -98,15 +100,15 @@ def whole_page(parts: list[tuple[str, str]]) -> str:
     return "\n".join([head, *summary, *(section for section, _ in parts)])
 
 
-def with_new(page: str, parts: dict[str, tuple[str, str]]) -> str:
-    """The page with the sections and summaries of some scenes replaced."""
-    for name, (section, summary) in parts.items():
-        first, *others = summary.split("\n")
-        replaced = [(rf"## {name}: (?s:.*?)(?=^## |\Z)", section + "\n"), (rf"\| {name} \|.*$", first)]
-        replaced += [(rf"\| {name}, in steps \|.*$", row) for row in others]
-        for pattern, new in replaced:
-            page = re.sub("(?m)^" + pattern, lambda _, new=new: new, page)
-    return page.rstrip("\n") + "\n"
+def parts_of(page: str) -> dict[str, tuple[str, str]]:
+    """The section and the summary of each scene on a page."""
+    head, *sections = re.split(r"^(?=## )", page, flags=re.MULTILINE)
+    found: dict[str, tuple[str, str]] = {}
+    for section in sections:
+        name = section.removeprefix("## ").partition(":")[0]
+        rows = [line for line in head.split("\n") if line.startswith((f"| {name} |", f"| {name}, in steps |"))]
+        found[name] = section.rstrip("\n") + "\n", "\n".join(rows)
+    return found
 
 
 def into_page(text: str) -> None:
@@ -115,6 +117,8 @@ def into_page(text: str) -> None:
     first = next(i for i, line in enumerate(lines) if line.startswith("|"))
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
     put("how-it-compares.md", BEGIN, END, lines[first:last])
+    at = next(i for i, line in enumerate(lines) if line.startswith(SPIN))
+    put("how-it-compares.md", SPIN_BEGIN, SPIN_END, lines[at : lines.index("", at)])
     put("choosing-a-method.md", choosing.BEGIN, choosing.END, shown(choosing.HEADS, choosing.rows()))
 
 
@@ -127,6 +131,7 @@ def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
         *(comparison.ours, comparison.rivals, comparison.families, str(picture)),
         title=work_precision.title(problem),
         note=work_precision.note(comparison),
+        measured=problem.kind.measured,
         clock=cost_clock().name,
     )
     curve = "\n".join(
@@ -136,8 +141,9 @@ def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
     )
     section = f"""## {work_precision.title(problem)}
 
-Errors against the {problem.source}, uncertainty {problem.uncertainty:.0e}. {work_precision.timing_note(comparison)}
-
+Errors of {problem.kind.measured}, against the {problem.source}, uncertainty {problem.uncertainty:.0e}.
+{work_precision.timing_note(comparison)}
+{with_the_spin(comparison)}
 ![error against cost]({picture.name})
 
 Drawn by `python benchmarks/work_precision.py --scene {name}`.
@@ -146,7 +152,7 @@ Drawn by `python benchmarks/work_precision.py --scene {name}`.
 
 <details markdown="1"><summary>heyoka's errors by tolerance</summary>
 
-| tolerance | fastest variant | error of R | us a body |
+| tolerance | fastest variant | error | us a body |
 | --- | --- | --- | --- |
 {curve}
 
@@ -157,6 +163,23 @@ Drawn by `python benchmarks/work_precision.py --scene {name}`.
         summary += "\n" + _row([f"{name}, in steps", *_spans(comparison.in_steps)])
     print(section + "\n" + summary, flush=True)
     return section, summary
+
+
+def with_the_spin(comparison: work_precision.Comparison) -> str:
+    """What heyoka takes for the axis, and what with the spin of the top; "" where the state is not an axis."""
+
+    def took(program: str) -> str:
+        points = [point for point in comparison.rivals if point.method == program]
+        costs = [1e6 * frontier.best_at(points, error).cost for error in frontier.DECADES]
+        return f"{min(costs):.2g} to {max(costs):.2g} us"
+
+    if not any(point.method == spinning_top.LABEL for point in comparison.rivals):
+        return ""
+    return f"""
+{SPIN} it takes {took("heyoka")} a body on these six
+equations, and {took(spinning_top.LABEL)} on the seven of a spinning body ("{spinning_top.LABEL}"). Whoever
+asks for the axis alone would write the six, so the table has their times.
+"""
 
 
 def _spans(rows: list[frontier.Ratio]) -> list[str]:

@@ -58,6 +58,7 @@ TABLES = (
     ("compiler_options", "reports/speed"),
     ("long_run", "reports/long-run"),
     ("work_precision", "how-it-compares"),
+    ("kinds_of_state", "reports/kinds-of-state"),
     ("choosing", "choosing-a-method"),
     ("gpu", "reports/gpu"),
     ("kernels", "reports/gpu"),

@@ -115,7 +115,7 @@ class Ratio(NamedTuple):
     """Times of our methods over those of rivals at one error; a ratio is NaN if either side does not reach the error.
 
     Attributes:
-        error: error of the attitude.
+        error: error at the end.
         families: for each of `FAMILIES` its fastest method; the general family contains all our methods.
         rival: the fastest rival.
         over_rival, over_diffrax: time of our fastest method over that of the fastest rival, and of diffrax.
@@ -155,7 +155,7 @@ def _over(first: Best, second: Best) -> float:
 
 
 HEADS = (
-    "error of R",
+    "error",
     *(head for name in FAMILIES for head in (f"{name}: us a body", f"{name} / heyoka")),
     "best rival: us a body",
     "general / rival",

@@ -16,6 +16,7 @@ from .bands import BANDS
 from .families import FAMILIES, members
 from .family_names import FamilyNames
 from .frontier import by_method, envelope, frontier
+from .kinds.rigid import RIGID
 from .rivals import RIVALS
 from .rivals.problem import Point
 
@@ -25,6 +26,7 @@ LEGEND = (
     "marks: other programs."
 )
 CLOSED = "free_motion is the closed form, which takes no steps; the bold lines are those of the methods."
+ATTITUDE = RIGID.measured
 _LEAST = 1e-17  # an error of exactly zero has no logarithm: it is drawn below rounding
 _TOP = 10.0  # of the panels: a larger error of a rotation matrix has no meaning
 _MOST = 1.0  # at larger errors a method does not follow the motion, and the frontiers show nothing
@@ -38,6 +40,7 @@ def work_precision_chart(
     *,
     title: str,
     note: str,
+    measured: str = ATTITUDE,
     clock: str = "time",
 ) -> None:
     """Draws the points and writes a PNG.
@@ -48,6 +51,7 @@ def work_precision_chart(
         path: file to write; an existing file is replaced.
         title: the scene.
         note: how errors and times were measured.
+        measured: what the errors are of.
         clock: the kind of time, such as "processor time".
 
     Raises:
@@ -55,7 +59,7 @@ def work_precision_chart(
         ValueError: there is nothing to draw.
         OSError: the file cannot be written.
     """
-    write(work_precision_figure(ours, rivals, families, title=title, note=note, clock=clock), path)
+    write(work_precision_figure(ours, rivals, families, title=title, note=note, measured=measured, clock=clock), path)
 
 
 def work_precision_figure(
@@ -65,6 +69,7 @@ def work_precision_figure(
     *,
     title: str,
     note: str,
+    measured: str = ATTITUDE,
     clock: str = "time",
 ) -> Any:
     """The chart as a matplotlib figure. Arguments as for `work_precision_chart`."""
@@ -79,7 +84,7 @@ def work_precision_figure(
     torque_free = all(math.isnan(p.evaluations) for p in ours)
     what = "steps" if torque_free else "torque evaluations"
     label = "Steps, whole run  [-]  (no torque to evaluate)" if torque_free else "Torque evaluations, whole run  [-]"
-    error = "Error of attitude  |R - R*|, Frobenius, rms over the bodies  [-]"
+    error = f"Error of {measured}, rms over the bodies  [-]"
     panel(
         left,
         "Against time: our three families, and other programs",

@@ -14,26 +14,31 @@ from midlie_jax.drivers.free_motion import free_motion
 from midlie_jax.methods.base import Method
 from midlie_jax.model.states import RigidState
 
+from .kinds import numbers
 from .rivals.problem import Point, Problem
 
 _EVALUATIONS = 20  # of the closed form in a timed run; one alone is a tenth of a millisecond, too short for the clock
 FREE_MOTION = "free_motion"  # as points and charts name the closed form of a free body
-_FLOOR = 3e-14  # below this attitude error rounding dominates, and smaller steps give no more information
-_ROUGH = 0.1  # above this attitude error a method has not begun to converge
+_FLOOR = 3e-14  # below this error rounding dominates, and smaller steps give no more information
+_ROUGH = 0.1  # above this error a method has not begun to converge
 _GROWTH = 1.6  # factor between the numbers of steps of two rungs
 
 
 def ladder(method: Method, case: Problem) -> Iterator[Point]:
-    """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long."""
-    scene = case.scene
-    starts = RigidState.of_arrays(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
+    """Points of a method on the problem `case`, from coarse steps until rounding dominates or runs take too long.
+
+    There are none if the method does not move such bodies.
+    """
+    scene, starts = case.scene, case.starts
+    if not method.moves(scene.body):
+        return
     program = Program(method, scene.body, scene.torque, starts, chunk=chunk_size(len(starts.momentum)))
     count = max(1, case.scene.steps // 100)
     best, rungs_without_gain = np.inf, 0
     while rungs_without_gain < 3:
         steps = program.whole(count)
         (states, bodies_ok), timing = case.timed(lambda steps=steps: program.run(scene.duration / steps, steps))
-        ends, ok = np.asarray(states.attitude), bool(np.all(bodies_ok))
+        ends, ok = numbers(states), bool(np.all(bodies_ok))
         error = case.error(ends) if np.all(np.isfinite(ends)) else np.inf
         if ok and np.isfinite(error):
             evaluations = float("nan") if case.scene.torque is None else method.evaluations * steps
@@ -57,20 +62,19 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
 
 def exact_point(case: Problem) -> Iterator[Point]:
     """The one point of `free_motion` on a problem without torque, compiled like `Program`."""
-    starts = RigidState.of_arrays(jnp.asarray(case.momentum), jnp.asarray(case.attitude))
     times = jnp.asarray([case.scene.duration])
 
     def end(start: RigidState) -> tuple[RigidState, Array]:
         path = free_motion(case.scene.body, start, times)
         return jax.tree.map(lambda leaf: leaf[0], path.states), path.ok
 
-    program = jax.jit(jax.vmap(end)).lower(starts).compile(compiler_options=compiler_options(len(case.momentum)))
+    program = jax.jit(jax.vmap(end)).lower(case.starts).compile(compiler_options=compiler_options(case.bodies))
 
     def run() -> tuple[RigidState, Array]:
-        return [jax.block_until_ready(program(starts)) for _ in range(_EVALUATIONS)][-1]
+        return [jax.block_until_ready(program(case.starts)) for _ in range(_EVALUATIONS)][-1]
 
     run()  # the first call takes longer than the others and must not be timed
     (ends, ok), timing = case.timed(run)
     if bool(np.all(ok)):
         seconds, nan = timing.seconds / (_EVALUATIONS * case.bodies), float("nan")
-        yield Point(FREE_MOTION, "one evaluation", case.error(ends.attitude), seconds, nan, nan, timing.spread)
+        yield Point(FREE_MOTION, "one evaluation", case.error(numbers(ends)), seconds, nan, nan, timing.spread)

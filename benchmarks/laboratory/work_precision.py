@@ -6,30 +6,33 @@ of steps. It uses the loop of `integrate` and moves the bodies in chunks, as `en
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from midlie_jax.advice.timing import Load, cost_clock, spread_in_words
-from midlie_jax.cli import chosen, scenes
-from midlie_jax.cli.closed_form import axis_third, exact_ends
+from midlie_jax.cli import chosen
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.methods.base import Method
+from midlie_jax.methods.flights import FLIGHTS, Flight
 from midlie_jax.methods.projection import steady_potential
 from midlie_jax.methods.registry import ENTRIES, exact_flight
 from midlie_jax.methods.schemes import SCHEMES
+from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.torques import on_body
 
+from . import scenes
 from .families import SYMPLECTIC, family
 from .frontier import Ratio, ratios
 from .frontier_chart import CLOSED, LEGEND
+from .kinds import kind_of, numbers
 from .ladder import FREE_MOTION, exact_point, ladder
 from .rivals import RIVALS, Rival
-from .rivals.problem import Point, Problem, matrix
+from .rivals.problem import Point, Problem
 
 BODIES, JUDGED, SIZE = 1024, 16, 1e-3  # bodies moved, bodies whose error is measured, size of the perturbations
-SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick")
+SCENES = ("P1", "asymmetric-top", "bruls-cardona", "gravity-gradient-10", "tumbling-brick", "orbit", "axis")
 _ROUNDING = 2.3e-16  # rounding error of an entry of a matrix in float64, in which errors are computed
 
 
@@ -39,13 +42,21 @@ def methods_for(scene: Scene) -> tuple[str, ...]:
     A scene without torque has the closed form, `free_motion`, which is no method, as well. Where the energy is not
     constant, methods that keep it are left out, because there they are those that do not.
     """
-    flight = exact_flight(scene.body.moments)
+    flight = _exact_flight(scene.body.turning)
     leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if scene.torque is None:
         leading = leading[:1]
-    others = [e.method.name for e in ENTRIES.values() if e.chart and (_steady(scene) or not e.method.keeps_energy)]
+    charted = [e.method for e in ENTRIES.values() if e.chart and e.method.moves(scene.body)]
+    others = [method.name for method in charted if _steady(scene) or not method.keeps_energy]
     closed = () if scene.torque is not None else (FREE_MOTION,)
     return (*closed, *(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
+
+
+def _exact_flight(turning: Any) -> Flight:
+    """The fastest exact flight of a body that turns; a `Rotor` has one alone."""
+    if isinstance(turning, RigidBody):
+        return exact_flight(turning.moments)
+    return next(flight for flight in FLIGHTS.values() if isinstance(turning, flight.bodies))
 
 
 def _steady(scene: Scene) -> bool:
@@ -69,26 +80,23 @@ def problem(which: str | Scene, bodies: int = BODIES, judged: int = JUDGED, *, q
         ValueError: the scene is unknown.
         ImportError: heyoka or mpmath is missing.
     """
-    scene = axis_third(chosen.scene(which, jnp.float64))
-    starts = scenes.perturbed(scene, bodies, SIZE)
-    momentum, attitude = np.asarray(starts.momentum), np.asarray(starts.attitude)
-    # Normalised to rounding, because programs differ in the rotation that they assign to other quaternions.
-    attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
-    states = np.concatenate([momentum, attitude], axis=1)[: min(judged, bodies)]
-    ends, source, uncertainty = _ends(scene, states)
+    scene = scenes.scene(which)
+    # Perturbed states are normalised to rounding, because programs differ in the rotations of other quaternions.
+    starts = scenes.perturbed(scene.start, bodies, SIZE)
+    ends, source, uncertainty = _ends(scene, numbers(starts)[: min(judged, bodies)])
     repeats, longest = (2, 0.2) if quick else (5, 0.3)
-    return Problem(scene, momentum, attitude, ends, source, uncertainty, repeats, longest)
+    return Problem(scene, kind_of(scene), starts, ends, source, uncertainty, repeats, longest)
 
 
 def _ends(scene: Scene, states: np.ndarray) -> tuple[np.ndarray, str, float]:
-    """Rotation matrices at the end, how they were computed, and their uncertainty."""
-    exact = exact_ends(scene, states)
-    if exact is not None:
-        return np.stack([matrix(q) for q in exact.attitudes]), exact.source, 1e-15
+    """The numbers at the end, how they were computed, and their uncertainty."""
+    kind = kind_of(scene)
+    if exact := kind.exact(scene, states):
+        return *exact, 1e-15
     from .rivals.heyoka_taylor import reference
 
-    ends = reference(scene, states)
-    change = float(np.max(np.abs(ends[:1] - reference(scene, states[:1], digits=46))))
+    ends = reference(scene, kind, states)
+    change = float(np.max(kind.errors(ends[:1], reference(scene, kind, states[:1], digits=46))))
     return ends, "Taylor series in 38 digits (heyoka, MPFR)", max(change, _ROUNDING)
 
 
@@ -197,9 +205,10 @@ def note(comparison: Comparison) -> str:
     """The note of a chart: how errors and times were measured."""
     case = comparison.problem
     closed = any(point.method == FREE_MOTION for point in comparison.ours)
+    legend = f"{LEGEND} {CLOSED}" if closed else LEGEND
     return (
-        f"{case.bodies} bodies in a batch, one core, float64. Errors against the {case.source}, uncertainty "
-        f"{case.uncertainty:.0e}. {LEGEND} {CLOSED + ' ' if closed else ''}{timing_note(comparison)}"
+        f"{case.bodies} bodies in a batch, one core, float64. Errors of {case.kind.measured}, against the "
+        f"{case.source}, uncertainty {case.uncertainty:.0e}. {legend} {timing_note(comparison)}"
     )
 
 

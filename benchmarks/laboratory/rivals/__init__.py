@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from . import diffrax_ode, heyoka_taylor, lie_group, mujoco_steps, scipy_dop853
+from . import diffrax_ode, heyoka_taylor, lie_group, mujoco_steps, scipy_dop853, spinning_top
 from .problem import Point, Problem
 
 
@@ -35,6 +35,7 @@ RIVALS = (
     Rival("MuJoCo implicitfast", ("mujoco",), mujoco_steps.implicitfast),
     Rival("RKMK4", (), lie_group.rkmk4),
     Rival("CF4", (), lie_group.cf4),
+    Rival(spinning_top.LABEL, ("heyoka",), spinning_top.measure),
 )
 
 

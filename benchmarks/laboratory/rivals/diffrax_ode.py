@@ -1,4 +1,4 @@
-"""diffrax: explicit Runge-Kutta methods on momentum and quaternion, vmapped, with constant and with adaptive steps.
+"""diffrax: explicit Runge-Kutta methods on the numbers of a state, vmapped, with constant and with adaptive steps.
 
 The tolerance or step is an argument of the compiled program, so each of the two is compiled once. The programs are
 compiled for the full vectors of the machine, as those of this package are, but with XLA's own way to compile short
@@ -15,16 +15,16 @@ import numpy as np
 
 from midlie_jax._xla.compiler import vector_width_options
 
-from .problem import Point, Problem, orbit_of, radius, rates
+from ..kinds.rigid import orbit_of, radius
+from .problem import Point, Problem
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 _PATIENCE = 6  # runs may take so many times as long as those of others, to reach the small errors that are compared
 
 
 def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[Point]:
-    scene, orbit, equations = problem.scene, orbit_of(problem.scene), rates(problem.scene)
-    states = jnp.asarray(problem.states)
-    size = jnp.concatenate([jnp.full(3, float(np.linalg.norm(problem.momentum[0]))), jnp.ones(4)])
+    scene, orbit, equations = problem.scene, orbit_of(problem.scene), problem.kind.rates(problem.scene)
+    states, size = jnp.asarray(problem.states), jnp.asarray(problem.sizes)
 
     def field(t: Any, y: Any, args: Any) -> Any:
         del args
@@ -45,7 +45,7 @@ def _measure(problem: Problem, solver: Any, name: str, stages: int) -> Iterator[
             throw=False,
         )
         ends: Any = solution.ys
-        return ends[-1, 3:], solution.stats["num_steps"]
+        return ends[-1], solution.stats["num_steps"]
 
     def constant(starts: Any, step: Any) -> Any:
         return jax.vmap(lambda start: solve(start, step, diffrax.ConstantStepSize()))(starts)

@@ -22,7 +22,9 @@ import numpy as np
 from midlie_jax._xla.compiler import vector_width_options
 from midlie_jax.cli.scenes import Scene
 
-from .problem import Point, Problem, matrix, orbit_of, orbit_rates, orbit_start, program, rates
+from ..kinds import Kind
+from ..kinds.rigid import orbit_of, orbit_rates, orbit_start
+from .problem import Point, Problem, program
 
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14, 1e-15)
 # A variant that takes so many times as long as the quickest, and is not the second, is not built for the smaller
@@ -58,12 +60,12 @@ def variants(bodies: int) -> list[Variant]:
     return list(dict.fromkeys(variant._replace(width=min(variant.width, bodies)) for variant in found))
 
 
-def equations(scene: Scene) -> list[Any]:
-    """The equations of motion as heyoka's expressions; an orbit is integrated along with the body."""
+def equations(scene: Scene, kind: Kind, count: int) -> list[Any]:
+    """The equations of a state of `count` numbers as heyoka's expressions; an orbit is integrated along with it."""
     heyoka = program("heyoka")
 
-    state = heyoka.make_vars("p0", "p1", "p2", "q0", "q1", "q2", "q3")
-    orbit, field = orbit_of(scene), rates(scene)
+    state = heyoka.make_vars(*(f"s{i}" for i in range(count)))
+    orbit, field = orbit_of(scene), kind.rates(scene)
     if orbit is None:
         return list(zip(state, field(state), strict=True))
     orbit_state = heyoka.make_vars("x", "y", "z", "u", "v", "w")
@@ -95,25 +97,22 @@ class _Integrator:
             propagate(end)
 
     def ends(self, end: float, bodies: int) -> tuple[np.ndarray, float]:
-        """Attitudes (n, 4) of at least the first `bodies` bodies at the time `end`, and the mean number of steps."""
-        attitudes, steps = [], []
+        """The numbers of at least the first `bodies` bodies at the time `end`, and the mean number of steps."""
+        ends, steps = [], []
         for batch in self.batches[: -(-bodies // self.variant.width)]:
             self.taylor.set_time(0.0)
             self.taylor.state[:] = batch
             self.taylor.propagate_until(end)
-            attitudes.append(self.taylor.state[3:7].T.copy())
+            ends.append(self.taylor.state.T.copy())
             steps.append(np.mean([outcome[3] for outcome in self.taylor.propagate_res]))
-        return np.concatenate(attitudes), float(np.mean(steps))
+        return np.concatenate(ends), float(np.mean(steps))
 
 
-def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Iterator[Point]:
+def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES, label: str = "heyoka") -> Iterator[Point]:
     """A point for each tolerance, of the variant that is quickest there; `tolerances` must decrease."""
-    end, system, orbit, states = (
-        problem.scene.duration,
-        equations(problem.scene),
-        orbit_of(problem.scene),
-        problem.states,
-    )
+    end, orbit, states = problem.scene.duration, orbit_of(problem.scene), problem.states
+    count = states.shape[1]
+    system = equations(problem.scene, problem.kind, count)
     if orbit is not None:
         states = np.concatenate([states, np.tile(orbit_start(orbit), (len(states), 1))], axis=1)
     promising = variants(len(states))
@@ -130,20 +129,20 @@ def measure(problem: Problem, tolerances: tuple[float, ...] = TOLERANCES) -> Ite
         promising = [
             it.variant for rank, (seconds, _, it) in enumerate(found) if rank < 2 or seconds < _HOPELESS * cost
         ]
-        attitudes, steps = best.ends(end, len(problem.ends))
+        ends, steps = best.ends(end, len(problem.ends))
         setting = f"tol {tolerance:.0e}, {best.variant}"
-        yield Point("heyoka", setting, problem.error(attitudes), cost, float("nan"), steps, spread)
+        yield Point(label, setting, problem.error(ends[:, :count]), cost, float("nan"), steps, spread)
 
 
-def reference(scene: Scene, states: np.ndarray, digits: int = 38) -> np.ndarray:
-    """Rotation matrices (k, 3, 3) at the end of a scene from states (k, 7), by Taylor's method in `digits` digits."""
+def reference(scene: Scene, kind: Kind, states: np.ndarray, digits: int = 38) -> np.ndarray:
+    """The numbers (m, k) at the end of a scene from those at its start, by Taylor's method in `digits` digits."""
     heyoka = program("heyoka")
 
     bits = int(digits * 3.33) + 2
     exact = np.vectorize(lambda x: heyoka.real(float(x), prec=bits), otypes=[object])
     orbit = orbit_of(scene)
     orbit_state = np.zeros(0) if orbit is None else orbit_start(orbit)
-    system = equations(scene)
+    system = equations(scene, kind, states.shape[1])
     first = np.array(list(exact(np.concatenate([states[0], orbit_state]))))
     integrator = heyoka.taylor_adaptive(system, first, fp_type=heyoka.real, prec=bits, compact_mode=True)
     ends = []
@@ -152,7 +151,5 @@ def reference(scene: Scene, states: np.ndarray, digits: int = 38) -> np.ndarray:
         for i, x in enumerate(np.concatenate([start, orbit_state])):
             integrator.state[i] = heyoka.real(float(x), prec=bits)
         integrator.propagate_until(heyoka.real(scene.duration, prec=bits))
-        q = integrator.state[3:7]
-        square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-        ends.append(np.array([[float(x / square) for x in row] for row in matrix(q)]))
+        ends.append(np.array([float(x) for x in integrator.state[: states.shape[1]]]))
     return np.stack(ends)

@@ -12,6 +12,7 @@ import numpy as np
 
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.model import torques
+from midlie_jax.model.states import RigidState
 
 from .problem import Point, Problem, program
 
@@ -43,13 +44,12 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
     rollout = program("mujoco.rollout")
 
     scene = problem.scene
-    if scene.torque is not None and not isinstance(scene.torque, torques.HeavyTop):
+    if not isinstance(problem.starts, RigidState) or not isinstance(scene.torque, torques.HeavyTop | None):
         return
     mj_model = model(scene, integrator)
     moments = np.asarray(scene.body.moments)
-    starts = np.concatenate(
-        [np.zeros((_BODIES, 1)), problem.attitude[:_BODIES], problem.momentum[:_BODIES] / moments], axis=1
-    )
+    momenta, attitudes = problem.states[:_BODIES, :3], problem.states[:_BODIES, 3:]
+    starts = np.concatenate([np.zeros((_BODIES, 1)), attitudes, momenta / moments], axis=1)
     if mujoco.mj_stateSize(mj_model, mujoco.mjtState.mjSTATE_FULLPHYSICS) != starts.shape[1]:
         raise RuntimeError(
             "this version of MuJoCo has a state other than time, position and velocity; change how `starts` is built."
@@ -64,7 +64,8 @@ def _measure(problem: Problem, integrator: str, name: str, evaluations: int) -> 
 
             def run(steps: int = steps) -> np.ndarray:
                 states, _ = loop.rollout(mj_model, data, starts, nstep=steps, skip_checks=False)
-                return np.asarray(states)[:, -1, 1:5]
+                ends = np.asarray(states)[:, -1]
+                return np.concatenate([moments * ends[:, 5:], ends[:, 1:5]], axis=1)
 
             ends, timing = problem.timed(run)
             if np.all(np.isfinite(ends)):
