@@ -128,7 +128,7 @@ def test_progress_is_told_where_it_is_asked_for(few, capsys):
         ({"tolerance": 2.0}, "and at most 1"),
         ({"duration": 0.0}, "duration must not be zero"),
         ({"duration": float("inf")}, "duration must be finite"),
-        ({"start": ml.MomentumState(jnp.ones(3))}, "start must be a midlie_jax.RigidState"),
+        ({"start": ml.MomentumState(jnp.ones(3))}, "start must be a state with an attitude or an axis"),
         ({"torque": 3.0}, "torque must be None or a callable"),
     ],
 )

@@ -403,9 +403,8 @@ def _rates(body: Any, torque: Any, start: AnyState, t0: Array) -> tuple[float, f
 
     The rate of the motion is the larger of |Omega| and the square root of |d Omega/dt|.
     """
-    facts = jax.tree.map(
-        np.asarray, jax.jit(lambda: Facts.of(find_method(_exact_method(body)), body, torque, start, t0))()
-    )
+    method = find_method(_exact_method(body))
+    facts = jax.tree.map(np.asarray, jax.jit(lambda: Facts.of(method, body, torque, start, t0))())
     largest = float(np.max(np.abs(facts.rates)))
     return largest, max(_speed(body, start), float(facts.acceleration) ** 0.5) if math.isfinite(largest) else math.inf
 

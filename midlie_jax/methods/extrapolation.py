@@ -56,7 +56,8 @@ class Extrapolation(NamedTuple):
         first = rates(0.0, 1.0, motion)
         total = jax.tree.map(jnp.zeros_like, motion)
         for n in self.substeps:
-            total, first = pause((total, first), n - 1)
+            if n > 2:
+                total, first = pause((total, first), n - 1)
             before, now = None, jax.tree.map(lambda rate, n=n: rate * (1 / n), first)
             for i in range(1, n):
                 step = rates(i / n, 2 / n, jax.tree.map(jnp.add, motion, now))

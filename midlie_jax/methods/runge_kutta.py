@@ -29,6 +29,7 @@ from .verdict import verdict
 # The most operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000 operations in
 # one loop, a step takes 40 times as long as in two loops of half that length. On a GPU longer kernels are divided, too.
 _LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
+_LONG_EVALUATION = 150  # operations from which a stage of a tableau has a loop of its own
 _EVALUATIONS_IN_KERNEL = 16  # how many evaluations of a simple torque fit one kernel
 
 
@@ -97,7 +98,8 @@ class RungeKutta(Method):
 
         def pause(tree: Any, evaluations: int) -> Any:
             nonlocal in_loop
-            ends = (in_loop + evaluations) * per_evaluation > longest
+            alone = evaluations == 1 and per_evaluation > _LONG_EVALUATION  # every stage of a tableau reads the others
+            ends = alone or (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
             return cut(tree) if ends else tree
 

@@ -32,12 +32,19 @@ class Tableau(NamedTuple):
         return len(self.stages)
 
     def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:
-        del pause  # all stages are alive to the end
         changes: list[AnyMotion] = []
+        begun = 0  # the first of the changes that are computed in the present loop
         for row in self.stages:
+            fresh = changes[begun:]
+            paused = pause(fresh, 1) if len(self.stages) > _FEW else fresh
+            if paused is not fresh:
+                changes, begun = changes[:begun] + paused, len(changes)
             stage_motion = jax.tree.map(jnp.add, motion, _total(row, changes)) if row else motion
             changes.append(rates(sum(row.values(), start=0.0), 1.0, stage_motion))
         return _total(self.weights, changes)
+
+
+_FEW = 4  # stages that fit one loop under any torque
 
 
 def _total(weights: dict[int, float], changes: list[AnyMotion]) -> AnyMotion:

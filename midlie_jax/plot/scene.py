@@ -61,7 +61,9 @@ class Scene:
 
     def _faces(self, k: int) -> list[np.ndarray]:
         corners = self.shown.placed(k, self.shown.corners[k])
-        return [corners[list(face)] for face in self.shown.shape.faces]
+        # matplotlib fills short faces up with numbers from memory, which may overflow; so all get as many corners.
+        most = max(map(len, self.shown.shape.faces))
+        return [corners[[*face, *face[-1:] * (most - len(face))]] for face in self.shown.shape.faces]
 
 
 def _past(shown: Turning, k: int) -> np.ndarray:

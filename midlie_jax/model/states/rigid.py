@@ -74,7 +74,7 @@ class RigidState(BodyState[cp.Quaternion]):
 
     def to_space(self, vector: cp.Vector) -> cp.Vector:
         """R vector."""
-        return cp.rotate(cp.quaternion(self.attitude), vector)
+        return cp.add(vector, cp.unit_rotation_change(cp.quaternion(self.attitude), vector))
 
     def spatial_momentum(self) -> Array:
         """R Pi."""

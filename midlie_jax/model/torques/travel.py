@@ -190,11 +190,12 @@ class Oblateness(_Gravity):
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
         k = self._strength(square)
+        pole = cp.vector(self.pole)
+        s = cp.dot(pole, place.space)
         if not self.gradient:
-            s, pole = cp.dot(n, u), cp.vector(self.pole)
             parts = cp.scale(6 * s, pole), cp.scale(3 - 15 * s * s, place.space)
             return Wrench(jnp.zeros_like(state.momentum), cp.pack(cp.scale(-k * square * body.mass, cp.add(*parts))))
-        s, of_u, of_n = cp.dot(n, u), place.inertia_times(u), place.inertia_times(n)
+        of_u, of_n = place.inertia_times(u), place.inertia_times(n)
         nn, nu, uu, trace = cp.dot(n, of_n), cp.dot(n, of_u), cp.dot(u, of_u), body.trace
         s2 = s * s
         along_n = 6 * s * body.mass + square * (30 * nu + 15 * s * trace - 105 * s * uu)
@@ -212,10 +213,10 @@ class Oblateness(_Gravity):
         del t
         place = _Place(*travelling(self, state, body))
         square, u, n = place.inverse * place.inverse, place.here, place.seen(cp.vector(self.pole))
-        k = self._strength(square)
+        k, s = self._strength(square), cp.dot(cp.vector(self.pole), place.space)
         if not self.gradient:
-            return k * place.inverse * body.mass * (3 * cp.dot(n, u) ** 2 - 1)
-        s, of_u = cp.dot(n, u), place.inertia_times(u)
+            return k * place.inverse * body.mass * (3 * s * s - 1)
+        of_u = place.inertia_times(u)
         nn, nu, uu = cp.dot(n, place.inertia_times(n)), cp.dot(n, of_u), cp.dot(u, of_u)
         shape = 6 * nn - 60 * s * nu + (105 * s * s - 15) * uu - (15 * s * s - 3) * body.trace
         return k * place.inverse * (body.mass * (3 * s * s - 1) - square / 2 * shape)
