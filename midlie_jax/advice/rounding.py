@@ -24,12 +24,14 @@ class Rounding(NamedTuple):
     Attributes:
         eps: the spacing of the dtype at 1.
         compensated: whether the run has a `CompensatedState`.
+        rigid: whether the run has a `RigidState`, the kind that a `CompensatedState` can replace.
         changes: the changes of the momentum per step by flight and torque, relative to its size, (2, bodies).
         variations: how much these changes vary from step to step, likewise.
     """
 
     eps: float
     compensated: bool
+    rigid: bool
     changes: Any
     variations: Any
 
@@ -57,7 +59,9 @@ class Rounding(NamedTuple):
         found = f"about {self.error(steps):.1g} of the momentum in {steps} steps"
         if not self.loses(steps):
             return found
+        found += ": so small changes are rounded the same way in many steps; "
+        if not self.rigid:
+            return found + "a longer step loses less, and so does float64"
         return (
-            f"{found}: so small changes are rounded the same way in many steps; a CompensatedState loses about "
-            f"{self.error(steps, compensated=True):.1g}, a longer step less, too"
+            f"{found}a CompensatedState loses about {self.error(steps, compensated=True):.1g}, a longer step less, too"
         )

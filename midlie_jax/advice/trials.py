@@ -15,6 +15,7 @@ from ..drivers.ensemble import Batch
 from ..drivers.path import Path
 from ..methods.base import Method
 from ..model.state import AnyState
+from ..model.states import RigidState
 from .facts import Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
@@ -139,7 +140,9 @@ def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> R
         return (np.where(good, speeds, 0).sum(axis=1) / np.maximum(good.sum(axis=1), 1)).T
 
     eps = float(jnp.finfo(start.momentum.dtype).eps)
-    return Rounding(eps, start.compensated, h * mean(facts.changes), h * h * mean(facts.variations))
+    return Rounding(
+        eps, start.compensated, isinstance(start, RigidState), h * mean(facts.changes), h * h * mean(facts.variations)
+    )
 
 
 def _energy_error(energies: Any, trusted: np.ndarray) -> float:
