@@ -81,7 +81,7 @@ def test_every_entry_has_its_signature_and_a_sentence():
 
 def test_a_signature_is_as_the_source_has_it():
     """Of functions, of classes with an `__init__` of their own or by inheritance, and of those made of fields."""
-    axis = "axes: Any, path: AnyPath[AnyState], axis: str | int | ArrayLike = 2"
+    axis = "axes: Any, path: AnyPath[OrientedState], axis: str | int | ArrayLike = 2"
     parameters = (axis, "*", "colour: str | None = None, label: str | None = None")
     assert " ".join(pages.signature(ml.plot.axis_path).split()) == f"( {', '.join(parameters)}, ) -> np.ndarray"
     assert pages.signature(ml.Particles) == "(mass: Any)"

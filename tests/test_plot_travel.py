@@ -5,6 +5,7 @@ import inspect
 import io
 import itertools
 import re
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -262,7 +263,8 @@ def test_names_and_numbers_are_inside_the_picture_and_apart(monkeypatch, speed, 
 
 def test_bodies_of_an_ensemble_are_told_apart():
     """A batch of bodies that travel, with masses of their own."""
-    moments = np.stack([brick().body.moments, 2 * brick().body.moments])
+    one: Any = brick().body
+    moments = np.stack([one.moments, 2 * one.moments])
     bodies = ml.FreeBody(ml.RigidBody(moments), np.array([MASS, 2 * MASS]))
     start = jax.tree.map(lambda x: jnp.stack([x[0], x[0]]), thrown().states)
     path = ml.ensemble("JACOBI[EA]", bodies, GRAVITY, start, dt=0.05, steps=8, save_every=1)
@@ -336,7 +338,8 @@ def test_a_sum_of_forces_keeps_what_each_of_them_keeps():
         assert kept_by(torque) is None
         assert kept_by(torque + torque) is None
     assert kept_by(MU + MU) == kept_by(None)
-    assert kept_by(FLAT + MU + FLAT).which == "component along the pole"
+    both: Any = kept_by(FLAT + MU + FLAT)
+    assert both.which == "component along the pole"
 
 
 def test_an_axis_keeps_what_a_body_with_an_attitude_keeps(cases):

@@ -7,7 +7,7 @@ the device: any function of (t, state), one of the classes of this module, or a 
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -81,7 +81,7 @@ class SpatialMomentum(Observable):
     """The angular momentum in the space frame about its origin, (3,)."""
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.spatial_momentum(state)
+        return observables.spatial_momentum(cast(Any, state))
 
 
 class AngularVelocity(Observable):

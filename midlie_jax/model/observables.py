@@ -19,7 +19,7 @@ from .compatibility import check_body, check_state, check_torque
 from .free_body import Momenta
 from .rotor import Rotor
 from .state import AnyState, State
-from .states import TravellingState, attitude_of
+from .states import OrientedState, TravellingState, attitude_of
 from .torques import TorqueLike, on_body, potential_of
 
 
@@ -144,7 +144,7 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
     return so3.rotate(attitude_of(state), velocity)
 
 
-def spatial_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
+def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
     """The angular momentum in the space frame about its origin, (..., 3); constant for a free body.
 
     It is R Pi for a body that turns in one place, x cross p + R Pi for one that travels; the momentum of an `AxisState`

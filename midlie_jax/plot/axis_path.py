@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from .._checks.arguments import as_floats, described, is_unit, shown
 from ..drivers.path import AnyPath
-from ..model.state import AnyState
+from ..model.states import OrientedState
 from .edge import name_at_edge
 from .motion import motion_of
 from .style import BLUE, GREY, is_3d, remark
@@ -19,7 +19,7 @@ _BODY_AXES = ("e1", "e2", "e3")
 
 def axis_path(
     axes: Any,
-    path: AnyPath[AnyState],
+    path: AnyPath[OrientedState],
     axis: str | int | ArrayLike = 2,
     *,
     colour: str | None = None,

@@ -11,14 +11,14 @@ from ..drivers.path import AnyPath
 from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
-from ..model.state import AnyState
+from ..model.states import OrientedState
 
 _MOST = 12
 _ROW = 4  # the most panels in a row
 
 Turns = RigidBody | TensorBody | Rotor | FreeBody  # bodies that turn
 Bodies = Turns | Sequence[Turns]
-OnePath = AnyPath[AnyState]
+OnePath = AnyPath[OrientedState]
 Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
 
 

@@ -29,7 +29,7 @@ class Torque(eqx.Module):
     `torque(t, state)` is the torque (3,) in the body frame.
     """
 
-    def __call__(self, t: Time, state: Any) -> Array:
+    def __call__(self, t: Time, state: Any) -> Any:
         """The torque on one body.
 
         Args:
@@ -37,7 +37,7 @@ class Torque(eqx.Module):
             state: the state of one body, with or without attitude, as the torque needs.
 
         Returns:
-            The torque (3,) in the body frame, in the dtype of the state.
+            The torque (3,) in the body frame, in the dtype of the state; or a `Wrench` on a body that travels.
         """
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
