@@ -33,7 +33,7 @@ def test_force_and_torque_are_those_of_one_potential(source, kind):
     np.testing.assert_allclose(found.force, expected.force, atol=1e-13)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", TRAVELLING)
 def test_a_planet_keeps_the_energy_and_the_momentum_about_its_pole(kind):
     """Two steps of one length and half of it: the energy wavers by a quarter; the other momentum is not kept."""
@@ -51,6 +51,7 @@ def test_a_planet_keeps_the_energy_and_the_momentum_about_its_pole(kind):
     assert 3.6 < errors[0] / errors[1] < 4.4
 
 
+@pytest.mark.sample(0)
 def test_a_small_body_turns_as_on_an_orbit_that_is_given():
     """As I/(m r^2) falls, the attitude tends to that under GravityGradient on the orbit, and the difference with it."""
     place, speed, attitude, missed = [1.0, 0.0, 0.0], [0.0, 1.2, 0.0], turn(0.5, -0.3, 0.8), []
@@ -70,6 +71,7 @@ def test_a_small_body_turns_as_on_an_orbit_that_is_given():
     assert 8 < missed[0] / missed[1] < 12
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("wind", [None, [0.0, 0.0, 2.0]])
 def test_a_falling_ball_approaches_its_terminal_speed(wind):
     """v = v_t tanh(g t / v_t) in still air; in an upward wind the speed relative to the air obeys the same law."""

@@ -147,6 +147,7 @@ def test_the_path_of_an_axis_is_that_of_the_same_motion_with_an_attitude(cases):
         np.testing.assert_allclose(np.linalg.norm(between.tips, axis=1), 1, atol=1e-12)
 
 
+@pytest.mark.sample(0)
 def test_a_rotation_is_drawn_as_that_of_a_body_that_does_not_travel():
     """A body at rest in space is the same picture to the last bit; one that travels turns alike, and on one polhode."""
     body = brick()
@@ -172,6 +173,7 @@ def magnification(remarks):
     return numbers[0] if numbers else 1.0
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("speed", "steps"), [(0.5, 8), (8.0, 40), (800.0, 40), (8e6, 40)])
 def test_the_drawn_body_is_where_it_is_and_as_large_as_the_picture_says(speed, steps):
     body, path, frames = brick(), thrown(speed=speed, steps=steps), steps // 2 + 1
@@ -261,6 +263,7 @@ def test_names_and_numbers_are_inside_the_picture_and_apart(monkeypatch, speed, 
         assert np.min(np.linalg.norm(gaps, axis=-1)) > 4, (one, other)  # pixels, between the middles of two lines
 
 
+@pytest.mark.sample(0)
 def test_bodies_of_an_ensemble_are_told_apart():
     """A batch of bodies that travel, with masses of their own."""
     one: Any = brick().body
@@ -313,6 +316,7 @@ FORCES = {
 }
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("torque", "momentum", "linear"), FORCES.values(), ids=FORCES.keys())
 def test_what_is_said_to_be_conserved_is_conserved(torque, momentum, linear):
     """The methods conserve the momenta that the exact motion does, up to rounding."""
@@ -364,6 +368,7 @@ def test_crossings_of_a_place():
     np.testing.assert_allclose(np.linalg.norm(found.states.attitude, axis=1), 1, atol=1e-12)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("ending", ["npz", "zarr"])
 @pytest.mark.parametrize("kind", ["AxisState", "FreeState", "FreeAxisState"])
 def test_a_saved_run_is_read_and_shown(cases, tmp_path, kind, ending):

@@ -46,7 +46,7 @@ def paths(kind, name, dtype):
     return run(kind, name, stacked(*[start(kind, dtype)] * len(DT)), DT)
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_order(kind, name):
     order, found, exact = ml.method(name).order, paths(kind, name, "float64"), truth(kind, 1.0)
@@ -61,7 +61,7 @@ def test_order(kind, name):
     assert slope > order - 0.35 or errors[high] < 1e-12, (slope, errors)
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind, name, dtype):
     found = paths(kind, name, dtype)
@@ -78,7 +78,7 @@ def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind
         assert missed <= 2 * roundings(name) * epsilon(dtype), missed / epsilon(dtype)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
     found, half = paths(kind, name, dtype), STEPS // 2
@@ -91,7 +91,7 @@ def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
             np.testing.assert_array_equal(a[:, half], b[:, -1])
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_one_alone_moves_as_in_a_batch(kind, name):
     alone = quick(partial(integrate, kind, name))(start(kind), jnp.asarray(DT[2]), jnp.asarray(0, jnp.int32))
@@ -105,7 +105,7 @@ TURNS = [(*case, DTYPES[n % 2]) for n, case in enumerate(FEW_TRAVELLING)]
 TURNS += whole(*((*case, dtype) for case in TRAVELLING for dtype in DTYPES if (*case, dtype) not in TURNS))
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name", "dtype"), TURNS)
 def test_a_point_mass_keeps_the_total_momentum(kind, name, dtype):
     """x cross p + R Pi, to rounding, by every splitting; the others keep it as well as they are accurate."""
@@ -120,7 +120,7 @@ def test_a_point_mass_keeps_the_total_momentum(kind, name, dtype):
     assert jnp.ptp(spin, axis=0).max() > 0.03  # the gravity gradient acts
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name", "dtype"), TURNS)
 def test_free_fall_is_exact_and_the_rotation_that_of_the_body_alone(kind, name, dtype):
     """In uniform gravity, at any step, by every method of order 2 and more."""
@@ -137,12 +137,13 @@ def test_free_fall_is_exact_and_the_rotation_that_of_the_body_alone(kind, name, 
         np.testing.assert_allclose(path.states.position, position, rtol=0, atol=limit * np.abs(position).max())
     body = KINDS[kind].body(dtype).body
     alone = quick(lambda s: ml.integrate(name, body, None, s, dt=dt, steps=STEPS, save_every=1))(state.turning)
-    assert gap(path.states.turning, alone.states) <= 4 * epsilon(dtype)
+    assert gap(path.states.turning, alone.states) <= roundings(name) * epsilon(dtype)
 
 
 UNCOUPLED = ["JACOBI[EA]", *whole(*(name for name in moved_by("free") if name != "JACOBI[EA]"))]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", UNCOUPLED)
 def test_without_coupling_the_rotation_is_that_of_a_rigid_state_bit_for_bit(name, dtype):
@@ -177,7 +178,7 @@ SYMPLECTIC = [name for name in moved_by("free") if isinstance(ml.method(name), S
 FEW_SYMPLECTIC = ["JACOBI[EA]", "LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]"]
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", [*FEW_SYMPLECTIC, *whole(*(n for n in SYMPLECTIC if n not in FEW_SYMPLECTIC))])
 def test_the_defect_on_the_phase_space_of_twelve_dimensions(name):
     """M^T W1 M = W0 to rounding where the flight is symplectic; LIEMID misses it, as on a body that stays."""
@@ -205,7 +206,7 @@ def test_the_defect_on_the_phase_space_of_twelve_dimensions(name):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", list(KINDS))
-@pytest.mark.parametrize("adjoint", [ml.Reversible(), ml.Checkpointed(), ml.Forward()], ids=lambda x: type(x).__name__)
+@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
 def test_gradients_are_those_of_differences(kind, adjoint):
     name = "SYMMETRIC[SRKN6b]" if "axis" in kind else "JACOBI[SRKN6b]"
 
@@ -228,7 +229,7 @@ def test_gradients_are_those_of_differences(kind, adjoint):
         np.testing.assert_allclose(found[1][k], slope, rtol=1e-7, atol=1e-8)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_energy_wavers_as_the_order_says(kind, name):
     """Of a splitting, with the potential that couples place and axis."""
