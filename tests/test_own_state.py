@@ -108,6 +108,7 @@ def test_the_energy_is_kept_by_a_symplectic_method():
     assert np.ptp(energies) < 3e-3 * np.ptp(np.asarray(ml.kinetic_energy(BODY, path.states)))
 
 
+@pytest.mark.sample(0)
 def test_ensemble_simulate_and_a_split_run_give_the_run_of_one(tmp_path):
     many = jax.tree.map(lambda x: jnp.stack([x, x, x]), START)
     run = {"dt": 0.01, "steps": 64, "save_every": 32}
@@ -184,6 +185,7 @@ def test_gradients(adjoint):
     assert abs(found) > 1e-5
 
 
+@pytest.mark.sample(0)
 def test_check_judges_its_step():
     method = ml.method(Travel(), "EA")
     found = ml.check(method, BODY, pull(), START, dt=0.01, steps=100)
