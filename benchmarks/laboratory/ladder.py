@@ -32,7 +32,7 @@ def ladder(method: Method, case: Problem) -> Iterator[Point]:
     scene, starts = case.scene, case.starts
     if not method.moves(scene.body):
         return
-    program = Program(method, scene.body, scene.torque, starts, chunk=chunk_size(len(starts.momentum)))
+    program = Program(method, scene.body, scene.torque, starts, chunk=chunk_size(len(starts.momentum), starts))
     count = max(1, case.scene.steps // 100)
     best, rungs_without_gain = np.inf, 0
     while rungs_without_gain < 3:

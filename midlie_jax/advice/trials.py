@@ -101,7 +101,7 @@ class Trials:
         body, torque, start, _, t0 = batch.shared
         shared = body, torque, start, jnp.asarray(dt, t0.dtype), t0
         run = method, Forward(), batch.mapped, shared, jnp.zeros((), jnp.int32), self.steps
-        path, _ = run_ensemble(*run, self.every, chunk_size(batch.bodies), tables=shared_tables(*run))
+        path, _ = run_ensemble(*run, self.every, chunk_size(batch.bodies, batch.mapped[2]), tables=shared_tables(*run))
         facts, energies = jax.tree.map(np.asarray, _along(method, batch.mapped, shared, path))
         first_bad = np.asarray(path.first_bad)
         good = int(np.min(first_bad)) - 1  # saved states after the start that are good for every body

@@ -30,6 +30,9 @@ from .path import Path, end_alone
 from .shared_inputs import Rows, SharedInputs
 
 _CHUNK = 256  # bodies moved at once on one core
+# The same for a state of many numbers. Its arrays then do not begin at multiples of 2 KiB, where they would share a few
+# places of the first-level cache (`benchmarks/kinds_of_state.py`).
+_CHUNK_OF_MANY, _MANY = 376, 12
 _VECTOR = 8  # bodies: chunks whose size is no multiple of this were measured to take up to four times as long
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
@@ -198,16 +201,22 @@ def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | N
     return shared_inputs.find(method, arguments, own)
 
 
-def chunk_size(count: int) -> int:
+def chunk_size(count: int, start: Any = None) -> int:
     """How many of `count` bodies are moved at once by default: all on an accelerator, which wants long loops.
 
     On a CPU a step reads and writes the state of each body once, and keeps intermediate results in registers. So on one
     core the states of a chunk should fit the first-level cache, and be enough to hide the cost of starting a loop. XLA
     spreads a loop over several cores only if it is long.
+
+    Args:
+        count: the number of bodies.
+        start: their states, with a leading axis, or None.
     """
     if not on_cpu():
         return count
-    return _CHUNK if cores() == 1 else 32 * _CHUNK
+    numbers = sum(leaf.size // max(leaf.shape[0], 1) for leaf in jax.tree.leaves(start))
+    chunk = _CHUNK_OF_MANY if numbers > _MANY else _CHUNK
+    return chunk if cores() == 1 else 32 * chunk
 
 
 def even_size(count: int, parts: int) -> int:

@@ -117,7 +117,7 @@ def ensemble(
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
     observe = as_observe(observe)
     check_spread(batch, observe, mesh)
-    size = chunk or chunk_size(batch.bodies if mesh is None else -(-batch.bodies // mesh.size))
+    size = chunk or chunk_size(batch.bodies if mesh is None else -(-batch.bodies // mesh.size), batch.mapped[2])
     run = batch.method, as_adjoint(adjoint), batch.mapped, batch.shared, first, steps
     return run_ensemble(*run, save_every, size, observe, mesh, tables=shared_tables(*run))[0]
 
