@@ -129,9 +129,9 @@ class Splitting(Method):
                 return cut(motion)
             if self.scheme.flights > 1 and stages.system.kind.compensated:
                 return split(motion)
-            # A long torque and a long flight in one loop are too much for XLA, which then repeats the flight for each
-            # component that the torque reads.
-            if stages.system.long and self.flight.per_loop <= 2:
+            # A long wrench, which reads thirteen numbers, and a long flight in one loop are too much for XLA: it then
+            # repeats the flight for several of these numbers.
+            if stages.system.long and stages.system.kind.rotation is not None and self.flight.per_loop <= 2:
                 return split(motion)
             return stages.system.loop_boundary(motion)
 
