@@ -283,16 +283,6 @@ class BodyState(State[cp.Vector, Q]):
             change = cp.add(change, cp.scale(h, force))
         return change, cls.rate(pose, cp.times(cp.scale(h, inertia.inverses), momentum))
 
-    @classmethod
-    def force_of(cls, value: Any) -> Any:
-        """What a torque function returned, as arrays in the form of the momentum."""
-        return value
-
-    @classmethod
-    def returned(cls, force: Any) -> Any:
-        """A force as arrays in the form of the momentum, as a torque function returns it: the inverse of `force_of`."""
-        return force
-
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
         return cp.rotate_back(frame, vector)
