@@ -1,4 +1,4 @@
-"""What a run of a body that travels, or of an axis, should conserve, and how far it is from that."""
+"""What momenta a run of a body that travels should conserve, and how far they and its place are from that."""
 
 from typing import Any
 
@@ -6,30 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..model.observables import energy
 from ..model.states import TravellingState
 from ..model.torques import Oblateness, PointMass, Sum, UniformGravity
 from ..plot.conservation import Change
-
-
-def energy_change(body: Any, torque: Any, times: np.ndarray, states: Any) -> Change:
-    """(E(t) - E(0)) / |E(0)|, or that of the kinetic energy, with the reason, if the torque has no potential."""
-    name, formula, reason = "energy", "(E - E₀) / |E₀|", ""
-    try:
-        energies = _energies(body, torque, times, states)
-    except ValueError as error:
-        reason = f"not defined: {str(error).split(';')[0]}"
-        name, formula = "kinetic energy", "(K - K₀) / K₀"
-        energies = _energies(body, None, times, states)
-    first = energies[..., :1]
-    return Change((energies - first) / np.where(first != 0, np.abs(first), 1), name, formula, reason=reason)
-
-
-def _energies(body: Any, torque: Any, times: np.ndarray, states: Any) -> np.ndarray:
-    """In float64, if it is enabled, so that the rounding is that of the run."""
-    exact = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), (body, torque, states, times))
-    return np.asarray(jax.jit(energy)(*exact))
-
 
 _CHANGED = "not conserved: forces change it"
 

@@ -79,8 +79,7 @@ class Record(NamedTuple):
     @property
     def energy_change(self) -> Change:
         """The change of the energy of each body, (bodies, n)."""
-        change = energy_change if isinstance(self.scene.body, RigidBody) else travel_changes.energy_change
-        return change(self.scene.body, self.scene.torque, self.times, self.states)
+        return energy_change(self.scene.body, self.scene.torque, self.times, self.states)
 
     @property
     def momentum_change(self) -> Change:
@@ -88,10 +87,6 @@ class Record(NamedTuple):
         states = self.states
         if isinstance(states, TravellingState):
             return travel_changes.angular_change(self.scene.torque, states)
-        if isinstance(states, AxisState):
-            # The momentum of an axis in space is that of a body with this axis, whatever its angle of spin. Compiled,
-            # because the states of a failed run are not to be checked.
-            states = jax.jit(lambda s: s.with_attitude())(states)
         return momentum_change(self.scene.torque, states)
 
     @property
