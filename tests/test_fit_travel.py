@@ -85,10 +85,16 @@ def test_what_cannot_be_meant_is_refused():
         body, _, start = thrown(values)
         return body.body, None, start.turning
 
+    def pulled(values):
+        """By a force that may be gravity, or not."""
+        body, torque, start = thrown(values)
+        return body, lambda t, state: torque.on(body)(t, state), start
+
     for model, seen, message in (
         (thrown, of_body, "leave origin out"),
         (thrown, twice, "leave gravity out"),
         (stays, staying, "need gravity="),
+        (pulled, staying, "need gravity="),
     ):
         with pytest.raises(ValueError, match=message):
             ml.fit(model, GUESS, [seen], method="JACOBI[EA]", dt=1 / 100)

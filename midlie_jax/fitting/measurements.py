@@ -309,9 +309,8 @@ class Accelerations(Measurement):
         sigma: standard deviation in the same unit: one number, (3,), or (n, 3).
         lever: the place r of the instrument, from the centre of mass or the fixed point, body frame, (3,): a known
             array, the name of a parameter, or a function of the values of the parameters.
-        gravity: the acceleration g of gravity, space frame, (3,), in the same three forms. None for a body that travels
-            means that the terms `UniformGravity`, `PointMass` and `Oblateness` of the torque, and no others, are
-            gravity.
+        gravity: the acceleration g of gravity, space frame, (3,), in the same three forms. None if terms of the torque
+            on a body that travels are gravity: `UniformGravity`, `PointMass` and `Oblateness`, and no others.
         bias: what the instrument adds, (3,), in the same three forms. None means no bias.
         clock: as for `Rates`.
 

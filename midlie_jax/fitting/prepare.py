@@ -119,8 +119,11 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
             raise ValueError("Positions of a body that travels have no origin but its own position; leave origin out.")
         if isinstance(m, Accelerations):
             in_model = torque is not None and without_gravity(torque) is not torque
-            if start.rotation is None and m.gravity is None:
-                raise ValueError("Accelerations of a body that does not travel need gravity=, such as (0, 0, -9.81).")
+            if m.gravity is None and (start.rotation is None or not in_model):
+                raise ValueError(
+                    "Accelerations need gravity=, such as (0, 0, -9.81), or zeros where there is none; on a body that "
+                    "travels it can be a term of the torque instead, such as UniformGravity."
+                )
             if in_model and m.gravity is not None:
                 raise ValueError("gravity is a term of the model's torque already: leave gravity out of Accelerations.")
         if m.values.dtype != start.momentum.dtype:
