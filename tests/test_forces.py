@@ -132,6 +132,11 @@ def test_the_axis_of_a_heavy_top_is_lagranges_to_1e12(spin):
     np.testing.assert_allclose(path.states.momentum, exact.momentum, atol=1e-12 * np.abs(momentum).max())
 
 
+def test_the_momentum_of_a_failed_run_is_no_exception():
+    failed = jax.tree.map(lambda x: x * jnp.nan, FREE)
+    assert jnp.all(jnp.isnan(ml.spatial_momentum(failed)))
+
+
 def test_axis_states_and_back():
     """The angle of spin is chosen, and the axis kept, also where it points up or down."""
     axes = np.array([[0.0, 0.6, -0.8], [0, 0, 1], [0, 0, -1], [1e-9, 0, -1], [0.36, 0.48, 0.8]])

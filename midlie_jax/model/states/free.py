@@ -3,7 +3,6 @@
 # What is a static method of other states reads the kind of rotation here, and so is a class method.
 # pyright: reportIncompatibleMethodOverride=false
 
-from abc import abstractmethod
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -27,7 +26,7 @@ class TravellingState(State[Momenta, Place]):
 
     Attributes:
         rotation: the kind of state of the rotation alone.
-        oriented: the name of the field with its pose.
+        oriented: the name of the field with its pose, which that kind has, too.
     """
 
     linear: eqx.AbstractVar[Array]
@@ -38,9 +37,10 @@ class TravellingState(State[Momenta, Place]):
     oriented: ClassVar[str]
 
     @classmethod
-    @abstractmethod
     def made(cls, turning: Any, linear: Any, position: Any) -> Any:
         """The state with this state of rotation."""
+        made: Any = cls
+        return made(turning.momentum, getattr(turning, cls.oriented), linear, position)
 
     @classmethod
     def belongs_to(cls, body: Any) -> bool:
@@ -48,8 +48,11 @@ class TravellingState(State[Momenta, Place]):
 
     @property
     def turning(self) -> Any:
-        """The state of the rotation alone, about the centre of mass."""
-        return self.rotation(self.momentum, getattr(self, self.oriented))  # pyright: ignore[reportCallIssue]
+        """The state of the rotation alone, about the centre of mass; unchecked, as a failed run may hold NaN."""
+        turning = object.__new__(self.rotation)
+        for name in ("momentum", self.oriented):
+            object.__setattr__(turning, name, getattr(self, name))
+        return turning
 
     def parts(self) -> tuple[Momenta, Place]:
         momentum, orientation = self.turning.parts()
@@ -185,10 +188,6 @@ class FreeState(TravellingState):
         self.linear, self.position = _checked_travel(linear, position)
         self.check_batch()
 
-    @classmethod
-    def made(cls, turning: RigidState, linear: Any, position: Any) -> "FreeState":
-        return cls(turning.momentum, turning.attitude, linear, position)
-
 
 class FreeAxisState(TravellingState):
     """The state of a body that travels, and of whose rotation only the axis of symmetry is computed: twelve numbers.
@@ -224,7 +223,3 @@ class FreeAxisState(TravellingState):
     def with_attitude(self) -> FreeState:
         """A `FreeState` with this momentum, axis and place; its angle of spin is chosen, see `AxisState`."""
         return FreeState.made(self.turning.with_attitude(), self.linear, self.position)
-
-    @classmethod
-    def made(cls, turning: AxisState, linear: Any, position: Any) -> "FreeAxisState":
-        return cls(turning.momentum, turning.axis, linear, position)

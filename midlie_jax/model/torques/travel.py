@@ -23,10 +23,12 @@ from ..states import TravellingState
 from ..wrench import Wrench
 from .base import ReadsBody, Torque
 
+_E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the one direction of the body that every state knows
 
-def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, FreeBody]:
-    """State and body, if both travel; a ValueError otherwise."""
-    if not isinstance(state, TravellingState) or not isinstance(body, FreeBody):
+
+def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
+    """State and body, if both travel; a ValueError otherwise. The body is None where it is not read."""
+    if not isinstance(state, TravellingState) or not isinstance(body, FreeBody | None):
         raise ValueError(
             f"{type(torque).__name__} acts on a body that travels, but the state is a {type(state).__name__}; use a "
             "FreeState and a FreeBody."
@@ -87,14 +89,14 @@ class _Place:
 
     def seen(self, vector: cp.Vector) -> cp.Vector:
         """A vector of space in the frame of the momentum."""
-        return self.state.in_one_frame((0.0, 0.0, 1.0), vector)[1]
+        return self.state.in_one_frame(_E3, vector)[1]
 
     def inertia_times(self, v: cp.Vector) -> cp.Vector:
         """The inertia tensor times a vector, both in the frame of the momentum."""
         turning = self.body.body
         if not isinstance(turning, Rotor):
             return cp.vector(turning.momentum(cp.pack(v)))
-        axis, _ = self.state.in_one_frame((0.0, 0.0, 1.0), self.space)
+        axis, _ = self.state.in_one_frame(_E3, self.space)
         gap = (turning.known_along - turning.moment) * cp.dot(axis, v)
         return cp.add(cp.scale(turning.moment, v), cp.scale(gap, axis))
 
@@ -257,7 +259,7 @@ class Magnus(ReadsBody):
         momentum, turning = cp.vector(state.momentum), body.body
         spin = cp.vector(turning.velocity(state.momentum))
         if isinstance(turning, Rotor):
-            axis, _ = state.in_one_frame((0.0, 0.0, 1.0), momentum)
+            axis, _ = state.in_one_frame(_E3, momentum)
             share = 1 / turning.known_along - 1 / turning.moment
             spin = cp.add(spin, cp.scale(share * cp.dot(axis, momentum), axis))
         lift = cp.cross(state.to_space(spin), through_air(t, state, body, self.wind))
@@ -295,10 +297,7 @@ class Thrust(Torque):
                 state.in_one_frame(cp.vector(vector))
 
     def __call__(self, t: Time, state: AnyState) -> Any:
-        if not isinstance(state, TravellingState):
-            raise ValueError(
-                f"Thrust acts on a body that travels, but the state is a {type(state).__name__}; use a FreeState."
-            )
+        state, _ = travelling(self, state, None)
         vectors = (cp.vector(v(t) if callable(v) else v) for v in (self.force, self.lever))
         force, lever = (state.in_one_frame(v)[0] for v in vectors)
         return Wrench(cp.pack(cp.cross(lever, force)), cp.pack(state.to_space(force)))
