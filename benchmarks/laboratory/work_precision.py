@@ -6,7 +6,7 @@ of steps. It uses the loop of `integrate` and moves the bodies in chunks, as `en
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,11 +15,9 @@ from midlie_jax.advice.timing import Load, cost_clock, spread_in_words
 from midlie_jax.cli import chosen
 from midlie_jax.cli.scenes import Scene
 from midlie_jax.methods.base import Method
-from midlie_jax.methods.flights import FLIGHTS, Flight
 from midlie_jax.methods.projection import steady_potential
 from midlie_jax.methods.registry import ENTRIES, exact_flight
 from midlie_jax.methods.schemes import SCHEMES
-from midlie_jax.model.bodies import RigidBody
 from midlie_jax.model.torques import on_body
 
 from . import scenes
@@ -42,7 +40,7 @@ def methods_for(scene: Scene) -> tuple[str, ...]:
     A scene without torque has the closed form, `free_motion`, which is no method, as well. Where the energy is not
     constant, methods that keep it are left out, because there they are those that do not.
     """
-    flight = _exact_flight(scene.body.turning)
+    flight = exact_flight(scene.body)
     leading = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if scene.torque is None:
         leading = leading[:1]
@@ -50,13 +48,6 @@ def methods_for(scene: Scene) -> tuple[str, ...]:
     others = [method.name for method in charted if _steady(scene) or not method.keeps_energy]
     closed = () if scene.torque is not None else (FREE_MOTION,)
     return (*closed, *(f"{flight.name}[{scheme.name}]" for scheme in leading), *others)
-
-
-def _exact_flight(turning: Any) -> Flight:
-    """The fastest exact flight of a body that turns; a `Rotor` has one alone."""
-    if isinstance(turning, RigidBody):
-        return exact_flight(turning.moments)
-    return next(flight for flight in FLIGHTS.values() if isinstance(turning, flight.bodies))
 
 
 def _steady(scene: Scene) -> bool:

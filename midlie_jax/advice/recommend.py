@@ -20,7 +20,6 @@ from jax import Array
 
 from .._checks.arguments import described, shown
 from ..drivers.arguments import as_scalar, check_system
-from ..methods.flights import Flight, Symmetric
 from ..methods.registry import ENTRIES, exact_flight
 from ..methods.registry import method as find_method
 from ..methods.runge_kutta import RungeKutta
@@ -199,7 +198,7 @@ def candidates(
     Args:
         reads_momentum: whether the torque depends on the momentum.
     """
-    flight = _exact_flight(body)
+    flight = exact_flight(body)
     schemes = [scheme for scheme in SCHEMES.values() if scheme.leading]
     if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum
         schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
@@ -213,14 +212,8 @@ def _reads_momentum(body: Any, torque: Any, start: AnyState) -> bool:
     return System.of(body, torque, start, jnp.zeros((), start.momentum.dtype)).reads_momentum
 
 
-def _exact_flight(body: Body) -> Flight:
-    """The fastest exact flight of a body."""
-    turning = principal_of(body).turning
-    return Symmetric() if isinstance(turning, Rotor) else exact_flight(turning.moments)
-
-
 def _exact_method(body: Body) -> str:
-    return f"{_exact_flight(body).name}[EA]"
+    return f"{exact_flight(body).name}[EA]"
 
 
 def _place(states: Any, length: float | None) -> np.ndarray:

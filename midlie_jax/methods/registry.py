@@ -3,12 +3,10 @@
 Tests, charts and benchmarks select methods from this registry by their properties, never by name.
 """
 
-from typing import NamedTuple, overload
-
-from jax import Array
+from typing import Any, NamedTuple, overload
 
 from .._checks.arguments import described, unknown
-from ..model.bodies import RigidBody
+from ..model.bodies import Body, RigidBody, principal_of
 from . import flights, schemes
 from .base import Method
 from .flights import FLIGHTS, Flight
@@ -156,7 +154,9 @@ def paper_methods() -> list[Method]:
     return [entry.method for entry in ENTRIES.values() if entry.paper]
 
 
-def exact_flight(moments: Array) -> Flight:
-    """The fastest flight that is exact for a rigid body of these moments, (3,)."""
-    exact = [flight for flight in FLIGHTS.values() if flight.body is RigidBody and flight.order is None]
-    return next(flight for flight in sorted(exact, key=lambda f: not f.equal_moments) if flight.moves(moments))
+def exact_flight(body: Body) -> Flight:
+    """The fastest flight that is exact for the rotation of one body: a rigid body or a `Rotor`, which may travel."""
+    turning: Any = principal_of(body).turning
+    exact = [flight for flight in FLIGHTS.values() if isinstance(turning, flight.bodies) and flight.order is None]
+    fastest_first = sorted(exact, key=lambda flight: not flight.equal_moments)
+    return next(f for f in fastest_first if not isinstance(turning, RigidBody) or f.moves(turning.moments))
