@@ -48,6 +48,10 @@ from .model.rotor import Rotor as Rotor
 from .model.state import State as State
 from .model.states import AxisState as AxisState
 from .model.states import CompensatedState as CompensatedState
+from .model.states import CoupledAxisState as CoupledAxisState
+from .model.states import CoupledFreeAxisState as CoupledFreeAxisState
+from .model.states import CoupledRigidState as CoupledRigidState
+from .model.states import CoupledState as CoupledState
 from .model.states import DirectionState as DirectionState
 from .model.states import FreeAxisState as FreeAxisState
 from .model.states import FreeState as FreeState
