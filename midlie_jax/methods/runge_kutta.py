@@ -89,7 +89,9 @@ class RungeKutta(Method):
     ) -> tuple[AnyMotion, Any, Array | bool]:
         del force
 
-        def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
+        def rates(time: Any, part: Any, motion: AnyMotion) -> AnyMotion:
+            if not isinstance(time, float):  # in a loop, between the ends of the step
+                return _rates(system, t0 + time * h, part * h, motion)
             t = t0 if time == 0 else t1 if abs(time - 1) < 1e-12 else t0 + time * h
             return _rates(system, t, h if part == 1 else part * h, motion)
 
@@ -104,7 +106,10 @@ class RungeKutta(Method):
             return cut(tree) if ends else tree
 
         turn = system.inertia.square_of_turn(h, motion.momentum)
-        change = self.formula.change(rates, pause, motion)
+        if system.kind.several and isinstance(self.formula, Extrapolation):  # the rates are long: one copy is enough
+            change = self.formula.change_in_loop(rates, motion, h)
+        else:
+            change = self.formula.change(rates, pause, motion)
         if self.projects:
             change = pause(change, OPERATIONS // per_evaluation)
         end = system.pushed(motion, change.momentum)
