@@ -71,6 +71,10 @@ class RungeKutta(Method):
         return self.projects
 
     @property
+    def several(self) -> bool:
+        return not self.projects
+
+    @property
     def unroll(self) -> int:
         return 1 if on_cpu() else max(1, _EVALUATIONS_IN_KERNEL // self.evaluations)
 
@@ -90,10 +94,9 @@ class RungeKutta(Method):
         del force
 
         def rates(time: Any, part: Any, motion: AnyMotion) -> AnyMotion:
-            if not isinstance(time, float):  # in a loop, between the ends of the step
-                return _rates(system, t0 + time * h, part * h, motion)
-            t = t0 if time == 0 else t1 if abs(time - 1) < 1e-12 else t0 + time * h
-            return _rates(system, t, h if part == 1 else part * h, motion)
+            known = isinstance(part, float)  # in a loop they are traced, and the time is not that of an end of the step
+            t = t0 if known and time == 0 else t1 if known and abs(time - 1) < 1e-12 else t0 + time * h
+            return _rates(system, t, h if known and part == 1.0 else part * h, motion)
 
         longest = _LONGEST_LOOP if on_cpu() else _LONGEST_KERNEL
         in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
