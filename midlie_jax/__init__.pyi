@@ -51,6 +51,10 @@ from .model.sites import wrench_on_sites as wrench_on_sites
 from .model.state import State as State
 from .model.states import AxisState as AxisState
 from .model.states import CompensatedState as CompensatedState
+from .model.states import CoupledAxisState as CoupledAxisState
+from .model.states import CoupledFreeAxisState as CoupledFreeAxisState
+from .model.states import CoupledRigidState as CoupledRigidState
+from .model.states import CoupledState as CoupledState
 from .model.states import DirectionState as DirectionState
 from .model.states import FreeAxisState as FreeAxisState
 from .model.states import FreeState as FreeState

@@ -13,7 +13,8 @@ The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by it
 step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity.
 
 A step, and the body of a loop within it, starts with `begin` and ends with `fuse`. `split`, `cut` and `fuse_derivative`
-divide a step that does not fit one loop. All five use one JAX primitive, which fuses tangents and cotangents as well.
+divide a step that does not fit one loop; `barrier` is for accelerators alone. All use one JAX primitive, which fuses
+tangents and cotangents as well.
 """
 
 from collections import defaultdict
@@ -30,8 +31,8 @@ from .mesh import axes_of, is_number
 T = TypeVar("T")
 
 # What the primitive is used for.
-_BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE = "begin", "fuse", "split", "cut", "fuse_derivative"
-_NOTHING = (_BEGIN, _DERIVATIVE)  # the uses that compile to nothing
+_BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE, _BARRIER = "begin", "fuse", "split", "cut", "fuse_derivative", "barrier"
+_NOTHING = (_BEGIN, _DERIVATIVE, _BARRIER)  # the uses that compile to nothing on a CPU
 
 
 def fuse(tree: T) -> T:
@@ -69,6 +70,11 @@ def fuse_derivative(tree: T) -> T:
     compiler can handle each loop.
     """
     return _bind(tree, _DERIVATIVE)
+
+
+def barrier(tree: T) -> T:
+    """The tree with its values unchanged: what precedes and what follows are not fused on an accelerator."""
+    return _bind(tree, _BARRIER)
 
 
 def is_stored(primitive: Any, *types: Any, **parameters: Any) -> bool:
@@ -116,7 +122,7 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
 
 def _separate(*leaves: Array, use: str) -> list[Array]:
     """The lowering on other platforms."""
-    return list(jax.lax.optimization_barrier(leaves) if use == _CUT else leaves)
+    return list(jax.lax.optimization_barrier(leaves) if use in (_CUT, _BARRIER) else leaves)
 
 
 def _is_nonzero(tangent: Any) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
+from jax import Array
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
 from jax.extend.core import Literal as Literal
@@ -105,3 +106,33 @@ def make_primitive(
     mlir.register_lowering(primitive, mlir.lower_fun(default, multiple_results=True))
     mlir.register_lowering(primitive, mlir.lower_fun(on_cpu, multiple_results=True), platform="cpu")
     return primitive
+
+
+def make_predicate(
+    name: str, *, default: Callable[..., Array], on_cpu: Callable[..., Array]
+) -> Callable[[Array], Array]:
+    """A primitive of one number whose result is one boolean, also under `jax.vmap`: there, whether any row has it.
+
+    Args:
+        name: its name.
+        default, on_cpu: functions of the number, on other platforms and on CPUs.
+    """
+    primitive = Primitive(name)
+
+    def compute(function: Callable[..., Array]) -> Callable[..., Array]:
+        return lambda x: jax.numpy.any(function(x).astype(bool))
+
+    def batched(values: Any, axes: Any) -> tuple[Array, Any]:
+        del axes
+        return primitive.bind(*values), None
+
+    primitive.def_impl(compute(default))
+    primitive.def_abstract_eval(lambda x: ShapedArray((), jax.numpy.bool_))
+    ad.primitive_jvps[primitive] = lambda primals, tangents: (
+        primitive.bind(*primals),
+        ad.Zero(ShapedArray((), jax.dtypes.float0)),
+    )
+    batching.primitive_batchers[primitive] = batched
+    mlir.register_lowering(primitive, mlir.lower_fun(compute(default), multiple_results=False))
+    mlir.register_lowering(primitive, mlir.lower_fun(compute(on_cpu), multiple_results=False), platform="cpu")
+    return primitive.bind

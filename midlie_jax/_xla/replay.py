@@ -24,7 +24,7 @@ from jax import Array
 from .fusion import split
 from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, traced, used_inputs
 from .mesh import axes_of, promoted
-from .rules import Pool, body_of, count_operations, count_scalar_operations, fits, is_expensive, rule_for
+from .rules import Pool, body_of, count_operations, count_scalar_operations, fits, has_rules, is_expensive, rule_for
 
 # Pairs (operations, ratio). A function is evaluated on arrays if, for one pair, it has more operations on scalars than
 # the first number and more of them per operation on arrays than the second.
@@ -37,12 +37,16 @@ class Traits(NamedTuple):
     Attributes:
         costly: whether it contains an operation that XLA treats as expensive or that has no rule.
         operations: how many operations it has; an operation on arrays counts as one.
+        scalars: how many operations on scalars replay it.
+        on_scalars: whether all of it can be replayed on scalars.
         reads: the arguments, with True in place of each leaf on which the result depends and False in place of the
             others.
     """
 
     costly: bool
     operations: int
+    scalars: int
+    on_scalars: bool
     reads: Any
 
 
@@ -51,7 +55,8 @@ def traits(function: Callable[..., Any], *arguments: Any) -> Traits:
     closed = traced(function, *arguments)
     used = used_inputs(closed)
     reads = jax.tree.unflatten(jax.tree.structure(arguments), used)
-    return Traits(any(map(is_expensive, closed.jaxpr.eqns)), count_operations(closed), reads)
+    costly, scalars = any(map(is_expensive, closed.jaxpr.eqns)), count_scalar_operations(closed)[0]
+    return Traits(costly, count_operations(closed), scalars, has_rules(closed), reads)
 
 
 def _suits_arrays(closed: ClosedJaxpr) -> bool:
@@ -96,12 +101,13 @@ class _Entries(NamedTuple):
     places: np.ndarray
 
 
-def by_components(function: Callable[..., Any], *arguments: Any) -> tuple[Any, Any]:
+def by_components(function: Callable[..., Any], *arguments: Any, on_scalars: bool = False) -> tuple[Any, Any]:
     """Evaluates a function of arrays on arguments whose vectors are represented by their entries.
 
     Args:
         function: returns a pytree of arrays.
         arguments: pytrees of scalars and `Packed` vectors; the function receives the latter as arrays.
+        on_scalars: whether it is evaluated on scalars however many these are.
 
     Returns:
         The result with the entries of each array, in row-major order, as a tuple; and the shape and dtype of each.
@@ -118,7 +124,7 @@ def by_components(function: Callable[..., Any], *arguments: Any) -> tuple[Any, A
         inputs.append(_Entries(pool.store(leaf.entries if vector else [leaf], aval.shape)))
         avals.append(aval)
     closed, out = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, avals))
-    if _suits_arrays(closed):
+    if not on_scalars and _suits_arrays(closed):
         return _on_arrays(function, arguments), out
     results = [x if isinstance(x, _Entries) else _to_entries(pool, x) for x in _replay(pool, closed, inputs)]
     return jax.tree.unflatten(jax.tree.structure(out), [tuple(pool.at(x.places)) for x in results]), out

@@ -97,6 +97,20 @@ def is_expensive(equation: Any) -> bool:
     return rule is None or not rule.cheap or equation.params.get("y", 1) < 0  # `y` is the exponent of integer_pow
 
 
+def has_rules(closed: ClosedJaxpr) -> bool:
+    """Whether every operation of a traced function works on small arrays and has a rule, or works on scalars alone."""
+    for equation in closed.jaxpr.eqns:
+        body = body_of(equation)
+        if body is not None:
+            if not has_rules(body):
+                return False
+            continue
+        alone = all(getattr(atom.aval, "shape", None) == () for atom in (*equation.invars, *equation.outvars))
+        if not alone and (rule_for(equation) is None or not _all_fit(equation)):
+            return False
+    return True
+
+
 def count_operations(closed: ClosedJaxpr) -> int:
     """The number of operations of a traced function, with those of the `jit` calls in it."""
     bodies = ((equation, body_of(equation)) for equation in closed.jaxpr.eqns)

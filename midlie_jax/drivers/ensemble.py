@@ -151,7 +151,7 @@ def as_batch(
         )
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(dt)
-    own_body = len(body.batch) == 1
+    own_body = bool(start.batch_of(body))
     rows = (
         jax.tree.map(lambda _: own_body, body),
         torque_rows(torque, torque_axes, body, own_body, start, count),

@@ -24,7 +24,7 @@ from .formula import Formula
 from .limits import runge_kutta_limit
 from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
-from .verdict import verdict
+from .verdict import of_all, verdict
 
 # The most operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000 operations in
 # one loop, a step takes 40 times as long as in two loops of half that length. On a GPU longer kernels are divided, too.
@@ -112,7 +112,7 @@ class RungeKutta(Method):
         kept: Array | bool = True
         if self.projects:
             end, kept = projected(system, t0, t1, h, motion, end)
-        return end, None, verdict(kept, (turn, self.formula.reach**2))
+        return end, None, of_all(verdict(kept, (turn, self.formula.reach**2)))
 
 
 @eqx.filter_jit

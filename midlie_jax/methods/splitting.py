@@ -14,6 +14,7 @@ from .._xla.platform import on_cpu
 from ..model.bodies import Body
 from ..model.free_body import FreeInertia
 from ..model.state import AnyState
+from ..model.states.members import Inertias, largest
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
@@ -21,7 +22,7 @@ from .limits import decay_limit, oscillator_limit
 from .scheme import Scheme
 from .stages import FLIGHT, KICK, run
 from .system import AnyMotion, Motion, System, added
-from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier
+from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier, of_all
 
 
 class Splitting(Method):
@@ -71,7 +72,9 @@ class Splitting(Method):
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         if isinstance(inertia, FreeInertia):
-            return self.flight.turn_rate(inertia.rotation, momentum.angular)
+            return self.turn_rate(inertia.rotation, momentum.angular)
+        if isinstance(inertia, Inertias):
+            return largest([self.turn_rate(*each) for each in zip(inertia.members, momentum, strict=True)])
         return self.flight.turn_rate(inertia, momentum)
 
     def moves(self, body: Body) -> bool:
@@ -96,7 +99,7 @@ class Splitting(Method):
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool, Any]:
-        used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops
+        used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops_for(system)
         flown: list[Known] | None = [] if used else None
         stages = _Stages(self.flight, system, t0, t1, h, flown=flown)
         return *self._step(stages, motion, force), flown
@@ -108,15 +111,23 @@ class Splitting(Method):
         return self._step(_Stages(self.flight, system, t0, t1, h, known=known), motion, force)
 
     def _step(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
-        advance = self._step_in_loop if self.loops else self._step_unrolled
+        advance = self._step_in_loop if self.loops_for(stages.system) else self._step_unrolled
         motion, force, ok = advance(stages, motion, force)
         return motion, force if self.keeps_force(stages.system) else None, ok
+
+    @property
+    def _can_loop(self) -> bool:
+        return self.scheme.alternates and not self.scheme.gradients
 
     @property
     def loops(self) -> bool:
         """Whether the step is a loop over its stages, because the unrolled step would take too long to compile."""
         many = self.scheme.flights > max(2, self.flight.per_loop)
-        return many and self.scheme.alternates and not self.scheme.gradients
+        return many and self._can_loop
+
+    def loops_for(self, system: System) -> bool:
+        """The same for a system: of a torque that is compiled apart, a step holds one copy."""
+        return self.loops or (system.kind.apart and self._can_loop and self.scheme.flights > 1)
 
     def _step_unrolled(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         ok: Array | bool = True
@@ -131,7 +142,8 @@ class Splitting(Method):
                 return split(motion)
             # A long wrench, which reads thirteen numbers, and a long flight in one loop are too much for XLA: it then
             # repeats the flight for several of these numbers.
-            if stages.system.long and stages.system.kind.rotation is not None and self.flight.per_loop <= 2:
+            travels = stages.system.kind.rotation is not None or stages.system.kind.several
+            if stages.system.long and travels and self.flight.per_loop <= 2:
                 return split(motion)
             return stages.system.loop_boundary(motion)
 
@@ -197,8 +209,17 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        rotated, ok = self._turn(a, *self.system.rotating(motion))
-        return self.system.travelled(a * self.h, motion, rotated), ok
+        order = -1 if self.known else 1  # what is known of the last body is the last in the list
+        flown = [self._fly_one(a, *member) for member in self.system.members(motion)[::order]][::order]
+        ok: Array | bool = True
+        for _, one in flown:
+            ok = earlier(ok, one)
+        return self.system.of_members([motion for motion, _ in flown]), ok
+
+    def _fly_one(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
+        """The flight of one body, or of bodies side by side."""
+        rotated, ok = self._turn(a, *system.rotating(motion))
+        return system.travelled(a * self.h, motion, rotated), of_all(ok)
 
     def _turn(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         """The flight of what turns; of particles, their flight."""

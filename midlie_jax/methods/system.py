@@ -10,10 +10,11 @@ from jax import Array
 
 from .._math import components as cp
 from .._xla.fusion import fuse_derivative, split
-from .._xla.replay import traits
+from .._xla.replay import Traits, traits
 from ..model.bodies import Body
 from ..model.free_body import Momenta, Place
 from ..model.state import AnyState, P, Q
+from ..model.states.members import Inertias
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
 from ..model.wrench import Wrench
 
@@ -63,9 +64,8 @@ class System(NamedTuple):
         Raises:
             ValueError: the torque needs numbers where JAX has only tracers.
         """
-        frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
         if torque is None:
-            return cls(inertia, None, type(start), reads_momentum=False, costly=False, long=False, frame=frame)
+            return cls._of(body, None, start, None, reads=False)
         torque = on_body(torque, body)
         try:
             torque_traits = traits(torque, t, start)
@@ -76,8 +76,19 @@ class System(NamedTuple):
             ) from error
         read = torque_traits.reads[1]
         reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.momenta)
-        long = torque_traits.operations > _LONG_TORQUE
-        return cls(inertia, torque, type(start), reads, torque_traits.costly, long, frame)
+        return cls._of(body, torque, start, torque_traits, reads=reads)
+
+    @classmethod
+    def _of(
+        cls, body: Body, torque: TorqueLike | None, start: AnyState, found: Traits | None, *, reads: bool
+    ) -> "System":
+        kind = start.kind_of_run(found)
+        frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
+        # A torque that is compiled apart ends the loops around it by itself.
+        costly = found is not None and found.costly and not kind.apart
+        long = found is not None and (found.scalars if kind is not type(start) else found.operations) > _LONG_TORQUE
+        inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
+        return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
 
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.
@@ -94,7 +105,7 @@ class System(NamedTuple):
 
     def motion(self, state: AnyState) -> AnyMotion:
         """The motion of a state, in principal components."""
-        motion: AnyMotion = Motion(*state.parts())
+        motion: AnyMotion = Motion(*self.kind.parts_of(state))
         if self.frame is None:
             return motion
         return Motion(self.kind.vector_in(self.frame, motion.momentum), self.kind.pose_in(self.frame, motion.pose))
@@ -118,6 +129,20 @@ class System(NamedTuple):
     def velocity(self, momentum: P) -> P:
         """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
         return self.inertia.velocity(momentum)
+
+    def members(self, motion: AnyMotion) -> "list[tuple[System, AnyMotion]]":
+        """The system and the motion of each body that is moved on its own: of several, each, number by number."""
+        if not isinstance(self.inertia, Inertias):
+            return [(self, motion)]
+        kind: Any = self.kind
+        parts = zip(self.inertia.members, motion.momentum, motion.pose, strict=True)
+        return [(self._replace(inertia=inertia, kind=kind.member), Motion(p, q)) for inertia, p, q in parts]
+
+    def of_members(self, motions: "list[AnyMotion]") -> AnyMotion:
+        """The motion of all bodies, from those of `members`."""
+        if not isinstance(self.inertia, Inertias):
+            return motions[0]
+        return Motion(tuple(m.momentum for m in motions), tuple(m.pose for m in motions))
 
     def rotating(self, motion: AnyMotion) -> "tuple[System, AnyMotion]":
         """The rotation alone of a body that also travels; otherwise the system and the motion themselves."""
@@ -183,7 +208,7 @@ class System(NamedTuple):
 
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
         value, returned = self.evaluate(lambda t, state: self.kind.force_of(torque(t, state)), t, motion)
-        _check_force(returned, cp.packed(motion.momentum))
+        _check_force(self.kind, returned, cp.packed(motion.momentum))
         return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return numbers that depend on nothing
 
     def _vector(self, vector: Any) -> Any:
@@ -222,9 +247,15 @@ def _zeros(momentum: P) -> P:
     return jax.tree.map(jnp.zeros_like, momentum)
 
 
-def _check_force(returned: Any, momentum: Any) -> None:
+def _check_force(kind: type[AnyState], returned: Any, momentum: Any) -> None:
     """Raises a ValueError unless the torque returned arrays of the momentum's form, shapes and dtype."""
     if jax.tree.structure(returned) != jax.tree.structure(momentum):
+        if kind.several:
+            shapes = ", ".join(str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned))
+            raise ValueError(
+                "the function of coupled bodies must return one row for each: a torque (N, 3) or, where they travel, a "
+                f"midlie_jax.Wrench of two arrays (N, 3); got a {type(returned).__name__} of {shapes}."
+            )
         wanted, cure = f"a {type(momentum).__name__}", "of arrays like the momentum in `State.parts`"
         if isinstance(momentum, Array):
             wanted, cure = "one array", "use jnp.stack([...])"

@@ -44,6 +44,13 @@ def earlier(first: Array | bool, second: Array | bool) -> Array:
     return jnp.where(first == FINE, as_verdict(second), first)
 
 
+def of_all(ok: Array | bool) -> Array | bool:
+    """The verdict of several bodies, (), from theirs, (N,): that one of them failed, if any did; a largest share."""
+    if isinstance(ok, bool) or not ok.ndim:
+        return ok
+    return jnp.all(ok) if ok.dtype == np.bool_ else jnp.max(ok)
+
+
 def is_fine(verdict: Array | bool) -> Array:
     """Whether the step can be trusted."""
     return as_verdict(verdict) == FINE

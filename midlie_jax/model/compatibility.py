@@ -50,6 +50,9 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     """Raises unless the state has `batch` leading axes, and the body at most as many; particles are not checked."""
     if not state.own_axes:
         return
+    if state.several:
+        _check_several(name, body, state, batch)
+        return
     momentum, axes_of_momentum = state.momentum.shape, state.momentum.ndim - state.own_axes
     moments = "body.moments" if body.in_principal_axes() is body else "body.principal.moments"
     shapes = (
@@ -62,3 +65,19 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
             raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")
+
+
+def _check_several(name: str, body: Any, state: Any, batch: int) -> None:
+    """`check_batch` of coupled bodies, whose constants have the axis (N,) of the state, or serve every body."""
+    axes, count = state.momentum.ndim - state.own_axes, state.count
+    if axes != batch:
+        wanted, cure = "(N, 3)", "map over replicas with jax.vmap, or use midlie_jax.ensemble"
+        if batch:
+            wanted, cure = "(n, N, 3)", "stack the states of the replicas, or use midlie_jax.integrate for one"
+        raise ValueError(f"{name}.momentum must be {wanted}, got {state.momentum.shape}; {cure}.")
+    shape = body.batch
+    if shape and (shape[-1] != count or len(shape) > 1 + batch):
+        wanted = f"() or ({count},)" + (f" or (n, {count})" if batch else "")
+        raise ValueError(
+            f"body holds {shape} bodies, but {name} holds N = {count} bodies; give a body with leading axes {wanted}."
+        )

@@ -26,7 +26,8 @@ from .torques import TorqueLike, on_body, potential_of
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
     """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; of a body that travels, both.
 
-    For a `Rotor` it is |pi|^2 / (2 I1), which differs from the energy by a constant of its spin.
+    Of coupled bodies it is the sum over all. For a `Rotor` it is |pi|^2 / (2 I1), which differs from the energy by a
+    constant of its spin.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
@@ -39,7 +40,8 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
         ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n.
     """
     products = jax.tree.map(jnp.multiply, _momentum(state), _velocity(body, state))
-    sums = [jnp.sum(leaf, axis=-1 if state.own_axes else None) for leaf in jax.tree.leaves(products)]
+    axes = tuple(range(-state.own_axes, 0)) if state.own_axes else None
+    sums = [jnp.sum(leaf, axis=axes) for leaf in jax.tree.leaves(products)]
     return sum(sums[1:], start=sums[0]) / 2
 
 
@@ -76,7 +78,7 @@ def energy(
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
     check_body(body, state)
     check_torque(torque)
-    if body.batch:
+    if state.batch_of(body):
         raise ValueError("body must be one body; map energy over several with jax.vmap.")
     t = None if t is None else as_floats("t", t).astype(state.momentum.dtype)
     batch = _batch_shape(state, path_shape)
@@ -148,7 +150,7 @@ def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
     """The angular momentum in the space frame about its origin, (..., 3); constant for a free body.
 
     It is R Pi for a body that turns in one place, x cross p + R Pi for one that travels; the momentum of an `AxisState`
-    is in the space frame already.
+    is in the space frame already. Of coupled bodies it is the sum over all.
 
     Args:
         state: a state with an attitude or an axis, which may have leading batch axes; of a path its `states`.
@@ -160,7 +162,7 @@ def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
 
 
 def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
-    """The linear momentum p of a body that travels, space frame, (..., 3).
+    """The linear momentum p of a body that travels, or the sum over coupled bodies, space frame, (..., 3).
 
     Args:
         state: a `FreeState` or `FreeAxisState`, which may have leading batch axes; of a path its `states`.
@@ -168,7 +170,8 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
     Raises:
         ValueError: the state does not travel.
     """
-    return _travelling(state).linear
+    linear = _travelling(state).linear
+    return jnp.sum(linear, axis=-2) if state.several else linear
 
 
 def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
@@ -215,7 +218,7 @@ def axes_of_bodies(body: Body, state: AnyState) -> int:
     Raises:
         ValueError: the states do not have one row for each body.
     """
-    bodies = body.batch
+    bodies = state.batch_of(body)
     if not bodies:
         return 0
     states = state.momentum.shape[: -state.own_axes]

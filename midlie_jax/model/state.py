@@ -19,7 +19,7 @@ from jax import Array
 
 from .._checks.arguments import same_batch
 from .._math import components as cp
-from .._xla.replay import Packed, by_components
+from .._xla.replay import Packed, Traits, by_components
 from .bodies import RigidBody
 
 P = TypeVar("P")  # a momentum in a step: components, or an array for particles
@@ -49,6 +49,8 @@ class State(eqx.Module, Generic[P, Q]):
         turns: whether an increment is a rotation in the body frame and nothing else, as a quaternion.
         pose_is_attitude: whether the pose is the attitude and nothing else.
         momenta: the names of the fields that are momenta.
+        several: whether it holds several bodies that act on each other, with an axis (N,) in each array.
+        apart: whether a torque is evaluated on arrays, compiled apart from the step.
         rotation: for a state that also travels, the kind of state of its rotation alone. Its momentum, pose and inertia
             are then a `Momenta`, a `Place` and a `FreeInertia` (`model/free_body.py`).
     """
@@ -61,6 +63,8 @@ class State(eqx.Module, Generic[P, Q]):
     turns: ClassVar[bool] = False
     pose_is_attitude: ClassVar[bool] = False
     momenta: ClassVar[tuple[str, ...]] = ("momentum",)
+    several: ClassVar[bool] = False
+    apart: ClassVar[bool] = False
     rotation: ClassVar["type[AnyState] | None"] = None
 
     @classmethod
@@ -71,6 +75,28 @@ class State(eqx.Module, Generic[P, Q]):
     @abstractmethod
     def parts(self) -> tuple[P, Q]:
         """(momentum, pose) in the form that the steps use."""
+
+    def kind_of_run(self, torque: Traits | None) -> "type[State[P, Q]]":
+        """The class in whose form a run moves the state, from the traits of the torque: by default the state's own."""
+        del torque
+        return type(self)
+
+    @classmethod
+    def parts_of(cls, state: "State[P, Q]") -> tuple[P, Q]:
+        """`parts` in the form of this class."""
+        return state.parts()
+
+    @classmethod
+    def each_inertia(cls, inertia: Any, state: Any) -> Any:
+        """The constants of a body in the form of this class."""
+        del state
+        return inertia
+
+    @classmethod
+    def each_frame(cls, frame: Any, state: Any) -> Any:
+        """The frame of the user in the form of this class."""
+        del state
+        return frame
 
     @classmethod
     @abstractmethod
@@ -242,6 +268,10 @@ class State(eqx.Module, Generic[P, Q]):
     def described(cls) -> Described:
         """For files: for each field by name, the name of its last dimension, and its long_name, units and frame."""
         return {}
+
+    def batch_of(self, body: Any) -> tuple[int, ...]:
+        """The sizes of those leading axes of a body that are a batch, and not an axis of coupled bodies."""
+        return body.batch[:-1] if self.several else body.batch
 
     def check_batch(self) -> None:
         """Raises a ValueError unless all arrays have the same batch axes."""

@@ -7,6 +7,11 @@ What every state offers to steps and torques is in `model/state.py`.
 
 from .axis import AxisState as AxisState
 from .compensated import CompensatedState as CompensatedState
+from .coupled import Coupled as Coupled
+from .coupled import CoupledAxisState as CoupledAxisState
+from .coupled import CoupledFreeAxisState as CoupledFreeAxisState
+from .coupled import CoupledRigidState as CoupledRigidState
+from .coupled import CoupledState as CoupledState
 from .direction import DirectionState as DirectionState
 from .free import FreeAxisState as FreeAxisState
 from .free import FreeState as FreeState

@@ -19,6 +19,7 @@ from .base import without_gravity as without_gravity
 from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop
+from .mutual import MutualGravity as MutualGravity
 from .spacecraft import Damping as Damping
 from .spacecraft import Drag as Drag
 from .spacecraft import PDControl as PDControl

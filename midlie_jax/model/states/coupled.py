@@ -1,0 +1,191 @@
+"""States of N bodies that act on each other under one function: `CoupledState` and its like.
+
+Such a state has the arrays of the state of one body, with an axis (N,) for the bodies before the last one. Everything
+that bodies do alone, they do side by side. Only what acts on them is different: one function of the whole state, which
+is evaluated on arrays and compiled apart from the step (`_xla/apart.py`). Few bodies under a short function are moved
+number by number instead, in one loop (`members.py`).
+"""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ..._math import components as cp
+from ..._xla.apart import apart
+from ..._xla.replay import Traits
+from ..state import Described, State
+from .axis import AxisState
+from .free import FreeAxisState, FreeState
+from .members import MEMBERS_MOST, OPERATIONS_MOST, Members
+from .rigid import RigidState
+
+
+class Coupled(State[Any, Any]):
+    """What the states of several bodies share; mixed into the state of one.
+
+    Attributes:
+        in_components: the kind in whose form few bodies are moved.
+    """
+
+    own_axes: ClassVar[int] = 2
+    several: ClassVar[bool] = True
+    apart: ClassVar[bool] = True
+    in_components: ClassVar[type[Members]]
+
+    @property
+    def count(self) -> int:
+        """The number N of bodies."""
+        return self.momentum.shape[-2]
+
+    def kind_of_run(self, torque: Traits | None) -> type[State[Any, Any]]:
+        """The kind in whose form a run moves the bodies: number by number if they are few and the function is short."""
+        short = torque is None or (torque.on_scalars and torque.scalars <= OPERATIONS_MOST)
+        return self.in_components if self.count <= MEMBERS_MOST and short else type(self)
+
+    @classmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
+        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, cls.join(momentum, pose))
+        return cp.unpacked(value), jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
+
+    def check_batch(self) -> None:
+        for name in self.described():
+            shape = getattr(self, name).shape
+            if len(shape) < 2 or not shape[-2]:
+                raise ValueError(
+                    f"{name} must be (..., N, {shape[-1]}) for N bodies, got {shape}; for one body take a "
+                    f"{self.in_components.member.__name__}."
+                )
+        super().check_batch()
+        counts = {name: getattr(self, name).shape[-2] for name in self.described()}
+        if len(set(counts.values())) > 1:
+            raise ValueError(f"the arrays must have one number N of bodies, got {counts}.")
+
+    def spatial_momentum(self) -> Array:
+        """The sum over the bodies, (..., 3)."""
+        return jnp.sum(super().spatial_momentum(), axis=-2)
+
+    def plus(self, increment: Array) -> Any:
+        """The state moved by an increment (..., k N): the k numbers of each body, one body after the other."""
+        return super().plus(increment.reshape(*increment.shape[:-1], self.count, -1))
+
+    def minus(self, other: Any) -> Array:
+        increment = super().minus(other)
+        return increment.reshape(*increment.shape[:-2], -1)
+
+    @classmethod
+    def described(cls) -> Described:
+        return {name: (("member", *axes), about) for name, (axes, about) in super().described().items()}
+
+
+class MembersFree(Members):
+    """`CoupledState`, number by number."""
+
+    member: ClassVar[Any] = FreeState
+
+
+class MembersRigid(Members):
+    """`CoupledRigidState`, number by number."""
+
+    member: ClassVar[Any] = RigidState
+
+
+class MembersAxis(Members):
+    """`CoupledAxisState`, number by number."""
+
+    member: ClassVar[Any] = AxisState
+
+
+class MembersFreeAxis(Members):
+    """`CoupledFreeAxisState`, number by number."""
+
+    member: ClassVar[Any] = FreeAxisState
+
+
+class CoupledState(Coupled, FreeState):
+    """N rigid bodies that turn, travel and act on each other: 13 N numbers.
+
+    One function gives the wrenches on all of them: `torque(t, state) -> Wrench((N, 3), (N, 3))`, or a potential energy
+    in `midlie_jax.torques.FromPotential`. The body is a `FreeBody` with moments (N, 3) and masses (N,), or one for all.
+
+    Attributes:
+        momentum: angular momenta Pi about the centres of mass, each in the frame of its body, (..., N, 3).
+        attitude: unit quaternions (w, x, y, z) that take body components to space components, (..., N, 4).
+        linear: linear momenta p, space frame, (..., N, 3).
+        position: positions of the centres of mass, space frame, (..., N, 3).
+
+    Raises:
+        ValueError: as for `FreeState`, or the arrays do not have one number N of bodies.
+    """
+
+    in_components: ClassVar[type[Members]] = MembersFree
+
+    def __init__(self, momentum: Any, attitude: Any, linear: Any, position: Any):
+        FreeState.__init__(self, momentum, attitude, linear, position)
+
+
+class CoupledRigidState(Coupled, RigidState):
+    """N rigid bodies that turn, each about a fixed point, and act on each other: 7 N numbers, as spins of tops do.
+
+    The function returns the torques (N, 3), each in the frame of its body. The body is a `RigidBody` with moments
+    (N, 3), or one for all.
+
+    Attributes:
+        momentum: angular momenta Pi, each in the frame of its body, (..., N, 3).
+        attitude: unit quaternions (w, x, y, z) that take body components to space components, (..., N, 4).
+
+    Raises:
+        ValueError: as for `RigidState`, or the arrays do not have one number N of bodies.
+    """
+
+    in_components: ClassVar[type[Members]] = MembersRigid
+
+    def __init__(self, momentum: Any, attitude: Any):
+        RigidState.__init__(self, momentum, attitude)
+
+
+class CoupledAxisState(Coupled, AxisState):
+    """N symmetric bodies that turn, each about a fixed point, and act on each other: 6 N numbers, as dipoles do.
+
+    The function returns the torques (N, 3) in the space frame. The body is a `Rotor` with moments (N,), or one for all.
+
+    Attributes:
+        momentum: angular momenta in the space frame, (..., N, 3).
+        axis: unit vectors along the axes of symmetry, space frame, (..., N, 3).
+
+    Raises:
+        ValueError: as for `AxisState`, or the arrays do not have one number N of bodies.
+    """
+
+    in_components: ClassVar[type[Members]] = MembersAxis
+
+    def __init__(self, momentum: Any, axis: Any):
+        AxisState.__init__(self, momentum, axis)
+
+
+class CoupledFreeAxisState(Coupled, FreeAxisState):
+    """N symmetric bodies that turn, travel and act on each other, such as linear molecules: 12 N numbers.
+
+    The function returns a `Wrench` of torques and forces (N, 3), both in the space frame. The body is a `FreeBody` of a
+    `Rotor` with moments (N,) and masses (N,), or one for all.
+
+    Attributes:
+        momentum: angular momenta about the centres of mass, space frame, (..., N, 3).
+        axis: unit vectors along the axes of symmetry, space frame, (..., N, 3).
+        linear: linear momenta p, space frame, (..., N, 3).
+        position: positions of the centres of mass, space frame, (..., N, 3).
+
+    Raises:
+        ValueError: as for `FreeAxisState`, or the arrays do not have one number N of bodies.
+    """
+
+    in_components: ClassVar[type[Members]] = MembersFreeAxis
+
+    def __init__(self, momentum: Any, axis: Any, linear: Any, position: Any):
+        FreeAxisState.__init__(self, momentum, axis, linear, position)
+
+
+for _kind in (CoupledState, CoupledRigidState, CoupledAxisState, CoupledFreeAxisState):
+    _kind.in_components.whole = _kind
