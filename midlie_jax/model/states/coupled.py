@@ -16,6 +16,7 @@ from jax import Array
 from ..._checks.arguments import described
 from ..._math import components as cp
 from ..._xla.apart import apart
+from ..._xla.fusion import split
 from ..._xla.replay import Traits
 from ..state import Described, State
 from .axis import AxisState
@@ -63,7 +64,9 @@ class Coupled(State[Any, Any]):
 
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
-        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, cls.join(momentum, pose))
+        # Stacked as they are, the flight before would be repeated for each number of the arrays, and in it its parts.
+        state = cls.join(*split((momentum, pose)))
+        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, state)
         entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
         return entries, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
 
