@@ -77,16 +77,10 @@ def start(kind: str = TILTED) -> ml.CoupledState:
 
 def errors(state: ml.CoupledState, end: dict[str, tuple[float, ...]]) -> dict[str, float]:
     """The distance of each known vector, relative to its length."""
-    a, b = MASSES
-    found = {
-        "r": state.position[1] - state.position[0],
-        "v": state.linear[1] / b - state.linear[0] / a,
-        **{f"attitude {i + 1}": state.attitude[i] for i in range(2)},
-        **{f"momentum {i + 1}": state.momentum[i] for i in range(2)},
-    }
+    found = as_end(state)
     result = dict[str, float]()
     for name, values in end.items():
-        known, here = np.array(values), np.asarray(found[name])
+        known, here = np.array(values), np.array(found[name])
         signs = (1, -1) if name.startswith("attitude") else (1,)
         result[name] = float(min(np.linalg.norm(sign * here - known) for sign in signs) / np.linalg.norm(known))
     return result
@@ -101,3 +95,15 @@ def scattered(count: int, spread: float = 0.05, seed: int = 0) -> tuple[ml.FreeB
     return body, ml.CoupledState(
         momentum, *(jnp.tile(x, (count, 1, 1)) for x in (one.attitude, one.linear, one.position))
     )
+
+
+def as_end(state: ml.CoupledState) -> dict[str, tuple[float, ...]]:
+    """A state in the form of `ENDS`."""
+    a, b = MASSES
+    vectors = {
+        "r": state.position[1] - state.position[0],
+        "v": state.linear[1] / b - state.linear[0] / a,
+        **{f"attitude {i + 1}": state.attitude[i] for i in range(2)},
+        **{f"momentum {i + 1}": state.momentum[i] for i in range(2)},
+    }
+    return {name: tuple(map(float, vector)) for name, vector in vectors.items()}
