@@ -45,6 +45,9 @@ from .model.observables import spatial_angular_velocity as spatial_angular_veloc
 from .model.observables import spatial_momentum as spatial_momentum
 from .model.observables import velocity as velocity
 from .model.rotor import Rotor as Rotor
+from .model.sites import from_points as from_points
+from .model.sites import sites as sites
+from .model.sites import wrench_on_sites as wrench_on_sites
 from .model.state import State as State
 from .model.states import AxisState as AxisState
 from .model.states import CompensatedState as CompensatedState

@@ -17,6 +17,7 @@ from ..methods.system import System
 from ..methods.verdict import FINE, UNCOUNTED
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
+from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_saving, as_scalar, check_step, check_system, counts
@@ -222,7 +223,15 @@ def path_of_body(*arguments: Any, **options: Any) -> Path[Any]:
     return run_of_body(*arguments, **options)[0]
 
 
-_run = tuned_jit(path_of_body)
+def _side_by_side(
+    method: Method, adjoint: Adjoint, body: Any, torque: Any, start: Any, *others: Any, **more: Any
+) -> int:
+    """How many bodies a step moves side by side; few are moved number by number, as one is."""
+    del method, adjoint, body, torque, others, more
+    return start.count if start.several and start.count > MEMBERS_MOST else 1
+
+
+_run = tuned_jit(path_of_body, _side_by_side)
 
 
 def _with_force(

@@ -95,8 +95,8 @@ class System(NamedTuple):
     ) -> "System":
         kind = type(start) if whole else start.kind_of_run(found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
-        # A torque that is compiled apart ends the loops around it by itself.
-        costly = found is not None and found.costly and not kind.apart
+        # A torque that is compiled apart ends the loops around it by itself; one on several bodies is always long.
+        costly = found is not None and (found.costly or kind.several) and not kind.apart
         long = found is not None and (found.scalars if kind is not type(start) else found.operations) > _LONG_TORQUE
         inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
         return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)

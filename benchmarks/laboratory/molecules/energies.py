@@ -1,0 +1,85 @@
+"""216 waters for 2 ps: how much their energy wavers, at equal numbers of forces."""
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+import midlie_jax as ml
+
+from . import water
+from .lammps_runs import Waters
+from .runs import energy, forces_per_step, motion
+
+HEADS = ("method", "step at one force a fs, fs", "2 forces a fs", "1", "1/2", "1/4")
+PER_FORCE = (0.5, 1.0, 2.0, 4.0)  # fs
+SCHEMES = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3, "SRKN14a": 2}  # steps between two samples
+LENGTH = 2.0  # ps
+LAMMPS = "LAMMPS `rigid/nve/small`"
+
+
+def own(scheme: str, per_force: float) -> float:
+    """The standard deviation of the energy, kJ/mol; NaN if the run fails."""
+    name, (start, edge) = f"JACOBI[{scheme}]", water.box()
+    dt, steps = 1e-3 * per_force * forces_per_step(name), SCHEMES[scheme]
+    samples = motion(name, start, edge, dt, steps, skin=edge)
+    try:
+        found = [energy(state, torque) for state, torque in islice(samples, round(LENGTH / (dt * steps)))]
+    except RuntimeError:
+        return np.nan
+    return float(np.std(found))
+
+
+def lammps(step: float) -> float:
+    start, edge = water.box()
+    with Waters(start, step, edge) as run:
+        found, every = list[float](), round(20 / step)
+        run.run(0, prepare=True)
+        for _ in range(round(1000 * LENGTH / step) // every):
+            run.run(every)
+            found.append(run.energy())
+    return float(np.std(found))
+
+
+def measured() -> Iterator[tuple[str, float, list[float]]]:
+    """Name, forces a step, and for each of `PER_FORCE` the standard deviation of the energy."""
+    yield LAMMPS, 1, [lammps(step) for step in PER_FORCE]
+    for scheme in SCHEMES:
+        yield f"`JACOBI[{scheme}]`", forces_per_step(f"JACOBI[{scheme}]"), [own(scheme, x) for x in PER_FORCE]
+
+
+def row(name: str, forces: float, found: list[float]) -> list[str]:
+    return [name, f"{forces:g}", *("fails" if not x < 1e3 else f"{x:.2g}" for x in found)]
+
+
+def draw(results: list[tuple[str, float, list[float]]], path: Path) -> None:
+    """The table as a chart."""
+    from midlie_jax.cli.figures import heading, new_figure, panel, write
+    from midlie_jax.cli.line_labels import End, label_ends
+
+    figure = new_figure(8.0, 5.6)
+    heading(figure, "How much the energy of 216 waters wavers", "Standard deviation over 2 ps, from one start.")
+    figure.subplots_adjust(bottom=0.13, right=0.72)
+    axes = figure.subplots()
+    axes.set(xscale="log", yscale="log")
+    panel(axes, "", "Time for each force  [fs]", "Standard deviation  [kJ/mol]")
+    ends = list[End]()
+    for colour, (name, _, found) in zip(("#555555", "#0072B2", "#009E73", "#D55E00", "#CC79A7"), results, strict=True):
+        points = [(x, y) for x, y in zip(PER_FORCE, found, strict=True) if y < 1e3]
+        axes.plot(*zip(*points, strict=True), "o-", color=colour, linewidth=2)
+        ends.append(End(name.replace("`", ""), colour, *points[-1], True))
+    axes.set_xticks(PER_FORCE, [f"{x:g}" for x in PER_FORCE])
+    axes.set_xticks([], minor=True)
+    label_ends(axes, ends)
+    write(figure, str(path))
+
+
+def places_apart(length: float = 0.1) -> float:
+    """The largest distance of a site in LAMMPS, in steps of .1 fs, from that under SRKN6b, in steps of 1 fs, in nm."""
+    start, edge = water.box()
+    state, _ = next(motion("JACOBI[SRKN6b]", start, edge, 1e-3, round(1e3 * length), skin=edge))
+    with Waters(start, 0.1, edge) as run:
+        run.run(round(1e4 * length), prepare=True)
+        difference = run.places() - np.asarray(ml.sites(state, water.POINTS))
+    return float(np.max(np.linalg.norm(difference, axis=-1)))
