@@ -36,4 +36,4 @@ def _panel(panel: Any, degree: int, rungs: list[Rung]) -> None:
     panel.set_xlabel("milliseconds a day and binary, one core")
     panel.grid(alpha=0.3)
     panel.margins(0.1)
-    panel.set_xlim(left=2e-3)  # room for the labels
+    panel.set_xlim(left=3e-4)  # room for the labels

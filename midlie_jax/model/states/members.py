@@ -18,8 +18,8 @@ from ..._math import components as cp
 from ..._xla.replay import Packed, by_components
 from ..state import State
 
-MEMBERS_MOST = 4  # bodies moved number by number
-OPERATIONS_MOST = 6000  # on scalars, of the function that acts on them
+MEMBERS_MOST = 3  # bodies moved number by number; four side by side are faster
+OPERATIONS_MOST = 2500  # on scalars, of the function that acts on them; more compile for more than ten seconds
 
 
 class Inertias(NamedTuple):
