@@ -20,6 +20,8 @@ from midlie_jax.cli.main import main
 from midlie_jax.plot.kept import kept_by
 from midlie_jax.plot.several import panels
 from midlie_jax.plot.shape import CORNERS, shape_of
+from midlie_jax.plot.style import ORANGE
+from midlie_jax.plot.together import Together
 from midlie_jax.plot.turning import turning
 from midlie_jax.simulation.saved import saved_path
 
@@ -252,7 +254,7 @@ def test_names_and_numbers_are_inside_the_picture_and_apart(monkeypatch, speed, 
 
     monkeypatch.setattr(Text, "draw", seen)
     shown = turning(brick(), thrown(speed=speed, steps=steps), 2, 3, most=9)
-    movie = _Movie([""], [shown], 320, (22.0, -55.0), ("white", False), title)
+    movie = _Movie([""], [Together((shown,), (ORANGE,))], 320, (22.0, -55.0), ("white", False), title)
     found.clear()
     movie.frame(1)
     assert len(found) > 8

@@ -178,6 +178,11 @@ def _exactly(accepted: Any, *names: str) -> dict[str, Callable[[Any], bool]]:
     return {name: lambda value: type(value) is type(accepted) and value == accepted for name in names}
 
 
+def _unsharded(name: str) -> dict[str, Callable[[Any], bool]]:
+    """No sharding, or one that divides no axis of the array, which JAX writes down within `jax.shard_map`."""
+    return {name: lambda value: value is None or all(part is None for part in getattr(value, "spec", (True,)))}
+
+
 def _is_plain_precision(value: Any) -> bool:
     """Whether scalars meet the requested precision: they meet every `jax.lax.Precision`, but not a named algorithm."""
     pair = value if isinstance(value, tuple) else (value,)
@@ -309,7 +314,7 @@ def _elementwise(names: str, cheap: bool, *parameters: str) -> dict[str, Rule]:
 
 
 def _reduction_rule(operation: Callable[[Any, Any], Any]) -> Rule:
-    understood = {**_any("axes"), **_exactly(None, "out_sharding")}
+    understood = {**_any("axes"), **_unsharded("out_sharding")}
     return Rule(partial(_replay_reduction, operation), understood, cheap=True, accepts=_same_summable_dtype)
 
 
@@ -330,11 +335,11 @@ RULES: dict[str, Rule] = {
     **_elementwise("reduce_precision", False, "exponent_bits", "mantissa_bits"),
     **_elementwise("round", False, "rounding_method"),
     "convert_element_type": Rule(
-        _replay_entries, {**_any("new_dtype", "weak_type"), **_exactly(None, "sharding")}, cheap=True
+        _replay_entries, {**_any("new_dtype", "weak_type"), **_unsharded("sharding")}, cheap=True
     ),
     "pvary": Rule(_replay_pvary, _any("axes"), cheap=True),
     **{
-        name: Rule(partial(_replay_move, move), {**_any(*parameters), **_exactly(None, "sharding")}, cheap=True)
+        name: Rule(partial(_replay_move, move), {**_any(*parameters), **_unsharded("sharding")}, cheap=True)
         for name, (move, parameters) in MOVES.items()
     },
     **{
@@ -345,13 +350,13 @@ RULES: dict[str, Rule] = {
         )
         for name, (move, indices, parameters) in INDEXED.items()
     },
-    "iota": Rule(_replay_iota, {**_any("dtype", "shape", "dimension"), **_exactly(None, "sharding")}, cheap=True),
+    "iota": Rule(_replay_iota, {**_any("dtype", "shape", "dimension"), **_unsharded("sharding")}, cheap=True),
     "dot_general": Rule(
         _replay_dot_general,
         {
             **_any("dimension_numbers", "preferred_element_type"),  # the second is the dtype of the result
             "precision": _is_plain_precision,
-            **_exactly(None, "out_sharding"),
+            **_unsharded("out_sharding"),
         },
         cheap=True,
         accepts=_same_summable_dtype,

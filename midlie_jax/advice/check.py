@@ -29,6 +29,7 @@ from .rounding import Rounding
 from .trials import Trial, Trials
 
 _HARMONICS = (1, 2, 3)  # which resonances h omega = pi / k are looked for
+_MOST_COUPLED = 32  # coupled bodies, whose torques are linearised all together
 _OFF = 0.95  # the factor that shortens a suggested step, until it is off every resonance
 _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
 
@@ -168,6 +169,12 @@ def check(
     method = as_method(method)
     if not start.own_axes:
         raise ValueError(f"check is for bodies that turn, but start is a {type(start).__name__}.")
+    count = start.momentum.shape[-2] if start.several else 1
+    if count > _MOST_COUPLED:
+        raise ValueError(
+            f"check linearises the torque on all coupled bodies, {_MOST_COUPLED} at most, got {count}; check a part "
+            "of them, or compare the energy of runs with dt and dt/2."
+        )
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     axes = start.momentum.ndim - start.own_axes

@@ -45,11 +45,11 @@ class Facts(NamedTuple):
         """The facts of one body; may be traced."""
         system = System.of(body, torque, state, t)
         motion = system.motion(state)
-        turn_rate = method.turn_rate(system.inertia, motion.momentum)
+        turn_rate = jnp.max(method.turn_rate(system.inertia, motion.momentum))  # of coupled bodies, the fastest
         size = _norm(motion.momentum)
         speed, pull, jerk, acceleration = _speeds(system, t, motion)
         changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])
-        nutation = system.inertia.nutation(motion.momentum)
+        nutation = jnp.max(system.inertia.nutation(motion.momentum))
         return cls(turn_rate, _linearised(system, t, motion), nutation, changes, variations, acceleration)
 
     @property
@@ -76,7 +76,8 @@ def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array,
     torque = system.force(t, motion)
     rates = system.kind.momentum_rate(motion.momentum, velocity, torque), system.kind.rate(motion.pose, velocity)
     _, change = jax.jvp(system.force, (t, motion), (jnp.ones_like(t), Motion(*rates)))
-    speed, acceleration = (cp.root(system.inertia.square_of_turn(1.0, x)) for x in (motion.momentum, rates[0]))
+    squares = (jnp.max(system.inertia.square_of_turn(1.0, x)) for x in (motion.momentum, rates[0]))
+    speed, acceleration = map(cp.root, squares)
     return speed, _norm(torque), _norm(change), acceleration
 
 

@@ -131,6 +131,10 @@ def recommend(
         ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
             no candidate reached the tolerance (the message names a torque that is stiff or not finite).
     """
+    if getattr(start, "several", False):
+        raise ValueError(
+            "recommend is for one body; of coupled bodies compare runs with dt and dt/2, first by JACOBI[SRKN6b]."
+        )
     body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
     if not isinstance(body_that_turns, RigidBody | Rotor):
         raise ValueError(f"recommend is for bodies that turn, got body {described(body)}.")

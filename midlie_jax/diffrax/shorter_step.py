@@ -77,7 +77,7 @@ def _state_at(dense: ShorterStep, t: Any) -> Any:
     method, body, torque, y0, force, times = dense.start.parts()
     start_time, end_time, h = times
     s = part_of_step(dense.t0, dense.t1, t, h.dtype)
-    system = System.of(body, torque, y0, start_time)
+    system = System.of(body, torque, y0, start_time, whole=True)
     ends = start_time, jnp.where(s == 1, end_time, start_time + s * h)
     motion = system.motion(y0)
     stored = None if force is None else cp.of_flat(force, motion.momentum)

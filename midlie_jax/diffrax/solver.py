@@ -156,7 +156,7 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         def clock(t: Any) -> Array:
             return as_time(terms.contr(jnp.zeros_like(t), jnp.asarray(t)), y)
 
-        return System.of(term.body, torque, y, clock(t)), clock, self.method.fitted(term.body)
+        return System.of(term.body, torque, y, clock(t), whole=True), clock, self.method.fitted(term.body)
 
 
 def _begins_with_force(method: Method, system: System) -> bool:

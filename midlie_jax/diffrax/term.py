@@ -80,7 +80,7 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         """The `Rates` of the state y at the scalar time t."""
         torque = self.torque_at(args)
         check(self.body, torque, y)
-        system = System.of(self.body, torque, y, as_time(t, y))
+        system = System.of(self.body, torque, y, as_time(t, y), whole=True)
         motion = system.motion(y)
         force = system.vector_in_user_axes(system.force(as_time(t, y), motion))
         velocity = system.vector_in_user_axes(system.velocity(motion.momentum))
@@ -131,7 +131,7 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
         )
     check_body(body, y)
     if method is not None:
-        check_moves(method, body)
+        check_moves(method, body, y)
     check_batch("y0", body, y)
     try:
         same_dtype("the state", y.momentum, body=body, torque=torque)

@@ -38,7 +38,7 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     """
     check_state("start", start)
     check_body(body, start)
-    check_moves(method, body)
+    check_moves(method, body, start)
     check_torque(torque)
     if isinstance(torque, Torque):
         torque.check(start)
@@ -55,12 +55,17 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     return method.fitted(body)
 
 
-def check_moves(method: Method, body: Any) -> None:
-    """Raises unless the method moves bodies of this class."""
+def check_moves(method: Method, body: Any, start: Any) -> None:
+    """Raises unless the method moves bodies of this class, and states of this kind."""
     if not method.moves(principal_of(body)):
         raise ValueError(
             f"method {method.name!r} moves {method.bodies.__name__}, but body is {body_named(body)}; "
             "choose another method from midlie_jax.methods()."
+        )
+    if start.several and not method.several:
+        raise ValueError(
+            f"method {method.name!r} moves one body, but start is a {type(start).__name__}; take a flight with a "
+            "scheme, such as JACOBI[EA], or GBS12."
         )
 
 

@@ -68,11 +68,23 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     times = times.astype(start.momentum.dtype)
     require_finite("times", times)
     t0 = as_scalar("t0", t0, start.momentum.dtype)
-    return _run(body, start, times - t0)._replace(times=times)
+    run = _run_of_several if start.several else _run
+    return run(body, start, times - t0)._replace(times=times)
 
 
 @tuned_jit
-def _run(body: Any, start: StateT, times: Array) -> Path[StateT]:
+def _run_of_several(body: Any, start: Any, times: Array) -> Path[Any]:
+    """Of coupled bodies, which without a torque move each on its own."""
+    own = 0 if body.batch else None
+    paths = jax.vmap(path_of_one, in_axes=(own, 0, None))(body, start.of_body(slice(None)), times)
+    states = type(start).of_bodies(jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), paths.states))
+    worst = jnp.argmin(paths.first_bad)
+    failed = jax.tree.map(lambda x: x[worst], (paths.first_bad, paths.result))
+    return Path(times, states, jnp.all(paths.ok), *failed)
+
+
+def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
+    """`free_motion` of one body, without the checks."""
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
     turning, turned = system.rotating(motion)
@@ -95,3 +107,6 @@ def _run(body: Any, start: StateT, times: Array) -> Path[StateT]:
     first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
     judged = jnp.where(jnp.all(ok), FINE, LOST)
     return Path(times, states, jnp.all(ok), first_bad, result_of(judged, cp.all_finite(states)))
+
+
+_run = tuned_jit(path_of_one)

@@ -21,6 +21,7 @@ from .measurements import Directions as Directions
 from .measurements import Measurement as Measurement
 from .measurements import Positions as Positions
 from .measurements import Rates as Rates
+from .of_body import OfBody as OfBody
 from .parameters import Free as Free
 from .parameters import InertiaTensor as InertiaTensor
 from .parameters import Moments as Moments

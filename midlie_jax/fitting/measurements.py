@@ -87,6 +87,15 @@ class Measurement(eqx.Module):
             states: the model's states at `times`.
         """
 
+    def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
+        """The measurement of one body, that body, and its states; a ValueError if the model holds several."""
+        if states.several:
+            raise ValueError(
+                f"the model starts from a {type(states).__name__} of several bodies: say of which the "
+                f"{type(self).__name__} are, as in midlie_jax.fitting.OfBody(0, ...)."
+            )
+        return self, body, states
+
     def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Measurement":
         """The measurement for a run under this torque; `times` are those of the states. By default, itself."""
         del torque, times

@@ -63,7 +63,9 @@ def prepare(
             f"{count} measured numbers are too few for {layout.size} unknowns "
             f"({', '.join(layout.unconstrained_names())}); give at least {layout.size + 1}."
         )
-    method = _checked_model(model, layout, listed, method)
+    method, several = _checked_model(model, layout, listed, method)
+    if several and segments > 1:
+        raise ValueError("coupled bodies are fitted in one segment; leave segments out.")
     grid = Grid.of(times, float(dt), float(t0), segments, moving=any(m.clock is not None for m in listed))
     if grid.steps * segments > _MOST_STEPS:
         raise ValueError(
@@ -85,14 +87,20 @@ def as_list(measurements: Any) -> list[Measurement]:
     wrong = [m for m in listed if not isinstance(m, Measurement)]
     if wrong or not listed:
         raise ValueError(
-            "measurements must be one or several of Rates, Attitudes, Directions, Positions and Accelerations, got "
-            f"{described(wrong[0]) if wrong else 'none'}."
+            "measurements must be one or several of Rates, Attitudes, Directions, Positions, Accelerations and OfBody, "
+            f"got {described(wrong[0]) if wrong else 'none'}."
         )
     return listed
 
 
-def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method) -> Method:
-    """The fitted method; raises unless the model gives a body, a torque and a start that suit the measurements."""
+def _checked_model(
+    model: Any, layout: Layout, measurements: Sequence[Measurement], method: Method
+) -> tuple[Method, bool]:
+    """The fitted method, and whether the model holds several bodies.
+
+    Raises:
+        ValueError: the model does not give a body, a torque and a start that suit the measurements.
+    """
     try:
         body, torque, start = model(layout.values(layout.start()))
     except TypeError as error:
@@ -102,33 +110,38 @@ def _checked_model(model: Any, layout: Layout, measurements: Sequence[Measuremen
     method = check_system(method, body, torque, start)
     if not start.own_axes:
         raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
-    if any(isinstance(m, Rates) for m in measurements) and not isinstance(principal_of(body).turning, RigidBody):
-        raise ValueError(f"Rates are of rigid bodies, but the model returned a {type(body).__name__}.")
-    if torque is None:
-        _check_speeds(body, start, measurements)
     if start.momentum.dtype != layout.start().dtype:
         raise ValueError(f"the guess is {layout.start().dtype} but the start of the model {start.momentum.dtype}.")
-    for m in measurements:
-        kind = type(m).__name__
-        suits = hasattr(start, "attitude") or (isinstance(m, Directions) and hasattr(start, "direction"))
-        if isinstance(m, Attitudes | Positions | Directions | Accelerations) and not suits:
+    for measurement in measurements:
+        _check_measurement(*measurement.subject(body, start), torque)
+    if torque is None and not start.several:
+        _check_speeds(body, start, measurements)
+    return method, start.several
+
+
+def _check_measurement(m: Measurement, body: Any, start: Any, torque: Any) -> None:
+    """Raises unless the measurement can be of this body."""
+    kind = type(m).__name__
+    if isinstance(m, Rates) and not isinstance(principal_of(body).turning, RigidBody):
+        raise ValueError(f"Rates are of rigid bodies, but the model returned a {type(body).__name__}.")
+    suits = hasattr(start, "attitude") or (isinstance(m, Directions) and hasattr(start, "direction"))
+    if isinstance(m, Attitudes | Positions | Directions | Accelerations) and not suits:
+        raise ValueError(
+            f"{kind} need the attitude, but the model starts from a {type(start).__name__}; return a RigidState."
+        )
+    if isinstance(m, Positions) and m.origin is not None and start.rotation is not None:
+        raise ValueError("Positions of a body that travels have no origin but its own position; leave origin out.")
+    if isinstance(m, Accelerations):
+        in_model = torque is not None and without_gravity(torque) is not torque
+        if m.gravity is None and (start.rotation is None or not in_model):
             raise ValueError(
-                f"{kind} need the attitude, but the model starts from a {type(start).__name__}; return a RigidState."
+                "Accelerations need gravity=, such as (0, 0, -9.81), or zeros where there is none; on a body that "
+                "travels it can be a term of the torque instead, such as UniformGravity."
             )
-        if isinstance(m, Positions) and m.origin is not None and start.rotation is not None:
-            raise ValueError("Positions of a body that travels have no origin but its own position; leave origin out.")
-        if isinstance(m, Accelerations):
-            in_model = torque is not None and without_gravity(torque) is not torque
-            if m.gravity is None and (start.rotation is None or not in_model):
-                raise ValueError(
-                    "Accelerations need gravity=, such as (0, 0, -9.81), or zeros where there is none; on a body that "
-                    "travels it can be a term of the torque instead, such as UniformGravity."
-                )
-            if in_model and m.gravity is not None:
-                raise ValueError("gravity is a term of the model's torque already: leave gravity out of Accelerations.")
-        if m.values.dtype != start.momentum.dtype:
-            raise ValueError(f"{kind} are {m.values.dtype} but the start of the model is {start.momentum.dtype}.")
-    return method
+        if in_model and m.gravity is not None:
+            raise ValueError("gravity is a term of the model's torque already: leave gravity out of Accelerations.")
+    if m.values.dtype != start.momentum.dtype:
+        raise ValueError(f"{kind} are {m.values.dtype} but the start of the model is {start.momentum.dtype}.")
 
 
 def _check_speeds(body: Any, start: AnyState, measurements: Sequence[Measurement]) -> None:

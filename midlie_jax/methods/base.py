@@ -107,6 +107,11 @@ class Method(eqx.Module):
         """Whether the method moves a body of this class, in its principal axes."""
         return isinstance(body, self.bodies)
 
+    @property
+    def several(self) -> bool:
+        """Whether the method moves several bodies that act on each other."""
+        return False
+
     def fitted(self, body: Body) -> "Method":
         """This method specialised to a body or a batch of bodies.
 

@@ -12,11 +12,13 @@ Wanner, Solving Ordinary Differential Equations I, II.9.
 """
 
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
+from .._xla.fusion import begin, fuse
 from .formula import Pause, Rates
 from .system import AnyMotion
 
@@ -63,4 +65,36 @@ class Extrapolation(NamedTuple):
                 step = rates(i / n, 2 / n, jax.tree.map(jnp.add, motion, now))
                 before, now = now, step if before is None else jax.tree.map(jnp.add, before, step)
             total = jax.tree.map(lambda sum_, change, n=n: sum_ + self.weight(n) * change, total, now)
+        return total
+
+    def change_in_loop(self, rates: Rates, motion: AnyMotion, like: Array) -> AnyMotion:
+        """`change` as one loop over all substeps of all rules, so that the rates are compiled twice in all.
+
+        Args:
+            rates, motion: as for `change`.
+            like: an array of the dtype of the motion.
+        """
+        first = rates(0.0, 1.0, motion)
+        zeros = jax.tree.map(jnp.zeros_like, motion)
+        # Of each substep: its time and length; 1/n if it is the second of its rule, whose first has f(y); the weight of
+        # the result if it is the last.
+        substeps = [
+            (i / n, 2 / n, 1 / n if i == 1 else 0.0, self.weight(n) if i == n - 1 else 0.0)
+            for n in self.substeps
+            for i in range(1, n)
+        ]
+        columns = tuple(jnp.asarray(column, like.dtype) for column in zip(*substeps, strict=True))
+
+        def substep(carry: Any, row: Any) -> tuple[Any, None]:
+            before, now, total = begin(carry)
+            time, part, start, weight = row
+            starts = start > 0
+            now = jax.tree.map(lambda x, f: jnp.where(starts, start * f, x), now, first)
+            before = jax.tree.map(lambda x: jnp.where(starts, jnp.zeros_like(x), x), before)
+            step = rates(time, part, jax.tree.map(jnp.add, motion, now))
+            after = jax.tree.map(jnp.add, before, step)
+            total = jax.tree.map(lambda sum_, change: sum_ + weight * change, total, after)
+            return fuse((now, after, total)), None
+
+        (_, _, total), _ = jax.lax.scan(substep, (zeros, zeros, zeros), columns)
         return total

@@ -71,6 +71,10 @@ class RungeKutta(Method):
         return self.projects
 
     @property
+    def several(self) -> bool:
+        return not self.projects
+
+    @property
     def unroll(self) -> int:
         return 1 if on_cpu() else max(1, _EVALUATIONS_IN_KERNEL // self.evaluations)
 
@@ -89,9 +93,10 @@ class RungeKutta(Method):
     ) -> tuple[AnyMotion, Any, Array | bool]:
         del force
 
-        def rates(time: float, part: float, motion: AnyMotion) -> AnyMotion:
-            t = t0 if time == 0 else t1 if abs(time - 1) < 1e-12 else t0 + time * h
-            return _rates(system, t, h if part == 1 else part * h, motion)
+        def rates(time: Any, part: Any, motion: AnyMotion) -> AnyMotion:
+            known = isinstance(part, float)  # in a loop they are traced, and the time is not that of an end of the step
+            t = t0 if known and time == 0 else t1 if known and abs(time - 1) < 1e-12 else t0 + time * h
+            return _rates(system, t, h if known and part == 1.0 else part * h, motion)
 
         longest = _LONGEST_LOOP if on_cpu() else _LONGEST_KERNEL
         in_loop, per_evaluation = 0, count_operations(jax.make_jaxpr(lambda motion: rates(0.5, 0.5, motion))(motion))
@@ -104,7 +109,10 @@ class RungeKutta(Method):
             return cut(tree) if ends else tree
 
         turn = system.inertia.square_of_turn(h, motion.momentum)
-        change = self.formula.change(rates, pause, motion)
+        if system.kind.several and isinstance(self.formula, Extrapolation):  # the rates are long: one copy is enough
+            change = self.formula.change_in_loop(rates, motion, h)
+        else:
+            change = self.formula.change(rates, pause, motion)
         if self.projects:
             change = pause(change, OPERATIONS // per_evaluation)
         end = system.pushed(motion, change.momentum)

@@ -77,6 +77,10 @@ class Splitting(Method):
             return largest([self.turn_rate(*each) for each in zip(inertia.members, momentum, strict=True)])
         return self.flight.turn_rate(inertia, momentum)
 
+    @property
+    def several(self) -> bool:
+        return True
+
     def moves(self, body: Body) -> bool:
         return isinstance(body.turning, self.flight.bodies)
 

@@ -55,17 +55,21 @@ class System(NamedTuple):
     reads_momentum: bool
     costly: bool
     long: bool
-    frame: cp.Quaternion | None = None
+    frame: Any = None
 
     @classmethod
-    def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array) -> "System":
+    def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
         """The system of a body and a torque. The torque is traced once, at the time t and the state `start`.
+
+        Args:
+            body, torque, start, t: as above.
+            whole: whether momenta and poses have the form of `start.parts` even for a few coupled bodies.
 
         Raises:
             ValueError: the torque needs numbers where JAX has only tracers.
         """
         if torque is None:
-            return cls._of(body, None, start, None, reads=False)
+            return cls._of(body, None, start, None, reads=False, whole=whole)
         torque = on_body(torque, body)
         try:
             torque_traits = traits(torque, t, start)
@@ -76,16 +80,23 @@ class System(NamedTuple):
             ) from error
         read = torque_traits.reads[1]
         reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.momenta)
-        return cls._of(body, torque, start, torque_traits, reads=reads)
+        return cls._of(body, torque, start, torque_traits, reads=reads, whole=whole)
 
     @classmethod
     def _of(
-        cls, body: Body, torque: TorqueLike | None, start: AnyState, found: Traits | None, *, reads: bool
+        cls,
+        body: Body,
+        torque: TorqueLike | None,
+        start: AnyState,
+        found: Traits | None,
+        *,
+        reads: bool,
+        whole: bool,
     ) -> "System":
-        kind = start.kind_of_run(found)
+        kind = type(start) if whole else start.kind_of_run(found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
-        # A torque that is compiled apart ends the loops around it by itself.
-        costly = found is not None and found.costly and not kind.apart
+        # A torque that is compiled apart ends the loops around it by itself; one on several bodies is always long.
+        costly = found is not None and (found.costly or kind.several) and not kind.apart
         long = found is not None and (found.scalars if kind is not type(start) else found.operations) > _LONG_TORQUE
         inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
         return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
@@ -119,12 +130,12 @@ class System(NamedTuple):
         """A motion in principal components, converted to the user's components."""
         if self.frame is None:
             return motion
-        pose = self.kind.pose_in(cp.conjugate(self.frame), motion.pose)
+        pose = self.kind.pose_in(_opposite(self.frame), motion.pose)
         return Motion(self.vector_in_user_axes(motion.momentum), pose)
 
     def vector_in_user_axes(self, vector: Any) -> Any:
         """A vector in principal components, converted to the user's components."""
-        return vector if self.frame is None else self.kind.vector_in(cp.conjugate(self.frame), vector)
+        return vector if self.frame is None else self.kind.vector_in(_opposite(self.frame), vector)
 
     def velocity(self, momentum: P) -> P:
         """The angular velocity I^-1 Pi in principal components; for particles their velocity."""
@@ -243,6 +254,11 @@ def added(momentum: P, h: Array, force: P) -> P:
     return jax.tree.map(lambda p, f: p + h * f, momentum, force)
 
 
+def _opposite(frame: Any) -> Any:
+    """The conjugate of a quaternion, or of each quaternion of a tuple."""
+    return tuple(map(cp.conjugate, frame)) if isinstance(frame[0], tuple) else cp.conjugate(frame)
+
+
 def _zeros(momentum: P) -> P:
     return jax.tree.map(jnp.zeros_like, momentum)
 
@@ -251,10 +267,11 @@ def _check_force(kind: type[AnyState], returned: Any, momentum: Any) -> None:
     """Raises a ValueError unless the torque returned arrays of the momentum's form, shapes and dtype."""
     if jax.tree.structure(returned) != jax.tree.structure(momentum):
         if kind.several:
-            shapes = ", ".join(str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned))
+            shapes = sorted({str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned)})
+            rows = f"{len(returned)} rows for {len(momentum)} bodies" if type(returned) is tuple else ", ".join(shapes)
             raise ValueError(
                 "the function of coupled bodies must return one row for each: a torque (N, 3) or, where they travel, a "
-                f"midlie_jax.Wrench of two arrays (N, 3); got a {type(returned).__name__} of {shapes}."
+                f"midlie_jax.Wrench of two arrays (N, 3); got {rows}."
             )
         wanted, cure = f"a {type(momentum).__name__}", "of arrays like the momentum in `State.parts`"
         if isinstance(momentum, Array):

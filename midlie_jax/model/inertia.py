@@ -94,8 +94,8 @@ class Inertia(NamedTuple):
     def nutation(self, momentum: cp.Vector) -> Array:
         """|Pi| over the mean of the two moments that are closest to each other."""
         moments = jnp.sort(cp.pack(self.moments))
-        low_pair = moments[1] - moments[0] < moments[2] - moments[1]
-        mean = jnp.where(low_pair, moments[0] + moments[1], moments[1] + moments[2]) / 2
+        low, middle, high = cp.vector(moments)
+        mean = jnp.where(middle - low < high - middle, low + middle, middle + high) / 2
         return cp.norm(momentum) / mean
 
     def travel(self, h: Array, momentum: cp.Vector) -> cp.Vector:

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from .._checks.arguments import as_count
 from .several import Bodies, Paths, grid, panels
 from .style import BLUE, SKY, new_figure
-from .turning import Turning, picture_file, turnings
+from .together import Together, togethers
+from .turning import picture_file
 
 _DPI = 80
 _TEXT = 9  # font size, points
@@ -31,12 +32,16 @@ def animate(
     azimuth: float = -55.0,
     background: str = "white",
     title: str = "",
+    points: ArrayLike | None = None,
 ) -> Path:
     """Writes a GIF of a turning body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
     A body that travels is drawn at its place in space, with the track of its centre of mass. If its path is so long
     that it could not be seen beside it, it is drawn larger, and the picture says how many times. A body of which only
     the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
+
+    Bodies that act on each other are drawn in one space, each in its colour, if they travel; up to six have their axes
+    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists.
 
     Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
     spaced in time. If the body turns by more than a quarter of a turn from one frame to the next, the eye is misled, as
@@ -47,8 +52,8 @@ def animate(
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
             for all, a list with one for each, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
-            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`. Or up to 12 paths: a mapping of
-            names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`.
+            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
+            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`.
         file: the GIF to write; an existing file is replaced.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
             only the axis of symmetry is known, only e3, which is that axis.
@@ -58,6 +63,8 @@ def animate(
         elevation, azimuth: the direction of the viewer in degrees, above the xy plane and around z from x.
         background: any colour of matplotlib; text is black or white, whichever stands out.
         title: a line above the picture.
+        points: places in the frame of the body, (a, 3), such as the atoms of a molecule: they are drawn in place of the
+            solid, the first joined to each of the others; for bodies with a mass.
 
     Returns:
         The path of the file.
@@ -75,7 +82,7 @@ def animate(
         raise ValueError(f"rate must be above 0 and at most 50 frames a second, got {rate}.")
     dark = _is_dark(background)
     shown = panels(body, path)
-    turns = turnings([(panel.body, panel.path) for panel in shown], axis, frames, _MOST_FRAMES)
+    turns = togethers(shown, axis, frames, _MOST_FRAMES, points)
     movie = _Movie([panel.name for panel in shown], turns, pixels, (elevation, azimuth), (background, dark), title)
     _write([movie.frame(k) for k in range(len(turns[0].times))], target, rate)
     return target
@@ -97,7 +104,7 @@ class _Movie:
     def __init__(
         self,
         names: list[str],
-        turns: list[Turning],
+        turns: list[Together],
         pixels: int,
         view: tuple[float, float],
         ground: tuple[str, bool],

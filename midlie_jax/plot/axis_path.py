@@ -10,7 +10,8 @@ from ..drivers.path import AnyPath
 from ..model.states import OrientedState
 from .edge import name_at_edge
 from .motion import motion_of
-from .style import BLUE, GREY, is_3d, remark
+from .several import path_of_one
+from .style import BLUE, FEW, GREY, colours_of, is_3d, remark
 
 _FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
 _NAMES = ("x", "y", "z")  # the names of the axes of space
@@ -31,26 +32,39 @@ def axis_path(
     other part faint, also after the picture is turned by hand. On plain axes the sphere is seen from +z, and the part
     below the xy plane is faint. A dot marks the start. Saved states are joined by the shortest arc. Call the function
     again on the same axes to compare paths. A run that failed is drawn up to its last good state, and the picture says
-    so.
+    so. Of up to six coupled bodies each has a path in a colour of its own.
 
     Args:
         axes: matplotlib's axes, 3-D or plain.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with
             states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
-            `AxisState` or a `FreeAxisState`.
+            `AxisState` or a `FreeAxisState`; or of coupled bodies.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. For
             states with an axis alone only e3, which is that axis.
         colour: colour of the path, any of matplotlib's.
-        label: the name of the path; by default that of the axis.
+        label: the name of the path; by default that of the axis. Of coupled bodies the number follows.
 
     Returns:
-        The directions in space that are drawn, (n, 3), at the saved times.
+        The directions in space that are drawn, (n, 3), or of N coupled bodies (n, N, 3), at the saved times.
 
     Raises:
         ValueError: the path is not of one body with attitudes or axes, or its first two states are bad; the axis is
-            neither a name, nor an index, nor a unit vector, or the states do not know it.
+            neither a name, nor an index, nor a unit vector, or the states do not know it; there are more than six
+            coupled bodies.
     """
     direction, name = as_axis(axis)
+    count = getattr(getattr(path, "states", None), "count", 0)
+    if count:
+        if count > FEW:
+            raise ValueError(
+                f"path holds {count} bodies, and the sphere has room for {FEW}; draw some of them: body i is "
+                "path._replace(states=path.states.of_body(i))."
+            )
+        each = [
+            axis_path(axes, path_of_one(path, i), axis, colour=colour or own, label=f"{label or name} of body {i}")
+            for i, own in enumerate(colours_of(count))
+        ]
+        return np.stack(each, axis=1)
     motion = motion_of(path)
     tips = motion.directions(direction)
     name, chosen = label or name, colour or BLUE

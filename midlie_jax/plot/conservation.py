@@ -15,7 +15,8 @@ from ..model.bodies import Body
 from ..model.observables import energy
 from ..model.state import AnyState, State
 from ..model.states import TravellingState
-from ..model.torques import TorqueLike, on_body
+from ..model.torques import TorqueLike
+from .balance import add_up_to_zero, forces_on
 from .kept import ALL, Kept, kept_by
 
 
@@ -55,7 +56,7 @@ def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
     """
     body, torque, states = _doubles((body, torque, states))
     times = np.asarray(times, jnp.result_type(float))
-    first = jax.tree.map(lambda leaf: leaf[(0,) * (leaf.ndim - 1)], states)
+    first = jax.tree.map(lambda leaf: leaf[(0,) * (leaf.ndim - states.own_axes)], states)
     kinetic, reason = False, ""
     try:
         same_state = [float(energy(body, torque, first, t)) for t in np.unique(times[:: max(1, len(times) // 8)])]
@@ -73,25 +74,26 @@ def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
     return Change(_relative(energies - start, np.abs(start)), name, formula, reason=reason)
 
 
-def momentum_change(torque: TorqueLike | None, states: AnyState) -> Change:
+def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bool = False) -> Change:
     """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, the change of this component over |pi(0)|.
 
     For a body that travels, pi is the total angular momentum about the origin, and the change is relative to the
-    largest |x cross p| + |R Pi| of the path, because pi may vanish.
+    largest |x cross p| + |R Pi| of the path, because pi may vanish. Of coupled bodies it is the sum over all.
 
     Args:
         torque: as for `integrate`.
         states: with leading axes (..., n); they may contain NaN. Without an attitude or an axis only the length of the
             momentum is known, or its component along the direction of a `DirectionState`.
+        balanced: whether all of it is known to be conserved, as by `balance.balanced`.
     """
     torque, states = _doubles((torque, states))
-    size, letter = np.linalg.norm(np.asarray(states.momentum)[..., :1, :], axis=-1), "|π₀|"
+    size, letter = _sizes(states, states.momentum)[..., :1], "|π₀|"
     name, changed = "spatial momentum", "not conserved: the torque changes it"
     if isinstance(states, TravellingState):
         name, letter, changed = "total angular momentum", "max |π|", "not conserved: torque or force changes it"
-        parts = np.cross(states.position, states.linear), np.asarray(states.momentum)
-        size = np.nanmax(sum(np.linalg.norm(part, axis=-1) for part in parts), axis=-1, keepdims=True)
-    kept = kept_by(torque)
+        orbital = np.cross(states.position, states.linear)
+        size = np.nanmax(_sizes(states, orbital) + _sizes(states, states.momentum), axis=-1, keepdims=True)
+    kept = ALL if balanced else kept_by(torque)
     if isinstance(kept, Kept) and states.has_pose:
         along = _along(states, kept.direction / (np.linalg.norm(kept.direction) or 1.0))
         values = _relative(np.abs(along - along[..., :1]), size)
@@ -110,7 +112,7 @@ def momentum_change(torque: TorqueLike | None, states: AnyState) -> Change:
 
 
 def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: TravellingState) -> Change:
-    """|p(t) - p(0)| / max |p| of a body that travels, which is conserved where no force acts.
+    """|p(t) - p(0)| / max |p| of a body that travels, which is conserved where no force acts; of coupled bodies the sum.
 
     Args:
         body: one body.
@@ -119,19 +121,21 @@ def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
         states: at these times, with leading axis (n,).
     """
     body, torque, states = _doubles((body, torque, states))
-    momenta = np.asarray(states.linear)
-    size = np.nanmax(np.linalg.norm(momenta, axis=-1), axis=-1, keepdims=True)
+    momenta, size = np.asarray(states.linear), np.nanmax(_sizes(states, states.linear), axis=-1, keepdims=True)
+    momenta = np.sum(momenta, axis=-2) if states.several else momenta
     values = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
     reason = ""
     if torque is not None:
-        bound: Any = on_body(torque, body)
-
-        def force(t: Any, state: Any) -> Any:
-            return type(state).force_of(bound(t, state)).linear
-
-        forces = jax.jit(jax.vmap(force))(jnp.asarray(times, jnp.result_type(float)), states)
-        reason = "not conserved: a force acts" if np.any(np.asarray(forces) != 0) else ""
+        forces = np.asarray(forces_on(body, torque, np.asarray(times), states).linear)
+        acts = not add_up_to_zero(forces) if states.several else np.any(forces != 0)
+        reason = "not conserved: a force acts" if acts else ""
     return Change(values, "linear momentum", "|p - p₀| / max |p|", "" if reason else "all of it", reason)
+
+
+def _sizes(states: Any, vectors: Any) -> np.ndarray:
+    """The lengths of vectors (..., 3); of coupled bodies their sum."""
+    lengths = np.linalg.norm(np.asarray(vectors), axis=-1)
+    return np.sum(lengths, axis=-1) if states.several else lengths
 
 
 def _is_in_space(states: Any) -> bool:

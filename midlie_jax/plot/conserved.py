@@ -11,6 +11,7 @@ from ..model.compatibility import check_body, check_torque
 from ..model.state import AnyState
 from ..model.states import TravellingState
 from ..model.torques import TorqueLike
+from .balance import balanced
 from .conservation import Change, energy_change, linear_change, momentum_change
 from .edge import name_at_edge
 from .motion import motion_of
@@ -56,7 +57,9 @@ def conserved(
       `UniformGravity`, and along the pole under an `Oblateness`; under a sum of torques, what each of them conserves;
     - without a torque, for a state that has no attitude, the length of the momentum;
     - for a body that travels, the linear momentum if no force acts at the saved times. Its spatial momentum is the
-      total angular momentum about the origin, x cross p + R Pi.
+      total angular momentum about the origin, x cross p + R Pi;
+    - for coupled bodies, the sums of their momenta, if at the saved times their forces, or their torques about the
+      origin, add up to zero but for rounding.
 
     What is not conserved is named on the picture and not drawn. Errors are computed in float64 if it is enabled. Errors
     below half a unit in the last place of the run's dtype are drawn at that height. Call the function again on the same
@@ -67,7 +70,7 @@ def conserved(
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
         torque: as for `integrate`.
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
-            state of one body.
+            state of one body, or of coupled bodies.
         colour: the colour of all lines (the lines of the momenta are dashed); by default blue, vermilion and green.
         label: put before the names "energy" and "momentum", for example the name of the method.
 
@@ -78,12 +81,13 @@ def conserved(
         ValueError: body, torque and path do not fit each other; the path is not of one body, or its first two states
             are bad; neither energy nor a momentum is conserved.
     """
-    motion = motion_of(path)
+    motion = motion_of(path, together=True)
     check_body(body, motion.states)
     check_torque(torque)
-    changes = [energy_change(body, torque, motion.times, motion.states), momentum_change(torque, motion.states)]
+    acting = body, torque, motion.times, motion.states
+    changes = [energy_change(*acting), momentum_change(torque, motion.states, balanced=balanced(*acting))]
     if isinstance(motion.states, TravellingState):
-        changes.append(linear_change(body, torque, motion.times, motion.states))
+        changes.append(linear_change(*acting))
     if all(change.reason for change in changes):
         raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
     least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2

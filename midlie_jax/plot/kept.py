@@ -2,7 +2,7 @@
 
 For a body that travels, it is the total momentum x cross p + R Pi about the origin: a torque without a force leaves
 x cross p alone, a uniform force changes the total momentum across itself, and a force of the field of a point mass at
-the origin, with its torque, does not change it.
+the origin, with its torque, does not change it. Of coupled bodies it is the sum over all.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -31,7 +31,7 @@ ALL: Literal["all"] = "all"
 
 def kept_by(torque: Any) -> Kept | Literal["all"] | None:
     """The component that is conserved, `ALL`, or None if nothing is known to be."""
-    if torque is None or isinstance(torque, torques.PointMass):
+    if torque is None or isinstance(torque, torques.PointMass | torques.MutualGravity):
         return ALL
     if isinstance(torque, torques.HeavyTop):
         return Kept(np.array([0.0, 0.0, 1.0]), "z", "vertical component")
@@ -41,6 +41,8 @@ def kept_by(torque: Any) -> Kept | Literal["all"] | None:
         return Kept(np.asarray(torque.acceleration), "g", "component along gravity")
     if isinstance(torque, torques.Oblateness):
         return Kept(np.asarray(torque.pole), "n", "component along the pole")
+    if isinstance(torque, torques.OnEach):
+        return kept_by(torque.torque)
     return _by_all_of(torque.terms) if isinstance(torque, torques.Sum) else None
 
 

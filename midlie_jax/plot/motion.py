@@ -83,11 +83,12 @@ class Motion(NamedTuple):
         return (speeds[:-1] + speeds[1:]) / 2 * np.abs(np.diff(self.times))
 
 
-def motion_of(path: Any) -> Motion:
+def motion_of(path: Any, *, together: bool = False) -> Motion:
     """The part of a path before the run failed, without repeated times.
 
     Args:
         path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`.
+        together: whether it may also be a path of coupled bodies.
 
     Raises:
         ValueError: the argument is not a path of one rigid body, or fewer than two of its states can be trusted.
@@ -99,7 +100,12 @@ def motion_of(path: Any) -> Motion:
             f"{described(states)}; integrate without observe=."
         )
     times = np.asarray(path.times)
-    if times.ndim != 1 or states.momentum.shape != (*times.shape, 3):
+    if states.several and not together:
+        raise ValueError(
+            f"path must be of one body, and a {type(states).__name__} holds {states.count}; take body i by "
+            "path._replace(states=path.states.of_body(i)), and its row of the body."
+        )
+    if times.ndim != 1 or states.momentum.shape[: -states.own_axes] != times.shape:
         raise ValueError(
             f"path must be of one body, with momenta (n, 3) at n times, got {states.momentum.shape} and times "
             f"{times.shape}; take body k of an ensemble by "

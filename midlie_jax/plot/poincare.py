@@ -67,7 +67,7 @@ def poincare(
     Args:
         axes: matplotlib's axes; set their labels yourself.
         path: a `Path` or `AdaptivePath` of one body, with at least 4 saved states, from `integrate`,
-            `integrate_adaptive` or `free_motion`, with any state of one body.
+            `integrate_adaptive` or `free_motion`, with any state of one body, or of coupled bodies.
         section: g(t, state) -> (), written with jax.numpy for one state, as for `ensemble(observe=...)`.
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.
@@ -86,7 +86,7 @@ def poincare(
         require_function(name, function, "t, state")
     if direction not in (1, -1, 0) or isinstance(direction, bool):
         raise ValueError(f"direction must be 1, -1 or 0, got {shown(direction)}.")
-    motion = motion_of(path)
+    motion = motion_of(path, together=True)
     if len(motion.times) < _NEIGHBOURS:
         raise ValueError(f"path has {len(motion.times)} good states, and an interpolation needs {_NEIGHBOURS}.")
     times, states = _crossings(motion, section, direction)
@@ -166,4 +166,4 @@ def _interpolated(t: Array, times: Array, states: Any) -> Any:
     own = jnp.eye(_NEIGHBOURS, dtype=bool)
     factors = (t - times)[None, :] / jnp.where(own, 1, times[:, None] - times[None, :])
     weights = jnp.prod(jnp.where(own, 1, factors), axis=1)
-    return jax.tree.map(lambda leaf: weights @ leaf, states).normalised()
+    return jax.tree.map(lambda leaf: jnp.tensordot(weights, leaf, axes=1), states).normalised()

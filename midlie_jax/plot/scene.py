@@ -1,4 +1,4 @@
-"""`Scene`: one moving body of a GIF, on matplotlib's 3-D axes: on the unit sphere of directions, or at its place.
+"""`Scene`: the moving bodies of a panel of a GIF, on matplotlib's 3-D axes: on the unit sphere, or at their places.
 
 This module imports matplotlib, so `animate` imports it only when it draws.
 """
@@ -7,29 +7,31 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from .ellipsoid import BEHIND, IN_FRONT, draw_curve, draw_ellipsoid
 from .labels3d import towards_viewer
 from .space import draw_space
-from .style import GREY, ORANGE, VERMILLION
+from .style import GREY, VERMILLION
+from .together import Together
+from .travel import Travel
 from .turning import Turning
 
 _TEXT = 9  # font size of the letters at the axes, points
 _SMALL = 7.0  # that of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
-_BODY = ORANGE
+_FIRST, _OTHER = 42.0, 14.0  # areas of the dots of a body drawn as points: of the first, and of each other
 _BACKGROUND = 0.5  # opacity of the part of the track that is still to come
 
 
 class Scene:
-    """The artists of one body, which are moved for each frame."""
+    """The artists of the bodies of a panel, which are moved for each frame."""
 
     def __init__(
         self,
         figure: Any,
         place: tuple[float, float, float, float],
-        shown: Turning,
+        shown: Together,
         view: tuple[float, float],
         text: str,
         colour: str,
@@ -41,29 +43,66 @@ class Scene:
         self.out = towards_viewer(axes)
         right = np.cross([0.0, 0.0, 1.0], self.out) / max(float(np.hypot(*self.out[:2])), 1e-9)
         self.lamp = _LAMP @ np.stack([right, np.cross(self.out, right), self.out])
-        self.ground = _Sphere(axes, shown, text, colour) if shown.travel is None else _Space(axes, shown, text)
-        self.edge = "" if shown.shape.round else text
-        self.body = Poly3DCollection(self._faces(0), linewidth=0.6)
-        axes.add_collection3d(self.body, autolim=False)
-        (self.axis,) = axes.plot([], [], [], color=colour, linewidth=2.4)
+        limits = shown.limits
+        sphere = limits is None
+        self.ground = _Sphere(axes, shown.members[0], text, colour) if sphere else _Space(axes, shown, limits, text)
+        edge = "" if shown.members[0].shape.round else text
+        self.bodies = (_Solids if shown.solid else _Sites)(axes, shown, self.lamp, edge)
+        own = [colour] if shown.alone else shown.colours if shown.few and shown.solid else ()
+        self.axes_of_bodies = [
+            (member, axes.plot([], [], [], color=own_colour, linewidth=2.4)[0])
+            for member, own_colour in zip(shown.members, own, strict=False)
+        ]
 
     def move(self, k: int) -> None:
-        """Moves the body, its axis and its path to frame k."""
-        shown, faces = self.shown, self._faces(k)
-        colours = [_lit(face, self.lamp) for face in faces]
-        self.body.set_verts(faces)
-        self.body.set_facecolor(colours)
-        self.body.set_edgecolor(self.edge or colours)
-        tip = shown.tips[k]
-        self.axis.set_data_3d(*shown.placed(k, np.stack([shown.inside * tip, tip])).T)
-        self.axis.set_zorder(IN_FRONT if tip @ self.out > 0 else BEHIND)
+        """Moves the bodies, their axes and their paths to frame k."""
+        self.bodies.move(k)
+        for member, line in self.axes_of_bodies:
+            tip = member.tips[k]
+            line.set_data_3d(*member.placed(k, np.stack([member.inside * tip, tip])).T)
+            line.set_zorder(IN_FRONT if tip @ self.out > 0 else BEHIND)
         self.ground.move(k)
 
-    def _faces(self, k: int) -> list[np.ndarray]:
-        corners = self.shown.placed(k, self.shown.corners[k])
+
+class _Solids:
+    """Bodies drawn as solids, of which the nearer hides the farther."""
+
+    def __init__(self, axes: Any, shown: Together, lamp: np.ndarray, edge: str):
+        self.shown, self.lamp, self.edge = shown, lamp, edge
         # matplotlib fills short faces up with numbers from memory, which may overflow; so all get as many corners.
-        most = max(map(len, self.shown.shape.faces))
-        return [corners[[*face, *face[-1:] * (most - len(face))]] for face in self.shown.shape.faces]
+        self.most = max(len(face) for member in shown.members for face in member.shape.faces)
+        self.faces = Poly3DCollection(self._faces(shown.members[0], 0), linewidth=0.6)
+        axes.add_collection3d(self.faces, autolim=False)
+
+    def move(self, k: int) -> None:
+        faces = [self._faces(member, k) for member in self.shown.members]
+        pairs = zip(faces, self.shown.colours, strict=True)
+        colours = [_lit(face, self.lamp, colour) for own, colour in pairs for face in own]
+        self.faces.set_verts([face for own in faces for face in own])
+        self.faces.set_facecolor(colours)
+        self.faces.set_edgecolor(self.edge or colours)
+
+    def _faces(self, member: Turning, k: int) -> list[np.ndarray]:
+        corners = member.placed(k, member.corners[k])
+        return [corners[[*face, *face[-1:] * (self.most - len(face))]] for face in member.shape.faces]
+
+
+class _Sites:
+    """Bodies drawn as points, the first of which is joined to each of the others."""
+
+    def __init__(self, axes: Any, shown: Together, lamp: np.ndarray, edge: str):
+        del lamp, edge
+        self.shown, colours = shown, shown.colours_of_sites
+        first, other = (areas if shown.few else areas / 4 for areas in (_FIRST, _OTHER))
+        areas = [other if k else first for member in shown.members for k in range(member.corners.shape[1])]
+        style = {"depthshade": False, "edgecolors": "none"}
+        self.dots = axes.scatter(*np.concatenate(shown.sites(0)).T, s=areas, c=colours, **style)
+        self.sticks = Line3DCollection(shown.sticks(0), colors=GREY, linewidths=1.4 if shown.few else 0.7)
+        axes.add_collection3d(self.sticks, autolim=False)
+
+    def move(self, k: int) -> None:
+        self.dots._offsets3d = tuple(np.concatenate(self.shown.sites(k)).T)
+        self.sticks.set_segments(self.shown.sticks(k))
 
 
 def _past(shown: Turning, k: int) -> np.ndarray:
@@ -91,24 +130,28 @@ class _Sphere:
 
 
 class _Space:
-    """The axes of space with their lengths, and the track of the centre of mass."""
+    """The axes of space with their lengths, and the tracks of the centres of mass, unless there are many."""
 
-    def __init__(self, axes: Any, shown: Turning, text: str):
-        assert shown.travel is not None
-        self.shown, self.travel = shown, shown.travel
-        draw_space(axes, self.travel.limits, _SMALL, text)
-        axes.plot(*self.travel.track.T, color=GREY, linewidth=0.8, alpha=_BACKGROUND, zorder=BEHIND)
-        (self.line,) = axes.plot([], [], [], color=VERMILLION, linewidth=1.3, zorder=BEHIND)
+    def __init__(self, axes: Any, shown: Together, limits: np.ndarray, text: str):
+        draw_space(axes, limits, _SMALL, text)
+        self.tracks = list[tuple[Turning, Travel, Any]]()
+        for member, colour in zip(shown.members, [VERMILLION] if shown.alone else shown.colours, strict=True):
+            travel = member.travel
+            if shown.few and travel is not None:
+                axes.plot(*travel.track.T, color=GREY, linewidth=0.8, alpha=_BACKGROUND, zorder=BEHIND)
+                (line,) = axes.plot([], [], [], color=colour, linewidth=1.3, zorder=BEHIND)
+                self.tracks.append((member, travel, line))
 
     def move(self, k: int) -> None:
-        past = self.travel.track[_past(self.shown, k)]
-        self.line.set_data_3d(*np.concatenate([past, self.travel.centres[k][None]]).T)
+        for member, travel, line in self.tracks:
+            past = travel.track[_past(member, k)]
+            line.set_data_3d(*np.concatenate([past, travel.centres[k][None]]).T)
 
 
-def _lit(face: np.ndarray, lamp: np.ndarray) -> tuple[float, ...]:
-    """The colour of a face (n, 3), from the light that falls on it from the direction of the lamp."""
+def _lit(face: np.ndarray, lamp: np.ndarray, colour: str) -> tuple[float, ...]:
+    """The colour of a face (n, 3) of a body, from the light that falls on it from the direction of the lamp."""
     from matplotlib.colors import to_rgb
 
     normal = np.cross(face[1] - face[0], face[2] - face[1])
     shine = 0.7 + 0.3 * float(normal @ lamp) / max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
-    return tuple(shine * c for c in to_rgb(_BODY))
+    return tuple(shine * c for c in to_rgb(colour))

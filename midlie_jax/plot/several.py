@@ -11,7 +11,7 @@ from ..drivers.path import AnyPath
 from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
-from ..model.states import OrientedState
+from ..model.states import OrientedState, TravellingState
 
 _MOST = 12
 _ROW = 4  # the most panels in a row
@@ -27,7 +27,7 @@ class Panel(NamedTuple):
 
     Attributes:
         name: written on the panel; may be "".
-        body: one body.
+        body: one body, or coupled bodies that travel.
         path: its path.
     """
 
@@ -43,7 +43,7 @@ def panels(body: Any, path: Any) -> list[Panel]:
         body: one body for all paths, a sequence with one body for each path, or for a path of `ensemble` a batch of
             bodies.
         path: a path of one body; a mapping of names to such paths, or a sequence of them; or a path of `ensemble`,
-            whose bodies are named by their index.
+            whose bodies are named by their index. Coupled bodies that travel have one panel together, others one each.
 
     Raises:
         ValueError: there are no paths, or more than fit, or not as many bodies as paths.
@@ -53,7 +53,7 @@ def panels(body: Any, path: Any) -> list[Panel]:
         raise ValueError("path holds no path; give one, or a mapping of names to paths.")
     if len(names) > _MOST:
         raise ValueError(f"path holds {len(names)} paths, and a picture has room for {_MOST}; choose some of them.")
-    bodies = _bodies(body, len(paths))
+    bodies = _bodies(body, paths)
     if len(bodies) != len(paths):
         raise ValueError(f"body must be one body, or one for each of the {len(paths)} paths, got {len(bodies)}.")
     return [Panel(*panel) for panel in zip(names, bodies, paths, strict=True)]
@@ -70,10 +70,14 @@ def _named(path: Any) -> tuple[list[str], list[Any]]:
         return [str(name) for name in path], list(path.values())
     if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple, too
         return [""] * len(path), list(path)
-    shape = np.shape(getattr(getattr(path, "states", None), "momentum", 0.0))
-    if len(shape) == 3:
-        count = shape[0]
-        return [f"body {k}" for k in range(count)], [_row(path, k) for k in range(min(count, _MOST + 1))]
+    states = getattr(path, "states", None)
+    shape, coupled = np.shape(getattr(states, "momentum", 0.0)), getattr(states, "several", False)
+    if len(shape) == 3 + coupled:
+        word = "replica" if coupled else "body"
+        return [f"{word} {k}" for k in range(shape[0])], [_row(path, k) for k in range(min(shape[0], _MOST + 1))]
+    if coupled and not isinstance(states, TravellingState):
+        count = path.states.count
+        return [f"body {k}" for k in range(count)], [path_of_one(path, k) for k in range(min(count, _MOST + 1))]
     return [""], [path]
 
 
@@ -84,9 +88,20 @@ def _row(path: Any, k: int) -> Any:
     return rest._replace(times=times)
 
 
-def _bodies(body: Any, count: int) -> list[Any]:
+def _bodies(body: Any, paths: list[Any]) -> list[Any]:
     if isinstance(body, Sequence):
         return list(body)
-    if count > 1 and isinstance(body, Body) and len(body.batch) == 1:
-        return [jax.tree.map(lambda x, k=k: x[k], body) for k in range(body.batch[0])]
-    return [body] * count
+    coupled = any(getattr(getattr(path, "states", None), "several", False) for path in paths)
+    if len(paths) > 1 and isinstance(body, Body) and len(body.batch) == 1 + coupled:
+        return each_body(body, body.batch[0])
+    return [body] * len(paths)
+
+
+def each_body(body: Any, count: int) -> list[Any]:
+    """The bodies of a batch one by one; a body that serves all is repeated."""
+    return [jax.tree.map(lambda x, i=i: x[i], body) if body.batch else body for i in range(count)]
+
+
+def path_of_one(path: Any, i: int) -> Any:
+    """The path of one of coupled bodies."""
+    return path._replace(states=path.states.of_body(i))

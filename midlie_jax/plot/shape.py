@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from .._checks.arguments import as_floats
 from ..model import so3
 from ..model.bodies import RigidBody, TensorBody, principal_of
 from ..model.compatibility import body_named
@@ -29,7 +30,7 @@ class Shape(NamedTuple):
 
     Attributes:
         corners: in the frame of the body, (c, 3), the outermost at the distance `CORNER` from the middle.
-        faces: the faces as loops of corners, seen from outside counter-clockwise.
+        faces: the faces as loops of corners, seen from outside counter-clockwise; none for a body drawn as points.
         round: whether the faces stand for a curved surface, so that edges between them are not drawn.
         reach: the true distance of the outermost corner times the root of the mass, from the moments of inertia.
     """
@@ -41,19 +42,23 @@ class Shape(NamedTuple):
 
     def inside(self, direction: np.ndarray) -> float:
         """How far a ray from the middle stays inside, in the units of the corners."""
+        if not self.faces:
+            return 0.0
         loops = [self.corners[list(face[:3])] for face in self.faces]
         normals = np.array([np.cross(b - a, c - b) for a, b, c in loops])
         heights = np.sum(normals * np.array([loop[0] for loop in loops]), axis=1)
         return 1 / float(np.max(normals @ direction / heights))
 
 
-def shape_of(body: Any) -> Shape:
+def shape_of(body: Any, points: Any = None) -> Shape:
     """A box with the moments of a rigid body; for a `Rotor` a cylinder, or a rod if only one moment is known.
 
-    Flat and thin bodies are drawn with some thickness.
+    Flat and thin bodies are drawn with some thickness. With points (a, 3) in the frame of the body, such as the atoms
+    of a molecule, these are drawn instead.
 
     Raises:
-        ValueError: the body is not one body that turns.
+        ValueError: the body is not one body that turns; the points have another shape, or are not those of a body with
+            a mass, which gives them their scale.
     """
     turning = body.turning if isinstance(body, FreeBody) else body
     if not isinstance(turning, RigidBody | TensorBody | Rotor):
@@ -62,7 +67,17 @@ def shape_of(body: Any) -> Shape:
         known = "a moment ()" if isinstance(turning, Rotor) else "moments (3,)"
         shape = turning.batch if isinstance(turning, Rotor) else (*turning.batch, 3)
         raise ValueError(f"body must be one body with {known}, got {shape}; take the row of the body.")
-    return _cylinder(turning) if isinstance(turning, Rotor) else _box(turning)
+    solid = _cylinder(turning) if isinstance(turning, Rotor) else _box(turning)
+    return solid if points is None else _sites(body, solid, points)
+
+
+def _sites(body: Any, solid: Shape, points: Any) -> Shape:
+    sites = np.asarray(as_floats("points", points), float)
+    if sites.ndim != 2 or sites.shape[1] != 3 or not len(sites):
+        raise ValueError(f"points must be (a, 3), places in the frame of the body, got {sites.shape}.")
+    if not isinstance(body, FreeBody):
+        raise ValueError(f"points need the scale that a mass gives; body must be a FreeBody, got {body_named(body)}.")
+    return Shape(sites * (CORNER * float(body.mass) ** 0.5 / solid.reach), (), False, solid.reach)
 
 
 def _box(body: RigidBody | TensorBody) -> Shape:

@@ -10,6 +10,8 @@ from typing import Any
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"  # the first three lines: contrast above 3 on white and black
 SKY, ORANGE, PURPLE, BLACK = "#56B4E9", "#E69F00", "#CC79A7", "#000000"
 GREY = "#8a8a8a"  # for everything but the subject
+_SEVERAL = (BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE)
+FEW = len(_SEVERAL)  # as many bodies have colours that are told apart at once
 SIZE = 8.5  # font size of names in a panel, points
 
 
@@ -27,6 +29,15 @@ def new_figure(width: float, height: float) -> Any:
     figure = Figure(figsize=(width, height), dpi=110)
     FigureCanvasAgg(figure)
     return figure
+
+
+def colours_of(count: int) -> list[str]:
+    """A colour for each of several bodies; more than `FEW` go from blue to orange in their order."""
+    if count <= FEW:
+        return list(_SEVERAL[:count])
+    ends = [[int(end[i : i + 2], 16) for i in (1, 3, 5)] for end in (BLUE, ORANGE)]
+    shares = [k / (count - 1) for k in range(count)]
+    return ["#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(*ends, strict=True)) for share in shares]
 
 
 def ink(axes: Any) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from .style import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from .together import Together
 from .turning import Turning
 
 _MOST_POINTS = 4000
@@ -14,65 +15,96 @@ _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4") 
 _ROUND_COLOURS = (ORANGE, "#8fc6ea", "#f3c96b")  # of a cylinder: the end at e3, the other end, and the side
 
 
-def still_traces(shown: Turning) -> list[dict[str, Any]]:
-    """The sphere with the paths on it and the axes of space; of a body that travels its track."""
-    every, digits = -(-len(shown.path_times) // _MOST_POINTS), _digits(shown)
-    if shown.travel is not None:
-        track = shown.travel.track[::every]
-        return [_line(track, "path of the centre of mass", VERMILLION, 3, digits, showlegend=True)]
+def still_traces(shown: Together) -> list[dict[str, Any]]:
+    """The sphere with the paths on it and the axes of space; of bodies that travel, unless they are many, their tracks."""
+    first, digits = shown.members[0], _digits(shown)
+    every = -(-len(first.path_times) // _MOST_POINTS)
+    if shown.limits is None:
+        return [
+            _space_axes(),
+            _sphere(),
+            _line(first.path_tips[::every], f"path of {first.axis}", BLUE, 3, digits, showlegend=True),
+            _line(first.path_momenta[::every], "path of the angular momentum", GREEN, 3, digits, showlegend=True),
+        ]
+    names = ["path of the centre of mass"] if shown.alone else [f"path of body {i}" for i in range(len(shown.members))]
+    colours = [VERMILLION] if shown.alone else shown.colours
+    tracks = [member.travel.track[::every] for member in shown.members if member.travel is not None and shown.few]
     return [
-        _space_axes(),
-        _sphere(),
-        _line(shown.path_tips[::every], f"path of {shown.axis}", BLUE, 3, digits, showlegend=True),
-        _line(shown.path_momenta[::every], "path of the angular momentum", GREEN, 3, digits, showlegend=True),
+        _line(track, name, colour, 3, digits, showlegend=True)
+        for track, name, colour in zip(tracks, names, colours, strict=False)
     ]
 
 
-def moving_traces(shown: Turning, k: int) -> list[dict[str, Any]]:
-    """The body, the axis (in the colour of its path) and the momentum, at frame k."""
+def moving_traces(shown: Together, k: int) -> list[dict[str, Any]]:
+    """The bodies and, unless they are many, their axes at frame k; of one body its momentum, too."""
     digits = _digits(shown)
-    x, y, z = (_numbers(column, digits) for column in shown.placed(k, shown.corners[k]).T)
-    faces = shown.shape.faces
-    triangles = [(face[0], b, c) for face in faces for b, c in pairwise(face[1:])]
-    i, j, k_ = (list(corner) for corner in zip(*triangles, strict=True))
-    body: dict[str, Any] = {"type": "mesh3d", "name": "body", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k_}
-    body |= {
-        "facecolor": [
-            colour for place, face in enumerate(faces) for colour in [_colour(shown, place)] * (len(face) - 2)
-        ],
+    bodies = [_solids(shown, k, digits)] if shown.solid else _sites(shown, k, digits)
+    if shown.alone:
+        (member,) = shown.members
+        ends = [(member, member.tips[k], f"{member.axis} of the body", BLUE)]
+        ends.append((member, member.momenta[k], "angular momentum", GREEN))
+    else:
+        few = shown.few and shown.solid
+        pairs = list(zip(shown.members, shown.colours, strict=True)) if few else []
+        ends = [(m, m.tips[k], f"{m.axis} of body {i}", colour) for i, (m, colour) in enumerate(pairs)]
+    return [*bodies, *(_arrow(member, k, end, name, colour, digits) for member, end, name, colour in ends)]
+
+
+def _solids(shown: Together, k: int, digits: int) -> dict[str, Any]:
+    """All solids as one mesh."""
+    i, j, k_, colours = list[int](), list[int](), list[int](), list[str]()
+    begin = 0
+    for member, own in zip(shown.members, shown.colours, strict=True):
+        for place, face in enumerate(member.shape.faces):
+            colour = _colour(member, place) if shown.alone else own
+            for b, c in pairwise(face[1:]):
+                i, j, k_ = [*i, begin + face[0]], [*j, begin + b], [*k_, begin + c]
+                colours.append(colour)
+        begin += len(member.shape.corners)
+    x, y, z = (_numbers(column, digits) for column in np.concatenate(shown.sites(k)).T)
+    mesh: dict[str, Any] = {"type": "mesh3d", "name": "body", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k_}
+    return mesh | {
+        "facecolor": colours,
         "flatshading": True,
         "hoverinfo": "skip",
         "lighting": {"ambient": 0.75, "diffuse": 0.5, "specular": 0.05},
     }
-    tips = [
-        _line(
-            shown.placed(k, np.stack([np.zeros(3), end])),
-            name,
-            colour,
-            7,
-            digits,
-            mode="lines+markers",
-            marker={"color": colour, "size": [0, 5]},
-            showlegend=True,
-        )
-        for end, name, colour in (
-            (shown.tips[k], f"{shown.axis} of the body", BLUE),
-            (shown.momenta[k], "angular momentum", GREEN),
-        )
+
+
+def _sites(shown: Together, k: int, digits: int) -> list[dict[str, Any]]:
+    """The points of all bodies, and the lines between those of one body."""
+    gap = np.full((1, 3), np.nan)
+    sticks = np.concatenate([part for stick in shown.sticks(k) for part in (stick, gap)] or [gap])
+    sizes = [(3 if place else 7) if shown.few else (2 if place else 4) for m in shown.members for place in _places(m)]
+    dots = {"mode": "markers", "marker": {"color": shown.colours_of_sites, "size": sizes}}
+    return [
+        _line(np.concatenate(shown.sites(k)), "points", GREY, 1, digits, **dots),
+        _without_nan(_line(sticks, "bonds", GREY, 4, digits)),
     ]
-    return [body, *tips]
+
+
+def _places(member: Turning) -> range:
+    return range(len(member.shape.corners))
+
+
+def _arrow(member: Turning, k: int, end: np.ndarray, name: str, colour: str, digits: int) -> dict[str, Any]:
+    """A line from the middle of a body, with a dot at its end."""
+    points = member.placed(k, np.stack([np.zeros(3), end]))
+    marker = {"color": colour, "size": [0, 5]}
+    return _line(points, name, colour, 7, digits, mode="lines+markers", marker=marker, showlegend=True)
 
 
 def _colour(shown: Turning, place: int) -> str:
     return _ROUND_COLOURS[min(place, 2)] if shown.shape.round else _FACE_COLOURS[place]
 
 
-def _digits(shown: Turning) -> int:
+def _digits(shown: Together) -> int:
     """The decimals of the coordinates, which are about 1 unless the body travels."""
-    if shown.travel is None:
+    limits = shown.limits
+    if limits is None:
         return _DIGITS
     # The body must be resolved, too, which is about a tenth of the picture.
-    return _DIGITS + 1 - int(np.ceil(np.log10(np.max(np.ptp(shown.travel.limits, axis=0)))))
+    return _DIGITS + 1 - int(np.ceil(np.log10(np.max(np.ptp(limits, axis=0)))))
 
 
 def _numbers(values: np.ndarray, digits: int) -> list[Any]:

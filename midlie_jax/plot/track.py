@@ -8,7 +8,7 @@ from ..drivers.path import AnyPath
 from ..model.states import TravellingState
 from .edge import name_at_edge
 from .motion import motion_of
-from .style import BLUE, SIZE, ink, is_3d, remark
+from .style import BLUE, FEW, SIZE, colours_of, ink, is_3d, remark
 from .travel import around
 
 _MARGIN = 0.05  # room around the tracks, relative to their size
@@ -24,27 +24,36 @@ def track(
     On plain axes it is drawn in the plane xy, xz or yz in which it is longest; labels "x" and "z" that the axes have
     already, such as those of an earlier call, choose the plane. A dot marks the start. Saved positions are joined by
     straight lines. Call the function again on the same axes to compare paths. A run that failed is drawn up to its last
-    good state, and the picture says so.
+    good state, and the picture says so. Of coupled bodies each has a track in a colour of its own; up to six are named.
 
     Args:
         axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.
-        path: a `Path` or `AdaptivePath` of one body that travels, with `FreeState`s or `FreeAxisState`s.
+        path: a `Path` or `AdaptivePath` of one body that travels, with `FreeState`s or `FreeAxisState`s; or of coupled
+            bodies.
         colour: colour of the path, any of matplotlib's.
-        label: the name of the path, written at its end; by default it has none.
+        label: the name of the path, written at its end; by default it has none. Of coupled bodies the number follows.
 
     Returns:
-        The positions that are drawn, (n, 3), at the saved times.
+        The positions that are drawn, (n, 3), or of N coupled bodies (n, N, 3), at the saved times.
 
     Raises:
         ValueError: the path is not of one body that travels, or its first two states are bad.
     """
-    motion = motion_of(path)
+    motion = motion_of(path, together=True)
     if not isinstance(motion.states, TravellingState):
         raise ValueError(
             f"a {type(motion.states).__name__} has no place in space; integrate a FreeState of a FreeBody to draw one."
         )
     positions = np.asarray(motion.states.position, float)
-    (_in_space if is_3d(axes) else _in_plane)(axes, positions, colour or BLUE, label)
+    draw = _in_space if is_3d(axes) else _in_plane
+    if motion.states.several:
+        count = positions.shape[1]
+        names = [f"{label or 'body'} {i}" if count <= FEW else None for i in range(count)]
+        # The largest comes first, because it chooses the plane.
+        for i in np.argsort(-np.max(np.ptp(positions, axis=0), axis=1), kind="stable"):
+            draw(axes, positions[:, i], colour or colours_of(count)[i], names[i])
+    else:
+        draw(axes, positions, colour or BLUE, label)
     remark(axes, motion.failed and (f"{label}: {motion.failed}" if label else motion.failed))
     return positions
 

@@ -18,6 +18,18 @@ _AT_REST = 0.02  # a path that is smaller than this, relative to the body, is no
 _SLIMMEST = 0.4  # the least side of the picture over the largest, so that names of axes have room
 
 
+class Room(NamedTuple):
+    """What bodies share that are drawn together.
+
+    Attributes:
+        extent: the size of all their tracks.
+        largest: the distance of the outermost corner of the largest of them from its middle.
+    """
+
+    extent: float
+    largest: float
+
+
 class Travel(NamedTuple):
     """The place of a body.
 
@@ -54,8 +66,25 @@ def around(track: np.ndarray, margin: float) -> np.ndarray:
     return (low + high) / 2 + np.stack([-half, half])
 
 
+def room_of(bodies: list[FreeBody], tracks: np.ndarray, shapes: list[Shape]) -> Room:
+    """The room of bodies with the tracks (n, bodies, 3)."""
+    extent = float(np.max(np.ptp(tracks, axis=(0, 1))))
+    return Room(extent, max(_size(body, shape) for body, shape in zip(bodies, shapes, strict=True)))
+
+
+def _size(body: FreeBody, shape: Shape) -> float:
+    """The distance of the outermost corner of a body from its middle."""
+    return shape.reach / float(body.mass) ** 0.5
+
+
 def travel_of(
-    body: Any, motion: Motion, shape: Shape, before: np.ndarray, after: np.ndarray, share: np.ndarray
+    body: Any,
+    motion: Motion,
+    shape: Shape,
+    before: np.ndarray,
+    after: np.ndarray,
+    share: np.ndarray,
+    room: Room | None = None,
 ) -> Travel | None:
     """Where the body is at the frames; None if it does not travel, or by less than can be seen.
 
@@ -65,16 +94,18 @@ def travel_of(
         shape: its shape.
         before, after: for each frame the indices of the saved states on either side of it, (k,).
         share: how far each frame is on the way from one to the other, (k,).
+        room: that of bodies drawn together, which all have a place.
     """
     states = motion.states
     if not isinstance(states, TravellingState) or not isinstance(body, FreeBody):
         return None
     track = np.asarray(states.position, float)
-    extent = float(np.max(np.ptp(track, axis=0)))
-    own = shape.reach / float(body.mass) ** 0.5  # the distance of its outermost corner
-    if extent < _AT_REST * own:
-        return None
-    magnified = _round_number(_SEEN * CORNER * extent / own)
+    own = _size(body, shape)
+    if room is None:
+        room = room_of([body], track[:, None], [shape])
+        if room.extent < _AT_REST * own:
+            return None
+    magnified = _round_number(_SEEN * CORNER * room.extent / room.largest)
     centres = track[before] + share[:, None] * (track[after] - track[before])
     return Travel(track, centres, magnified * own / CORNER, magnified)
 

@@ -13,7 +13,7 @@ from ..model.states import AxisState
 from .axis_path import as_axis
 from .motion import Motion, motion_of
 from .shape import Shape, shape_of
-from .travel import Travel, travel_of
+from .travel import Room, Travel, travel_of
 
 _RESOLVED = np.pi / 2  # radians: if a body turns by less between saved states, attitudes between them are known
 
@@ -33,6 +33,7 @@ class Turning(NamedTuple):
         axis: the name of the axis.
         remarks: texts to be written on the picture.
         travel: where the body is; None if it stays where it is.
+        per_frame: by how many turns it turns from frame to frame.
     """
 
     times: np.ndarray
@@ -47,10 +48,27 @@ class Turning(NamedTuple):
     axis: str
     remarks: tuple[str, ...]
     travel: Travel | None
+    per_frame: float
 
     def placed(self, k: int, points: np.ndarray) -> np.ndarray:
         """Points given from the middle of the body, where they are in the picture of frame k."""
         return points if self.travel is None else self.travel.centres[k] + self.travel.size * points
+
+
+class Moving(NamedTuple):
+    """What moves.
+
+    Attributes:
+        body: one body.
+        path: its path.
+        shape: how it is drawn; by default by its moments.
+        room: that of bodies with which it is drawn together.
+    """
+
+    body: Any
+    path: Any
+    shape: Shape | None = None
+    room: Room | None = None
 
 
 def picture_file(file: str | Path, ending: str) -> Path:
@@ -70,7 +88,7 @@ def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
     return turnings([(body, path)], axis, frames, most)[0]
 
 
-def turnings(moving: Sequence[tuple[Any, Any]], axis: Any, frames: Any, most: int) -> list[Turning]:
+def turnings(moving: Sequence[Moving | tuple[Any, Any]], axis: Any, frames: Any, most: int) -> list[Turning]:
     """Bodies at the same evenly spaced times, from the first of all their paths to the last.
 
     Between saved states a body is assumed to turn at a constant rate. If it turns by more than a right angle between
@@ -78,7 +96,7 @@ def turnings(moving: Sequence[tuple[Any, Any]], axis: Any, frames: Any, most: in
     path ends before the others stands still from then on.
 
     Args:
-        moving: pairs of a body and its path.
+        moving: bodies and their paths: `Moving`, or pairs.
         axis: the axis to draw, as for `axis_path`.
         frames: number of frames.
         most: largest number of frames.
@@ -93,21 +111,22 @@ def turnings(moving: Sequence[tuple[Any, Any]], axis: Any, frames: Any, most: in
         raise ValueError("frames must be at least 2, got 1.")
     if count > most:
         raise ValueError(f"frames must be at most {most}, got {count}; show a part of the path.")
-    shapes = [shape_of(body) for body, _ in moving]
+    all_moving = [Moving(*one) for one in moving]
+    shapes = [one.shape or shape_of(one.body) for one in all_moving]
     as_axis(axis)
-    motions = [motion_of(path) for _, path in moving]
+    motions = [motion_of(one.path) for one in all_moving]
     signs = {bool(motion.times[-1] > motion.times[0]) for motion in motions}
     if len(signs) > 1:
         raise ValueError("some paths go forward in time and others backward; show them in pictures of their own.")
     first, last = (min, max) if signs.pop() else (max, min)
     times = np.linspace(first(m.times[0] for m in motions), last(m.times[-1] for m in motions), count)
     return [
-        _turning(body, motion, shape, axis, times)
-        for (body, _), motion, shape in zip(moving, motions, shapes, strict=True)
+        _turning(one.body, motion, shape, axis, times, one.room)
+        for one, motion, shape in zip(all_moving, motions, shapes, strict=True)
     ]
 
 
-def _turning(body: Any, motion: Motion, shape: Shape, axis: Any, times: np.ndarray) -> Turning:
+def _turning(body: Any, motion: Motion, shape: Shape, axis: Any, times: np.ndarray, room: Room | None) -> Turning:
     direction, name = as_axis(axis)
     path_tips = motion.directions(direction)  # raises before the body is compared with the states
     angles = motion.turns_by(body)
@@ -127,7 +146,7 @@ def _turning(body: Any, motion: Motion, shape: Shape, axis: Any, times: np.ndarr
     per_frame = float(np.sum(angles)) / moving_frames / (2 * np.pi)
     if per_frame > 0.25:
         remarks.append(f"{per_frame:.2g} turns from frame to frame")
-    travel = travel_of(body, motion, shape, order[place], order[place + 1], share)
+    travel = travel_of(body, motion, shape, order[place], order[place + 1], share, room)
     if travel is not None and travel.in_words:
         remarks.append(travel.in_words)
     rotations = _rotations(motion, order[place], order[place + 1], share)
@@ -147,6 +166,7 @@ def _turning(body: Any, motion: Motion, shape: Shape, axis: Any, times: np.ndarr
         axis=name,
         remarks=tuple(remarks),
         travel=travel,
+        per_frame=per_frame,
     )
 
 

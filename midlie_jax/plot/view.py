@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from .several import Bodies, Paths, grid, panels
 from .style import BLUE, GREY, SKY
+from .together import Together, togethers
 from .traces import moving_traces, still_traces
-from .turning import Turning, picture_file, turnings
+from .turning import picture_file
 
 _MOST_FRAMES = 1000
 _MILLISECONDS = 40  # how long a frame is shown
@@ -93,6 +94,7 @@ def view(
     axis: str | int | ArrayLike = 2,
     frames: int = 200,
     title: str = "",
+    points: ArrayLike | None = None,
 ) -> View:
     """A turning body that can be looked at from all sides, played, and set to any time, in a notebook or a browser.
 
@@ -106,19 +108,24 @@ def view(
     path is so long that it could not be seen beside it, it is drawn larger, and the picture says how many times. A body
     of which only the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
 
+    Bodies that act on each other are shown in one space, each in its colour, if they travel; up to six have their axes
+    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists.
+
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
             for all, a list with one for each, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
-            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`. Or up to 12 paths: a mapping of
-            names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`. If there are more than 4,000
-            saved states, only every second, third, ... of them is drawn.
+            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
+            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`.
+            If there are more than 4,000 saved states, only every second, third, ... of them is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
             only the axis of symmetry is known, only e3, which is that axis.
         frames: at how many evenly spaced times the body is shown, at most 1,000. If the body turns by more than a
             quarter of a turn from one frame to the next, the picture says by how many turns.
         title: a line above the picture.
+        points: places in the frame of the body, (a, 3), such as the atoms of a molecule: they are drawn in place of the
+            solid, the first joined to each of the others; for bodies with a mass.
 
     Returns:
         The `View`, whose `file` is the file that was written.
@@ -132,7 +139,7 @@ def view(
     if file is not None:
         picture_file(file, ".html")
     shown = panels(body, path)
-    turns = turnings([(panel.body, panel.path) for panel in shown], axis, frames, _MOST_FRAMES)
+    turns = togethers(shown, axis, frames, _MOST_FRAMES, points)
     if find_spec("plotly") is None:
         raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.")
     found = View(_figure([panel.name for panel in shown], turns, title))
@@ -141,7 +148,7 @@ def view(
     return found
 
 
-def _figure(names: Sequence[str], turns: Sequence[Turning], title: str) -> dict[str, Any]:
+def _figure(names: Sequence[str], turns: Sequence[Together], title: str) -> dict[str, Any]:
     """The picture as plotly's dictionary."""
     still = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, still_traces(shown))]
     first = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, moving_traces(shown, 0))]
@@ -166,7 +173,7 @@ def _seen_in(k: int, traces: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [trace | {"scene": _scene(k)} | ({"showlegend": False} if k else {}) for trace in traces]
 
 
-def _layout(names: Sequence[str], turns: Sequence[Turning], title: str, times: Sequence[float]) -> dict[str, Any]:
+def _layout(names: Sequence[str], turns: Sequence[Together], title: str, times: Sequence[float]) -> dict[str, Any]:
     """Where the bodies are seen, their names, the buttons and the slider."""
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
@@ -226,19 +233,19 @@ def _layout(names: Sequence[str], turns: Sequence[Turning], title: str, times: S
     }
 
 
-def _seen(shown: Turning, columns: float, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
+def _seen(shown: Together, columns: float, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
     """The part of the page, as fractions, in which one body is seen, and from where."""
     hidden = {"visible": False, "range": [-_REACH, _REACH]}
     axes: dict[str, Any] = {**dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden), "aspectmode": "cube"}
-    if shown.travel is not None:
-        limits = shown.travel.limits
+    limits = shown.limits
+    if limits is not None:
         spans = limits[1] - limits[0]
         axes = {f"{letter}axis": _lengths(letter, *ends) for letter, ends in zip("xyz", limits.T, strict=True)}
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
     # Farther away where numbers stand at the axes, and the more so the narrower the part is.
-    near = 1.0 if shown.travel is None else 1.75 * max(1.0, 0.6 * columns)
-    lower = 0.0 if shown.travel is None else -0.1  # and looking at a lower place, for the names of x and y
+    near = 1.0 if limits is None else 1.75 * max(1.0, 0.6 * columns)
+    lower = 0.0 if limits is None else -0.1  # and looking at a lower place, for the names of x and y
     return {
         **axes,
         "domain": {"x": list(x), "y": list(y)},

@@ -75,7 +75,7 @@ class AxisState(State[cp.Vector, cp.Vector]):
     def of(cls, state: RigidState) -> "AxisState":
         """The state of a body symmetric about its third axis: R Pi and R e3."""
         e3 = jnp.zeros_like(state.momentum).at[..., 2].set(1)
-        return cls(state.spatial_momentum(), so3.rotate(state.attitude, e3))
+        return cls(so3.rotate(state.attitude, state.momentum), so3.rotate(state.attitude, e3))
 
     def with_attitude(self) -> RigidState:
         """A `RigidState` with this momentum and axis. Its angle of spin is chosen: that of the shortest turn from z."""

@@ -13,8 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ..._checks.arguments import described
 from ..._math import components as cp
 from ..._xla.apart import apart
+from ..._xla.fusion import split
 from ..._xla.replay import Traits
 from ..state import Described, State
 from .axis import AxisState
@@ -40,6 +42,21 @@ class Coupled(State[Any, Any]):
         """The number N of bodies."""
         return self.momentum.shape[-2]
 
+    @classmethod
+    def of_bodies(cls, bodies: Any) -> Any:
+        """The state of N bodies, from their states as one batch: a `FreeState` with arrays (..., N, 3) and so on."""
+        wanted = cls.in_components.member
+        if type(bodies) is not wanted:
+            raise ValueError(f"bodies must be a {wanted.__name__} with arrays (..., N, 3), got {described(bodies)}.")
+        return cls(*(getattr(bodies, name) for name in cls.described()))
+
+    def of_body(self, i: Any) -> Any:
+        """The state of body i alone, such as a `FreeState`; of slice(None) those of all bodies as a batch."""
+        one = object.__new__(self.in_components.member)  # unchecked, because a failed run may hold NaN
+        for name in self.described():
+            object.__setattr__(one, name, getattr(self, name)[..., i, :])
+        return one
+
     def kind_of_run(self, torque: Traits | None) -> type[State[Any, Any]]:
         """The kind in whose form a run moves the bodies: number by number if they are few and the function is short."""
         short = torque is None or (torque.on_scalars and torque.scalars <= OPERATIONS_MOST)
@@ -47,8 +64,11 @@ class Coupled(State[Any, Any]):
 
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
-        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, cls.join(momentum, pose))
-        return cp.unpacked(value), jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
+        # Stacked as they are, the flight before would be repeated for each number of the arrays, and in it its parts.
+        state = cls.join(*split((momentum, pose)))
+        value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, state)
+        entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
+        return entries, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
 
     def check_batch(self) -> None:
         for name in self.described():
@@ -62,6 +82,18 @@ class Coupled(State[Any, Any]):
         counts = {name: getattr(self, name).shape[-2] for name in self.described()}
         if len(set(counts.values())) > 1:
             raise ValueError(f"the arrays must have one number N of bodies, got {counts}.")
+
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        raise _acts_on_one()
+
+    def vertical(self) -> cp.Vector:
+        raise _acts_on_one()
+
+    def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
+        raise _acts_on_one()
+
+    def to_space(self, vector: cp.Vector) -> cp.Vector:
+        raise _acts_on_one()
 
     def spatial_momentum(self) -> Array:
         """The sum over the bodies, (..., 3)."""
@@ -78,6 +110,13 @@ class Coupled(State[Any, Any]):
     @classmethod
     def described(cls) -> Described:
         return {name: (("member", *axes), about) for name, (axes, about) in super().described().items()}
+
+
+def _acts_on_one() -> ValueError:
+    return ValueError(
+        "this torque acts on one body; for the same on each of several coupled bodies write "
+        "midlie_jax.torques.OnEach(torque)."
+    )
 
 
 class MembersFree(Members):

@@ -75,16 +75,8 @@ class Members(State[Any, Any]):
 
     @classmethod
     def parts_of(cls, state: Any) -> tuple[Any, Any]:
-        parts = [cls._row(state, i).parts() for i in range(state.count)]
+        parts = [state.of_body(i).parts() for i in range(state.count)]
         return tuple(momentum for momentum, _ in parts), tuple(pose for _, pose in parts)
-
-    @classmethod
-    def _row(cls, state: Any, i: int) -> Any:
-        """The state of one body, unchecked, as a failed run may hold NaN."""
-        row = object.__new__(cls.member)
-        for name in cls.member.described():
-            object.__setattr__(row, name, getattr(state, name)[..., i, :])
-        return row
 
     @classmethod
     def join(cls, momentum: Any, pose: Any) -> Any:

@@ -20,6 +20,8 @@ from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop
 from .mutual import MutualGravity as MutualGravity
+from .on_each import OnEach as OnEach
+from .rod import Rod as Rod
 from .spacecraft import Damping as Damping
 from .spacecraft import Drag as Drag
 from .spacecraft import PDControl as PDControl

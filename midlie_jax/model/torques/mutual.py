@@ -1,7 +1,7 @@
 """`MutualGravity`: the gravity of rigid bodies on each other, as of binary asteroids, to the fourth degree.
 
 The potential energy of two bodies is expanded in their sizes over their distance r. With u the unit vector from the
-first to the second, d = b - a for a point a of the first and b of the second body, and P_n Legendre's polynomials,
+first to the second, d = a - b for a point a of the first and b of the second body, and P_n Legendre's polynomials,
 
     V = -G sum_n 1/r^(n+1) <<|d|^n P_n(u . d/|d|)>>,
 
@@ -161,7 +161,7 @@ class _Body(NamedTuple):
         principal = body.in_principal_axes()
         row = i if body.batch else ...
         moments = cp.vector(principal.body.moments[row])  # pyright: ignore[reportAttributeAccessIssue]
-        trace = (moments[0] + moments[1] + moments[2]) / 2
+        trace = 0.5 * (moments[0] + moments[1] + moments[2])
         second = (trace - moments[0], trace - moments[1], trace - moments[2])
         attitude, frame = cp.quaternion(state.attitude[i]), body.frame_of_user()
         if frame is not None:
@@ -179,7 +179,7 @@ class _Body(NamedTuple):
         Args:
             u: the unit vector between the bodies, in the principal axes of this one.
             degree: the last degree.
-            sign: -1 for the first body, whose points have d = -a; 1 for the second.
+            sign: 1 for the first body, whose points have d = a; -1 for the second.
         """
         terms = list[tuple[int, float, Array, cp.Vector]]()
         if degree >= 2:
@@ -216,14 +216,15 @@ class _Body(NamedTuple):
 
     def _ellipsoid(self, u: cp.Vector) -> tuple[Array, cp.Vector]:
         """The term of degree 4 of a homogeneous ellipsoid, whose second moments are m/5 times its squared semi-axes."""
-        a, t = cp.scale(5 / self.mass, self.second), 5 / self.mass * self.trace
+        per_mass = 5 * cp.reciprocal(self.mass)
+        a, t = cp.scale(per_mass, self.second), per_mass * self.trace
         once = cp.times(a, u)
         twice = cp.times(a, once)
         q = cp.dot(u, once)
         squares = cp.dot(a, a)
         value = 105 * q * q - 30 * (t * q + 2 * cp.dot(once, once)) + 3 * (t * t + 2 * squares)
         gradient = cp.subtract(cp.scale(420 * q - 60 * t, once), cp.scale(120, twice))
-        return self.mass / 35 * value, cp.scale(self.mass / 35, gradient)
+        return 1 / 35 * self.mass * value, cp.scale(1 / 35 * self.mass, gradient)
 
 
 def _contracted(moments: Array, u: cp.Vector) -> Array:
@@ -288,7 +289,7 @@ class _Pair:
         return force, torque
 
     def _each(self) -> Any:
-        return (self.first, self.second, self.u, -1.0), (self.second, self.first, self.v, 1.0)
+        return (self.first, self.second, self.u, 1.0), (self.second, self.first, self.v, -1.0)
 
     def _both(self) -> tuple[Array, cp.Vector, cp.Vector]:
         """The term of degree 4 with the second moments A, B of both bodies, without the factor 1/8.

@@ -1,0 +1,56 @@
+"""`OfBody`: a measurement of one of several coupled bodies."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float
+
+from .._checks.arguments import described
+from .measurements import Accelerations, Measurement, Source
+
+
+class OfBody(Measurement):
+    """A measurement of one of the bodies of a `CoupledState`: of the attitude of a moon, for example.
+
+    Args:
+        body: the index of the body, from 0.
+        measurement: such as `Attitudes` or `Rates`.
+
+    Raises:
+        ValueError: the index is not a whole number from 0 on; the measurement is none of one body, or `Accelerations`,
+            which need the force on the body alone.
+    """
+
+    body: int = eqx.field(static=True)
+    measurement: Measurement
+    times: Float[Array, " n"]
+    values: Array
+    sigma: Array
+    present: Bool[Array, "..."]
+    clock: Source | None
+
+    def __init__(self, body: Any, measurement: Any):
+        if isinstance(body, bool) or not isinstance(body, int | np.integer) or body < 0:
+            raise ValueError(f"body must be the index of a body, from 0, got {body!r}.")
+        if not isinstance(measurement, Measurement) or isinstance(measurement, OfBody | Accelerations):
+            raise ValueError(
+                f"measurement must be one of Rates, Attitudes, Directions and Positions, got {described(measurement)}."
+            )
+        self.body, self.measurement = int(body), measurement
+        self.times, self.values, self.sigma = measurement.times, measurement.values, measurement.sigma
+        self.present, self.clock = measurement.present, measurement.clock
+
+    def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
+        if not states.several:
+            raise ValueError(f"OfBody is for coupled bodies, but the model starts from a {type(states).__name__}.")
+        if self.body >= states.count:
+            raise ValueError(f"OfBody({self.body}, ...): the model has {states.count} bodies, counted from 0.")
+        one = jax.tree.map(lambda x: x[self.body], body) if body.batch else body
+        return self.measurement, one, states.of_body(self.body)
+
+    def differences(self, parameters: Any, body: Any, states: Any) -> Array:
+        measurement, body, states = self.subject(body, states)
+        return measurement.differences(parameters, body, states)

@@ -1,0 +1,54 @@
+"""`OnEach`: a torque of one body, on each of several coupled bodies."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ..._checks.arguments import require_function
+from ..state import Time
+from .base import ReadsBody, TorqueLike, on_body, potential_of, velocity_dependent
+
+
+class OnEach(ReadsBody):
+    """What a torque does to one body, done to each of several coupled bodies: their weight, a field, drag.
+
+    Attributes:
+        torque: a callable of (t, state) with the state of one body, such as `UniformGravity`. All bodies share its
+            parameters.
+
+    Raises:
+        ValueError: the torque cannot be called. When called: the state is not one of coupled bodies.
+    """
+
+    torque: TorqueLike
+
+    def __check_init__(self) -> None:
+        require_function("torque", self.torque, "t, state")
+
+    def at(self, t: Time, state: Any, body: Any) -> Any:
+        return self._each(lambda torque, state: torque(t, state), state, body)
+
+    def potential_at(self, t: Time, state: Any, body: Any) -> Array:
+        return jnp.sum(self._each(lambda torque, state: potential_of(torque)(t, state), state, body))
+
+    def _each(self, function: Any, state: Any, body: Any) -> Any:
+        if not state.several:
+            raise ValueError(
+                f"OnEach is for coupled bodies, such as a CoupledState, got a {type(state).__name__}; leave OnEach out."
+            )
+
+        def of_one(state: Any, body: Any) -> Any:
+            return function(on_body(self.torque, body), state)
+
+        own = 0 if body.batch else None
+        return jax.vmap(of_one, in_axes=(0, own))(state.of_body(slice(None)), body)
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return velocity_dependent(self.torque)
+
+    @property
+    def gravitational(self) -> bool:
+        return getattr(self.torque, "gravitational", False)

@@ -1,0 +1,243 @@
+"""The gravity of rigid bodies on each other: published end states, direct sums, conservation, derivatives, a fit."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import benchmark, quick
+
+import midlie_jax as ml
+from midlie_jax import fitting
+
+didymos = benchmark("laboratory.binaries.didymos")
+DAY = didymos.DAY
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("method", ["JACOBI[SRKN14a]", "GBS12", "JACOBI[SRKN6b]"])
+@pytest.mark.parametrize("case", list(didymos.ENDS), ids=lambda case: f"{case[0]}-{case[1]}-{case[2]:g}")
+def test_the_known_end_states(case, method):
+    """To 1e-10; after 30 days, when a change of the start has grown a million times, to 1e-8."""
+    kind, degree, duration = case
+    dt = {"JACOBI[SRKN14a]": 200.0, "GBS12": 300.0, "JACOBI[SRKN6b]": 30.0}[method]
+    torque, steps = ml.torques.MutualGravity(didymos.G, degree=degree), round(duration / dt)
+    path = ml.integrate(
+        method, didymos.BODY, torque, didymos.start(kind), dt=duration / steps, steps=steps, save_every=None
+    )
+    found = didymos.errors(path.states, didymos.ENDS[case])
+    if method == "JACOBI[SRKN6b]" and duration > DAY:
+        pytest.skip("its error grows with the time")
+    assert path.ok
+    assert max(found.values()) < (1e-8 if duration > DAY else 1e-10), found
+
+
+def test_what_is_conserved_of_the_known_case():
+    torque, start = ml.torques.MutualGravity(didymos.G), didymos.start()
+    np.testing.assert_allclose(ml.energy(didymos.BODY, torque, start), didymos.ENERGY, rtol=1e-14)
+    scale = np.linalg.norm(didymos.ANGULAR_MOMENTUM)
+    np.testing.assert_allclose(ml.spatial_momentum(start), didymos.ANGULAR_MOMENTUM, rtol=0, atol=1e-14 * scale)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("years", [0.2, 10])
+def test_energy_is_bounded_and_the_momenta_are_kept_to_rounding(years):
+    torque, dt = ml.torques.MutualGravity(didymos.G), 600.0
+    steps = round(years * 365.25 * DAY / dt / 200) * 200
+    path = ml.integrate(
+        "JACOBI[SRKN6b]", didymos.BODY, torque, didymos.start(), dt=dt, steps=steps, save_every=steps // 200
+    )
+    energy = np.asarray(ml.energy(didymos.BODY, torque, path))
+    spin = np.asarray(ml.spatial_momentum(path.states))
+    assert path.ok
+    assert np.abs(energy / energy[0] - 1).max() < 1e-6
+    halves = [np.abs(half / energy[0] - 1).max() for half in np.split(energy[1:], 2)]
+    assert halves[1] < 2 * halves[0]
+    rounding = 8 * np.sqrt(steps) * np.finfo(float).eps
+    assert np.abs(spin - spin[0]).max() < rounding * np.linalg.norm(spin[0])
+    assert np.abs(np.sum(path.states.linear, 1)).max() < 1e-12 * np.abs(path.states.linear).max() * np.sqrt(steps)
+
+
+def cloud(seed, count=5):
+    """A rigid cloud of points about its centre of mass, in its principal axes: masses, places and moments."""
+    rng = np.random.default_rng(seed)
+    mass, x = rng.uniform(0.5, 1.5, count), rng.normal(size=(count, 3))
+    x -= mass @ x / mass.sum()
+    second = np.einsum("a,ai,aj->ij", mass, x, x)
+    x = x @ np.linalg.eigh(second)[1]
+    second = np.einsum("a,ai,ai->i", mass, x, x)
+    third = np.einsum("a,ai,aj,ak->ijk", mass, x, x, x)
+    return mass, x, second.sum() - second, third, np.einsum("a,ai,aj,ak,al->ijkl", mass, x, x, x, x)
+
+
+def clouds(count, size, frame=None):
+    """The body of several clouds with its moments, and their points; in another frame of each body, if given."""
+    parts = [cloud(seed) for seed in range(count)]
+    third = np.stack([p[3] for p in parts]) * size**3
+    fourth = np.stack([p[4] for p in parts]) * size**4
+    moments, places = np.stack([p[2] for p in parts]) * size**2, np.stack([p[1] for p in parts]) * size
+    turning = ml.RigidBody(moments)
+    if frame is not None:
+        places = places @ frame.T
+        third = np.einsum("ia,jb,kc,nabc->nijk", frame, frame, frame, third)
+        fourth = np.einsum("ia,jb,kc,ld,nabcd->nijkl", frame, frame, frame, frame, fourth)
+        turning = ml.TensorBody(np.einsum("ia,na,ja->nij", frame, moments, frame))
+    mass = np.stack([p[0] for p in parts])
+    return ml.FreeBody(turning, mass.sum(1)), third, fourth, mass, places
+
+
+def placed(count, seed=5):
+    rng = np.random.default_rng(seed)
+    attitude = rng.normal(size=(count, 4))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    position = 5 * np.array([[1.0, 0.2, -0.3], [-0.8, 0.9, 0.1], [0.1, -1.2, 0.9]])[:count]
+    return ml.CoupledState(0.1 * rng.normal(size=(count, 3)), attitude, 0.1 * rng.normal(size=(count, 3)), position)
+
+
+def sum_over_points(mass, places, state):
+    """-G m m / distance, with G = 1, over all pairs of points of different bodies."""
+    frames = np.asarray(ml.so3.to_matrix(state.attitude))
+    points = np.asarray(state.position)[:, None] + np.einsum("nij,naj->nai", frames, places)
+    total = 0.0
+    for i in range(len(mass)):
+        for j in range(i):
+            distance = np.linalg.norm(points[i][:, None] - points[j][None], axis=-1)
+            total -= float(np.sum(mass[i][:, None] * mass[j][None] / distance))
+    return total
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_expansion_is_that_of_the_sum_over_all_points(count, turned):
+    """A term of degree n leaves an error that goes as the size of the bodies to the power n + 1 or, by chance, more."""
+    frame = np.asarray(ml.so3.to_matrix(ml.so3.exp(jnp.array([0.5, -0.7, 1.1])))) if turned else None
+    state = placed(count)
+    for degree in (2, 3, 4):
+        missed = []
+        for size in (0.04, 0.02):
+            body, third, fourth, mass, places = clouds(count, size, frame)
+            given = {"third": third} if degree > 2 else {}
+            given |= {"fourth": fourth} if degree > 3 else {}
+            torque = ml.torques.MutualGravity(1.0, degree=degree, **given)
+            missed.append(abs(float(torque.on(body).potential(0.0, state)) - sum_over_points(mass, places, state)))
+        assert np.log2(missed[0] / missed[1]) > degree + 0.7, (degree, missed)
+
+
+@pytest.mark.parametrize("degree", [0, 2, 3, 4])
+@pytest.mark.parametrize("kind", ["clouds", "frames", "ellipsoids"])
+def test_the_wrench_is_that_of_the_potential(kind, degree):
+    frame = np.asarray(ml.so3.to_matrix(ml.so3.exp(jnp.array([0.5, -0.7, 1.1])))) if kind == "frames" else None
+    body, third, fourth, *_ = clouds(3, 0.7, frame)
+    if kind == "ellipsoids" and degree == 3:
+        pytest.skip("ellipsoids have no moments of degree 3")
+    given = {"third": third} if degree > 2 and kind != "ellipsoids" else {}
+    given |= {"fourth": fourth} if degree > 3 and kind != "ellipsoids" else {}
+    bound, state = ml.torques.MutualGravity(0.7, degree=degree, **given).on(body), placed(3)
+    found, expected = bound(0.0, state), ml.torques.FromPotential(bound.potential)(0.0, state)
+    scale = float(jnp.abs(expected.force).max())
+    np.testing.assert_allclose(found.force, expected.force, rtol=0, atol=1e-14 * scale)
+    np.testing.assert_allclose(found.torque, expected.torque, rtol=0, atol=1e-14 * scale)
+    assert (np.abs(found.torque).max() > 0) == (degree > 0)
+
+
+def test_an_ellipsoid_has_the_moments_of_its_integral():
+    """Of degree 4, from points of a ball: the integral of x^4 is 3 r^4/35 of the mass, of x^2 y^2 a third of it."""
+    body, state = didymos.BODY, didymos.start()
+    inertia, mass = np.array(didymos.MOMENTS), np.array(didymos.MASSES)
+    squares = 5 / mass[:, None] * (inertia.sum(1, keepdims=True) / 2 - inertia)
+    fourth = np.zeros((2, 3, 3, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in ((i, i, j, j), (i, j, i, j), (i, j, j, i)):
+                fourth[(slice(None), *k)] = mass * squares[:, i] * squares[:, j] / 35 * (3 if i == j else 1)
+    given = ml.torques.MutualGravity(didymos.G, degree=4, fourth=fourth).on(body)(0.0, state)
+    found = ml.torques.MutualGravity(didymos.G, degree=4).on(body)(0.0, state)
+    np.testing.assert_allclose(found.force, given.force, rtol=1e-13, atol=1e-3)
+    np.testing.assert_allclose(found.torque, given.torque, rtol=1e-10, atol=1e-6)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
+def test_derivatives_in_moments_and_masses_are_those_of_differences(adjoint):
+    degree = 4 if isinstance(adjoint, ml.Forward) else 2
+    torque, start = ml.torques.MutualGravity(didymos.G, degree=degree), didymos.start()
+
+    def end(factors):
+        moments, mass = jnp.asarray(didymos.MOMENTS) * factors[:, :3], jnp.asarray(didymos.MASSES) * factors[:, 3]
+        body = ml.FreeBody(ml.RigidBody(moments, physical=False), mass)
+        options = {"dt": 300.0, "steps": 24, "save_every": 24, "adjoint": adjoint}
+        states = ml.integrate("JACOBI[EA]", body, torque, start, **options).states
+        return jnp.concatenate([states.attitude[-1].ravel(), states.position[-1].ravel() / 1000])[jnp.array([2, 5, 13])]
+
+    derivative = jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.jacrev
+    factors, run = jnp.ones((2, 4)), quick(end)
+    found = np.asarray(quick(derivative(end))(factors))
+    assert np.all(np.isfinite(found))
+    for i, j in ((0, 1), (1, 0), (1, 2), (0, 3), (1, 3)):
+        push = jnp.zeros_like(factors).at[i, j].set(1e-4)
+        slope = np.asarray(run(factors + push) - run(factors - push)) / 2e-4
+        np.testing.assert_allclose(found[:, i, j], slope, rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("seed", [0])
+def test_a_fit_finds_the_moments_of_a_moon_from_its_libration(seed):
+    """From attitudes every half hour for two days, to 0.002 radians; the intervals hold the moments."""
+    torque, spin = ml.torques.MutualGravity(didymos.G), didymos.SPINS[1] * jnp.array([0, 0.05, 1])
+
+    def model(values):
+        moments = jnp.stack([jnp.asarray(didymos.MOMENTS[0]), values["moments"]])
+        body, start = ml.FreeBody(ml.RigidBody(moments), jnp.asarray(didymos.MASSES)), didymos.start()
+        momentum = jnp.stack([start.momentum[0], values["moments"] * values["rate"]])
+        return body, torque, ml.CoupledState(momentum, start.attitude, start.linear, start.position)
+
+    truth = {"moments": jnp.asarray(didymos.MOMENTS[1]), "rate": spin}
+    path = ml.integrate("JACOBI[SRKN6b]", *model(truth), dt=300.0, steps=576, save_every=6)
+    noise = jnp.asarray(2e-3 * np.random.default_rng(seed).normal(size=(96, 3)))
+    seen = ml.so3.multiply(path.states.attitude[1:, 1], ml.so3.exp(noise))
+    guess = {
+        "moments": fitting.Moments(np.array(didymos.MOMENTS[1]) * [1.1, 0.95, 1.05]),
+        "rate": fitting.Free(np.array(spin) + didymos.SPINS[1] * np.array([0, 0.01, 0.02])),
+    }
+    measured = fitting.OfBody(1, fitting.Attitudes(path.times[1:], seen, sigma=2e-3))
+    fit = ml.fit(model, guess, measured, method="JACOBI[SRKN6b]", dt=300.0)
+    assert fit.ok
+    low, high = fit.intervals[:3].T
+    assert np.all((low < didymos.MOMENTS[1]) & (didymos.MOMENTS[1] < high))
+    assert np.all((high - low) / didymos.MOMENTS[1] < 0.02)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ml.torques.MutualGravity(1.0, degree=5), "degree must be one of"),
+        (lambda: ml.torques.MutualGravity(-1.0), "G must be positive"),
+        (lambda: ml.torques.MutualGravity(1.0, third=np.zeros((2, 3, 3, 3))), "degree=2 does not use them"),
+        (lambda: ml.torques.MutualGravity(1.0, degree=3), "needs the moments of degree 3"),
+        (lambda: ml.torques.MutualGravity(1.0, degree=4, fourth=np.zeros((3, 3, 3, 3))), "must be"),
+        (
+            lambda: ml.torques.MutualGravity(1.0, degree=3, third=np.arange(54.0).reshape(2, 3, 3, 3)),
+            "sym",
+        ),
+    ],
+)
+def test_bad_input_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_what_it_cannot_act_on_is_refused():
+    torque, body, start = ml.torques.MutualGravity(1.0), didymos.BODY, didymos.start()
+    run = partial(ml.integrate, "JACOBI[EA]", dt=1.0, steps=1)
+    one = jax.tree.map(lambda x: x[0], body)
+    with pytest.raises(ValueError, match="acts on a CoupledState"):
+        run(one, torque, start.of_body(0))
+    with pytest.raises(ValueError, match="moments of 2 bodies"):
+        run(body, ml.torques.MutualGravity(1.0, degree=3, third=np.zeros((3, 3, 3, 3))), start)
+    many = ml.CoupledState(*(jnp.tile(x, (5, 1)) for x in jax.tree.leaves(start)))
+    with pytest.raises(ValueError, match="2 to 8 bodies"):
+        run(ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0), torque, many)
+    axes = ml.CoupledFreeAxisState.of(start)
+    with pytest.raises(ValueError, match="CoupledFreeAxisState"):
+        ml.integrate("SYMMETRIC[EA]", ml.FreeBody(ml.Rotor(1.0), 1.0), torque, axes, dt=1.0, steps=1)

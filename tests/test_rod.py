@@ -1,0 +1,213 @@
+"""Laws of `Rod` and `straight_rod`: the forces of the potential, what they conserve, and known answers of beams."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+
+import midlie_jax as ml
+
+# The cantilever of PyElastica's example: length, radius, density, Young's and shear modulus; the force at its tip.
+CANTILEVER = {"length": 3.0, "radius": 0.25, "density": 5000.0, "youngs_modulus": 1e6, "shear_modulus": 1e4}
+TIP_FORCE, TIP = 15.0, 0.0677703
+SOFT = {"length": 2.0, "radius": 0.1, "density": 5.0, "youngs_modulus": 10.0, "shear_modulus": 4.0}
+FIRST_MODE = 3.516015  # of a slender cantilever: w = 3.516 sqrt(EI / (rho A L^4))
+
+
+def straight(elements, clamped=False, **sizes):
+    return ml.straight_rod(
+        elements, [0.0, 0.0, 0.0], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0], **(sizes or SOFT), clamped=clamped
+    )
+
+
+def shaken(start, size, seed=0):
+    increment = np.random.default_rng(seed).standard_normal(12 * start.count)
+    return start.plus(jnp.asarray(size * increment, start.momentum.dtype))
+
+
+def varied(rod):
+    """The rod with other numbers for each link, and bent and twisted at rest."""
+    links, numbers = 5, np.random.default_rng(1)
+    stiff = [numbers.uniform(1, 2, (links, 3)) for _ in range(2)]
+    at_rest = {name: 0.2 * numbers.standard_normal((links, 3)) for name in ("strain", "curvature")}
+    lengths = float(rod.length) * numbers.uniform(0.5, 2, links)
+    return ml.torques.Rod(lengths, *stiff, **at_rest, clamp=rod.clamp)
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+@pytest.mark.parametrize("size", [0.0, 1e-9, 0.7])
+def test_the_wrench_is_minus_the_gradient_of_the_potential(clamped, size):
+    _, rod, start = straight(5, clamped)
+    state, rod = shaken(start, size), varied(rod)
+    found, wanted = jax.jit(lambda s: (rod(0.0, s), ml.torques.FromPotential(rod.potential)(0.0, s)))(state)
+    scale = float(jnp.abs(wanted.torque).max())
+    np.testing.assert_allclose(found.torque, wanted.torque, rtol=0, atol=1e-13 * scale)
+    np.testing.assert_allclose(found.force, wanted.force, rtol=0, atol=1e-13 * scale)
+
+
+def test_the_potential_is_that_of_the_page():
+    body, rod, start = straight(5)
+    state, rod = shaken(start, 0.5), varied(rod)
+    turns, total = ml.so3.to_matrix(state.attitude), 0.0
+    for i, piece in enumerate(rod.length):
+        turn = ml.so3.log(ml.so3.multiply(ml.so3.conjugate(state.attitude[i]), state.attitude[i + 1]))
+        middle = turns[i] @ ml.so3.to_matrix(ml.so3.exp(turn / 2))
+        way = (state.position[i + 1] - state.position[i]) / piece
+        strain = middle.T @ way - jnp.array([0.0, 0.0, 1.0]) - rod.strain[i]
+        curvature = turn / piece - rod.curvature[i]
+        total += piece / 2 * (strain @ (rod.stretch[i] * strain) + curvature @ (rod.bend[i] * curvature))
+    assert float(ml.energy(body, rod, state) - ml.kinetic_energy(body, state)) == pytest.approx(float(total), rel=1e-13)
+
+
+def test_a_straight_rod_feels_no_force_and_has_smooth_forces():
+    _, rod, start = straight(3)
+    loads = jax.jit(lambda u: cat(rod(0.0, start.plus(u))))
+    assert float(jnp.abs(loads(jnp.zeros(48))).max()) < 1e-15
+    slope = jax.jacfwd(loads)(jnp.zeros(48))
+    assert bool(jnp.all(jnp.isfinite(slope)))
+    assert float(jnp.abs(slope).max()) > 0
+
+
+def test_the_bodies_make_up_the_rod():
+    body, rod, start = straight(8, **CANTILEVER)
+    r, length = CANTILEVER["radius"], CANTILEVER["length"]
+    mass = CANTILEVER["density"] * np.pi * r**2 * length
+    assert float(body.mass.sum()) == pytest.approx(mass)
+    np.testing.assert_allclose(start.position[-1], length * np.array([0.0, 0.6, 0.8]), rtol=1e-14)
+    middle = np.asarray(start.position[4])
+    distances = np.sum((np.asarray(start.position) - middle) ** 2, axis=1)
+    across = float(np.sum(np.asarray(body.body.moments)[:, 0] + np.asarray(body.mass) * distances))
+    assert across == pytest.approx(mass * (3 * r**2 + length**2) / 12, rel=3.1 / 8**2)
+    assert float(body.body.moments[:, 2].sum()) == pytest.approx(mass * r**2 / 2)
+    turn = np.asarray(ml.so3.to_matrix(start.attitude[3]))
+    np.testing.assert_allclose(turn[:, [0, 2]].T, [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], atol=1e-15)
+    held = straight(8, clamped=True, **CANTILEVER)
+    assert rod.clamp is None
+    assert held.start.count == 8
+    for many, fewer in zip(jax.tree.leaves((body, start)), jax.tree.leaves((held.body, held.start)), strict=True):
+        np.testing.assert_array_equal(many[1:], fewer)
+
+
+def twisting(elements, size):
+    """A free rod that flies, turns, bends and twists."""
+    body, rod, start = straight(elements)
+    along = np.linspace(-1, 1, elements + 1)[:, None]
+    momentum = body.momentum(jnp.asarray(size * np.array([0.4, -0.3, 2.0]) * (along + 0.2)))
+    linear = body.mass[:, None] * jnp.asarray(size * np.array([0.5, 0.1, -0.2]) * (1 + along**2))
+    return body, rod, ml.CoupledState(momentum, start.attitude, linear, start.position)
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("elements", [2, 12])  # moved number by number, and on arrays
+def test_momenta_are_conserved_to_rounding(elements):
+    body, rod, start = twisting(elements, 1.0)
+    path = ml.integrate("JACOBI[EA]", body, rod, start, dt=0.02, steps=400, save_every=100)
+    assert bool(path.ok)
+    linear, angular = np.sum(np.asarray(path.states.linear), axis=1), np.asarray(path.states.spatial_momentum())
+    size = float(jnp.abs(start.linear).sum())
+    np.testing.assert_allclose(linear - linear[0], 0, atol=1e-13 * size)
+    np.testing.assert_allclose(angular - angular[0], 0, atol=1e-12 * size)
+    assert float(jnp.linalg.norm(path.states.attitude[-1] - start.attitude)) > 0.3
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("name", "order"), [("DLM[EA]", 2), ("JACOBI[SRKN6b]", 4)])
+def test_the_energy_error_is_bounded_with_the_order_of_the_method(name, order):
+    body, rod, start = twisting(5, 0.5)
+    errors = []
+    for dt in (0.04, 0.02):
+        path = ml.integrate(name, body, rod, start, dt=dt, steps=round(40 / dt), save_every=round(0.4 / dt))
+        energy = np.asarray(ml.energy(body, rod, path))
+        sizes = np.abs(energy[1:] / energy[0] - 1)
+        assert sizes[50:].max() < 3 * sizes[:50].max()
+        errors.append(sizes.max())
+    assert errors[0] < 0.01
+    assert np.log2(errors[0] / errors[1]) > order - 0.4
+
+
+def stiffness(rod, start):
+    """The second derivative of the potential with turns and places of the bodies, (6 N, 6 N)."""
+    count = start.count
+
+    def moved(u):
+        turns, places = jnp.split(u.reshape(count, 6), 2, axis=1)
+        zeros = jnp.zeros((count, 3))
+        return start.plus(jnp.concatenate([zeros, turns, zeros, places], axis=1).ravel())
+
+    return -np.asarray(jax.jit(jax.jacfwd(lambda u: cat(rod(0.0, moved(u)))))(jnp.zeros(6 * count)))
+
+
+def cat(wrench):
+    return jnp.concatenate([wrench.torque, wrench.force], axis=1).ravel()
+
+
+def test_the_cantilever_of_timoshenko():
+    errors = []
+    for count in (10, 20):
+        _, rod, start = straight(count, clamped=True, **CANTILEVER)
+        load = np.zeros((count, 6))
+        load[-1, 3] = TIP_FORCE  # along x, which is e1
+        moved = np.linalg.solve(stiffness(rod, start), load.ravel()).reshape(count, 6)
+        errors.append(moved[-1, 3] - TIP)
+    assert abs(errors[-1]) < 1e-3 * TIP
+    assert abs(errors[1] - (errors[0] - errors[1]) / 3) < 1e-6 * TIP  # of second order, and the limit is TIP
+
+
+@cache
+def modes(count, slenderness):
+    sizes = {"length": 1.0, "radius": slenderness, "density": 1.0, "youngs_modulus": 1.0, "shear_modulus": 0.4}
+    body, rod, start = straight(count, clamped=True, **sizes)
+    masses = np.concatenate([body.body.moments, np.broadcast_to(body.mass[:, None], (count, 3))], axis=1).ravel()
+    squares, shapes = scipy.linalg.eigh(stiffness(rod, start), np.diag(masses))
+    euler = FIRST_MODE * slenderness / 2  # sqrt(EI / (rho A)) is half the radius
+    return (body, rod, start), np.sqrt(squares[0]) / euler, shapes[:, 0].reshape(count, 6)
+
+
+def test_the_first_frequency_of_a_slender_cantilever():
+    errors = [modes(count, 1e-3)[1] - 1 for count in (10, 20)]
+    assert abs(errors[-1]) < 2e-3
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    assert abs(errors[1] - (errors[0] - errors[1]) / 3) < 2e-5
+
+
+@pytest.mark.sample(0)
+def test_a_run_swings_with_the_first_frequency():
+    (body, rod, start), ratio, shape = modes(4, 0.05)
+    zeros, size = np.zeros((4, 3)), 1e-6 / np.abs(shape).max()
+    moved = start.plus(jnp.asarray(np.concatenate([zeros, size * shape[:, :3], zeros, size * shape[:, 3:]], 1).ravel()))
+    period = 2 * np.pi / (ratio * FIRST_MODE * 0.025)
+    path = ml.integrate("JACOBI[SRKN6b]", body, rod, moved, dt=period / 1024, steps=1024, save_every=128)
+    way = np.asarray(path.states.position - start.position[None])[:, -1]
+    wanted = np.cos(2 * np.pi * np.arange(9) / 8)[:, None] * way[0]
+    np.testing.assert_allclose(way, wanted, atol=2e-4 * np.abs(way).max())
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: ml.torques.Rod(-1.0, jnp.ones(3), jnp.ones(3)), "length must be positive and finite"),
+        (lambda: ml.torques.Rod(1.0, jnp.ones(2), jnp.ones(3)), r"stretch must have shape \(3,\)"),
+        (lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.zeros(3)), "bend must be positive"),
+        (lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.ones(3), strain=jnp.full(3, jnp.nan)), "strain must be finite"),
+        (lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=jnp.zeros(3)), "clamp must be None or "),
+        (
+            lambda: ml.torques.Rod(1.0, jnp.ones(3), jnp.ones(3), clamp=(jnp.zeros(3), jnp.ones(4))),
+            r"clamp\[1\] must be a unit quaternion",
+        ),
+        (lambda: ml.torques.Rod(jnp.ones(9), jnp.ones(3), jnp.ones(3))(0.0, straight(2)[2]), "one for each of 2, got"),
+        (
+            lambda: straight(3)[1](0.0, ml.RigidState(jnp.zeros(3), jnp.eye(4)[0])),
+            "the state is a RigidState; use a CoupledState",
+        ),
+        (lambda: straight(0), "elements must be a positive Python int"),
+        (lambda: straight(2, **SOFT | {"radius": 0.0}), "radius must be positive"),
+        (lambda: ml.straight_rod(2, [0.0, 0, 0], [0, 0, 2.0], [1.0, 0, 0], **SOFT), "direction must be a unit vector"),
+        (lambda: ml.straight_rod(2, [0.0, 0, 0], [0, 0, 1.0], [0, 0, 1.0], **SOFT), "normal must be at right angles"),
+    ],
+)
+def test_wrong_arguments_are_named(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
