@@ -58,9 +58,9 @@ def draw(results: list[tuple[str, float, list[float]]], path: Path) -> None:
     from midlie_jax.cli.figures import heading, new_figure, panel, write
     from midlie_jax.cli.line_labels import End, label_ends
 
-    figure = new_figure(8.0, 5.6)
+    figure = new_figure(9.0, 5.6)
     heading(figure, "How much the energy of 216 waters wavers", "Standard deviation over 2 ps, from one start.")
-    figure.subplots_adjust(bottom=0.13, right=0.72)
+    figure.subplots_adjust(left=0.11, bottom=0.13, right=0.97)
     axes = figure.subplots()
     axes.set(xscale="log", yscale="log")
     panel(axes, "", "Time for each force  [fs]", "Standard deviation  [kJ/mol]")
