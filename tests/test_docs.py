@@ -59,6 +59,7 @@ TABLES = (
     ("long_run", "reports/long-run"),
     ("work_precision", "how-it-compares"),
     ("kinds_of_state", "reports/kinds-of-state"),
+    ("molecules", "reports/molecules"),
     ("choosing", "choosing-a-method"),
     ("gpu", "reports/gpu"),
     ("kernels", "reports/gpu"),

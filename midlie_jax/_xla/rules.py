@@ -174,13 +174,13 @@ def _any(*names: str) -> dict[str, Callable[[Any], bool]]:
     return {name: lambda value: True for name in names}
 
 
-def _is_whole(sharding: Any) -> bool:
-    """Whether a value is not divided between devices: inside `jax.shard_map` JAX says so of values that it makes."""
-    return sharding is None or all(part is None for part in getattr(sharding, "spec", (sharding,)))
-
-
 def _exactly(accepted: Any, *names: str) -> dict[str, Callable[[Any], bool]]:
     return {name: lambda value: type(value) is type(accepted) and value == accepted for name in names}
+
+
+def _unsharded(name: str) -> dict[str, Callable[[Any], bool]]:
+    """No sharding, or one that divides no axis of the array, which JAX writes down within `jax.shard_map`."""
+    return {name: lambda value: value is None or all(part is None for part in getattr(value, "spec", (True,)))}
 
 
 def _is_plain_precision(value: Any) -> bool:
@@ -314,7 +314,7 @@ def _elementwise(names: str, cheap: bool, *parameters: str) -> dict[str, Rule]:
 
 
 def _reduction_rule(operation: Callable[[Any, Any], Any]) -> Rule:
-    understood = {**_any("axes"), "out_sharding": _is_whole}
+    understood = {**_any("axes"), **_unsharded("out_sharding")}
     return Rule(partial(_replay_reduction, operation), understood, cheap=True, accepts=_same_summable_dtype)
 
 
@@ -335,11 +335,11 @@ RULES: dict[str, Rule] = {
     **_elementwise("reduce_precision", False, "exponent_bits", "mantissa_bits"),
     **_elementwise("round", False, "rounding_method"),
     "convert_element_type": Rule(
-        _replay_entries, {**_any("new_dtype", "weak_type"), "sharding": _is_whole}, cheap=True
+        _replay_entries, {**_any("new_dtype", "weak_type"), **_unsharded("sharding")}, cheap=True
     ),
     "pvary": Rule(_replay_pvary, _any("axes"), cheap=True),
     **{
-        name: Rule(partial(_replay_move, move), {**_any(*parameters), "sharding": _is_whole}, cheap=True)
+        name: Rule(partial(_replay_move, move), {**_any(*parameters), **_unsharded("sharding")}, cheap=True)
         for name, (move, parameters) in MOVES.items()
     },
     **{
@@ -350,13 +350,13 @@ RULES: dict[str, Rule] = {
         )
         for name, (move, indices, parameters) in INDEXED.items()
     },
-    "iota": Rule(_replay_iota, {**_any("dtype", "shape", "dimension"), "sharding": _is_whole}, cheap=True),
+    "iota": Rule(_replay_iota, {**_any("dtype", "shape", "dimension"), **_unsharded("sharding")}, cheap=True),
     "dot_general": Rule(
         _replay_dot_general,
         {
             **_any("dimension_numbers", "preferred_element_type"),  # the second is the dtype of the result
             "precision": _is_plain_precision,
-            "out_sharding": _is_whole,
+            **_unsharded("out_sharding"),
         },
         cheap=True,
         accepts=_same_summable_dtype,

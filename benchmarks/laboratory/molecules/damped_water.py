@@ -22,6 +22,8 @@ from jax import Array
 
 import midlie_jax as ml
 
+from .neighbours import Neighbours
+
 COULOMB = 138.935457644  # 1 / (4 pi epsilon_0), kJ/mol nm / e^2
 
 
@@ -33,7 +35,7 @@ class DampedPairs(ml.torques.Torque):
     """Torques and forces on equal molecules, (N, ...) in one state.
 
     Attributes:
-        neighbours: of molecule i those within reach are neighbours[:, i], (slots, N); i itself fills empty slots.
+        neighbours: their list.
         points: the sites of a molecule in its frame, (a, 3), in nm.
         charges, sigmas, epsilons: of the sites, in e, nm and kJ/mol, mixed by Lorentz' and Berthelot's rule.
         box: the edge of the cube, at least twice the cut-off.
@@ -41,7 +43,7 @@ class DampedPairs(ml.torques.Torque):
         single: whether the terms of pairs are computed in float32; the energy never is.
     """
 
-    neighbours: Array
+    neighbours: Neighbours
     points: Array
     charges: tuple[float, ...] = eqx.field(static=True, converter=_floats)
     sigmas: tuple[float, ...] = eqx.field(static=True, converter=_floats)
@@ -61,15 +63,18 @@ class DampedPairs(ml.torques.Torque):
 
     def _summed(self, state: Any, single: bool, with_energy: bool) -> list[list[Array]]:
         """The components of the force on each site, and last the energy of each molecule; arrays of (N,)."""
-        places = jnp.moveaxis(ml.sites(state, self.points) / self.box, 0, -1)  # (a, 3, N) in units of the box
+        places = ml.sites(state, self.points)
+        reach = self.neighbours.cutoff_now(places, self.cutoff)
+        places = jnp.moveaxis(places / self.box, 0, -1)  # (a, 3, N) in units of the box
         if single:  # as whole numbers, whose differences wrap around as the box does
             places = jnp.floor(2.0**32 * (places % 1)).astype(jnp.int64).astype(jnp.int32)
         dtype = jnp.float32 if single else places.dtype
-        sites, molecules = range(len(self.charges)), jnp.arange(places.shape[-1], dtype=self.neighbours.dtype)
+        sites, molecules = range(len(self.charges)), jnp.arange(places.shape[-1], dtype=jnp.int32)
         terms = {(p, q): self._pair(p, q, 8 if single else 14) for p in sites for q in sites}
         limit = (self.cutoff / self.box) ** 2
 
-        def add(sums: Any, slot: Array) -> tuple[Any, None]:
+        @jax.checkpoint  # a reverse derivative computes a slot again, rather than keep its numbers
+        def add(sums: Any, slot: Array) -> Any:
             sums, there, other = [list(site) for site in sums], places[:, :, slot], slot != molecules
             for (p, q), term in terms.items():
                 d = [places[p, x] - there[q, x] for x in range(3)]
@@ -80,11 +85,17 @@ class DampedPairs(ml.torques.Torque):
                 sums[p] = [total + factor * x for total, x in zip(sums[p], d, strict=True)]
                 if with_energy:
                     sums[-1] = [sums[-1][0] + energy]
-            return in_one_loop(sums), None
+            return in_one_loop(sums)
 
-        zero = jnp.zeros(len(molecules), dtype)
-        start = [[zero] * 3 for _ in sites] + [[zero] if with_energy else []]
-        *forces, energy = jax.lax.scan(add, start, self.neighbours, unroll=2)[0]
+        def add_two(sums: Any, slots: tuple[Array, Array]) -> tuple[Any, None]:
+            two, nearest = slots
+            return jax.lax.cond(nearest < reach, lambda s: add(add(s, two[0]), two[1]), lambda s: s, sums), None
+
+        # A list that is too old has the reach NaN, and makes everything NaN.
+        first = jnp.where(jnp.isnan(reach), reach, 0).astype(dtype) * jnp.ones(len(molecules), dtype)
+        start = [[first] * 3 for _ in sites] + [[first] if with_energy else []]
+        pairs = self.neighbours.slots.reshape(-1, 2, len(molecules)), self.neighbours.nearest[::2]
+        *forces, energy = jax.lax.scan(add_two, start, pairs)[0]
         return [[self.box * x for x in site] for site in forces] + [energy]
 
     def _pair(self, p: int, q: int, degree: int) -> Any:

@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import jax
-import numpy as np
 
 import midlie_jax as ml
 
 from . import water
 from .damped_water import DampedPairs
-from .neighbours import farthest_move, neighbour_list
+from .neighbours import neighbour_list
 
 CUTOFF = 0.9
 _places = jax.jit(ml.sites)
@@ -24,7 +23,7 @@ def motion(
     dt: float,
     steps: int,
     *,
-    skin: float = 0.14,
+    skin: float = 0.2,
     single: bool = False,
 ) -> Iterator[tuple[ml.CoupledState, DampedPairs]]:
     """The state after every `steps` steps of `dt` ps, without end, and the force with the list of these steps.
@@ -32,22 +31,19 @@ def motion(
     In the small box every molecule is everybody's neighbour if the skin is as wide as the edge, and lists last.
 
     Raises:
-        ValueError: a site moved by more than half the skin within one list. RuntimeError: a run failed.
+        RuntimeError: a run failed, or a site moved by more than half the skin within one list.
     """
     body, state, slots, first = water.molecules(start.count), start, None, 0
     while True:
-        places = np.asarray(_places(state, water.POINTS))
-        neighbours = neighbour_list(places, edge, CUTOFF, skin, slots)
-        slots, torque = len(neighbours), water.forces(neighbours, edge, single)
+        neighbours = neighbour_list(_places(state, water.POINTS), edge, CUTOFF, skin, slots)
+        slots, torque = len(neighbours.nearest), water.forces(neighbours, edge, single)
         path = ml.integrate(method, body, torque, state, dt=dt, steps=steps, save_every=steps, first_step=first)
         if not path.ok:
-            raise RuntimeError(f"{method} failed at a step of {dt:g} ps; take a shorter step.")
-        state, first = jax.tree.map(lambda x: x[-1], path.states), first + steps
-        if (moved := farthest_move(places, _places(state, water.POINTS))) > skin / 2:
-            raise ValueError(
-                f"skin must be at least twice the way of a site within one list, {moved:.3f} nm, got {skin:g}; take "
-                "a wider skin or fewer steps a list."
+            raise RuntimeError(
+                f"{method} failed at a step of {dt:g} ps, or a site moved by over {skin / 2:g} nm in {steps} steps; "
+                "take a shorter step, a wider skin or fewer steps a list."
             )
+        state, first = jax.tree.map(lambda x: x[-1], path.states), first + steps
         yield state, torque
 
 

@@ -15,7 +15,7 @@ from .runs import motion
 HEADS = ("molecules", "program", "time a step, ms", "spread", "by LAMMPS")
 # Copies of the box along an edge: skin of the list in nm (None: all are neighbours), steps a list, lists a lap. LAMMPS'
 # skin of 2 A is the fastest of 1, 1.5, 2 and 2.5.
-SIZES: dict[int, tuple[float | None, int, int]] = {1: (None, 100, 1), 2: (0.14, 12, 3)}
+SIZES: dict[int, tuple[float | None, int, int]] = {1: (None, 40, 3), 2: (0.24, 24, 2)}
 ROUNDS, LAMMPS_SKIN = 9, 2.0
 
 

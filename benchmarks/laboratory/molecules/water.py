@@ -10,6 +10,7 @@ from jax import Array
 import midlie_jax as ml
 
 from .damped_water import COULOMB, DampedPairs
+from .neighbours import Neighbours
 
 # Oxygen and two hydrogens. x is along H-H, z from the oxygen to between them.
 MASSES = (15.9994, 1.008, 1.008)
@@ -77,9 +78,9 @@ def box(copies: int = 1) -> tuple[ml.CoupledState, float]:
     return in_principal_axes(**{name: values[order] for name, values in start.items()}), copies * EDGE
 
 
-def forces(neighbours: Any, edge: float, single: bool = False) -> DampedPairs:
+def forces(neighbours: Neighbours, edge: float, single: bool = False) -> DampedPairs:
     """The pair force with the data of this water."""
-    return DampedPairs(jnp.asarray(neighbours), POINTS, CHARGES, SIGMAS, EPSILONS, edge, single=single)
+    return DampedPairs(neighbours, POINTS, CHARGES, SIGMAS, EPSILONS, edge, single=single)
 
 
 def temperatures(state: ml.CoupledState) -> tuple[Array, Array]:
