@@ -71,7 +71,8 @@ def _named(path: Any) -> tuple[list[str], list[Any]]:
     if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple, too
         return [""] * len(path), list(path)
     states: Any = getattr(path, "states", None)
-    shape: tuple[int, ...] = np.shape(getattr(states, "momentum", 0.0))
+    momentum: Any = getattr(states, "momentum", 0.0)
+    shape = np.shape(momentum)
     coupled = isinstance(states, Coupled)
     if len(shape) == 3 + coupled:
         word = "replica" if coupled else "body"
