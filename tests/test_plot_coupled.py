@@ -67,7 +67,8 @@ def test_a_rod_is_drawn_as_bodies_that_touch():
         9, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0],
         length=3.0, radius=0.1, density=1.0, youngs_modulus=10.0,
     )  # fmt: skip
-    states = jax.tree.map(lambda x: jnp.stack([x, x]), start)
+    moved = ml.CoupledState(start.momentum, start.attitude, start.linear, start.position + 9.0)
+    states = jax.tree.map(lambda *x: jnp.stack(x), start, moved)
     path = ml.Path(jnp.arange(2.0), states, jnp.asarray(True), jnp.asarray(2), jnp.asarray(0))
     (shown,) = togethers(panels(body, path), 2, 2, 100)
     heights = np.array([[corners[:, 2].min(), corners[:, 2].max()] for corners in shown.sites(0)])
