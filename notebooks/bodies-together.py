@@ -90,7 +90,7 @@ def libration(state):
 angles = jax.vmap(libration)(path.states)
 figure, axes = plt.subplots(figsize=(9, 3))
 panel(axes, "Libration of the moon", "time  [days]", "angle  [°]")
-axes.plot(path.times / DAY, np.degrees(angles), color=ORANGE)
+(line,) = axes.plot(path.times / DAY, np.degrees(angles), color=ORANGE)
 
 # %% [markdown]
 # The derivative of the libration after two days with respect to the largest moment of the moon, by automatic

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -71,10 +72,11 @@ def file(tmp_path_factory):
 @pytest.mark.sample(0)
 def test_a_file_gives_back_the_bodies(file):
     saved, scene = saved_path(file, 1), scenes.scene("dimer")
+    body: Any = saved.body
     assert saved.bodies == 2
     assert isinstance(saved.path.states, ml.CoupledState)
-    np.testing.assert_array_equal(saved.body.body.moments, scene.body.body.moments)
-    np.testing.assert_array_equal(saved.body.mass, scene.body.mass)
+    np.testing.assert_array_equal(body.body.moments, scene.body.body.moments)
+    np.testing.assert_array_equal(body.mass, scene.body.mass)
     start = jax.tree.map(lambda x: x[1], scenes.perturbed(scene, 2, 1e-3))
     assert jax.tree.all(jax.tree.map(lambda a, b: jnp.array_equal(a[0], b), saved.path.states, start))
 
