@@ -26,7 +26,8 @@ def _panel(panel: Any, degree: int, rungs: list[Rung]) -> None:
         own = sorted((rung for rung in rungs if rung.method == method), key=lambda rung: rung.milliseconds)
         x, y = [rung.milliseconds for rung in own], [rung.error for rung in own]
         panel.loglog(x, y, "o-", color=f"C{number}", markersize=4)
-        panel.annotate(method, (x[0], y[0]), (4, 6), textcoords="offset points", color=f"C{number}", fontsize=9)
+        label: Any = {"xytext": (-6, -3), "textcoords": "offset points", "ha": "right", "fontsize": 9}
+        panel.annotate(method, (x[0], y[0]), color=f"C{number}", **label)
     seconds, error = GUBAS[degree]
     panel.loglog([1e3 * seconds], [error], "s", color=_RIVAL)
     place: Any = {"xytext": (-6, 8), "textcoords": "offset points", "ha": "right", "fontsize": 9}
@@ -35,3 +36,4 @@ def _panel(panel: Any, degree: int, rungs: list[Rung]) -> None:
     panel.set_xlabel("milliseconds a day and binary, one core")
     panel.grid(alpha=0.3)
     panel.margins(0.1)
+    panel.set_xlim(left=2e-3)  # room for the labels
