@@ -1,6 +1,7 @@
 """Laws of `Rod` and `straight_rod`: the forces of the potential, what they conserve, and known answers of beams."""
 
 from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,10 @@ def straight(elements, clamped=False, **sizes):
     return ml.straight_rod(
         elements, [0.0, 0.0, 0.0], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0], **(sizes or SOFT), clamped=clamped
     )
+
+
+def moments_of(body: Any):
+    return np.asarray(body.body.moments)
 
 
 def shaken(start, size, seed=0):
@@ -79,9 +84,9 @@ def test_the_bodies_make_up_the_rod():
     np.testing.assert_allclose(start.position[-1], length * np.array([0.0, 0.6, 0.8]), rtol=1e-14)
     middle = np.asarray(start.position[4])
     distances = np.sum((np.asarray(start.position) - middle) ** 2, axis=1)
-    across = float(np.sum(np.asarray(body.body.moments)[:, 0] + np.asarray(body.mass) * distances))
+    across = float(np.sum(moments_of(body)[:, 0] + np.asarray(body.mass) * distances))
     assert across == pytest.approx(mass * (3 * r**2 + length**2) / 12, rel=3.1 / 8**2)
-    assert float(body.body.moments[:, 2].sum()) == pytest.approx(mass * r**2 / 2)
+    assert float(moments_of(body)[:, 2].sum()) == pytest.approx(mass * r**2 / 2)
     turn = np.asarray(ml.so3.to_matrix(start.attitude[3]))
     np.testing.assert_allclose(turn[:, [0, 2]].T, [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], atol=1e-15)
     held = straight(8, clamped=True, **CANTILEVER)
@@ -160,7 +165,7 @@ def test_the_cantilever_of_timoshenko():
 def modes(count, slenderness):
     sizes = {"length": 1.0, "radius": slenderness, "density": 1.0, "youngs_modulus": 1.0, "shear_modulus": 0.4}
     body, rod, start = straight(count, clamped=True, **sizes)
-    masses = np.concatenate([body.body.moments, np.broadcast_to(body.mass[:, None], (count, 3))], axis=1).ravel()
+    masses = np.concatenate([moments_of(body), np.broadcast_to(body.mass[:, None], (count, 3))], axis=1).ravel()
     squares, shapes = scipy.linalg.eigh(stiffness(rod, start), np.diag(masses))
     euler = FIRST_MODE * slenderness / 2  # sqrt(EI / (rho A)) is half the radius
     return (body, rod, start), np.sqrt(squares[0]) / euler, shapes[:, 0].reshape(count, 6)

@@ -367,7 +367,8 @@ def test_nutation_and_precession_of_the_fast_top():
 
 NAMES = ["P1", "P1-tilted", "P2", "slow-top", "compass", "tumbling-brick", "dzhanibekov", "free-asymmetric"]
 NAMES += ["asymmetric-top", "bruls-cardona", "gravity-gradient", "gravity-gradient-10", "pulsed-body"]
-NAMES += ["thrown-brick", "dropped-brick", "boomerang", "satellite", "spherical-pendulum", "drift-test"]
+NAMES += ["thrown-brick", "dropped-brick", "boomerang", "satellite", "spherical-pendulum", "binary-asteroid", "dimer"]
+NAMES += ["rod", "drift-test"]
 
 
 def test_all_scenes_are_listed():

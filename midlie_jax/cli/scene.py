@@ -21,9 +21,10 @@ class Scene:
     Attributes:
         name: as in `scenes()`.
         title: description in one line.
-        body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `Rotor`, or a `FreeBody`.
+        body: the body, about its fixed point or its centre of mass: a `RigidBody`, a `Rotor`, or a `FreeBody`; or
+            several coupled bodies.
         torque: what acts on it, or None for a free body.
-        start: its state at time 0: a `RigidState`, an `AxisState`, or one of those that travel.
+        start: its state at time 0: a `RigidState`, an `AxisState`, one of those that travel, or a `CoupledState`.
         dt: a step small enough that a picture of the motion by LIEMID[EA] shows no error.
         duration: duration of the motion, a whole number of steps.
         source: where the numbers are from.
@@ -65,7 +66,7 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
         count: number of copies.
         size: standard deviation of each component of the perturbation: for a momentum relative to its norm, for the
             attitude a rotation vector in the body frame, radian, for an axis one in space, and for a position relative
-            to the way on which the body turns by a radian.
+            to the way on which the body turns by a radian. Coupled bodies are perturbed one by one.
         seed: the same seed gives the same copies in any dtype, and the same first copies for a larger count.
 
     Returns:
@@ -80,13 +81,13 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
         raise ValueError(f"size must be finite and not negative, got {size!r}.")
     start = scene.start
     parts = 4 if isinstance(start, TravellingState) else 2
-    changes = size * np.random.default_rng(seed).standard_normal((count, parts, 3))
+    changes = size * np.random.default_rng(seed).standard_normal((count, parts, *start.momentum.shape))
     momentum_change, rotation, *travel = (jnp.asarray(changes[1:, i], start.momentum.dtype) for i in range(parts))
     turning = start.turning if isinstance(start, TravellingState) else start
     others: Any = _turned(turning, momentum_change, rotation)
     if isinstance(start, TravellingState):
         linear, position = travel
-        push = _length(start.linear) * linear
+        push = _length(start.linear)[None] * linear
         others = start.made(
             others, start.linear[None] + push, start.position[None] + _way_of_a_radian(scene) * position
         )
@@ -96,7 +97,7 @@ def perturbed(scene: Scene, count: int, size: float, seed: int = 0) -> Any:
 
 def _turned(start: Any, momentum_change: Array, rotation: Array) -> Any:
     """The states of rotation, perturbed."""
-    momentum = start.momentum[None] + _length(start.momentum) * momentum_change
+    momentum = start.momentum[None] + _length(start.momentum)[None] * momentum_change
     turn = so3.exp(rotation)
     if isinstance(start, AxisState):
         axis = so3.rotate(turn, jnp.broadcast_to(start.axis, momentum.shape))
@@ -109,11 +110,12 @@ def _turned(start: Any, momentum_change: Array, rotation: Array) -> Any:
 
 
 def _way_of_a_radian(scene: Scene) -> Array:
-    """How far the body travels, at its start, while it turns by a radian; 0 if it does not turn."""
-    velocity = scene.start.linear / scene.body.mass
-    rate = _length(scene.body.velocity(scene.start.momentum))
-    return jnp.where(rate > 0, _length(velocity) / jnp.where(rate > 0, rate, 1), 0)
+    """How far the body travels, at its start, while it turns by a radian; 0 if it does not turn. Of several: a mean."""
+    velocity = scene.start.linear / scene.body.mass[..., None]
+    speed, rate = (jnp.sqrt(jnp.sum(v**2)) for v in (velocity, scene.body.velocity(scene.start.momentum)))
+    return jnp.where(rate > 0, speed / jnp.where(rate > 0, rate, 1), 0)
 
 
 def _length(vector: Array) -> Array:
-    return jnp.sqrt(jnp.sum(vector**2))
+    """The lengths of vectors (..., 3), (..., 1)."""
+    return jnp.sqrt(jnp.sum(vector**2, axis=-1, keepdims=True))

@@ -20,7 +20,7 @@ from ..model.bodies import RigidBody
 from ..model.orbits import KeplerOrbit
 from ..model.states import RigidState
 from ..model.torques import DipoleInField, GravityGradient, HeavyTop, Prescribed
-from . import jeod, travelling_scenes
+from . import coupled_scenes, jeod, travelling_scenes
 from .pair_potential import PairPotential
 from .scene import Scene as Scene
 from .scene import perturbed as perturbed
@@ -313,6 +313,9 @@ _named("dropped-brick")(travelling_scenes.dropped_brick)
 _named("boomerang")(travelling_scenes.boomerang)
 _named("satellite")(travelling_scenes.satellite)
 _named("spherical-pendulum")(travelling_scenes.spherical_pendulum)
+_named("binary-asteroid")(coupled_scenes.binary_asteroid)
+_named("dimer")(coupled_scenes.dimer)
+_named("rod")(coupled_scenes.rod)
 
 
 @_named("drift-test")

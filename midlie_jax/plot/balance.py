@@ -32,6 +32,7 @@ def balanced(body: Any, torque: Any, times: np.ndarray, states: Any) -> bool:
     """Whether the torques on coupled bodies, about the origin, add up to zero at the saved times, (n,)."""
     if torque is None or not states.several:
         return False
+    states = jax.tree.map(jnp.asarray, states)
     found, each = forces_on(body, torque, times, states), states.of_body(slice(None))
     travels = isinstance(states, TravellingState)
     turn = np.stack(each.to_space(cp.vector(found.angular if travels else found)), axis=-1)

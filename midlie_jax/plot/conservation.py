@@ -112,13 +112,13 @@ def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bo
 
 
 def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: TravellingState) -> Change:
-    """|p(t) - p(0)| / max |p| of a body that travels, which is conserved where no force acts; of coupled bodies the sum.
+    """|p(t) - p(0)| / max |p| of a body that travels, conserved where no force acts; of coupled bodies that of the sum.
 
     Args:
         body: one body.
         torque: as for `integrate`.
         times: (n,).
-        states: at these times, with leading axis (n,).
+        states: at these times, with leading axes (..., n); of a batch, the forces on the first are looked at.
     """
     body, torque, states = _doubles((body, torque, states))
     momenta, size = np.asarray(states.linear), np.nanmax(_sizes(states, states.linear), axis=-1, keepdims=True)
@@ -126,7 +126,8 @@ def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
     values = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
     reason = ""
     if torque is not None:
-        forces = np.asarray(forces_on(body, torque, np.asarray(times), states).linear)
+        first = jax.tree.map(lambda leaf: leaf[(0,) * (leaf.ndim - states.own_axes - 1)], states)
+        forces = np.asarray(forces_on(body, torque, np.asarray(times), first).linear)
         acts = not add_up_to_zero(forces) if states.several else np.any(forces != 0)
         reason = "not conserved: a force acts" if acts else ""
     return Change(values, "linear momentum", "|p - p₀| / max |p|", "" if reason else "all of it", reason)

@@ -12,7 +12,7 @@ from ..model import so3
 from ..model.bodies import Body
 from ..model.compatibility import check_body
 from ..model.state import AnyState, State
-from ..model.states import AxisState, TravellingState, attitude_of
+from ..model.states import AxisState, Coupled, TravellingState, attitude_of
 
 
 class Motion(NamedTuple):
@@ -100,7 +100,7 @@ def motion_of(path: Any, *, together: bool = False) -> Motion:
             f"{described(states)}; integrate without observe=."
         )
     times = np.asarray(path.times)
-    if states.several and not together:
+    if isinstance(states, Coupled) and not together:
         raise ValueError(
             f"path must be of one body, and a {type(states).__name__} holds {states.count}; take body i by "
             "path._replace(states=path.states.of_body(i)), and its row of the body."

@@ -11,7 +11,7 @@ from ..drivers.path import AnyPath
 from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
-from ..model.states import OrientedState, TravellingState
+from ..model.states import Coupled, OrientedState, TravellingState
 
 _MOST = 12
 _ROW = 4  # the most panels in a row
@@ -70,13 +70,15 @@ def _named(path: Any) -> tuple[list[str], list[Any]]:
         return [str(name) for name in path], list(path.values())
     if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple, too
         return [""] * len(path), list(path)
-    states = getattr(path, "states", None)
-    shape, coupled = np.shape(getattr(states, "momentum", 0.0)), getattr(states, "several", False)
+    states: Any = getattr(path, "states", None)
+    momentum: Any = getattr(states, "momentum", 0.0)
+    shape = np.shape(momentum)
+    coupled = isinstance(states, Coupled)
     if len(shape) == 3 + coupled:
         word = "replica" if coupled else "body"
         return [f"{word} {k}" for k in range(shape[0])], [_row(path, k) for k in range(min(shape[0], _MOST + 1))]
     if coupled and not isinstance(states, TravellingState):
-        count = path.states.count
+        count = states.count
         return [f"body {k}" for k in range(count)], [path_of_one(path, k) for k in range(min(count, _MOST + 1))]
     return [""], [path]
 
@@ -91,7 +93,7 @@ def _row(path: Any, k: int) -> Any:
 def _bodies(body: Any, paths: list[Any]) -> list[Any]:
     if isinstance(body, Sequence):
         return list(body)
-    coupled = any(getattr(getattr(path, "states", None), "several", False) for path in paths)
+    coupled = any(isinstance(getattr(path, "states", None), Coupled) for path in paths)
     if len(paths) > 1 and isinstance(body, Body) and len(body.batch) == 1 + coupled:
         return each_body(body, body.batch[0])
     return [body] * len(paths)

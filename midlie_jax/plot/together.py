@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..model.states import Coupled
 from .motion import motion_of
 from .several import Panel, each_body, path_of_one
 from .shape import shape_of
@@ -90,12 +91,12 @@ def togethers(panels: Sequence[Panel], axis: Any, frames: Any, most: int, points
 def _members(panel: Panel, points: Any) -> list[Moving]:
     """The bodies of a panel; those of a coupled path share the room that they need."""
     states: Any = getattr(panel.path, "states", None)
-    if not getattr(states, "several", False):
+    if not isinstance(states, Coupled):
         return [Moving(panel.body, panel.path, None if points is None else shape_of(panel.body, points))]
-    motion = motion_of(panel.path, together=True)
+    drawn: Any = motion_of(panel.path, together=True).states
     bodies = each_body(panel.body, states.count)
     shapes = [shape_of(body, points) for body in bodies]
-    room = room_of(bodies, np.asarray(motion.states.position, float), shapes)
+    room = room_of(bodies, np.asarray(drawn.position, float), shapes)
     return [
         Moving(body, path_of_one(panel.path, i), shape, room)
         for i, (body, shape) in enumerate(zip(bodies, shapes, strict=True))

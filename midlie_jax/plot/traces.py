@@ -16,7 +16,7 @@ _ROUND_COLOURS = (ORANGE, "#8fc6ea", "#f3c96b")  # of a cylinder: the end at e3,
 
 
 def still_traces(shown: Together) -> list[dict[str, Any]]:
-    """The sphere with the paths on it and the axes of space; of bodies that travel, unless they are many, their tracks."""
+    """The sphere with the paths on it and the axes of space; of a few bodies that travel their tracks."""
     first, digits = shown.members[0], _digits(shown)
     every = -(-len(first.path_times) // _MOST_POINTS)
     if shown.limits is None:

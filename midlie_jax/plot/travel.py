@@ -24,10 +24,12 @@ class Room(NamedTuple):
     Attributes:
         extent: the size of all their tracks.
         largest: the distance of the outermost corner of the largest of them from its middle.
+        apart: how far they are from each other, at first; drawn larger they leave half of it between them.
     """
 
     extent: float
     largest: float
+    apart: float
 
 
 class Travel(NamedTuple):
@@ -69,7 +71,17 @@ def around(track: np.ndarray, margin: float) -> np.ndarray:
 def room_of(bodies: list[FreeBody], tracks: np.ndarray, shapes: list[Shape]) -> Room:
     """The room of bodies with the tracks (n, bodies, 3)."""
     extent = float(np.max(np.ptp(tracks, axis=(0, 1))))
-    return Room(extent, max(_size(body, shape) for body, shape in zip(bodies, shapes, strict=True)))
+    return Room(extent, max(map(_size, bodies, shapes)), _apart(tracks[0]))
+
+
+def _apart(places: np.ndarray) -> float:
+    """The median distance of a place (n, 3) to the nearest other one."""
+    if len(places) < 2:
+        return np.inf
+    squares = np.sum(places**2, axis=1)
+    squared = squares[:, None] + squares - 2 * places @ places.T
+    np.fill_diagonal(squared, np.inf)
+    return float(np.sqrt(np.median(np.maximum(squared.min(axis=1), 0.0))))
 
 
 def _size(body: FreeBody, shape: Shape) -> float:
@@ -105,7 +117,7 @@ def travel_of(
         room = room_of([body], track[:, None], [shape])
         if room.extent < _AT_REST * own:
             return None
-    magnified = _round_number(_SEEN * CORNER * room.extent / room.largest)
+    magnified = _round_number(min(_SEEN * CORNER * room.extent, room.apart / 4) / room.largest)
     centres = track[before] + share[:, None] * (track[after] - track[before])
     return Travel(track, centres, magnified * own / CORNER, magnified)
 

@@ -111,7 +111,7 @@ def turnings(moving: Sequence[Moving | tuple[Any, Any]], axis: Any, frames: Any,
         raise ValueError("frames must be at least 2, got 1.")
     if count > most:
         raise ValueError(f"frames must be at most {most}, got {count}; show a part of the path.")
-    all_moving = [Moving(*one) for one in moving]
+    all_moving = [one if isinstance(one, Moving) else Moving(one[0], one[1]) for one in moving]
     shapes = [one.shape or shape_of(one.body) for one in all_moving]
     as_axis(axis)
     motions = [motion_of(one.path) for one in all_moving]

@@ -16,10 +16,11 @@ from ..model.bodies import RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
 from ..model.state import AnyState, State
-from ..model.states import AxisState, FreeAxisState, FreeState, RigidState, TravellingState
+from ..model.states import AxisState, Coupled, FreeAxisState, FreeState, RigidState, TravellingState
 from .names import parameter
 
-_KINDS: dict[str, type[AnyState]] = {kind.__name__: kind for kind in (AxisState, FreeState, FreeAxisState)}
+_KNOWN = AxisState, FreeState, FreeAxisState, *Coupled.__subclasses__()
+_KINDS: dict[str, type[AnyState]] = {kind.__name__: kind for kind in _KNOWN}
 _NAMES = {"momentum": ("momentum", "momenta"), "attitude": ("attitude", "attitudes"), "times": ("time", "times")}
 
 
@@ -29,7 +30,7 @@ class Saved(NamedTuple):
     Attributes:
         body: what moves.
         path: the motion, as far as it is computed; `first_bad` is the number of states if all can be trusted. Its
-            states are those of the run if they have an axis or travel; otherwise `RigidState`s.
+            states are those of the run if they have an axis, travel or are coupled; otherwise `RigidState`s.
         title: what the file says about the run.
         bodies: how many bodies there are in the file.
     """
@@ -45,7 +46,7 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
 
     Args:
         file: a store .zarr or a file .npz of `simulate`, or a file .npz of `midlie run`.
-        body: which body, from 0.
+        body: which body, from 0; of coupled bodies, which copy of all of them.
 
     Raises:
         ValueError: the file is not of such a run, or holds no attitudes (or axes, or places) or no moments of inertia
@@ -74,7 +75,7 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     values = {name: np.asarray(arrays[names[name]][body]) for name in _fields(kind)}
     times = arrays[names["times"]]
     t = np.asarray(times[body] if len(times.shape) > 1 else times)
-    finite = np.all([np.isfinite(value).all(axis=1) for value in values.values()], axis=0)
+    finite = np.all([np.isfinite(value).all(axis=tuple(range(1, value.ndim))) for value in values.values()], axis=0)
     good = int(np.cumprod(finite).sum())
     bad = int(arrays["first_bad"][body]) if "first_bad" in arrays else good
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
@@ -157,7 +158,7 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         if name not in arrays:
             return None
         values = np.asarray(arrays[name])
-        return values[body] if values.ndim > axes else values
+        return values[body] if values.ndim > axes + kind.several else values
 
     def lacks(what: str) -> ValueError:
         return ValueError(f"{source} holds no {what}; write it anew with this version of midlie_jax.")

@@ -33,6 +33,11 @@ def chart(options: argparse.Namespace) -> None:
 def _measure_and_draw(options: argparse.Namespace) -> None:
     require("matplotlib", "tqdm", "mpmath")
     scene = chosen.scene(options.scene)
+    if scene.start.several:
+        raise ValueError(
+            f"scene {scene.name!r} has {scene.start.count} coupled bodies, and a chart measures the errors of one; see "
+            f"midlie run {scene.name} --plot run.png, and benchmarks/binaries.py of the repository."
+        )
     methods = chosen.methods(options.methods or (), scene.body) or _usual(scene.body)
     names = [method.name for method in methods]
     rungs = convergence.ladder(scene, options.steps, options.levels or convergence.LEVELS)

@@ -24,6 +24,11 @@ def export(options: argparse.Namespace) -> None:
     """Writes a line for each time at which the body can be trusted; the header names each column and its unit."""
     saved = saved_path(options.run, options.body)
     path, states = saved.path, saved.path.states
+    if states.several:
+        raise ValueError(
+            f"{options.run} holds {states.count} coupled bodies, and export writes one; write all of them by "
+            "midlie run --out run.csv."
+        )
     what = "attitude" if hasattr(states, "attitude") else "axis"
     poses = np.asarray(getattr(states, what))
     good = int(np.cumprod(np.isfinite(poses).all(axis=1)).sum())

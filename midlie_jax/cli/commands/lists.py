@@ -19,6 +19,7 @@ from .. import scenes as all_scenes
 from ..scenes import Scene
 from .output import show_table
 
+_MOST_NUMBERS = 12  # of an array that are printed
 _HEADS = ["method", "moves", "order", "symmetric", "symplectic", "evaluations a step", "when to take it"]
 
 
@@ -116,4 +117,8 @@ def _parameters(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _numbers(array: Any) -> str:
-    return np.array2string(np.asarray(array), precision=7, separator=", ", max_line_width=1000)
+    """The numbers in one line; of more rows than a few, the first and the last."""
+    if np.ndim(array) and np.size(array) > _MOST_NUMBERS:
+        return f"{_numbers(array[0])}, ..., {_numbers(array[-1])}"
+    text = np.array2string(np.asarray(array), precision=7, separator=", ", max_line_width=1000)
+    return " ".join(text.split())

@@ -9,7 +9,9 @@ import numpy as np
 
 from ...model.bodies import RigidBody
 from ...model.states import AxisState, TravellingState
-from ...plot.conservation import Change, energy_change, momentum_change
+from ...plot.balance import balanced
+from ...plot.conservation import Change, energy_change, linear_change, momentum_change
+from ...plot.style import colours_of
 from ...simulation.names import named, parameter
 from ...simulation.variables import COORDINATES
 from ...simulation.versions import versions
@@ -41,7 +43,8 @@ class Record(NamedTuple):
         steps: number of steps.
         size, seed: size and seed of the perturbations, see `scenes.perturbed`; the first body is not perturbed.
         times: times of the saved states, (n,).
-        momenta: angular momenta, body frame, (bodies, n, 3); of an axis, in space.
+        momenta: angular momenta, body frame, (bodies, n, 3); of an axis, in space. Here and below, coupled bodies have
+            an axis (N,) before the last, and the first axis is that of their copies.
         attitudes: unit quaternions (w, x, y, z), body to space, (bodies, n, 4); or the axes in space, (bodies, n, 3).
         ok: `Path.ok` of each body, (bodies,).
         first_bad: `Path.first_bad` of each body, (bodies,), if it is known.
@@ -85,6 +88,10 @@ class Record(NamedTuple):
     def momentum_change(self) -> Change:
         """The change of the spatial momentum of each body, (bodies, n)."""
         states = self.states
+        if self.several:
+            first = jax.tree.map(lambda x: x[0], states)
+            whole = balanced(self.scene.body, self.scene.torque, self.times, first)
+            return momentum_change(self.scene.torque, states, balanced=whole)
         if isinstance(states, TravellingState):
             return travel_changes.angular_change(self.scene.torque, states)
         return momentum_change(self.scene.torque, states)
@@ -95,8 +102,22 @@ class Record(NamedTuple):
         if not self.travel:
             return []
         scene, states = self.scene, self.states
+        if self.several:
+            return [linear_change(scene.body, scene.torque, self.times, states)]
         place = travel_changes.place_change(scene.body.mass, scene.torque, self.times, states)
         return [travel_changes.linear_change(scene.torque, states), *([place] if place else [])]
+
+    @property
+    def several(self) -> bool:
+        """Whether coupled bodies move."""
+        return self.scene.start.several
+
+    def lines(self, values: np.ndarray, most: int) -> tuple[np.ndarray, list[str]]:
+        """What has a line of its own, and the colours: the first bodies; or all coupled bodies of the first copy."""
+        if self.several:
+            first = np.moveaxis(values[0], 1, 0)
+            return first, colours_of(len(first))
+        return values[:most], colours_of(most)
 
     @property
     def columns(self) -> dict[str, tuple[str, ...]]:
@@ -111,7 +132,10 @@ class Record(NamedTuple):
     def headline(self) -> str:
         """A description of the run in one line."""
         many = len(self.ok)
-        bodies = f"{many} perturbed bodies" if many > 1 else "one body"
+        bodies = f"{many} perturbed {'copies' if self.several else 'bodies'}" if many > 1 else "one body"
+        if self.several:
+            together = f"{self.scene.start.count} coupled bodies"
+            bodies = f"{bodies} of {together}" if many > 1 else together
         return (
             f"{self.scene.name}: {self.scene.title}; {bodies}, {self.method}, {self.steps} steps of {self.dt:g}, "
             f"{self.dtype}"
@@ -122,7 +146,7 @@ def save(record: Record, path: str) -> None:
     """Writes a .npz or .csv file, by the ending of `path`.
 
     The .npz contains the arrays and a full description of the run, and can be read without pickle. The .csv has a line
-    for each body and time: body, time, the components of the state, ok.
+    for each body and time: body, time, the components of the state, ok. Of coupled bodies: copy, time, body and so on.
 
     Raises:
         OSError: the file cannot be written.
@@ -184,9 +208,11 @@ def _save_csv(record: Record, path: str) -> None:
     arrays = record.momenta, record.attitudes, *record.travel
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(("body", "time", *chain(*record.columns.values()), "ok"))
-        for body, ok in enumerate(record.ok):
-            rows = np.concatenate([array[body] for array in arrays], axis=-1)
+        head = ("copy", "time", "body") if record.several else ("body", "time")
+        writer.writerow((*head, *chain(*record.columns.values()), "ok"))
+        for copy, ok in enumerate(record.ok):
+            rows = np.concatenate([array[copy] for array in arrays], axis=-1)
             for t, row in zip(record.times, rows, strict=True):
                 # A NumPy scalar prints with the fewest digits that give back the same number.
-                writer.writerow([body, t, *row, int(ok)])
+                for own in enumerate(row) if record.several else [(None, row)]:
+                    writer.writerow([copy, t, *(own[:1] if record.several else ()), *own[1], int(ok)])

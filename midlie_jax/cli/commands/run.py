@@ -18,6 +18,7 @@ from ...drivers.integrate import integrate
 from ...drivers.path import Path
 from ...methods.base import Method
 from ...model.states import AxisState
+from ...plot.style import FEW
 from .. import chosen, scenes
 from ..scenes import Scene
 from ..travel_changes import in_words
@@ -169,6 +170,10 @@ def _report(
 
 def _end(record: Record) -> list[tuple[str, str]]:
     """Where the first body is at the end, if it travels; or how its axis points, if it is only an axis."""
+    if record.travel and record.several:
+        places = record.travel[-1][0, -1]
+        shown = sorted({0, *(range(len(places)) if len(places) <= FEW else ()), len(places) - 1})
+        return [(f"place of body {i} at the end", in_words(places[i])) for i in shown]
     if record.travel:
         return [("place at the end", in_words(record.travel[-1][0, -1]))]
     if isinstance(record.scene.start, AxisState):

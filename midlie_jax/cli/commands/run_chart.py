@@ -47,11 +47,14 @@ def run_figure(record: Record) -> Any:
     figure = new_figure(19.0 if travels else 13.0, 10.0)
     count, failed = len(record.ok), int(np.sum(~record.ok))
     note = f"Run by {record.method} with {record.steps} steps of {record.dt:g} in {record.dtype}."
-    if count > 1:
+    if count > 1 and not record.several:
         note += (
             f" {count} perturbed bodies. Lines: the first {min(count, _FIRST)} bodies; the very first is unperturbed. "
             f"Bands: percentiles {_BAND[0]} to {_BAND[1]} of all bodies."
         )
+    if record.several:
+        note += f" Each of the {record.scene.start.count} bodies has a colour, from blue, the first one, to the last."
+        note += " Of several copies the first is drawn." if count > 1 else ""
     if failed:
         note += f" FAILED for {failed} of {count}: values that are not finite are left out."
     heading(figure, f"{record.scene.name}: {record.scene.title}", note)
@@ -98,9 +101,10 @@ def _rates(stack: Sequence[Any], record: Record, time: str, unit: str) -> None:
         panel(axes, title, time if last else "", "")
         axes.set_ylabel(f"Ω{letters[i]}  [{scale}rad/{unit}]", fontsize=9, color=INK)
         axes.tick_params(labelbottom=last)
-        _band(axes, record.times, scaled, FAINT)
-        for values, colour in zip(scaled[:_FIRST], _COLOURS, strict=False):
-            _plot(axes, record.times, values, colour)
+        if not record.several:
+            _band(axes, record.times, scaled, FAINT)
+        for values, colour in zip(*record.lines(scaled[..., None], _FIRST), strict=False):
+            _plot(axes, record.times, values[:, 0], colour)
         axes.set_xlim(*_span(record))
         low, high = axes.get_ylim()
         least = _LEAST_RANGE * np.nanmax(np.abs(scaled))  # keeps the rounding of a constant rate invisible
@@ -114,10 +118,10 @@ def _trace(axes: Any, record: Record) -> None:
     """Draws the path of an axis of the body on the unit sphere, seen along the z axis of space."""
     axis, name = _axis(record)
     panel(axes, f"Path of {name} in space, seen from +z", "x in space  [-]", "y in space  [-]")
-    poses = record.attitudes[:_FIRST]
+    poses, colours = record.lines(record.attitudes, _FIRST)
     is_axis = isinstance(record.scene.start, AxisState)
     tips = np.asarray(poses if is_axis else so3.to_matrix(jnp.asarray(poses)) @ axis, np.float64)
-    for (x, y, z), colour in zip(np.moveaxis(tips, -1, 1), _COLOURS, strict=False):
+    for (x, y, z), colour in zip(np.moveaxis(tips, -1, 1), colours, strict=False):
         above = np.where(z >= 0, 1.0, np.nan)
         axes.plot(x, y, color=colour, linewidth=0.9, alpha=0.35)
         axes.plot(x * above, y * above, color=colour, linewidth=1.2)
