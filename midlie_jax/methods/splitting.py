@@ -223,7 +223,10 @@ class _Stages(NamedTuple):
     def _fly_one(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         """The flight of one body, or of bodies side by side."""
         rotated, ok = self._turn(a, *system.rotating(motion))
-        return system.travelled(a * self.h, motion, rotated), of_all(ok)
+        moved = system.travelled(a * self.h, motion, rotated)
+        if system.kind.apart:  # or the flight would be repeated in the loop that asks whether all of them succeeded
+            moved, ok = split((moved, ok))
+        return moved, of_all(ok)
 
     def _turn(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
         """The flight of what turns; of particles, their flight."""
