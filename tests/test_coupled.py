@@ -16,7 +16,7 @@ from midlie_jax.methods import schemes
 from midlie_jax.methods.splitting import Splitting
 
 CASES = [*FEW, *whole(*(case for case in ALL if case not in FEW))]
-BY_TURNS = [(*case, DTYPES[n % 2]) for n, case in enumerate(FEW)]
+BY_TURNS = [(*case, DTYPES[(n + 1) % 2]) for n, case in enumerate(FEW)]
 BY_TURNS += whole(*((*case, dtype) for case in ALL for dtype in DTYPES if (*case, dtype) not in BY_TURNS))
 
 
@@ -29,7 +29,7 @@ def paths(kind, name, dtype):
     return run(kind, name, stacked(*[start(kind, dtype)] * len(DT)), DT)
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_order(kind, name):
     order, found, exact = ml.method(name).order, paths(kind, name, "float64"), truth(kind, 0.5)
@@ -66,7 +66,7 @@ def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
         np.testing.assert_array_equal(a[:, half], b[:, -1])
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_one_alone_moves_as_in_a_batch(kind, name):
     """Of replicas with times of their own: each as without the others."""
@@ -91,7 +91,7 @@ def test_the_momenta_of_all_together_are_kept(kind, name, dtype):
 SOME = [case for case in FEW if case[1] != "JACOBI[CHIN4A]"][:6]
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), [*SOME, *whole(*(case for case in ALL if case not in SOME))])
 def test_bodies_in_another_order_move_alike(kind, name):
     order = np.roll(np.arange(KINDS[kind].count), 1)
@@ -102,7 +102,7 @@ def test_bodies_in_another_order_move_alike(kind, name):
     assert gap(moved.states, jax.tree.map(lambda x: x[:, order], there)) < 100 * roundings(name) * epsilon("float64")
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), [*SOME, *whole(*(case for case in ALL if case not in SOME))])
 def test_the_whole_can_be_moved_and_turned(kind, name):
     """The motion of all bodies, moved and turned in space, is the motion moved and turned."""
@@ -132,7 +132,7 @@ def test_the_whole_can_be_moved_and_turned(kind, name):
 ALONE = ["JACOBI[EA]", *whole(*(name for kind, name in ALL if kind == "five" and name != "JACOBI[EA]"))]
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALONE)
 @pytest.mark.parametrize("kind", ["five", "two"])
 def test_bodies_without_coupling_move_each_as_alone(kind, name):
@@ -159,7 +159,7 @@ SYMPLECTIC = [name for kind, name in ALL if kind == "two" and isinstance(ml.meth
 FEW_SYMPLECTIC = ["JACOBI[EA]", "LIEMID[EA]", "DLM[EA]", "JACOBI[CHIN4A]"]
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", [*FEW_SYMPLECTIC, *whole(*(n for n in SYMPLECTIC if n not in FEW_SYMPLECTIC))])
 def test_the_defect_on_the_phase_space_of_two_bodies(name):
     """M^T W1 M = W0 on 24 dimensions, to rounding where the flight is symplectic."""
@@ -187,7 +187,7 @@ def test_the_defect_on_the_phase_space_of_two_bodies(name):
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", ["two", "five", "two axes"])
+@pytest.mark.parametrize("kind", ["five", "two", "two axes"])
 @pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Reversible(), ml.Forward()], ids=lambda x: type(x).__name__)
 def test_gradients_are_those_of_differences(kind, adjoint):
     name = "SYMMETRIC[SRKN6b]" if "axes" in kind else "JACOBI[SRKN6b]"
@@ -213,7 +213,7 @@ def test_gradients_are_those_of_differences(kind, adjoint):
 BATCH = 517
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     "torque", [None, ml.torques.MutualGravity(1.0), ml.torques.MutualGravity(1.0, degree=4)], ids=["V", "2", "4"]
 )
@@ -237,3 +237,13 @@ def test_the_function_of_many_bodies_is_compiled_apart_once_a_step(own_times):
     text = quick(mapped).lower(states, dt if own_times else dt[0]).compile().as_text()
     calls = re.findall(r"= .* conditional\(", text)
     assert len(calls) == 2  # before the first step, and in the loop over the stages of a step
+
+
+@pytest.mark.parametrize("name", ["LIEMID[EA]"])
+def test_a_flight_of_many_bodies_is_not_repeated(name):
+    """For each of its numbers, or where a step asks whether all succeeded: such programs do not end compiling."""
+    body, one = ml.FreeBody(ml.RigidBody([1.0, 1.2, 1.5]), 1.0), start("five")
+    many = type(one)(*(jnp.tile(x, (4, 1)) for x in jax.tree.leaves(one)))
+    run = real(lambda s: ml.integrate(name, body, None, s, dt=0.01, steps=8, save_every=8))
+    text = run.lower(many).compile().as_text()
+    assert max(len(re.findall(r"\[20\].* fusion\(", loop)) for loop in loop_bodies(text)) < 12

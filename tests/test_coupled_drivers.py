@@ -27,8 +27,8 @@ def replicas(state, count=4):
     return type(state)(many.momentum * factors[:, None, None], *jax.tree.leaves(many)[1:])
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", ["five", *(kind for kind in KINDS if kind != "five")])
 def test_an_ensemble_moves_replicas(kind):
     """As each alone, also with a body and a step for each; and the energy is that of each."""
     body, torque, one = setup(kind)
@@ -60,7 +60,7 @@ def test_a_simulation_of_replicas_is_stored_and_resumed(kind, tmp_path):
     assert gap(found, expected.states) < 1e-13
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", BOTH)
 def test_variable_steps_follow_a_constant_density(kind):
     body, torque, one = setup(kind)
@@ -69,7 +69,7 @@ def test_variable_steps_follow_a_constant_density(kind):
     assert gap(found.states, fixed.states) < 1e-11
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", ["five", "two", "two axes"])
 def test_diffrax_takes_the_same_steps_and_its_own_solvers_agree(kind):
     body, torque, one = setup(kind)
@@ -81,7 +81,7 @@ def test_diffrax_takes_the_same_steps_and_its_own_solvers_agree(kind):
     assert gap(at(solve(diffrax.Dopri8()).ys, 0), at(fixed.states, 10)) < 1e-2
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_free_motion_is_that_of_each_body(kind):
     body, _, one = setup(kind)
@@ -94,7 +94,7 @@ def test_free_motion_is_that_of_each_body(kind):
         assert gap(found.states.of_body(i), alone.states) < 1e-13
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", BOTH)
 def test_check_finds_a_step(kind):
     body, torque, one = setup(kind)
@@ -131,6 +131,7 @@ def test_a_body_that_serves_all_is_the_same_as_a_row_for_each():
     assert gap(found.states, ml.integrate("JACOBI[EA]", each, torque, one, **options).states) < 1e-14
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("count", [2, 5])
 def test_a_body_with_a_full_tensor_moves_as_in_its_principal_axes(count):
     one = start("two" if count == 2 else "five")
@@ -153,6 +154,7 @@ def test_a_body_with_a_full_tensor_moves_as_in_its_principal_axes(count):
     assert gap(found.states.momentum, ml.so3.rotate(frames, expected.states.momentum)) < 1e-12
 
 
+@pytest.mark.sample(0)
 def test_a_linear_molecule_is_a_body_with_a_small_third_moment():
     """Kinds are not mixed; without a torque about the axis and without spin, the third moment enters nothing."""
     kind = KINDS["two axes"]

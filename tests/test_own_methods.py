@@ -100,6 +100,7 @@ def test_a_run_takes_them_and_its_file_says_where_they_are_from(folder):
     np.testing.assert_allclose(own["momenta"], same["momenta"], rtol=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_a_store_says_so_too_and_goes_on_with_no_other_method_of_that_name(folder):
     run = ["run", "own_numbers:my_scene", "--method", "own_numbers:my_method", "--steps", "16", "--out", "own.zarr"]
     for options in ([], ["--resume"]):
