@@ -149,6 +149,27 @@ def compiled(method: Method | str, dtype: str, *, cut: bool = True, unroll: int 
     return Compiled(turn, launches.times(1 / turn)._replace(size=launches.size / turn / BATCH), seconds, ptx)
 
 
+def coupled(count: int) -> str:
+    """The optimised program of a run of coupled bodies under a force of all pairs."""
+
+    def energy(t, state):
+        apart = state.position[:, None] - state.position[None]
+        return jnp.sum(1 / jnp.sqrt(1 + jnp.sum(apart * apart, axis=-1)))
+
+    def run(*arrays):
+        body, torque = ml.FreeBody(ml.RigidBody([1.0, 1.2, 1.5]), 1.0), ml.torques.FromPotential(energy)
+        steps = {"dt": 0.02, "steps": ITERATIONS, "save_every": ITERATIONS}
+        return ml.integrate("JACOBI[EA]", body, torque, ml.CoupledState(*arrays), **steps)
+
+    card = SingleDeviceSharding(_card())
+    arguments = [jax.ShapeDtypeStruct((count, size), "float64", sharding=card) for size in (3, 4, 3, 3)]
+    jax.clear_caches()  # the package traces another program for a GPU
+    with mock.patch.object(jax, "default_backend", return_value="gpu"):
+        text = jax.jit(run, out_shardings=card).lower(*arguments).compile().as_text()
+    jax.clear_caches()
+    return text
+
+
 def _card():
     target = CARD.read_text()
     topology = topologies.get_topology_desc("h200", platform="cuda", target_config=target, topology="1x1x1")

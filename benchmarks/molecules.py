@@ -5,8 +5,9 @@
     python benchmarks/molecules.py speed [--write]           216 and 1,728 waters: the time of a step
     python benchmarks/molecules.py equipartition [--write]   temperatures of rotation and travel
 
-Needs `pip install 'midlie_jax[molecules]'`. Times are processor times on one core; programs that are compared take
-turns. `equipartition --minutes 35` goes on with the runs in `--kept`, a file, before it shows what they say.
+Needs `pip install 'midlie_jax[bench-molecules]'`. Times are processor times on one core; programs that are
+compared take turns. `equipartition --minutes 35` goes on with the runs in `--kept`, a file, before it shows what they
+say.
 """
 
 import argparse

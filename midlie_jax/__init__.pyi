@@ -2,6 +2,7 @@
 
 from . import diffrax as diffrax
 from . import fitting as fitting
+from . import molecules as molecules
 from . import plot as plot
 from . import simulation as simulation
 from .advice.check import Check as Check

@@ -45,6 +45,13 @@ def test_a_long_step_is_cut_where_little_has_to_be_kept(levels, share):
     assert cut.size <= share * uncut.size
 
 
+def test_the_function_of_many_bodies_is_compiled_once_and_waits_for_no_predicate():
+    """On a GPU it stands between barriers: a conditional would bring its predicate to the host in every step."""
+    text = kernels.coupled(216)
+    assert " conditional(" not in text
+    assert len(re.findall(r"%?input_reduce_fusion[\w.\-]* = .* fusion\(", text)) <= 6
+
+
 def test_the_search_for_fused_operations_finds_them():
     assert re.search(FUSED_OR_ROUGH, "fma.rn.f32 %f1, %f2, %f3, %f4;")
     assert re.search(FUSED_OR_ROUGH, "div.full.f32 %f1, %f2, %f3;")

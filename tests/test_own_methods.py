@@ -65,6 +65,7 @@ def test_the_maps_of_stability_take_it(folder):
     assert (folder / "maps.png").stat().st_size > 10_000
 
 
+@pytest.mark.sample(0)
 def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch, capsys):
     """With made-up figures. The page names the command with the name that was given."""
     nothing, defects, eighths = np.zeros((8, 2)), (1e-15,) * 3, np.full((8, 8), 1e-3)

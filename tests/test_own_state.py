@@ -99,6 +99,7 @@ def test_methods_have_their_order(method, order, truth):
     assert np.log2(coarse / fine) > order - 0.7
 
 
+@pytest.mark.sample(0)
 def test_the_energy_is_kept_by_a_symplectic_method():
     path = quick(
         lambda: ml.integrate(ml.method(Travel(), "EA"), BODY, pull(), START, dt=0.01, steps=400, save_every=10)

@@ -149,6 +149,7 @@ def cat(wrench):
     return jnp.concatenate([wrench.torque, wrench.force], axis=1).ravel()
 
 
+@pytest.mark.sample(0)
 def test_the_cantilever_of_timoshenko():
     errors = []
     for count in (10, 20):

@@ -112,7 +112,7 @@ def spun_up(kind, share):
     return (gain - np.asarray(pull, float) * dt * steps) / momentum[:, 0], found.rounding, steps
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("share", [0.3, 7.0])
 def test_a_constant_torque_is_lost_to_rounding_unless_the_state_is_compensated(share):
     """It changes the momentum by the same bits in every step, and every sum rounds it the same way; `check` says so."""

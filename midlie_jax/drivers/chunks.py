@@ -33,6 +33,7 @@ _CHUNK = 256  # bodies moved at once on one core
 # The same for a state of many numbers. Its arrays then do not begin at multiples of 2 KiB, where they would share a few
 # places of the first-level cache (`benchmarks/kinds_of_state.py`).
 _CHUNK_OF_MANY, _MANY = 376, 12
+_NUMBERS = 26 * _CHUNK_OF_MANY  # of states moved at once; of many coupled bodies only a few replicas are
 _VECTOR = 8  # bodies: chunks whose size is no multiple of this were measured to take up to four times as long
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
@@ -215,7 +216,7 @@ def chunk_size(count: int, start: Any = None) -> int:
     if not on_cpu():
         return count
     numbers = sum(leaf.size // max(leaf.shape[0], 1) for leaf in jax.tree.leaves(start))
-    chunk = _CHUNK_OF_MANY if numbers > _MANY else _CHUNK
+    chunk = min(_CHUNK_OF_MANY, max(1, _NUMBERS // numbers)) if numbers > _MANY else _CHUNK
     return chunk if cores() == 1 else 32 * chunk
 
 

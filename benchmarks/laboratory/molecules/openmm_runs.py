@@ -61,5 +61,5 @@ def _openmm() -> Any:
     try:
         import openmm
     except ImportError as error:
-        raise ImportError("OpenMM is not installed: pip install 'midlie_jax[molecules]'.") from error
+        raise ImportError("OpenMM is not installed: pip install 'midlie_jax[bench-molecules]'.") from error
     return openmm

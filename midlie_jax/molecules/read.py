@@ -1,0 +1,111 @@
+"""`read`: rigid molecules from a file of atoms, such as GRO, PDB or LAMMPS data, by ase."""
+
+from os import PathLike
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._checks.arguments import as_count
+from ..model import so3
+from ..model.bodies import RigidBody
+from ..model.free_body import FreeBody
+from ..model.sites import from_points
+from ..model.states import CoupledState
+
+_NM_PER_ANGSTROM = 0.1
+_RIGID = 0.01  # by how much, in nm, the atoms of a molecule may differ from those of the first
+
+
+class Molecules(NamedTuple):
+    """N equal rigid molecules.
+
+    Attributes:
+        body: one body that serves all; moments in amu nm^2.
+        points: the atoms of a molecule in its principal frame, (a, 3), nm.
+        start: positions in nm, momenta in amu nm/ps and amu nm^2/ps; at rest if the file has no velocities.
+        box: the edges of the box, (3,), nm; zero where it is not periodic.
+        symbols: the chemical symbols of the atoms of a molecule.
+    """
+
+    body: FreeBody
+    points: Any
+    start: CoupledState
+    box: np.ndarray
+    symbols: list[str]
+
+
+def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options: Any) -> Molecules:
+    """Reads molecules of `atoms` atoms each, which follow one another in the file.
+
+    The shape of all molecules is that of the first. A molecule that crosses the border of a periodic box is put
+    together at its first atom. What its velocities say beyond a rigid motion is left out.
+
+    Args:
+        file: in any format that ase reads, with positions in the units that ase takes them to have.
+        atoms: of a molecule, at least 3 and not on one line.
+        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements.
+        options: for `ase.io.read`, such as format="lammps-data", units="real".
+
+    Returns:
+        Body, points, start, box and symbols.
+
+    Raises:
+        ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
+        ValueError: the number of atoms is no multiple of `atoms`, the box is not rectangular, the molecules differ in
+            shape or elements, or the atoms are on a line.
+    """
+    try:
+        from ase import io, units
+    except ImportError as error:
+        raise ImportError("reading molecules needs ase: pip install 'midlie_jax[molecules]'.") from error
+    size = as_count("atoms", atoms)
+    found: Any = io.read(file, **options)
+    if len(found) % size or not len(found):
+        raise ValueError(f"{file} has {len(found)} atoms, which is no multiple of atoms ({size}).")
+    symbols = found.get_chemical_symbols()
+    if symbols != symbols[:size] * (len(found) // size):
+        raise ValueError(
+            f"the molecules must be equal and follow one another, but the elements of {file} do not repeat."
+        )
+    box = _box(found)
+    weights = np.asarray(found.get_masses()[:size] if masses is None else masses, float)
+    places = np.asarray(found.get_positions()).reshape(-1, size, 3) * _NM_PER_ANGSTROM
+    velocities = np.asarray(found.get_velocities()).reshape(-1, size, 3) * (1000 * units.fs * _NM_PER_ANGSTROM)
+    places = places[:, :1] + _nearest(places - places[:, :1], box)
+    body, points = from_points(weights, places[0])
+    if not isinstance(body.body, RigidBody):
+        raise ValueError("the atoms of a molecule are on a line; give a CoupledFreeAxisState by hand.")
+    return Molecules(body, points, _start(weights, np.asarray(points), places, velocities), box, symbols[:size])
+
+
+def _box(atoms: Any) -> np.ndarray:
+    cell = np.asarray(atoms.get_cell())
+    if np.any(np.abs(cell - np.diag(np.diag(cell))) > 1e-9):
+        raise ValueError("the box must be rectangular, with edges along x, y and z.")
+    return np.where(atoms.get_pbc(), np.diag(cell), 0) * _NM_PER_ANGSTROM
+
+
+def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Ways between nearest images."""
+    edges = np.where(box > 0, box, 1)
+    return way - np.where(box > 0, edges * np.round(way / edges), 0)
+
+
+def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocities: np.ndarray) -> CoupledState:
+    """The rigid motion nearest to that of the atoms: attitudes by Kabsch's method, momenta by sums."""
+    weights = masses[:, None] / masses.sum()
+    position, velocity = np.sum(weights * places, axis=1), np.sum(weights * velocities, axis=1)
+    arms = places - position[:, None]
+    u, _, v = np.linalg.svd(np.einsum("a,nai,aj->nij", masses, arms, points))
+    signs = np.ones((len(places), 3))
+    signs[:, 2] = np.linalg.det(u) * np.linalg.det(v)
+    frames = np.einsum("nij,nj,njk->nik", u, signs, v)
+    missed = np.abs(np.einsum("nij,aj->nai", frames, points) - arms).max()
+    if missed > _RIGID:
+        raise ValueError(
+            f"the molecules differ in shape by {missed:.3g} nm, and rigid ones do not; give a file of rigid ones."
+        )
+    spin = np.einsum("a,nai->ni", masses, np.cross(arms, velocities - velocity[:, None]))
+    momentum = np.einsum("nij,ni->nj", frames, spin)
+    return CoupledState(momentum, so3.from_matrix(jnp.asarray(frames)), masses.sum() * velocity, position)

@@ -1,0 +1,73 @@
+"""`write_xyz`: the motion of coupled bodies as extended XYZ, for OVITO and VMD."""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from ..model.sites import sites
+
+_ANGSTROM_PER_NM = 10.0
+
+
+def write_xyz(
+    file: str | PathLike[str],
+    path: Any,
+    *,
+    points: Any = None,
+    symbols: Sequence[str] | str = "X",
+    box: Any = None,
+    scale: float = _ANGSTROM_PER_NM,
+) -> None:
+    """Writes a frame for each saved state.
+
+    Without points a particle is a body, with its orientation as a quaternion (x, y, z, w), in the column by which OVITO
+    draws shapes. With points a particle is a site of a body, as molecular viewers draw it, and the column
+    `molecule` has the number of its body.
+
+    Args:
+        file: where to write; a file of this name is replaced.
+        path: of a run of a `CoupledState` (one replica): states with arrays (n, N, 3).
+        points: the sites of each body in its frame, (a, 3), or None.
+        symbols: the chemical symbols of the sites, or one of all particles.
+        box: the edges of a periodic box, (3,) or (), in the unit of length of the states; or None.
+        scale: Angstroms, in which viewers measure, per unit of length of the states: 10 for nm.
+
+    Raises:
+        ValueError: the states are not those of coupled bodies that travel, or have more leading axes than the times; a
+            number of symbols that is not that of the points.
+    """
+    states, times = path.states, np.asarray(path.times)
+    if not getattr(states, "several", False) or not hasattr(states, "position") or states.position.ndim != 3:
+        raise ValueError("path must be that of one run of a CoupledState, with positions (n, N, 3).")
+    if points is None and not hasattr(states, "attitude"):
+        raise ValueError(f"a {type(states).__name__} has no attitude; give points on its axis.")
+    per_body = 1 if points is None else len(points)
+    names = [symbols] * per_body if isinstance(symbols, str) else list(symbols)
+    if len(names) != per_body:
+        raise ValueError(f"symbols must be one for each of {per_body} points, got {len(names)}.")
+    columns = "species:S:1:pos:R:3" + (":orientation:R:4" if points is None else ":molecule:I:1")
+    lattice = ""
+    if box is not None:
+        edges = np.broadcast_to(np.asarray(box, float), 3) * scale
+        lattice = 'Lattice="{:.10g} 0 0 0 {:.10g} 0 0 0 {:.10g}" '.format(*edges)
+    with open(file, "w", encoding="utf-8") as out:
+        for frame, time in enumerate(times):
+            rows = _rows(states, frame, points, scale)
+            out.write(f"{len(rows)}\n{lattice}Properties={columns} Time={time:.10g}\n")
+            for number, row in enumerate(rows):
+                out.write(f"{names[number % per_body]} {row}\n")
+
+
+def _rows(states: Any, frame: int, points: Any, scale: float) -> list[str]:
+    """The lines of the particles of a frame, without their symbols."""
+    here = type(states)(*(getattr(states, name)[frame] for name in states.described()))
+    if points is None:
+        w, *vector = np.asarray(here.attitude).T
+        numbers = np.column_stack([np.asarray(here.position) * scale, *vector, w])
+        return [" ".join(f"{x:.9g}" for x in row) for row in numbers]
+    places = np.asarray(sites(here, points)) * scale
+    return [
+        " ".join(f"{x:.9g}" for x in place) + f" {body + 1}" for body, group in enumerate(places) for place in group
+    ]

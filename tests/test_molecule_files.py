@@ -1,0 +1,111 @@
+"""Files of molecules: read by ase what ase wrote, in each format; written frames that ase reads back."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import midlie_jax as ml
+from midlie_jax import molecules
+
+ase = pytest.importorskip("ase")
+from ase import io, units  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore:Setting the shape on a NumPy array:DeprecationWarning")  # in ase
+
+MASSES, PLACES = np.array([15.999, 1.008, 1.008]), np.array([[0, 0, 0], [0.0816, 0.0577, 0], [-0.0816, 0.0577, 0]])
+BOX = 1.6
+
+
+def box_of_water(count=8, seed=0):
+    """Body, points and a start in a periodic box."""
+    rng = np.random.default_rng(seed)
+    body, points = ml.from_points(MASSES, PLACES)
+    attitude = Rotation.random(count, rng).as_quat(scalar_first=True)
+    place = np.stack(np.meshgrid(*[[0.05, 0.85]] * 3), -1).reshape(-1, 3)[:count]
+    momentum, linear = 0.05 * rng.normal(size=(2, count, 3))
+    return body, points, ml.CoupledState(momentum, attitude, 100 * linear, place)
+
+
+def as_atoms(body, points, state, wrap=True):
+    """The atoms as ase holds them."""
+    places = np.asarray(ml.sites(state, points))
+    spin = np.asarray(ml.so3.rotate(state.attitude, state.momentum / body.body.moments[None]))
+    arms = places - np.asarray(state.position)[:, None]
+    velocities = np.asarray(state.linear)[:, None] / float(body.mass) + np.cross(spin[:, None], arms)
+    atoms = ase.Atoms("OHH" * len(places), 10 * places.reshape(-1, 3), cell=[10 * BOX] * 3, pbc=True)
+    atoms.set_velocities(velocities.reshape(-1, 3) * 10 / (1000 * units.fs))
+    if wrap:
+        atoms.wrap()
+    return atoms
+
+
+@pytest.mark.parametrize(
+    ("name", "written", "options", "digits"),
+    [
+        ("w.xyz", {"format": "extxyz"}, {}, 1e-6),
+        ("w.gro", {}, {}, 1.1e-3),
+        ("w.pdb", {}, {}, 1e-4),
+        (
+            "w.data",
+            {"format": "lammps-data", "units": "real", "atom_style": "full", "velocities": True, "masses": True},
+            {"format": "lammps-data", "units": "real", "atom_style": "full"},
+            1e-6,
+        ),
+    ],
+)
+def test_a_start_comes_from_a_file(name, written, options, digits, tmp_path):
+    body, points, start = box_of_water()
+    io.write(tmp_path / name, as_atoms(body, points, start), **written)
+    found = molecules.read(tmp_path / name, 3, masses=MASSES, **options)
+    np.testing.assert_allclose(found.body.body.moments, body.body.moments, rtol=40 * digits)
+    np.testing.assert_allclose(found.box, [BOX] * 3, atol=1e-4)
+    # At the images that the file has: the same atoms, up to whole boxes.
+    way = (np.asarray(ml.sites(found.start, found.points)) - np.asarray(ml.sites(start, points))) / BOX
+    assert np.abs(way - np.round(way)).max() * BOX < 2 * digits
+    if name.endswith(("xyz", "data")):
+        np.testing.assert_allclose(found.start.linear, start.linear, atol=1e-3)
+        spin = [np.asarray(ml.so3.rotate(s.attitude, s.momentum)) for s in (found.start, start)]
+        np.testing.assert_allclose(*spin, atol=1e-4)
+
+
+def test_a_trajectory_is_read_by_others(tmp_path):
+    body, points, start = box_of_water(4)
+    path = ml.integrate("JACOBI[EA]", body, None, start, dt=0.001, steps=20, save_every=10)
+    molecules.write_xyz(tmp_path / "sites.xyz", path, points=points, symbols=["O", "H", "H"], box=BOX)
+    frames = io.read(tmp_path / "sites.xyz", index=":")
+    assert len(frames) == 3
+    assert frames[0].get_chemical_symbols() == ["O", "H", "H"] * 4
+    places = np.asarray(jax.vmap(lambda s: ml.sites(s, points))(path.states))
+    np.testing.assert_allclose(frames[2].get_positions(), 10 * places[2].reshape(-1, 3), atol=1e-7)
+    np.testing.assert_allclose(np.diag(frames[1].get_cell()), [10 * BOX] * 3)
+    np.testing.assert_array_equal(frames[1].arrays["molecule"], np.repeat([1, 2, 3, 4], 3))
+    molecules.write_xyz(tmp_path / "bodies.xyz", path)
+    bodies = io.read(tmp_path / "bodies.xyz", index=1)
+    quaternions = np.asarray(path.states.attitude[1])[:, [1, 2, 3, 0]]
+    np.testing.assert_allclose(bodies.arrays["orientation"], quaternions, atol=1e-8)
+
+
+def test_what_cannot_be_read_or_written(tmp_path):
+    body, points, start = box_of_water(2)
+    atoms = as_atoms(body, points, start)
+    io.write(tmp_path / "w.xyz", atoms)
+    with pytest.raises(ValueError, match="no multiple of atoms"):
+        molecules.read(tmp_path / "w.xyz", 4)
+    moved = atoms.copy()
+    moved.positions[4] += 0.5
+    io.write(tmp_path / "w.xyz", moved)
+    with pytest.raises(ValueError, match="differ in shape"):
+        molecules.read(tmp_path / "w.xyz", 3)
+    atoms.set_chemical_symbols(["O", "H", "H", "H", "O", "H"])
+    io.write(tmp_path / "w.xyz", atoms)
+    with pytest.raises(ValueError, match="must be equal"):
+        molecules.read(tmp_path / "w.xyz", 3)
+    path = ml.integrate("JACOBI[EA]", body, None, start.of_body(0), dt=0.001, steps=1)
+    with pytest.raises(ValueError, match="one run of a CoupledState"):
+        molecules.write_xyz(tmp_path / "x.xyz", path)
+    path = path._replace(states=jax.tree.map(lambda x: jnp.stack([x, x], axis=1), path.states))
+    path = path._replace(states=ml.CoupledState.of_bodies(path.states))
+    with pytest.raises(ValueError, match="one for each of 3 points"):
+        molecules.write_xyz(tmp_path / "x.xyz", path, points=points, symbols=["O", "H"])
