@@ -60,7 +60,7 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     except ImportError as error:
         raise ImportError("reading molecules needs ase: pip install 'midlie_jax[molecules]'.") from error
     size = as_count("atoms", atoms)
-    found: Any = io.read(file, **options)
+    found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
         raise ValueError(f"{file} has {len(found)} atoms, which is no multiple of atoms ({size}).")
     symbols = found.get_chemical_symbols()
