@@ -77,7 +77,7 @@ def test_a_trajectory_is_read_by_others(tmp_path):
     body, points, start = box_of_water(4)
     path = ml.integrate("JACOBI[EA]", body, None, start, dt=0.001, steps=20, save_every=10)
     molecules.write_xyz(tmp_path / "sites.xyz", path, points=points, symbols=["O", "H", "H"], box=BOX)
-    frames = io.read(tmp_path / "sites.xyz", index=":")
+    frames: Any = io.read(tmp_path / "sites.xyz", index=":")
     assert len(frames) == 3
     assert frames[0].get_chemical_symbols() == ["O", "H", "H"] * 4
     places = np.asarray(jax.vmap(lambda s: ml.sites(s, points))(path.states))
@@ -85,7 +85,7 @@ def test_a_trajectory_is_read_by_others(tmp_path):
     np.testing.assert_allclose(np.diag(frames[1].get_cell()), [10 * BOX] * 3)
     np.testing.assert_array_equal(frames[1].arrays["molecule"], np.repeat([1, 2, 3, 4], 3))
     molecules.write_xyz(tmp_path / "bodies.xyz", path)
-    bodies = io.read(tmp_path / "bodies.xyz", index=1)
+    bodies: Any = io.read(tmp_path / "bodies.xyz", index=1)
     quaternions = np.asarray(path.states.attitude[1])[:, [1, 2, 3, 0]]
     np.testing.assert_allclose(bodies.arrays["orientation"], quaternions, atol=1e-8)
 
