@@ -88,6 +88,7 @@ def test_a_property_is_seen_where_it_is_and_missed_where_it_is_not(name):
     assert not PROPERTIES[name](measured(LACKS))
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", [HAS, LACKS])
 def test_the_order(name):
     found, order = measured(name), ml.method(name).order

@@ -44,7 +44,7 @@ def test_an_ensemble_moves_replicas(kind):
     np.testing.assert_allclose(energies[2], ml.energy(at(own, 2), torque, alone), rtol=1e-12)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", ["five", "two", "two axes"])
 def test_a_simulation_of_replicas_is_stored_and_resumed(kind, tmp_path):
     body, torque, one = setup(kind)
@@ -81,7 +81,7 @@ def test_diffrax_takes_the_same_steps_and_its_own_solvers_agree(kind):
     assert gap(at(solve(diffrax.Dopri8()).ys, 0), at(fixed.states, 10)) < 1e-2
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_free_motion_is_that_of_each_body(kind):
     body, _, one = setup(kind)
@@ -123,6 +123,7 @@ def test_one_body_that_turns_too_far_fails_the_run():
     assert path.result == ml.RESULTS.beyond_reach
 
 
+@pytest.mark.sample(0)
 def test_a_body_that_serves_all_is_the_same_as_a_row_for_each():
     _, torque, one = setup("five")
     each = ml.FreeBody(ml.RigidBody(np.tile([1.0, 1.2, 1.5], (5, 1))), np.full(5, 1.3))

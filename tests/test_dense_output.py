@@ -48,6 +48,7 @@ def spun(turn):
     )
 
 
+@pytest.mark.sample(0)
 def test_dense_output_of_a_long_turn_is_right_or_nan():
     """Up to 8.8 radians the attitude of a steady spin is the true one, above there is none; a controller keeps below.
 

@@ -131,6 +131,7 @@ def test_sigmas_below_what_rounding_leaves_do_not_keep_the_optimiser_going():
     np.testing.assert_allclose(result.values["moments"] / MOMENTS, 1, rtol=0, atol=1e-6)  # the error of the step
 
 
+@pytest.mark.sample(0)
 def test_a_flat_body_is_a_limit_that_the_result_names():
     """I3 = I1 + I2: the moments come near, the fit may not converge, and the result says why."""
     flat = np.array([1.0, 2.0, 3.0])

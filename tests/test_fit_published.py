@@ -57,6 +57,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert 0.9 < np.mean(many.rms) < 1.0  # less than 1, because the parameters take 5 of 39 degrees of freedom
 
 
+@pytest.mark.sample(0)
 def test_the_covariance_is_that_of_the_scatter():
     """Of 100 copies a variance is known to 14 %."""
     many, _ = resampled()

@@ -87,6 +87,7 @@ def test_the_claims_take_it_and_say_how_to_measure_it_again(folder, monkeypatch,
     assert f"--methods '{NAME}'" not in text  # which the command would not know
 
 
+@pytest.mark.sample(0)
 def test_a_run_takes_them_and_its_file_says_where_they_are_from(folder):
     """Though the scene has the name of one of the package, the file is not taken for a run of that one."""
     run = ["run", "own_numbers:my_scene", "--steps", "64"]

@@ -19,7 +19,16 @@ from midlie_jax.cli.main import main
 
 VERSION = PROJECT["version"]
 INFO = f"midlie_jax-{VERSION}.dist-info/"
-TESTED = ("plot", "progress", "oracle", "io", "cli", "fit", "molecules", "test")  # the extras that `make test-lowest` installs
+TESTED = (
+    "plot",
+    "progress",
+    "oracle",
+    "io",
+    "cli",
+    "fit",
+    "molecules",
+    "test",
+)  # the extras that `make test-lowest` installs
 
 
 @pytest.fixture(scope="module")

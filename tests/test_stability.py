@@ -54,6 +54,7 @@ def test_a_mistake_is_one_line(arguments, words):
     assert err.count("\n") == 1
 
 
+@pytest.mark.sample(0)
 def test_the_sweeps_that_are_asked_for_are_measured_alone(tmp_path):
     options = ["--methods", "SYMMETRIC[EA]", "--grid", "2", "--steps", "20", "--out", str(tmp_path / "maps.png")]
     code, out, err = midlie("compass", *options, "--sweeps", "stiffness")

@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
 FLOORS = (
-    "_xla", "_math", "_checks", "model", "scattering", "methods", "drivers", "advice", "diffrax", "fitting", "plot",
-    "simulation", "", "cli",
+    "_xla", "_math", "_checks", "model", "molecules", "scattering", "methods", "drivers", "advice", "diffrax", "fitting",
+    "plot", "simulation", "", "cli",
 )  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def test_the_package_shows_the_names_of_its_stub():
     first, second, others = printed(code).splitlines()
     assert (first, second) == ("False", "True")
     # Folders of the package, and two modules that have classes to stand for them.
-    assert others.split() == ["diffrax", "fitting", "flights", "plot", "schemes", "simulation"]
+    assert others.split() == ["diffrax", "fitting", "flights", "molecules", "plot", "schemes", "simulation"]
 
 
 def test_fitting_is_imported_when_it_is_first_asked_for():

@@ -46,7 +46,7 @@ def paths(kind, name, dtype):
     return run(kind, name, stacked(*[start(kind, dtype)] * len(DT)), DT)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_order(kind, name):
     order, found, exact = ml.method(name).order, paths(kind, name, "float64"), truth(kind, 1.0)

@@ -147,6 +147,7 @@ def test_the_pendulum_swings_between_the_heights_that_its_energy_allows():
     assert worst(np.linalg.norm(axis, axis=1), 1.0) < 1e-15
 
 
+@pytest.mark.sample(0)
 def test_the_boomerang_turns_left_loses_energy_and_comes_back():
     scene, path = scenes.scene("boomerang"), path_of("boomerang", "JACOBI[EA]", 2000, 50)
     place = np.asarray(path.states.position)

@@ -187,7 +187,7 @@ def opened(page, picture, folder, *options):
     return np.asarray(Image.open(picture).convert("RGB")).astype(int), re.findall(r"CONSOLE[:(].*", said)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome is installed, in which the view could be opened")
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_a_view_in_a_browser(page, tmp_path, dark):
