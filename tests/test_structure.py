@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
 FLOORS = (
-    "_xla", "_math", "_checks", "model", "molecules", "scattering", "methods", "drivers", "advice", "diffrax", "fitting",
-    "plot", "simulation", "", "cli",
+    "_xla", "_math", "_checks", "model", "molecules", "scattering", "methods", "drivers", "advice", "diffrax",
+    "fitting", "plot", "simulation", "", "cli",
 )  # fmt: skip
 
 
