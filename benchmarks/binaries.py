@@ -7,9 +7,6 @@ through `ml.ensemble`. First calls are measured in processes of their own. `--wr
 """
 
 import argparse
-import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -23,6 +20,7 @@ import numpy as np  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
+import first_call  # noqa: E402
 from laboratory.binaries import chart, didymos  # noqa: E402
 from laboratory.binaries.cost import GUBAS, Rung, day, end, fastest, gravity, rungs  # noqa: E402
 from pages import DOCS, put, shown  # noqa: E402
@@ -30,7 +28,7 @@ from pages import DOCS, put, shown  # noqa: E402
 import midlie_jax as ml  # noqa: E402
 
 PAGE, PICTURE = "reports/binaries.md", "binaries.png"
-DEGREES, ERROR, FRESH = (2, 4), 1e-10, 3
+DEGREES, ERROR = (2, 4), 1e-10
 HEADS = ("degree", "method", "steps a day", "ms a day and binary", "error", "GUBAS, ms", "its error", "times faster")
 FIRST_HEADS = ("degree", "method", "one binary, s", "1000 binaries, s")
 LONG_HEADS = ("method", "step, s", "energy, first five years", "last five years", "angular momentum", "seconds")
@@ -56,17 +54,13 @@ def first_rows() -> Iterator[list[str]]:
         for method in ("JACOBI[SRKN14a]", "GBS12"):
             cells = list[str]()
             for kind in ("one", "many"):
-                command = [sys.executable, __file__, "--first", method, str(degree), kind]
-                runs = [subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(FRESH)]
-                cells.append(f"{statistics.median(float(run.stdout.split()[-1]) for run in runs):.1f}")
+                cells.append(f"{first_call.seconds(__file__, method, str(degree), kind):.1f}")
             yield [str(degree), f"`{method}`", *cells]
 
 
 def print_first_call(method: str, degree: str, kind: str) -> None:
-    began = time.process_time()
     run: Any = end if kind == "one" else lambda *case: day(*case)()
-    jax.block_until_ready(run(method, int(degree), 144))
-    print(time.process_time() - began)
+    first_call.report(lambda: run(method, int(degree), 144))
 
 
 def long_rows() -> Iterator[list[str]]:

@@ -7,10 +7,6 @@ Ratios of processor times on one core, medians of rounds in which all programs t
 """
 
 import argparse
-import statistics
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -24,6 +20,7 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
+import first_call  # noqa: E402
 from laboratory import scenes, thrown_brick  # noqa: E402
 from pages import put, shown  # noqa: E402
 
@@ -33,7 +30,7 @@ from midlie_jax._xla.compiler import compiler_options  # noqa: E402
 PAGE = "reports/kinds-of-state.md"
 BEGIN, END = "<!-- kinds -->", "<!-- /kinds -->"
 THROW_BEGIN, THROW_END = "<!-- throw -->", "<!-- /throw -->"
-BODIES, DT, ROUNDS, FRESH = 4096, 0.005, 9, 3
+BODIES, DT, ROUNDS = 4096, 0.005, 9
 STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80}
 DTYPES = ("float64", "float32")
 HEADS = ("method", "state", "float64, ns", "by `RigidState`", "float32, ns", "by `RigidState`", "first call, s")
@@ -88,19 +85,10 @@ def compiled(*case: str) -> Callable[[], Any]:
     return lambda: jax.block_until_ready(program(starts))
 
 
-def first_call(*case: str) -> float:
-    """Seconds of the first call in a process of its own; imports are not counted."""
-    command = [sys.executable, __file__, "--first", *case]
-    found = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(FRESH)]
-    return statistics.median(float(text.split()[-1]) for text in found)
-
-
 def print_first_call(*case: str) -> None:
     run, starts = ensemble(*case)
     jax.block_until_ready(starts)
-    began = time.process_time()
-    jax.block_until_ready(run(starts))
-    print(time.process_time() - began)
+    first_call.report(lambda: run(starts))
 
 
 def rows() -> Iterator[list[str]]:
@@ -112,7 +100,12 @@ def rows() -> Iterator[list[str]]:
         own = [costs[flight, scheme, state, dtype] for dtype in DTYPES]
         whole = [costs[flight, scheme, "RigidState", dtype] for dtype in DTYPES]
         cells = [text for mine, its in zip(own, whole, strict=True) for text in (f"{mine:.3g}", f"{mine / its:.2f}")]
-        yield [f"`{flight}[{scheme}]`", f"`{state}`", *cells, f"{first_call(flight, scheme, state, 'float64'):.1f}"]
+        yield [
+            f"`{flight}[{scheme}]`",
+            f"`{state}`",
+            *cells,
+            f"{first_call.seconds(__file__, flight, scheme, state, 'float64'):.1f}",
+        ]
 
 
 def main() -> None:

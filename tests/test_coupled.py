@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import travel_cases
 from cases import DTYPES, benchmark, epsilon, loop_bodies, quick, real, whole
 from coupled_cases import ALL, DT, FEW, FIELD, KINDS, STEPS, forced, integrate, run, start, truth
 from travel_cases import at, gap, stacked
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
 from midlie_jax.methods.splitting import Splitting
 
 CASES = [*FEW, *whole(*(case for case in ALL if case not in FEW))]
@@ -20,8 +20,7 @@ BY_TURNS = [(*case, DTYPES[(n + 1) % 2]) for n, case in enumerate(FEW)]
 BY_TURNS += whole(*((*case, dtype) for case in ALL for dtype in DTYPES if (*case, dtype) not in BY_TURNS))
 
 
-def roundings(name):
-    return STEPS * max(1, getattr(ml.method(name), "scheme", schemes.EA).flights / 2)
+roundings = partial(travel_cases.roundings, steps=STEPS)
 
 
 @cache

@@ -21,6 +21,7 @@ from travel_cases import (
     integrate,
     moved_by,
     potential,
+    roundings,
     run,
     stacked,
     start,
@@ -28,17 +29,12 @@ from travel_cases import (
 )
 
 import midlie_jax as ml
-from midlie_jax.methods import schemes
 from midlie_jax.methods.splitting import Splitting
 
 CASES = [*FEW, *whole(*(case for case in ALL if case not in FEW))]
 BY_TURNS = [(*case, DTYPES[n % 2]) for n, case in enumerate(FEW)]
 BY_TURNS += whole(*((*case, dtype) for case in ALL for dtype in DTYPES if (*case, dtype) not in BY_TURNS))
 DT = [*(1 / (16 << level) for level in range(LEVELS)), 0.0]
-
-
-def roundings(name):
-    return STEPS * max(1, getattr(ml.method(name), "scheme", schemes.EA).flights / 2)
 
 
 @cache

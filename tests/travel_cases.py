@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax.methods import schemes
 
 STEPS, LEVELS = 128, 4
 MASS, ATTITUDE, LINEAR, POSITION = 3.0, turn(0.5, -0.3, 0.8), (1.5, -0.6, 0.9), (0.8, 0.5, -0.4)
@@ -121,6 +122,11 @@ def run(kind, name, states, dt, first=None, hurried=True):
     first = np.zeros(len(dt), np.int32) if first is None else first
     dtype = states.momentum.dtype
     return jax.tree.map(np.asarray, compiled(kind, name, hurried)(states, jnp.asarray(dt, dtype), first))
+
+
+def roundings(name, steps=STEPS):
+    """How many roundings of one flight each the errors of a run are made of."""
+    return steps * max(1, getattr(ml.method(name), "scheme", schemes.EA).flights / 2)
 
 
 def stacked(*states):

@@ -1,5 +1,8 @@
 """`OfBody`: a measurement of one of several coupled bodies."""
 
+# What are fields of other measurements are read from the one within.
+# pyright: reportIncompatibleVariableOverride=false
+
 from typing import Any
 
 import equinox as eqx
@@ -26,11 +29,6 @@ class OfBody(Measurement):
 
     body: int = eqx.field(static=True)
     measurement: Measurement
-    times: Float[Array, " n"]
-    values: Array
-    sigma: Array
-    present: Bool[Array, "..."]
-    clock: Source | None
 
     def __init__(self, body: Any, measurement: Any):
         if isinstance(body, bool) or not isinstance(body, int | np.integer) or body < 0:
@@ -40,8 +38,26 @@ class OfBody(Measurement):
                 f"measurement must be one of Rates, Attitudes, Directions and Positions, got {described(measurement)}."
             )
         self.body, self.measurement = int(body), measurement
-        self.times, self.values, self.sigma = measurement.times, measurement.values, measurement.sigma
-        self.present, self.clock = measurement.present, measurement.clock
+
+    @property
+    def times(self) -> Float[Array, " n"]:
+        return self.measurement.times
+
+    @property
+    def values(self) -> Array:
+        return self.measurement.values
+
+    @property
+    def sigma(self) -> Array:
+        return self.measurement.sigma
+
+    @property
+    def present(self) -> Bool[Array, "..."]:
+        return self.measurement.present
+
+    @property
+    def clock(self) -> Source | None:
+        return self.measurement.clock
 
     def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
         if not states.several:

@@ -1,5 +1,6 @@
 """`Splitting`, a method whose step alternates flights and kicks in the order and with the coefficients of a scheme."""
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,7 +15,7 @@ from .._xla.platform import on_cpu
 from ..model.bodies import Body
 from ..model.free_body import FreeInertia
 from ..model.state import AnyState
-from ..model.states.members import Inertias, largest
+from ..model.states.members import Inertias
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
@@ -74,7 +75,7 @@ class Splitting(Method):
         if isinstance(inertia, FreeInertia):
             return self.turn_rate(inertia.rotation, momentum.angular)
         if isinstance(inertia, Inertias):
-            return largest([self.turn_rate(*each) for each in zip(inertia.members, momentum, strict=True)])
+            return reduce(jnp.maximum, map(self.turn_rate, inertia.members, momentum))
         return self.flight.turn_rate(inertia, momentum)
 
     @property

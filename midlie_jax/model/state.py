@@ -76,6 +76,14 @@ class State(eqx.Module, Generic[P, Q]):
     def parts(self) -> tuple[P, Q]:
         """(momentum, pose) in the form that the steps use."""
 
+    @classmethod
+    def unchecked(cls, **arrays: Any) -> Any:
+        """The state with these arrays, without the checks of the class: those of a failed run may hold NaN."""
+        state = object.__new__(cls)
+        for name, array in arrays.items():
+            object.__setattr__(state, name, array)
+        return state
+
     def kind_of_run(self, torque: Traits | None) -> "type[State[P, Q]]":
         """The class in whose form a run moves the state, from the traits of the torque: by default the state's own."""
         del torque

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import Any
 
+import jax
 import numpy as np
 
 from ..model.sites import sites
@@ -62,7 +63,7 @@ def write_xyz(
 
 def _rows(states: Any, frame: int, points: Any, scale: float) -> list[str]:
     """The lines of the particles of a frame, without their symbols."""
-    here = type(states)(*(getattr(states, name)[frame] for name in states.described()))
+    here = jax.tree.map(lambda x: x[frame], states)
     if points is None:
         w, *vector = np.asarray(here.attitude).T
         numbers = np.column_stack([np.asarray(here.position) * scale, *vector, w])

@@ -6,7 +6,6 @@ from dataclasses import fields
 from pathlib import Path as File
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -81,7 +80,7 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
     ok = bool(arrays["ok"][body]) if "ok" in arrays else bad >= len(t)
     # An incomplete store has no numbers yet where nothing is computed, which is not a failure.
     count = good if ok else len(t)
-    states = _unchecked(kind, {name: value[:count] for name, value in values.items()})
+    states = kind.unchecked(**{name: jnp.asarray(value[:count]) for name, value in values.items()})
     path = Path(jnp.asarray(t[:count]), states, jnp.asarray(ok), jnp.asarray(min(bad, good)))
     title = str(arrays["title"]) if "title" in arrays else source.name
     return Saved(_body(source, arrays, body, kind), path, title, bodies)
@@ -102,19 +101,11 @@ def states_of(file: str | File) -> AnyState:
             f"{source} holds no states; it must be a run of midlie_jax.simulate without observe=, and the module that "
             "defines a kind of state of your own must have been imported."
         )
-    return _unchecked(kind, {name: arrays[name][:] for name in _fields(kind)})
+    return kind.unchecked(**{name: jnp.asarray(arrays[name][:]) for name in _fields(kind)})
 
 
 def _fields(kind: type[Any]) -> list[str]:
     return [field.name for field in fields(kind)]
-
-
-def _unchecked(kind: type[Any], arrays: Mapping[str, Any]) -> Any:
-    """The states with these arrays, unchecked, as those of a failed run, which may hold NaN, must be."""
-    blank = object.__new__(kind)
-    for name in _fields(kind):
-        object.__setattr__(blank, name, 0.0)
-    return jax.tree.unflatten(jax.tree.structure(blank), [jnp.asarray(arrays[name]) for name in _fields(kind)])
 
 
 def _kinds(kind: type[Any]) -> dict[str, type[Any]]:

@@ -52,10 +52,8 @@ class Coupled(State[Any, Any]):
 
     def of_body(self, i: Any) -> Any:
         """The state of body i alone, such as a `FreeState`; of slice(None) those of all bodies as a batch."""
-        one = object.__new__(self.in_components.member)  # unchecked, because a failed run may hold NaN
-        for name in self.described():
-            object.__setattr__(one, name, getattr(self, name)[..., i, :])
-        return one
+        rows = {name: getattr(self, name)[..., i, :] for name in self.described()}
+        return self.in_components.member.unchecked(**rows)
 
     def kind_of_run(self, torque: Traits | None) -> type[State[Any, Any]]:
         """The kind in whose form a run moves the bodies: number by number if they are few and the function is short."""

@@ -49,10 +49,7 @@ class TravellingState(State[Momenta, Place]):
     @property
     def turning(self) -> Any:
         """The state of the rotation alone, about the centre of mass; unchecked, as a failed run may hold NaN."""
-        turning = object.__new__(self.rotation)
-        for name in ("momentum", self.oriented):
-            object.__setattr__(turning, name, getattr(self, name))
-        return turning
+        return self.rotation.unchecked(**{name: getattr(self, name) for name in ("momentum", self.oriented)})
 
     def parts(self) -> tuple[Momenta, Place]:
         momentum, orientation = self.turning.parts()

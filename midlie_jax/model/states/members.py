@@ -8,6 +8,7 @@ replicas, as for a single body. Every method is that of the state of one body, f
 # pyright: reportIncompatibleMethodOverride=false
 
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -41,23 +42,14 @@ class Inertias(NamedTuple):
 
     def square_of_turn(self, h: Any, momentum: Any) -> Array:
         """The largest |h Omega|^2 of a body."""
-        squares = [own.square_of_turn(h, p) for own, p in zip(self.members, momentum, strict=True)]
-        return largest(squares)
+        return reduce(jnp.maximum, [own.square_of_turn(h, p) for own, p in zip(self.members, momentum, strict=True)])
 
     def nutation(self, momentum: Any) -> Array:
         """The largest of a body."""
-        return largest(list(self._each("nutation", momentum)))
+        return reduce(jnp.maximum, self._each("nutation", momentum))
 
     def _each(self, name: str, vector: Any) -> Any:
         return tuple(getattr(own, name)(v) for own, v in zip(self.members, vector, strict=True))
-
-
-def largest(numbers: list[Array]) -> Array:
-    """The largest of several numbers."""
-    result = numbers[0]
-    for number in numbers[1:]:
-        result = jnp.maximum(result, number)
-    return result
 
 
 class Members(State[Any, Any]):
