@@ -30,6 +30,7 @@ from .trials import Trial, Trials
 
 _HARMONICS = (1, 2, 3)  # which resonances h omega = pi / k are looked for
 _MOST_COUPLED = 32  # coupled bodies, whose torques are linearised all together
+_NO_BATH = "check looks at single motions, of which a heat bath makes another every time"
 _OFF = 0.95  # the factor that shortens a suggested step, until it is off every resonance
 _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
 
@@ -181,9 +182,9 @@ def check(
     if axes not in (0, 1):
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
     if axes == 0:  # with one body nothing has rows
-        check_system(method, body, torque, start)
+        check_system(method, body, torque, start, bath=_NO_BATH)
         start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
-    batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
+    batch = as_batch(method, body, torque, start, dt, t0, torque_axes, bath=_NO_BATH)
     return _judged(
         Trials(batch, steps if steps is None else as_count("steps", steps)),
         float(dt),

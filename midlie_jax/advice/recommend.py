@@ -161,7 +161,8 @@ def recommend(
     if span == 0:
         raise ValueError("duration must not be zero; give the time for which the motion is to be integrated.")
     t0 = as_scalar("t0", t0, start.momentum.dtype)
-    check_system(find_method(_exact_method(body)), body, torque, start)
+    refused = "recommend compares single motions, of which a heat bath makes another every time"
+    check_system(find_method(_exact_method(body)), body, torque, start, bath=refused)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * _speed(body, start) / _FIRST_TURN))
     runs: dict[str, dict[int, _Run]] = {}

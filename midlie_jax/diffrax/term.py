@@ -14,7 +14,7 @@ from jax import Array
 
 from .._checks.arguments import described, same_dtype
 from .._math import components as cp
-from ..drivers.arguments import check_moves
+from ..drivers.arguments import check_bath, check_moves
 from ..methods.base import Method
 from ..methods.system import System
 from ..model.bodies import Body
@@ -132,6 +132,9 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
     check_body(body, y)
     if method is not None:
         check_moves(method, body, y)
+    check_bath(
+        method, torque, "a heat bath needs midlie_jax.integrate or ensemble, because diffrax does not count steps"
+    )
     check_batch("y0", body, y)
     try:
         same_dtype("the state", y.momentum, body=body, torque=torque)

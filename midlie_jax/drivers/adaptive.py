@@ -162,7 +162,8 @@ def integrate_adaptive(
     if isinstance(adjoint, Reversible):
         raise ValueError("adjoint must be Checkpointed() or Forward(): variable steps are not taken back one by one.")
     observe = as_observe_of_one(observe)
-    method = check_system(as_method(method), body, torque, start)
+    refused = "integrate_adaptive chooses its steps by the state, and in a heat bath that would bias averages"
+    method = check_system(as_method(method), body, torque, start, bath=refused)
     if not method.symmetric:
         raise ValueError(
             f"method {method.name!r} is not symmetric, but a reversible step control needs a symmetric method; "
@@ -175,7 +176,7 @@ def integrate_adaptive(
         require_finite("density", leaf)
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    check_step(dt)
+    check_step(method, dt)
     if rho is not None:
         rho = as_scalar("rho", rho, dtype)
         if not cp.is_traced(rho) and rho <= 0:

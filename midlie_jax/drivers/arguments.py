@@ -14,7 +14,7 @@ from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
-from ..model.torques import Torque
+from ..model.torques import Torque, without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -27,11 +27,14 @@ def as_method(method: Any) -> Method:
     return result
 
 
-def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: int = 0) -> Method:
+def check_system(
+    method: Method, body: Any, torque: Any, start: Any, *, batch: int = 0, bath: str | None = None
+) -> Method:
     """Raises unless method, body, torque and start fit each other.
 
     Args:
         batch: number of leading axes of the state; the body has as many leading axes, or none.
+        bath: why no heat bath is possible here, for a message; None where one is.
 
     Returns:
         The method, fitted to the body.
@@ -40,6 +43,7 @@ def check_system(method: Method, body: Any, torque: Any, start: Any, *, batch: i
     check_body(body, start)
     check_moves(method, body, start)
     check_torque(torque)
+    check_bath(method, torque, bath)
     if isinstance(torque, Torque):
         torque.check(start)
     check_batch("start", body, start, batch)
@@ -69,6 +73,31 @@ def check_moves(method: Method, body: Any, start: Any) -> None:
         )
 
 
+def check_bath(method: Method | None, torque: Any, refused: str | None = None) -> None:
+    """Raises unless the method has a stage for the heat bath of the torque, or has none if there is none.
+
+    Args:
+        method: None if there is no method of this package.
+        refused: why no heat bath is possible here, or None.
+    """
+    _, bath = without_bath(torque)
+    random = method is not None and method.random
+    if refused is not None and (bath is not None or random):
+        raise ValueError(f"{refused}; leave out Langevin, and take a scheme without a bath, such as EA.")
+    if method is None:
+        return
+    if bath is not None and not random:
+        raise ValueError(
+            f"the torque has a heat bath, Langevin, but method {method.name!r} has no stage for it; take a scheme with "
+            "one, such as JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments."
+        )
+    if bath is None and random:
+        raise ValueError(
+            f"method {method.name!r} has a stage for a heat bath, but the torque has none; add "
+            "midlie_jax.torques.Langevin(kT, friction, key), or take a scheme without the stage, such as EA."
+        )
+
+
 def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     """A finite number () in the dtype of the run."""
     array = as_floats(name, value)
@@ -79,10 +108,14 @@ def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     return array
 
 
-def check_step(dt: Array) -> None:
-    """Raises if a step that is not traced is zero or not finite in the dtype of the run."""
-    if not is_traced(dt) and not np.all(np.isfinite(dt) & (np.asarray(dt) != 0)):
+def check_step(method: Method, dt: Array) -> None:
+    """Raises if a step that is not traced is zero or not finite in the dtype of the run, or negative in a heat bath."""
+    if is_traced(dt):
+        return
+    if not np.all(np.isfinite(dt) & (np.asarray(dt) != 0)):
         raise ValueError(f"dt must be finite and not zero, got {dt}.")
+    if method.random and np.any(np.asarray(dt) < 0):
+        raise ValueError(f"dt must be positive in a heat bath, which has no way back in time, got {dt}.")
 
 
 def as_saving(save_every: Any, steps: int) -> int | None:

@@ -20,7 +20,6 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from .._xla.compiler import tuned_jit
 from .._xla.platform import cores, on_cpu
 from ..methods.base import Method
-from ..methods.system import System
 from . import shared_inputs
 from .adjoints import Adjoint, Reversible
 from .integrate import run_of_body
@@ -179,7 +178,7 @@ def shared_tables(
     if inputs is None:
         return None
     body, torque, start, dt, t0 = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
-    system, first = System.of(body, torque, start, t0), first.astype(jnp.int32)
+    system, first = method.system(body, torque, start, t0, dt), first.astype(jnp.int32)
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
     if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
         return None

@@ -12,13 +12,13 @@ from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState, StateT
-from ..model.torques import TorqueLike
+from ..model.torques import TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_first_step, as_method, as_saving, check_step, check_system
 from .chunks import chunk_size, run_ensemble, shared_tables
 from .observe import Observe, Statistic, as_observe
 from .path import Path
-from .rows import count_rows, torque_rows
+from .rows import AUTO, count_rows, torque_rows
 
 
 @overload  # what is observed takes the place of the states
@@ -139,18 +139,30 @@ class Batch(NamedTuple):
 
 
 def as_batch(
-    method: Method | str, body: Any, torque: Any, start: Any, dt: Any, t0: Any, torque_axes: Any = "auto"
+    method: Method | str,
+    body: Any,
+    torque: Any,
+    start: Any,
+    dt: Any,
+    t0: Any,
+    torque_axes: Any = AUTO,
+    bath: str | None = None,
 ) -> Batch:
-    """The checked arguments of `ensemble`; a ValueError names an argument that does not fit the others."""
+    """The checked arguments of `ensemble`; a ValueError names an argument that does not fit the others.
+
+    Args:
+        method, body, torque, start, dt, t0, torque_axes: as for `ensemble`.
+        bath: why no heat bath is possible here, for a message; None where one is.
+    """
     check_state("start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
-    method = check_system(as_method(method), body, torque, start, batch=1)
+    method = check_system(as_method(method), body, torque, start, batch=1, bath=bath)
     if count == 0:
         raise ValueError(
             f"start holds no bodies: its momentum has shape {start.momentum.shape}; give it one row for each body."
         )
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
-    check_step(dt)
+    check_step(method, dt)
     own_body = bool(start.batch_of(body))
     rows = (
         jax.tree.map(lambda _: own_body, body),
@@ -159,6 +171,12 @@ def as_batch(
         dt.ndim == 1,
         t0.ndim == 1,
     )
+    if isinstance(torque_axes, str) and torque_axes == AUTO and any(not bath.key for bath in baths_in(rows[1])):
+        raise ValueError(
+            f"Langevin has one key for {count} bodies, which would all get the same noise; give it one for each, "
+            f"jax.random.split(key, {count}). If they are to have the same noise, say so by torque_axes, which names "
+            "the parameters that have rows, or is None."
+        )
     arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     return Batch(method, count, *eqx.partition(arguments, rows))

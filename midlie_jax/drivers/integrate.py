@@ -111,7 +111,7 @@ def integrate(
     method = check_system(as_method(method), body, torque, start)
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    check_step(dt)
+    check_step(method, dt)
     run = as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every or steps
     path = _run(method, *run, observe=observe)
     return path if save_every else end_alone(path)
@@ -146,7 +146,7 @@ def run_of_body(
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
     body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
-    system = System.of(body, torque, start, t0)
+    system = method.system(body, torque, start, t0, dt)
     adjoint.check(method, system, save_every)
     counted, first = leg is not None or counts(first, steps), first.astype(jnp.int32)
 
@@ -158,7 +158,7 @@ def run_of_body(
         n, row = step
         if shared is not None:
             return shared.advance(system, t0, dt, h, progress, n, row)
-        return method.advance(system, (t0, dt), partial(ends_of_step, n), h, progress, axes)[0]
+        return method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n), h, progress, axes)[0]
 
     def take_back(progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
         ends = partial(ends_of_step_back, step[0])

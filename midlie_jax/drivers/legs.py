@@ -16,7 +16,6 @@ from jax import Array
 
 from .._xla.platform import on_cpu
 from ..methods.base import Method, Progress
-from ..methods.system import System
 from ..methods.verdict import FINE
 
 # About as many steps per iteration on an accelerator, where the host checks after each iteration whether to go on.
@@ -58,8 +57,8 @@ def nothing_carried(method: Method, mapped: Any, shared: Any, rows: int) -> Prog
     """
 
     def progress(arguments: Any) -> Progress:
-        body, torque, start, _, t0 = arguments
-        system = System.of(body, torque, start, t0)
+        body, torque, start, dt, t0 = arguments
+        system = method.system(body, torque, start, t0, dt)
         motion = system.motion(start)
         return Progress(motion, motion.momentum if method.keeps_force(system) else None, jnp.asarray(FINE))
 

@@ -81,7 +81,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
 
     def system_of(arrays: Any, t: Array) -> System:
         body, torque, start = eqx.combine(arrays, functions)
-        return System.of(body, torque, start, t)._replace(costly=costly)
+        return method.system(body, torque, start, t, dt)._replace(costly=costly)
 
     own, _, _ = depends(jax.make_jaxpr(lambda *a: _arrays(system_of(*a)))(arrays, t0), [*marks, False])
     constants, other = eqx.partition(system_of(arrays, t0), eqx.is_array)
@@ -94,7 +94,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
         count = len(leaves) - structure.num_leaves
         system = eqx.combine(jax.tree.unflatten(jax.tree.structure(constants), leaves[:count]), other)
         before = structure.unflatten(leaves[count:])
-        after, _ = method.advance(system, (t0, dt), partial(ends_of_step, n), h, before)
+        after, _ = method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n), h, before)
         return jax.tree.leaves(after)
 
     inputs = [dt, jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]

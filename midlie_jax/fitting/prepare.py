@@ -107,7 +107,8 @@ def _checked_model(
         raise ValueError(
             f"model must take the values of the guess and return (body, torque, start): {error}"
         ) from error
-    method = check_system(method, body, torque, start)
+    refused = "fit compares one motion with the measurements, and in a heat bath there are many"
+    method = check_system(method, body, torque, start, bath=refused)
     if not start.own_axes:
         raise ValueError("model returned Particles; the measurements here are of rigid bodies.")
     if start.momentum.dtype != layout.start().dtype:

@@ -71,6 +71,11 @@ class Method(eqx.Module):
         return False
 
     @property
+    def random(self) -> bool:
+        """Whether a step has a stage of a heat bath, and so needs a `midlie_jax.torques.Langevin`."""
+        return False
+
+    @property
     def solves(self) -> int:
         """Equations that a step solves by iteration."""
         return 0
@@ -120,6 +125,16 @@ class Method(eqx.Module):
         """
         del body
         return self
+
+    def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
+        """The system of a run: `System.of`, in the bath of the torque if it has one.
+
+        Args:
+            body, torque, start: as for `midlie_jax.integrate`.
+            t, h: the first time and the step.
+        """
+        del h
+        return System.of(body, torque, start, t)
 
     @abstractmethod
     def keeps_force(self, system: System) -> bool:

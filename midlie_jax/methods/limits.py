@@ -11,7 +11,7 @@ import numpy as np
 
 from .formula import Formula
 from .scheme import Scheme
-from .stages import KICK
+from .stages import BATH, KICK
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
@@ -37,12 +37,13 @@ def oscillator_limit(scheme: Scheme) -> float:
     As for `verlet_limit`, with all stages of the scheme: in units with I = omega = 1 and a step of x, a flight a is the
     matrix ((1, a x), (0, 1)) and a kick b is ((1, 0), (-b x (1 - 2 g x^2), 1)). The weight g of a force gradient enters
     because the potential V - g h^2 T . I^-1 T has the stiffness k (1 - 2 g (h omega)^2). The determinant is 1, so the
-    step is stable where the trace is between -2 and 2. The limit is the first x at which it leaves this interval.
+    step is stable where the trace is between -2 and 2. The limit is the first x at which it leaves this interval. A
+    bath is left out: its damping adds to the stability.
     """
     x = np.arange(_FINEST, _FURTHEST, _FINEST)
     step = np.broadcast_to(np.eye(2), (len(x), 2, 2))
     weights = iter(scheme.gradients)
-    for kind, coefficient in scheme.stages:
+    for kind, coefficient in (stage for stage in scheme.stages if stage[0] != BATH):
         stage = np.broadcast_to(np.eye(2), (len(x), 2, 2)).copy()
         if kind == KICK:
             stage[:, 1, 0] = -coefficient * x * (1 - 2 * next(weights, 0.0) * x * x)

@@ -1,11 +1,11 @@
-"""`Scheme`, the table of kicks and flights that make a step, checked when it is made."""
+"""`Scheme`, the table of kicks, flights and baths that make a step, checked when it is made."""
 
 from dataclasses import InitVar, dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any
 
-from .scheme_order import measured_order
-from .stages import FLIGHT, KICK
+from .scheme_order import measured_order, measured_weak_order
+from .stages import BATH, FLIGHT, KICK
 
 _ROUNDING = 1e-12  # tolerance for sums of coefficients, which are published with 14 digits or more
 _names: set[str] = set()  # the names of the package's own schemes
@@ -18,9 +18,11 @@ class Scheme:
     Attributes:
         name: the part in brackets of a method's name.
         order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. It is
-            measured (`measured_order`, up to half a second) unless there are no kicks.
-        stages: pairs (KICK | FLIGHT, coefficient), in the order in which they act. The coefficients of the kicks sum to
-            1, and so do those of the flights.
+            measured (`measured_order`, up to half a second) unless there are no kicks. Of a scheme with a bath it is
+            the weak order, that of averages, which is 2 at most (`measured_weak_order`).
+        stages: pairs (KICK | FLIGHT | BATH, coefficient), in the order in which they act. The coefficients of each kind
+            sum to 1. In a stage of the bath, momenta are damped and pushed at random, and poses stay
+            (`midlie_jax.torques.Langevin`).
         source: the publication of the table.
         use: when to use the scheme, for `midlie_jax.schemes()`.
         leading: whether the scheme, with an exact flight, needs the least work for some torque and some accuracy.
@@ -28,7 +30,7 @@ class Scheme:
         composed: whether the scheme is a composition of whole symmetric steps, which also raises the order of an
             inexact flight.
         gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
-            V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f.
+            V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f. Not with a bath.
         small: an exponent n for weak forces, as on a fast top: where the forces are of size e, the global error is of
             order e h^n + e^2 h^m, with m at least `order`.
 
@@ -38,8 +40,9 @@ class Scheme:
 
     Raises:
         ValueError: the name is that of a scheme of this package, or cannot stand in brackets; coefficients do not sum
-            to 1; the order is not the measured one; a stage is neither a kick nor a flight; `gradients` is neither
-            empty nor one number for each kick; or `small` or `composed` is not true of the scheme.
+            to 1; the order is not the measured one; a stage is neither a kick nor a flight nor a bath; `gradients` is
+            neither empty nor one number for each kick, or there is a bath; or `small` or `composed` is not true of the
+            scheme.
     """
 
     name: str
@@ -65,8 +68,14 @@ class Scheme:
             if not (isinstance(stage, tuple) and len(stage) == 2 and isinstance(stage[1], (int, float))):
                 raise ValueError(f"{label}: each stage must be a pair (kind, coefficient), got {stage!r}.")
         kinds = [kind for kind, _ in self.stages]
-        if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT}:
-            raise ValueError(f"{label} must be made of {KICK!r} and {FLIGHT!r}, got {', '.join(map(repr, kinds))}.")
+        if FLIGHT not in kinds or not set(kinds) <= {KICK, FLIGHT, BATH}:
+            listed = ", ".join(map(repr, kinds))
+            raise ValueError(f"{label} must be made of {KICK!r}, {FLIGHT!r} and {BATH!r}, got {listed}.")
+        if self.random and (self.gradients or self.composed or self.small is not None):
+            raise ValueError(
+                f"{label} has a bath, beside which gradients, composed and small mean nothing: averages are of weak "
+                "order 2 at most; leave them out."
+            )
         for kind in dict.fromkeys(kinds):
             total = sum(c for k, c in self.stages if k == kind)
             if not abs(total - 1) <= _ROUNDING:
@@ -87,8 +96,8 @@ class Scheme:
                 f"{label} is declared with small={self.small}, but its kicks do not integrate polynomials of degree "
                 f"{self.small - 1} in time exactly; check the coefficients, or leave out small."
             )
-        if not known and KICK in kinds:
-            measured = measured_order(self)
+        if not known and (KICK in kinds or self.random):
+            measured = measured_weak_order(self) if self.random else measured_order(self)
             if not abs(measured - self.order) < 0.5:
                 raise ValueError(
                     f"{label} is declared of order {self.order}, but an order of {measured:.1f} is measured; check the "
@@ -115,13 +124,22 @@ class Scheme:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the table reads the same backwards, so that a step of -h undoes a step of h."""
-        return self.stages == self.stages[::-1] and self.gradients == self.gradients[::-1]
+        """Whether the table reads the same backwards, so that a step of -h undoes a step of h; no bath is undone."""
+        return self.stages == self.stages[::-1] and self.gradients == self.gradients[::-1] and not self.random
+
+    @property
+    def random(self) -> bool:
+        """Whether there is a bath in it."""
+        return any(kind == BATH for kind, _ in self.stages)
 
     @property
     def reuses_force(self) -> bool:
-        """Whether a step begins and ends with a kick, so that its last force is the first force of the next step."""
-        ends = self.stages[0][0] == KICK and self.stages[-1][0] == KICK
+        """Whether a step begins and ends with a kick, so that its last force is the first force of the next step.
+
+        A bath before the first kick or after the last one does not change the force.
+        """
+        kinds = [kind for kind, _ in self.stages if kind != BATH]
+        ends = kinds[0] == kinds[-1] == KICK
         return ends and (not self.gradients or self.gradients[0] == self.gradients[-1] == 0)
 
     def merged(self) -> "Scheme":
@@ -141,8 +159,12 @@ class Scheme:
 
     @property
     def alternates(self) -> bool:
-        """Whether kicks and flights alternate, and the first and the last stage are of the same kind."""
-        return all(a[0] != b[0] for a, b in pairwise(self.stages)) and self.stages[0][0] == self.stages[-1][0]
+        """Whether there are kicks and flights alone, alternating, and the first and last stage are of the same kind."""
+        return (
+            not self.random
+            and all(a[0] != b[0] for a, b in pairwise(self.stages))
+            and self.stages[0][0] == self.stages[-1][0]
+        )
 
     def columns(self) -> tuple[list[float], list[float], list[float]]:
         """If the scheme alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""

@@ -12,6 +12,8 @@ from .listing import Listing
 from .scheme import Scheme as Scheme
 from .scheme import own_scheme
 from .scheme_order import measured_order as measured_order
+from .scheme_order import measured_weak_order as measured_weak_order
+from .stages import BATH as BATH
 from .stages import FLIGHT as FLIGHT
 from .stages import KICK as KICK
 from .stages import run as run
@@ -251,12 +253,36 @@ ABA1064 = _alternating(
     use="fast tops in weak fields, high accuracy",
     leading=True,
 )
+# With a heat bath, `midlie_jax.torques.Langevin`. A is the flight, B the kick, O the bath (Ornstein and Uhlenbeck).
+_LEIMKUHLER = "Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge & Tretyakov 2015"
+BAOAB = own_scheme(
+    "BAOAB",
+    2,
+    ((KICK, 0.5), (FLIGHT, 0.5), (BATH, 1.0), (FLIGHT, 0.5), (KICK, 0.5)),
+    _LEIMKUHLER,
+    use="with a heat bath: averages over positions and attitudes, exact in a harmonic well",
+)
+OBABO = own_scheme(
+    "OBABO",
+    2,
+    ((BATH, 0.5), (KICK, 0.5), (FLIGHT, 1.0), (KICK, 0.5), (BATH, 0.5)),
+    "Bussi & Parrinello, Phys. Rev. E 75 (2007) 056707",
+    use="with a heat bath: averages over momenta are exact in a harmonic well; two baths around a step of EA",
+)
+ABOBA = own_scheme(
+    "ABOBA",
+    2,
+    ((FLIGHT, 0.5), (KICK, 0.5), (BATH, 1.0), (KICK, 0.5), (FLIGHT, 0.5)),
+    _LEIMKUHLER,
+    use="with a heat bath: like OBABO, with one bath in the middle of EA*",
+)
 SCHEMES = {
     scheme.name: scheme
     for scheme in (  # best first
         *(EA, CHIN4A, SRKN6B, SRKN14A, SRKN11B, ABA1064, ABA82, BM4),
         *(SUZUKI, TRIPLE, KAHAN_LI6, YOSHIDA6, KAHAN_LI8, SUZUKI_UMENO8),
         *(EA_STAR, TAKAHASHI_IMADA, E2, E1),
+        *(BAOAB, OBABO, ABOBA),
     )
 }
 

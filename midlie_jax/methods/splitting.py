@@ -16,12 +16,13 @@ from ..model.bodies import Body
 from ..model.free_body import FreeInertia
 from ..model.state import AnyState
 from ..model.states.members import Inertias
+from ..model.torques import without_bath
 from .base import Method
 from .flights import Flight
 from .flights.exact import ExactFlight, Flown, Known
 from .limits import decay_limit, oscillator_limit
 from .scheme import Scheme
-from .stages import FLIGHT, KICK, run
+from .stages import BATH, FLIGHT, KICK, run
 from .system import AnyMotion, Motion, System, added
 from .verdict import BEYOND, FINE, NOT_FINITE, as_verdict, earlier, of_all
 
@@ -52,10 +53,14 @@ class Splitting(Method):
         if flight.order is not None and not scheme.composed:
             self.order = min(scheme.order, flight.order)
         self.symmetric = scheme.symmetric and flight.symmetric
-        self.symplectic = flight.symplectic
-        self.keeps_momentum = True
+        self.symplectic = flight.symplectic and not scheme.random
+        self.keeps_momentum = not scheme.random
         self.bodies = flight.body
         self.evaluations = scheme.evaluations
+
+    @property
+    def random(self) -> bool:
+        return self.scheme.random
 
     @property
     def solves(self) -> int:
@@ -92,6 +97,16 @@ class Splitting(Method):
     def fitted(self, body: Body) -> "Splitting":
         flight = self.flight.fitted(body.in_principal_axes().turning)
         return self if flight == self.flight else Splitting(flight, self.scheme, self.name)
+
+    def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
+        if not self.random:
+            return super().system(body, torque, start, t, h)
+        rest, bath = without_bath(torque)
+        assert bath is not None
+        coefficients = {b for kind, b in self.scheme.stages if kind == BATH}
+        count = start.momentum.shape[-2] if start.several else 0
+        prepared = bath.prepared(body, coefficients, t, h, count)
+        return System.of(body, rest, start, t)._replace(bath=prepared)
 
     def keeps_force(self, system: System) -> bool:
         return system.torque is not None and self.scheme.reuses_force and not system.reads_momentum
@@ -152,7 +167,7 @@ class Splitting(Method):
                 return split(motion)
             return stages.system.loop_boundary(motion)
 
-        motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force)
+        motion, force = run(self.scheme, fly, stages.kick, stages.evaluate, motion, force, stages.bathe)
         return motion, force, ok
 
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
@@ -248,6 +263,10 @@ class _Stages(NamedTuple):
         if g:
             return self.system.gradient_force(self._time(c), g * self.h * self.h, motion)
         return self.system.force(self._time(c), motion)
+
+    def bathe(self, b: float, c: float, stage: int, motion: AnyMotion) -> AnyMotion:
+        t = self._time(c)
+        return self.system.of_members([own.bathed(b, t, stage, one) for own, one in self.system.members(motion)])
 
     def kick(self, b: Any, c: Any, motion: AnyMotion, force: Any) -> AnyMotion:
         if force is None:

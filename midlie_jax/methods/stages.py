@@ -1,4 +1,4 @@
-"""Kicks and flights: the table that a step is made by, and `run`, the function that takes the step.
+"""Kicks, flights and baths: the table that a step is made by, and `run`, the function that takes the step.
 
 This module does not depend on the kind of body: the same tables drive rigid bodies and particles.
 """
@@ -6,7 +6,7 @@ This module does not depend on the kind of body: the same tables drive rigid bod
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
-KICK, FLIGHT = "kick", "flight"
+KICK, FLIGHT, BATH = "kick", "flight", "bath"
 
 
 @runtime_checkable
@@ -33,6 +33,7 @@ def run(
     evaluate: Callable[[float, float, Any], Any],
     motion: Any,
     force: Any = None,
+    bathe: Callable[[float, float, int, Any], Any] | None = None,
 ) -> tuple[Any, Any]:
     """One step of h by a scheme.
 
@@ -43,11 +44,13 @@ def run(
             `Scheme.gradients`.
         motion: the motion at the start, of any type.
         force: the force at the start if the caller kept it from the previous step (see `reuses_force`), else None.
+        bathe: `bathe(b, c, i, motion)`, the motion after stage i of the bath, counted from 0, which acts for the time
+            b h at the time c h after the start. Without it such stages change nothing.
 
     Returns:
         The new motion, and the force of the last kick (None if there was no kick).
     """
-    elapsed, flights_left = 0.0, scheme.flights
+    elapsed, flights_left, baths = 0.0, scheme.flights, 0
     weights = iter(scheme.gradients)
     for kind, coefficient in scheme.stages:
         if kind == FLIGHT:
@@ -56,6 +59,9 @@ def run(
             # The coefficients are rounded, so their sum is not exactly 1; but the time after the last flight is 1.
             elapsed = elapsed + coefficient if flights_left else 1.0
             force = None
+        elif kind == BATH:  # changes momenta alone, so the force stays
+            motion = motion if bathe is None else bathe(coefficient, elapsed, baths, motion)
+            baths += 1
         else:
             weight = next(weights, 0.0)
             force = evaluate(elapsed, weight, motion) if force is None else force

@@ -11,6 +11,7 @@ from jax import Array
 from .._math import components as cp
 from .._xla.fusion import fuse_derivative, split
 from .._xla.replay import Traits, traits
+from ..model.bath import Bath
 from ..model.bodies import Body
 from ..model.free_body import Momenta, Place
 from ..model.state import AnyState, P, Q
@@ -47,6 +48,7 @@ class System(NamedTuple):
         costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
         long: whether the torque has so many operations that its derivative does not fit one loop with the flight's.
         frame: the quaternion that rotates principal components to the user's; None where both are the same.
+        bath: the heat bath, or None.
     """
 
     inertia: Any
@@ -56,6 +58,7 @@ class System(NamedTuple):
     costly: bool
     long: bool
     frame: Any = None
+    bath: Bath | None = None
 
     @classmethod
     def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
@@ -100,6 +103,18 @@ class System(NamedTuple):
         long = found is not None and (found.scalars if kind is not type(start) else found.operations) > _LONG_TORQUE
         inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
         return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
+
+    def at_step(self, n: Array) -> "System":
+        """The system in the step of this index, on which the random numbers of a bath depend."""
+        return self if self.bath is None else self._replace(bath=self.bath._replace(step=n))
+
+    def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
+        """The motion after the bath's stage of this coefficient, the number `stage` in the step, at the time t."""
+        assert self.bath is not None
+        root = None if self.bath.root is None else self.bath.root(t)
+        noise = self.bath.noise(stage, motion.momentum)
+        change = self.kind.bathed(self.bath.exposures[b], root, motion.momentum, motion.pose, noise)
+        return self.pushed(motion, change)
 
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.
@@ -146,8 +161,13 @@ class System(NamedTuple):
         if not isinstance(self.inertia, Inertias):
             return [(self, motion)]
         kind: Any = self.kind
-        parts = zip(self.inertia.members, motion.momentum, motion.pose, strict=True)
-        return [(self._replace(inertia=inertia, kind=kind.member), Motion(p, q)) for inertia, p, q in parts]
+        parts = enumerate(zip(self.inertia.members, motion.momentum, motion.pose, strict=True))
+
+        def system(i: int, inertia: Any) -> System:
+            own = None if self.bath is None else self.bath.of_member(i)
+            return self._replace(inertia=inertia, kind=kind.member, bath=own)
+
+        return [(system(i, inertia), Motion(p, q)) for i, (inertia, p, q) in parts]
 
     def of_members(self, motions: "list[AnyMotion]") -> AnyMotion:
         """The motion of all bodies, from those of `members`."""

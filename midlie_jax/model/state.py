@@ -147,6 +147,22 @@ class State(eqx.Module, Generic[P, Q]):
         """
         return cp.tree_add(momentum, change), pose
 
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: P, pose: Q, noise: P) -> P:
+        """The change of the momentum in a stage of a heat bath, with standard normal numbers `noise`.
+
+        Args:
+            exposure, root: those of a `Bath` (`model/bath.py`).
+            momentum, pose, noise: components.
+        """
+        del exposure, root, momentum, pose, noise
+        raise ValueError(f"no heat bath acts on a {cls.__name__}; define `bathed`.")
+
+    @classmethod
+    def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Q, noise: cp.Vector) -> cp.Vector:
+        """The same of a vector in the space frame that an exposure in the body frame acts on."""
+        raise needs_attitude(cls)
+
     @staticmethod
     def shift(pose: Q, change: Q, no_step: Array) -> Q:
         """pose + change, for Runge-Kutta methods; where `no_step` is True, no bit is changed.
@@ -289,9 +305,10 @@ class State(eqx.Module, Generic[P, Q]):
 AnyState = State[Any, Any]
 
 
-def needs_attitude(state: AnyState) -> ValueError:
-    """The error where a state has no attitude."""
-    return ValueError(f"this needs the attitude; a {type(state).__name__} has none: use a RigidState.")
+def needs_attitude(state: AnyState | type[AnyState]) -> ValueError:
+    """The error where a state, or a kind of state, has no attitude."""
+    kind = state if isinstance(state, type) else type(state)
+    return ValueError(f"this needs the attitude; a {kind.__name__} has none: use a RigidState.")
 
 
 StateT = TypeVar("StateT", bound=AnyState)  # the class of the states of a run
@@ -302,6 +319,11 @@ class BodyState(State[cp.Vector, Q]):
 
     body: ClassVar[type] = RigidBody
     turns: ClassVar[bool] = True
+
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: Q, noise: cp.Vector) -> cp.Vector:
+        del pose
+        return exposure.change(root, momentum, noise)
 
     @staticmethod
     def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:

@@ -111,6 +111,22 @@ class AxisState(State[cp.Vector, cp.Vector]):
         del momentum, velocity
         return force
 
+    @classmethod
+    def bathed(cls, exposure: Any, root: Any, momentum: cp.Vector, pose: cp.Vector, noise: cp.Vector) -> cp.Vector:
+        return cls.bathed_in_space(exposure, root, momentum, pose, noise)
+
+    @classmethod
+    def bathed_in_space(
+        cls, exposure: Any, root: Any, vector: cp.Vector, pose: cp.Vector, noise: cp.Vector
+    ) -> cp.Vector:
+        """As for a vector across the axis, plus what is different along it."""
+        (lost, _, lost_along), (spread, _, spread_along) = exposure.lost, exposure.spread
+        own, pushed = (lost_along - lost) * cp.dot(pose, vector), (spread_along - spread) * cp.dot(pose, noise)
+        if root is not None:
+            spread, pushed = root * spread, root * pushed
+        across = cp.subtract(cp.scale(spread, noise), cp.scale(lost, vector))
+        return cp.add(across, cp.scale(pushed - own, pose))
+
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: cp.Vector) -> cp.Vector:
         del frame

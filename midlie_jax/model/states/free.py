@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require_finite
 from ..._math import components as cp
+from ..bath import InBody
 from ..free_body import FreeBody, FreeInertia, Momenta, Place
 from ..state import AnyState, Described, State
 from ..wrench import Wrench
@@ -91,6 +92,15 @@ class TravellingState(State[Momenta, Place]):
         angular, orientation = cls.rotation.rates(inertia.rotation, h, momentum.angular, pose.orientation, torque)
         linear = cp.scale(0, momentum.linear) if force is None else cp.scale(h, force.linear)
         return Momenta(angular, linear), Place(orientation, cp.scale(h * inertia.per_mass, momentum.linear))
+
+    @classmethod
+    def bathed(cls, exposure: Momenta, root: Any, momentum: Momenta, pose: Place, noise: Momenta) -> Momenta:
+        turning, travel = cls.rotation, exposure.linear
+        angular = turning.bathed(exposure.angular, root, momentum.angular, pose.orientation, noise.angular)
+        if not isinstance(travel, InBody):
+            return Momenta(angular, travel.change(root, momentum.linear, noise.linear))
+        own = travel.own, root, momentum.linear, pose.orientation, noise.linear
+        return Momenta(angular, turning.bathed_in_space(*own))
 
     @classmethod
     def force_of(cls, value: Any) -> Any:

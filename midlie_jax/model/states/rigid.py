@@ -63,6 +63,12 @@ class RigidState(BodyState[cp.Quaternion]):
         a, b, c = cp.scale(0.5, velocity)
         return (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
 
+    @classmethod
+    def bathed_in_space(
+        cls, exposure: Any, root: Any, vector: cp.Vector, pose: cp.Quaternion, noise: cp.Vector
+    ) -> cp.Vector:
+        return cp.rotate(pose, exposure.change(root, cp.rotate_back(pose, vector), noise))
+
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """The body components of a vector in the space frame, R^T vector."""
         return cp.rotate_back(cp.quaternion(self.attitude), vector)

@@ -16,6 +16,9 @@ from .base import on_body as on_body
 from .base import potential_of as potential_of
 from .base import velocity_dependent as velocity_dependent
 from .base import without_gravity as without_gravity
+from .bath import Langevin as Langevin
+from .bath import baths_in as baths_in
+from .bath import without_bath as without_bath
 from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop

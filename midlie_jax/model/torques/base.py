@@ -150,14 +150,19 @@ def _sum(a: Any, b: Any) -> Any:
     return Wrench.of(a) + Wrench.of(b) if wrenches else jax.tree.map(operator.add, a, b)
 
 
+def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) -> TorqueLike | None:
+    """The torque without the terms that are not to be kept: itself if all are, None if nothing is left."""
+    if isinstance(torque, Sum):
+        terms = [kept_terms(term, kept) for term in torque.terms]
+        if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
+            return torque
+        return Sum(*terms) if any(term is not None for term in terms) else None
+    return None if torque is None or not kept(torque) else torque
+
+
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
     """The torque without its terms of gravity: itself if there are none, None if nothing else is left."""
-    if isinstance(torque, Sum):
-        kept = [without_gravity(term) for term in torque.terms]
-        if all(new is old for new, old in zip(kept, torque.terms, strict=True)):
-            return torque
-        return Sum(*kept) if any(term is not None for term in kept) else None
-    return None if isinstance(torque, Torque) and torque.gravitational else torque
+    return kept_terms(torque, lambda term: not (isinstance(term, Torque) and term.gravitational))
 
 
 class Prescribed(Torque):

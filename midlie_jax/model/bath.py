@@ -1,0 +1,211 @@
+"""What a heat bath does to a body in a given time, exactly: its momenta are damped and pushed at random.
+
+In principal axes dPi = -G I^-1 Pi dt + sqrt(2 kT G) dW, with the friction G. After the time h the solution is
+
+    Pi -> exp(-G I^-1 h) Pi + sqrt(kT) S xi,    S S^T = I - exp(-G I^-1 h) I exp(-I^-1 G h)
+
+with standard normal numbers xi. It leaves the Maxwell distribution, of mean 0 and covariance kT I, as it is for every
+h. The same holds for the linear momentum with the mass in place of I.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._math import components as cp
+from .._math.normals import normals
+from . import so3
+from .bodies import Body
+from .free_body import FreeBody, Momenta
+from .rotor import Rotor
+
+_SHORT = 1e-2  # below, sinh(x)/x is taken from the first terms of its series
+
+
+class Exposure(NamedTuple):
+    """What a bath does to one vector in a given time: it changes it by -lost vector + spread noise.
+
+    Attributes:
+        lost: 1 - exp(-G I^-1 h), three numbers of a diagonal matrix, or three rows.
+        spread: the matrix S, for kT = 1 unless the temperature is in it, likewise.
+    """
+
+    lost: Any
+    spread: Any
+
+    def change(self, root: Any, vector: cp.Vector, noise: cp.Vector) -> cp.Vector:
+        """The change of the vector; `root` is the factor sqrt(kT) of the spread, or None."""
+        pushed = _product(self.spread, noise)
+        pushed = pushed if root is None else cp.scale(root, pushed)
+        return cp.subtract(pushed, _product(self.lost, vector))
+
+
+class InBody(NamedTuple):
+    """An `Exposure` of a vector of space whose matrices are those of the body frame."""
+
+    own: Exposure
+
+
+class Bath(NamedTuple):
+    """The bath of a run, prepared for its step.
+
+    Attributes:
+        root: the function of time sqrt(kT), or None where the temperature is in the exposures.
+        key: two or four words, uint32, of the random key.
+        exposures: what the bath does in a stage, in the form of the momentum, by the coefficient of the stage.
+        member: the index of the body among coupled bodies: those of all of them (N,), or that of one.
+        step: the index of the step, or None outside a step.
+    """
+
+    root: Callable[[Any], Array] | None
+    key: tuple[Array, ...]
+    exposures: dict[float, Any]
+    member: Any
+    step: Array | None = None
+
+    def of_member(self, i: int) -> "Bath":
+        """The bath of one of several coupled bodies."""
+        exposures = jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, self.exposures)
+        return self._replace(exposures=exposures, member=i)
+
+    def noise(self, stage: int, like: Any) -> Any:
+        """Standard normal numbers in the form of a momentum, for a stage of the bath in this step, counted from 0."""
+        leaves, structure = jax.tree.flatten(like)
+        drawn = normals(self.key, (self.step, stage, self.member), len(leaves), leaves[0].dtype)
+        return structure.unflatten(drawn)
+
+
+def root_of(square: Array) -> Array:
+    """The square root, whose derivative at zero is defined as zero; NaN of a negative number."""
+    zero = square == 0
+    return jnp.where(zero, jnp.zeros_like(square), jnp.sqrt(jnp.where(zero, jnp.ones_like(square), square)))
+
+
+def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | None, time: Array, root: Any) -> Any:
+    """What a bath does to a body in a time, in the form of its momentum.
+
+    Args:
+        body: in principal axes.
+        frame: the quaternion that takes principal components to the user's, or None.
+        friction, linear_friction: numbers (), (..., 3) or tensors (..., 3, 3) in the user's frame.
+        time: ().
+        root: sqrt(kT), a factor of every spread; or None.
+    """
+    turning: Any = body.turning
+    moments = cp.vector(turning.moments) if not isinstance(turning, Rotor) else _moments_of(turning)
+    angular = _exposure(_in_principal_axes(friction, frame), moments, time, root)
+    if not isinstance(body, FreeBody):
+        return angular
+    assert linear_friction is not None
+    mass: cp.Vector = body.mass, body.mass, body.mass
+    linear = _exposure(_in_principal_axes(linear_friction, frame), mass, time, root)
+    return Momenta(angular, linear if linear_friction.ndim == 0 else InBody(linear))
+
+
+def _moments_of(rotor: Rotor) -> cp.Vector:
+    return rotor.moment, rotor.moment, rotor.known_along
+
+
+def _in_principal_axes(friction: Array, frame: Any) -> Array:
+    """A tensor in principal axes; a friction of another form is the same there."""
+    if frame is None or friction.shape[-2:] != (3, 3):
+        return friction
+    axes = so3.to_matrix(cp.pack(frame))
+    return jnp.swapaxes(axes, -1, -2) @ friction @ axes
+
+
+def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Exposure:
+    """The exposure of a vector with these moments, or with a mass three times."""
+    if friction.shape[-2:] == (3, 3):
+        lost, spread = _of_tensor(friction, cp.pack(moments), time)
+        spread = spread if root is None else jnp.asarray(root)[..., None, None] * spread
+        return Exposure(_rows(lost), _rows(spread))
+    each = cp.vector(friction) if friction.ndim else (friction,) * 3
+    pairs = [_of_number(g, moment, time) for g, moment in zip(each, moments, strict=True)]
+    spread = tuple(s if root is None else root * s for _, s in pairs)
+    return Exposure(tuple(k for k, _ in pairs), spread)
+
+
+def _of_number(friction: Array, moment: Array, time: Array) -> tuple[Array, Array]:
+    """(lost, spread) along one principal axis; nothing about the axis of a linear molecule, whose moment is zero."""
+    thin = moment == 0
+    rate = jnp.where(thin, jnp.zeros_like(moment), friction / jnp.where(thin, jnp.ones_like(moment), moment))
+    return -jnp.expm1(-rate * time), cp.root(moment) * root_of(-jnp.expm1(-2 * rate * time))
+
+
+def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Array]:
+    """The same of a tensor, as matrices, by the eigenvectors of the symmetric matrix I^-1/2 G I^-1/2."""
+    roots = jnp.sqrt(moments)
+    scaled = friction / (roots[..., :, None] * roots[..., None, :])
+    lost, spread = _functions(scaled, time)
+    return roots[..., :, None] * lost / roots[..., None, :], roots[..., :, None] * spread
+
+
+@jax.custom_jvp
+def _functions(matrix: Array, time: Array) -> tuple[Array, Array]:
+    """1 - exp(-A t) and sqrt(1 - exp(-2 A t)) of symmetric matrices A, (..., 3, 3), with no negative eigenvalue.
+
+    The derivative of eigenvectors is infinite where two eigenvalues agree, as they do for every sphere. That of a
+    function of the matrix is not: in the basis of eigenvectors, its entries are those of dA times the divided
+    differences of the function (Daleckii and Krein 1965; Higham, Functions of Matrices, theorem 3.11).
+    """
+    values, vectors = _eigen(matrix)
+    lost, spread = _of_values(values, time)
+    return _from_values(vectors, lost), _from_values(vectors, spread)
+
+
+@_functions.defjvp
+def _functions_jvp(primals: Any, tangents: Any) -> Any:
+    (matrix, time), (d_matrix, d_time) = primals, tangents
+    values, vectors = _eigen(matrix)
+    lost, spread = _of_values(values, time)
+    change = jnp.swapaxes(vectors, -1, -2) @ d_matrix @ vectors
+    a, b = values[..., :, None], values[..., None, :]
+    slopes = time * jnp.exp(-(a + b) * time / 2) * _sinhc((a - b) * time / 2)
+    squares = 2 * time * jnp.exp(-(a + b) * time) * _sinhc((a - b) * time)
+    own = jnp.eye(3, dtype=values.dtype)
+    d_lost = slopes * change + own * (d_time * values * jnp.exp(-values * time))[..., None]
+    d_spread = _over(squares, spread[..., :, None] + spread[..., None, :]) * change
+    d_spread = d_spread + own * _over(d_time * values * jnp.exp(-2 * values * time), spread)[..., None]
+    tangent = tuple(vectors @ d @ jnp.swapaxes(vectors, -1, -2) for d in (d_lost, d_spread))
+    return (_from_values(vectors, lost), _from_values(vectors, spread)), tangent
+
+
+def _eigen(matrix: Array) -> tuple[Array, Array]:
+    values, vectors = jnp.linalg.eigh(matrix)
+    return jnp.maximum(values, 0), vectors  # by rounding, an eigenvalue of zero may be negative
+
+
+def _of_values(values: Array, time: Array) -> tuple[Array, Array]:
+    return -jnp.expm1(-values * time), root_of(-jnp.expm1(-2 * values * time))
+
+
+def _from_values(vectors: Array, values: Array) -> Array:
+    return (vectors * values[..., None, :]) @ jnp.swapaxes(vectors, -1, -2)
+
+
+def _sinhc(x: Array) -> Array:
+    short = jnp.abs(x) < _SHORT
+    safe = jnp.where(short, jnp.ones_like(x), x)
+    return jnp.where(short, 1 + x * x / 6 * (1 + x * x / 20), jnp.sinh(safe) / safe)
+
+
+def _over(a: Array, b: Array) -> Array:
+    """a / b, and 0 where b is 0: the derivative there is infinite, and defined as zero like that of `root_of`."""
+    zero = b == 0
+    return jnp.where(zero, jnp.zeros_like(a * b), a / jnp.where(zero, jnp.ones_like(b), b))
+
+
+def _rows(matrix: Array) -> Any:
+    return tuple(cp.vector(matrix[..., i, :]) for i in range(3))
+
+
+def _product(matrix: Any, vector: cp.Vector) -> cp.Vector:
+    """A matrix times a vector: of three rows, or of three numbers on the diagonal."""
+    if isinstance(matrix[0], tuple):
+        x, y, z = (cp.dot(row, vector) for row in matrix)
+        return x, y, z
+    return cp.times(matrix, vector)

@@ -1,0 +1,190 @@
+"""`Langevin`: friction and random torques of a heat bath, for schemes with a stage of the bath."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, described, require, require_finite, shown
+from ..._math.components import is_traced
+from ..bath import Bath, exposures, root_of
+from ..bodies import Body, RigidBody
+from ..rotor import Rotor
+from ..state import AnyState, Time
+from .base import ReadsBody, TorqueLike, kept_terms
+
+_ROUNDED = 1e-5  # how far a tensor may be off symmetry and a negative eigenvalue from zero, relative to its largest
+
+
+class Langevin(ReadsBody):
+    """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame, and for a body that travels the same of p.
+
+    A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "JACOBI[BAOAB]". The stage is
+    the exact solution of these equations over its time, so a free body keeps the Maxwell distribution, <Pi_i^2> = kT
+    I_i and <p_i^2> = kT m, at any step. See docs/heat.md for what a torque adds to this.
+
+    The random numbers depend on the key, on the index of the step and of the stage, and for coupled bodies on the index
+    of the body; on nothing else. So a run that is continued with `first_step` goes on as if it had not been stopped.
+    Two runs with one key have the same noise, in float32 and float64. An ensemble needs a key for each body,
+    `jax.random.split(key, n)`; coupled bodies share one.
+
+    In the frame of an `AxisState` the friction is symmetric about the axis, and the body needs its moment about it,
+    `Rotor(moment, along)`; with `along` zero, a linear molecule, nothing turns it about its axis.
+
+    Attributes:
+        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
+        friction: G, torque per angular velocity: a number (), three numbers (3,) along the principal axes of a
+            `RigidBody` or `Rotor`, or a symmetric tensor (3, 3) in the frame of the body. Of coupled bodies, numbers
+            and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3).
+        key: a typed key, `jax.random.key(seed)`; of an ensemble (n,).
+        linear_friction: g, force per velocity, likewise; for a body that travels, 0 for none. Three numbers or a tensor
+            turn with the body. None for a body that does not travel.
+
+    Raises:
+        ValueError: a negative temperature; a friction that is negative, not symmetric or not positive semi-definite, or
+            of another shape; a key that is not typed. When a run begins: several keys for one body; `linear_friction`
+            missing or too much; a friction that does not fit the state; or a method without the stage.
+    """
+
+    kT: Any  # noqa: N815 - the name of the field
+    friction: Float[Array, "..."]
+    key: Array
+    linear_friction: Float[Array, "..."] | None
+
+    def __init__(self, kT: Any, friction: Any, key: Any, linear_friction: Any = None):
+        if not callable(kT):
+            kT = as_floats("kT", kT)
+            require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
+        if not isinstance(key, Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+            raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
+        self.kT, self.key = kT, key
+        self.friction = _friction("friction", friction)
+        self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
+        """Zero: the bath acts in a stage of its own. What it consists of is checked."""
+        self._check(state, body)
+        if not callable(self.kT) and self.kT.shape:
+            raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
+        return jnp.zeros_like(state.momentum)
+
+    def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
+        """Zero."""
+        return jnp.zeros((), state.momentum.dtype)
+
+    def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, count: int) -> Bath:
+        """What the bath does in the steps of a run.
+
+        Args:
+            body: the body of the run.
+            coefficients: those of the stages of the bath.
+            t, h: a time of the run and its step, ().
+            count: the number of coupled bodies, or 0 for one body.
+        """
+        frictions = [None if g is None else g.astype(h.dtype) for g in (self.friction, self.linear_friction)]
+        constants = body.in_principal_axes(), body.frame_of_user(), *frictions
+        root = self._root if callable(self.kT) else None
+        own = None if root is not None else self._root(t)
+        made = {b: exposures(*constants, b * h, own) for b in sorted(coefficients)}
+        words = jax.random.key_data(self.key)
+        key = tuple(words[i] for i in range(words.shape[-1]))
+        return Bath(root, key, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
+
+    def _root(self, t: Array) -> Array:
+        """sqrt(kT) at a time, in the dtype of the time; NaN of a negative temperature."""
+        temperature: Any = self.kT(t) if callable(self.kT) else self.kT
+        if jnp.shape(temperature):
+            raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
+        return root_of(jnp.asarray(temperature).astype(t.dtype))
+
+    def _check(self, state: AnyState, body: Any) -> None:
+        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
+        kind = type(state).__name__
+        if self.key.shape:
+            raise ValueError(
+                f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
+            )
+        if (state.rotation is None) != (self.linear_friction is None):
+            raise ValueError(
+                f"a {kind} travels: give Langevin the linear_friction, or 0 for none."
+                if state.rotation is not None
+                else f"a {kind} does not travel: leave out linear_friction."
+            )
+        count = state.momentum.shape[-2] if state.several else None
+        for name in ("friction", "linear_friction"):
+            friction = getattr(self, name)
+            if friction is not None:
+                _check_one(name, friction, state, count, body)
+
+
+def _friction(name: str, value: Any) -> Array:
+    """The friction as an array: numbers that are not negative, or symmetric tensors without a negative eigenvalue."""
+    friction = as_floats(name, value)
+    require_finite(name, friction)
+    if friction.shape[-2:] != (3, 3) or is_traced(friction):
+        require(name, friction, lambda g: g >= 0, "must not be negative", "a bath brakes: check its sign.")
+        return friction
+    tensor = np.asarray(friction, np.float64)
+    largest = np.abs(tensor).max(initial=0.0)
+    if np.abs(tensor - np.swapaxes(tensor, -1, -2)).max(initial=0.0) > _ROUNDED * largest:
+        raise ValueError(f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2.")
+    least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
+    if least < -_ROUNDED * largest:
+        raise ValueError(
+            f"{name} must be positive semi-definite, but {shown(tensor)} has the eigenvalue {least:.3g}; check its "
+            "signs."
+        )
+    return friction
+
+
+def _check_one(name: str, friction: Array, state: AnyState, count: int | None, body: Body) -> None:
+    """Raises unless a friction is one of one body, or has a row for each of `count` coupled bodies."""
+    shape, tensor = friction.shape, friction.shape[-2:] == (3, 3)
+    leading = shape[:-2] if tensor else shape[:-1]
+    if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
+        wanted = "(), (3,) or (3, 3)" + ("" if count is None else f", or ({count}, 3) or ({count}, 3, 3)")
+        raise ValueError(f"{name} of one run must be of shape {wanted}, got {shape}; more are for midlie_jax.ensemble.")
+    turning: Any = body.turning
+    if shape and not tensor and not isinstance(turning, RigidBody | Rotor):
+        raise ValueError(
+            f"{name} has three numbers, for the principal axes, but the body is a {type(turning).__name__} in a frame "
+            "of its own; give the tensor (3, 3) in that frame."
+        )
+    if isinstance(turning, Rotor) and name == "friction":
+        turning.known_along  # noqa: B018 - raises if it is not known
+    if isinstance(turning, Rotor) and shape:
+        symmetric = not tensor and (is_traced(friction) or np.all(np.asarray(friction[..., 0] == friction[..., 1])))
+        if not symmetric:
+            raise ValueError(
+                f"{name} on a {type(state).__name__} must be a number, or three numbers of which the first two are "
+                f"equal, got {shown(friction)}; use a state with an attitude for another friction."
+            )
+
+
+def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin | None]:
+    """The torque without its bath, and the bath; None where nothing is.
+
+    Raises:
+        ValueError: there are several baths, or one within another torque than a sum.
+    """
+    baths = baths_in(torque)
+    if not baths:
+        return torque, None
+    rest = kept_terms(torque, lambda term: not _is_bath(term))
+    if len(baths) > 1:
+        raise ValueError(f"a torque can have one Langevin, got {len(baths)}; add their frictions.")
+    if baths_in(rest):
+        raise ValueError("Langevin must be a term of the sum of torques, not within another torque; add it to that.")
+    return rest, baths[0]
+
+
+def baths_in(tree: Any) -> list[Langevin]:
+    """All baths in a torque, or in a tree of the form of one, at any depth."""
+    return [leaf for leaf in jax.tree.leaves(tree, is_leaf=_is_bath) if _is_bath(leaf)]
+
+
+def _is_bath(value: Any) -> bool:
+    return isinstance(value, Langevin)
