@@ -1,0 +1,134 @@
+"""Normal random numbers by counter, which fuse into a step.
+
+Two words make two numbers: a radius and a place on the circle (G. Box and M. Muller, A note on the generation of random
+normal deviates, 1958). Logarithm, root, sine and cosine are bits and short polynomials, because XLA ends a loop at a
+real root or logarithm that is used twice, and a division or a sine costs as much as all this.
+
+All is computed in float32: relative errors of 2e-7 shift the variance by less than 1e-7, which no run can see, and
+float64 runs see the same noise as float32 runs. The words are the same on every machine and in every program. The
+numbers can differ in the last places of float32, because one compiler contracts products and sums that another does
+not.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._xla.fusion import split
+from . import components as cp
+from .counter import words
+
+# Polynomials of the least largest error, lowest power first. Near zero, to rounding: -log(1 + x)/x for
+# sqrt(1/2) <= 1 + x <= sqrt(2), to 1.7e-7; 1/sqrt(x) where `_root` has guessed it to 3.5 %, to 2.3e-8.
+LOGARITHM = (
+    -0.99999994,
+    0.50000364,
+    -0.3333506,
+    0.24969909,
+    -0.19900166,
+    0.1725083,
+    -0.16222578,
+    0.101068906,
+)
+ROOT = (2.4629753, -3.2879658, 2.9610407, -1.4100872, 0.27403697)
+# cos a and sin(a)/a in powers of a^2, for |a| <= pi/4, to 2.8e-8; sqrt(2) sin(a)/a for |a| <= pi/2, to 6e-9.
+COSINE = (1.0, -0.49999857, 0.041655026, -0.0013585909)
+SINE = (1.0, -0.16666651, 0.008332036, -0.00019504022)
+WIDE_SINE = (1.4142135, -0.23570214, 0.011784714, -0.00028014262, 3.6843444e-06)
+
+_GUESS = 0x5F375A86  # as in `cp.inverse_root`
+_SIGN, _MAGNITUDE, _FRACTION = 0x80000000, 0x7FFFFFFF, 0x007FFFFF
+_ROOT_HALF = 0x3F3504F3  # the bits of sqrt(1/2)
+_WHOLE = 31 << 23  # adds 31 to the exponent
+
+
+def normals(
+    key: Sequence[Array], counter: tuple[Array, Array | int, Array | int], count: int, dtype: Any
+) -> tuple[Array, ...]:
+    """`count` independent standard normal numbers; none is beyond 6.56, where the normal distribution has 5e-11.
+
+    Args:
+        key: the words of `jax.random.key_data`: two or four, uint32.
+        counter: the index of the step, the number of the stage in the step, and that of the member body; an array of
+            members gives each of them its own numbers.
+        count: how many.
+        dtype: float32, or float64, which gets the same numbers. They then are a loop of their own: a float32 vector
+            holds twice as many of them as the rest of the step has room for.
+    """
+    drawn = words(key, *counter, count + count % 2)
+    numbers: list[Array] = []
+    for i in range(0, count, 2):
+        radius = _radius(drawn[i])
+        if i + 1 < count:
+            cosine, sine = _on_circle(drawn[i + 1])
+            numbers += [radius * _signed(cosine, drawn[i]), radius * _signed(sine, drawn[i + 1] << np.uint32(31))]
+        else:
+            numbers.append(radius * _sine(drawn[i + 1]))
+    if jnp.dtype(dtype) == jnp.float32:
+        return tuple(numbers)
+    return tuple(jax.lax.convert_element_type(x, dtype) for x in split(tuple(numbers)))
+
+
+def _float(word: Array) -> Array:
+    """The word as a signed integer, rounded to a float."""
+    return jax.lax.convert_element_type(jax.lax.bitcast_convert_type(word, jnp.int32), jnp.float32)
+
+
+def _bits(x: Array) -> Array:
+    return jax.lax.bitcast_convert_type(x, jnp.int32)
+
+
+def _of_bits(x: Array) -> Array:
+    return jax.lax.bitcast_convert_type(x, jnp.float32)
+
+
+def _signed(x: Array, word: Array) -> Array:
+    """x with its sign changed if the highest bit of the word is set."""
+    return _of_bits(_bits(x) ^ jax.lax.bitcast_convert_type(word & np.uint32(_SIGN), jnp.int32))
+
+
+def _radius(word: Array) -> Array:
+    """sqrt(-log u), where u = 2^-31 |word| in (0, 1]; it does not depend on the sign of the word."""
+    bits = (_bits(_float(word | np.uint32(1))) & np.int32(_MAGNITUDE)) - np.int32(_ROOT_HALF + _WHOLE)
+    # u = 2^n (1 + x); n is exactly zero for u near 1, where all depends on x.
+    n = bits & ~np.int32(_FRACTION)
+    x = _of_bits((bits & np.int32(_FRACTION)) + np.int32(_ROOT_HALF)) - np.float32(1)
+    return _root(_polynomial(LOGARITHM, x) * x - _converted(n) * np.float32(math.log(2) / 2**23))
+
+
+def _converted(n: Array) -> Array:
+    return jax.lax.convert_element_type(n, jnp.float32)
+
+
+def _root(x: Array) -> Array:
+    """The root of x: zero, or far from underflow and overflow."""
+    guess = _of_bits(np.int32(_GUESS) - (_bits(x) >> np.int32(1)))
+    close = x * guess
+    return close * _polynomial(ROOT, close * guess)
+
+
+def _on_circle(word: Array) -> tuple[Array, Array]:
+    """sqrt(2) (cos a, sin a) of an angle a in the first quarter.
+
+    The square root of two is that of Box and Muller. a = pi/4 + b, so that both are sums of cos b and sin b, and no
+    part of the circle has to be chosen.
+    """
+    b = _float(word) * np.float32(math.pi / 2**33)
+    square = b * b
+    cosine, sine = _polynomial(COSINE, square), b * _polynomial(SINE, square)
+    return cosine - sine, cosine + sine
+
+
+def _sine(word: Array) -> Array:
+    """sqrt(2) sin a of an angle a in the half of the circle where the sine takes each value once."""
+    a = _float(word) * np.float32(math.pi / 2**32)
+    return a * _polynomial(WIDE_SINE, a * a)
+
+
+def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
+    return cp.polynomial(tuple(np.float32(c) for c in coefficients), x)
