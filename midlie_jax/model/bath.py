@@ -73,6 +73,7 @@ class Bath(NamedTuple):
 
     def noise(self, stage: int, like: Any) -> Any:
         """Standard normal numbers in the form of a momentum, for a stage of the bath in this step, counted from 0."""
+        assert self.step is not None
         leaves, structure = jax.tree.flatten(like)
         drawn = normals(self.key, (self.step, stage, self.member), len(leaves), leaves[0].dtype)
         return structure.unflatten(drawn)

@@ -1,4 +1,4 @@
-"""Distributions made of data: a row of an array at random, or the row that belongs to the body."""
+"""Distributions made of data: a row of an array at random, or the row that belongs to the body; and of keys."""
 
 from typing import Any
 
@@ -65,3 +65,11 @@ class Each(Distribution):
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         del key, dtype
         return jnp.asarray(self.values)[body]
+
+
+class Key(Distribution):
+    """A random key for each body, such as the `key` of `midlie_jax.torques.Langevin`."""
+
+    def draw(self, key: Array, body: Array, dtype: Any) -> Array:
+        del body, dtype
+        return key

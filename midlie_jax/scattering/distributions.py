@@ -6,6 +6,7 @@ Each is checked when it is made, and has no randomness of its own: the key of `s
 
 from .base import Distribution as Distribution
 from .data import Each as Each
+from .data import Key as Key
 from .data import Rows as Rows
 from .numbers import Joint as Joint
 from .numbers import LogNormal as LogNormal

@@ -73,7 +73,7 @@ def _drawn(name: str, distribution: Distribution, key: Array, indices: np.ndarra
     cast = jax.tree.map(jnp.asarray, cast)  # once for all blocks
     own = _key_of(key, name)
     blocks = [_block(cast, own, block, dtype) for block in _blocks(indices)]
-    return jax.tree.map(lambda *parts: jnp.asarray(_joined(parts)[: indices.size]), *blocks)
+    return jax.tree.map(lambda *parts: _joined(parts, indices.size), *blocks)
 
 
 @partial(jax.jit, static_argnames="dtype")
@@ -90,9 +90,11 @@ def _blocks(indices: np.ndarray) -> Iterator[np.ndarray]:
     yield from padded.reshape(count, _BLOCK)
 
 
-def _joined(parts: tuple[Array, ...]) -> np.ndarray:
-    """The parts joined by NumPy, because XLA would compile a program for each number of parts."""
-    return np.concatenate([np.asarray(part) for part in parts])
+def _joined(parts: tuple[Array, ...], count: int) -> Array:
+    """The first rows of the parts, joined by NumPy, because XLA would compile a program for each number of parts."""
+    if jnp.issubdtype(parts[0].dtype, jax.dtypes.prng_key):
+        return jax.random.wrap_key_data(_joined(tuple(map(jax.random.key_data, parts)), count))
+    return jnp.asarray(np.concatenate([np.asarray(part) for part in parts])[:count])
 
 
 def _key_of(key: Array, name: str) -> Array:

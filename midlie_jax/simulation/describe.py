@@ -9,7 +9,7 @@ import numpy as np
 
 from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
-from .names import named, parameter
+from .names import named, numbers, parameter
 from .plan import Plan
 from .variables import BODY, TIME, Variable, own_dims
 from .versions import versions
@@ -71,4 +71,4 @@ def _parameters(arguments: Any) -> dict[str, np.ndarray]:
     """The arrays of body, torque, dt and t0 by name."""
     body, torque, _, dt, t0 = arguments
     arrays = eqx.filter({"body": body, "torque": torque, "dt": dt, "t0": t0}, eqx.is_array)
-    return {name: np.asarray(values) for name, values in named(arrays, ".").items()}
+    return {name: numbers(values) for name, values in named(arrays, ".").items()}

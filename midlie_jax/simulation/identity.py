@@ -11,7 +11,7 @@ import numpy as np
 from .._xla.platform import on_cpu
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe
-from .names import named
+from .names import named, numbers
 from .plan import Plan
 from .program import program, unseen
 from .versions import versions
@@ -69,7 +69,7 @@ def differences(before: dict[str, str], now: dict[str, str]) -> list[str]:
 
 def _contents(prefix: str, tree: Any) -> dict[str, str]:
     arrays = eqx.filter(tree, eqx.is_array)
-    return {f"{prefix}{name}": _shown(_numbers(leaf)) for name, leaf in named(arrays, ".").items()}
+    return {f"{prefix}{name}": _shown(numbers(leaf)) for name, leaf in named(arrays, ".").items()}
 
 
 def _shown(array: np.ndarray) -> str:
@@ -80,7 +80,7 @@ def _shown(array: np.ndarray) -> str:
 
 def _hash(*arrays: Any, text: str = "") -> str:
     hashed = hashlib.sha256(text.encode())
-    for array in map(_numbers, arrays):
+    for array in map(numbers, arrays):
         hashed.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
     return hashed.hexdigest()[:16]
 
@@ -88,9 +88,3 @@ def _hash(*arrays: Any, text: str = "") -> str:
 def _arrays(tree: Any) -> list[Any]:
     return jax.tree.leaves(eqx.filter(tree, eqx.is_array))
 
-
-def _numbers(array: Any) -> np.ndarray:
-    """The array in NumPy; for random keys, their data."""
-    if isinstance(array, jax.Array) and jax.numpy.issubdtype(array.dtype, jax.dtypes.prng_key):
-        array = jax.random.key_data(array)
-    return np.asarray(array)

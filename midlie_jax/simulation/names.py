@@ -1,8 +1,9 @@
-"""Names for the arrays of a pytree, by their place in it; and for the arrays of parameters."""
+"""Names for the arrays of a pytree, by their place in it, and for the arrays of parameters; and their numbers."""
 
 from typing import Any
 
 import jax
+import numpy as np
 
 ALONE = "observed"  # the name if the tree is a single array
 
@@ -16,3 +17,10 @@ def named(tree: Any, separator: str = "_") -> dict[str, Any]:
 def parameter(name: str) -> str:
     """The name of the array with a parameter of a run, such as "body.moments"."""
     return f"parameter_{name.replace('.', '_')}"
+
+
+def numbers(array: Any) -> np.ndarray:
+    """The array in NumPy; for random keys, their data."""
+    if isinstance(array, jax.Array) and jax.numpy.issubdtype(array.dtype, jax.dtypes.prng_key):
+        array = jax.random.key_data(array)
+    return np.asarray(array)

@@ -84,11 +84,11 @@ class Langevin(ReadsBody):
             t, h: a time of the run and its step, ().
             count: the number of coupled bodies, or 0 for one body.
         """
-        frictions = [None if g is None else g.astype(h.dtype) for g in (self.friction, self.linear_friction)]
-        constants = body.in_principal_axes(), body.frame_of_user(), *frictions
+        principal, frame, friction = body.in_principal_axes(), body.frame_of_user(), self.friction.astype(h.dtype)
+        linear = None if self.linear_friction is None else self.linear_friction.astype(h.dtype)
         root = self._root if callable(self.kT) else None
         own = None if root is not None else self._root(t)
-        made = {b: exposures(*constants, b * h, own) for b in sorted(coefficients)}
+        made = {b: exposures(principal, frame, friction, linear, b * h, own) for b in sorted(coefficients)}
         words = jax.random.key_data(self.key)
         key = tuple(words[i] for i in range(words.shape[-1]))
         return Bath(root, key, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
