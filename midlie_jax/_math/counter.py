@@ -19,8 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-_Words = tuple[Array, Array, Array, Array]
-
 # Words that follow no pattern: the fractional parts of the square roots of the first primes, as in SHA-2.
 _ROOTS = (0x6A09E667, 0xBB67AE85, 0x3C6EF372, 0xA54FF53A, 0x510E527F, 0x9B05688C, 0x1F83D9AB, 0x5BE0CD19)
 
@@ -35,15 +33,17 @@ def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array |
             with the same count.
     """
     blocks = -(-count // 4)
-    own = (*key, *map(_word, _ROOTS[len(key) : 4]))
-    # What does not depend on the body costs nothing in a loop over bodies, and can be mixed thoroughly.
-    place = _mix(_mix((_word(step), _word(stage), _word(_ROOTS[6]), _word(_ROOTS[7]))))
+    # Each of the two is mixed by itself, and once more together. What depends on the key alone, XLA computes before the
+    # loop over steps; what does not depend on the body costs nothing in a loop over bodies.
+    a, b, c, d = (*key, *map(_word, _ROOTS[len(key) : 4]))
+    own = _mix(_fold(a), _fold(b), _fold(c), _fold(d))
+    place = _mix(*_mix(*map(_fold, (_word(step), _word(stage), _word(_ROOTS[6]), _word(_ROOTS[7])))))
     result: list[Array] = []
     for block in range(blocks):
         row = _word(member) * _word(blocks) + _word(block)
         # Odd multiples, so that each word differs from row to row.
-        parts = [k ^ (p + row * _word(root | 1)) for k, p, root in zip(own, place, _ROOTS, strict=False)]
-        result += _mix((parts[0], parts[1], parts[2], parts[3]))
+        x, y, z, w = (k ^ (p + row * _word(root | 1)) for k, p, root in zip(own, place, _ROOTS, strict=False))
+        result += _mix(x, y, z, w)
     return tuple(result[:count])
 
 
@@ -55,13 +55,12 @@ def _fold(x: Array) -> Array:
     return x ^ (x >> _word(16))
 
 
-def _mix(parts: _Words) -> _Words:
+def _mix(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array, Array]:
     """A permutation of all blocks of four words."""
-    x, y, z, w = map(_fold, parts)
     for _ in range(2):
         x = x + y * w
         y = y + z * x
         z = z + x * y
         w = w + y * z
-        x, y, z, w = map(_fold, (x, y, z, w))
+        x, y, z, w = _fold(x), _fold(y), _fold(z), _fold(w)
     return x, y, z, w

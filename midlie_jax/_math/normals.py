@@ -11,6 +11,7 @@ not.
 """
 
 import math
+from functools import reduce
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,7 +25,8 @@ from . import components as cp
 from .counter import words
 
 # Polynomials of the least largest error, lowest power first. Near zero, to rounding: -log(1 + x)/x for
-# sqrt(1/2) <= 1 + x <= sqrt(2), to 1.7e-7; 1/sqrt(x) where `_root` has guessed it to 3.5 %, to 2.3e-8.
+# sqrt(1/2) <= 1 + x <= sqrt(2), to 1.7e-7; 1/sqrt(1 - x) for
+# |x| <= .07, to 2.3e-8.
 LOGARITHM = (
     -0.99999994,
     0.50000364,
@@ -35,7 +37,7 @@ LOGARITHM = (
     -0.16222578,
     0.101068906,
 )
-ROOT = (2.4629753, -3.2879658, 2.9610407, -1.4100872, 0.27403697)
+ROOT = (1.0, 0.49999833, 0.37500072, 0.31393936, 0.27403697)
 # cos a and sin(a)/a in powers of a^2, for |a| <= pi/4, to 2.8e-8; sqrt(2) sin(a)/a for |a| <= pi/2, to 6e-9.
 COSINE = (1.0, -0.49999857, 0.041655026, -0.0013585909)
 SINE = (1.0, -0.16666651, 0.008332036, -0.00019504022)
@@ -60,7 +62,14 @@ def normals(
         dtype: float32, or float64, which gets the same numbers. They then are a loop of their own: a float32 vector
             holds twice as many of them as the rest of the step has room for.
     """
-    drawn = words(key, *counter, count + count % 2)
+    numbers = of_words(words(key, *counter, count + count % 2), count)
+    if jnp.dtype(dtype) == jnp.float32:
+        return numbers
+    return tuple(jax.lax.convert_element_type(x, dtype) for x in split(numbers))
+
+
+def of_words(drawn: Sequence[Array], count: int) -> tuple[Array, ...]:
+    """`count` normal numbers, float32, from as many independent random words; one more if the count is odd."""
     numbers: list[Array] = []
     for i in range(0, count, 2):
         radius = _radius(drawn[i])
@@ -69,9 +78,7 @@ def normals(
             numbers += [radius * _signed(cosine, drawn[i]), radius * _signed(sine, drawn[i + 1] << np.uint32(31))]
         else:
             numbers.append(radius * _sine(drawn[i + 1]))
-    if jnp.dtype(dtype) == jnp.float32:
-        return tuple(numbers)
-    return tuple(jax.lax.convert_element_type(x, dtype) for x in split(tuple(numbers)))
+    return tuple(numbers)
 
 
 def _float(word: Array) -> Array:
@@ -109,7 +116,7 @@ def _root(x: Array) -> Array:
     """The root of x: zero, or far from underflow and overflow."""
     guess = _of_bits(np.int32(_GUESS) - (_bits(x) >> np.int32(1)))
     close = x * guess
-    return close * _polynomial(ROOT, close * guess)
+    return close * _polynomial(ROOT, np.float32(1) - close * guess)
 
 
 def _on_circle(word: Array) -> tuple[Array, Array]:
@@ -131,4 +138,4 @@ def _sine(word: Array) -> Array:
 
 
 def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    return cp.polynomial(tuple(np.float32(c) for c in coefficients), x)
+    return reduce(lambda value, c: value * x + np.float32(c), coefficients[-2::-1], np.float32(coefficients[-1]))
