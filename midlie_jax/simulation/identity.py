@@ -87,4 +87,3 @@ def _hash(*arrays: Any, text: str = "") -> str:
 
 def _arrays(tree: Any) -> list[Any]:
     return jax.tree.leaves(eqx.filter(tree, eqx.is_array))
-

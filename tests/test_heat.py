@@ -1,0 +1,549 @@
+"""Bodies in a heat bath: what its stage does exactly, the Maxwell and Boltzmann distributions, and the random numbers."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, RIGID_FLIGHTS, quick, real
+from scipy.linalg import expm
+
+import midlie_jax as ml
+from midlie_jax.methods import schemes
+from midlie_jax.methods.scheme_order import measured_weak_order
+from midlie_jax.methods.splitting import Splitting
+from midlie_jax.methods.stages import BATH, FLIGHT, KICK
+from midlie_jax.model.bath import exposures
+
+KT, FRICTION = 0.7, 1.3
+MOMENTS = np.array([1.0, 2.0, 2.5])
+BATHS = ["BAOAB", "OBABO", "ABOBA"]
+MANY = 8192
+Langevin = ml.torques.Langevin
+
+
+def tensors(count, seed=0, rank=3):
+    """Random symmetric tensors with no negative eigenvalue, (count, 3, 3)."""
+    factor = np.random.default_rng(seed).normal(size=(count, 3, rank))
+    return factor @ np.swapaxes(factor, -1, -2)
+
+
+def keys(count, seed=1):
+    return jax.random.split(jax.random.key(seed), count)
+
+
+def at_rest(count, dtype="float64", *, hot=False, moments=MOMENTS):
+    """Bodies without motion, or ten times too hot."""
+    rng = np.random.default_rng(5)
+    momentum = rng.normal(size=(count, 3)) * np.sqrt(10 * KT * moments) * hot
+    attitude = np.tile([1.0, 0, 0, 0], (count, 1))
+    return ml.RigidState(jnp.asarray(momentum, dtype), jnp.asarray(attitude, dtype))
+
+
+def body_in(dtype, moments=MOMENTS):
+    return ml.RigidBody(jnp.asarray(moments, dtype))
+
+
+def close_to_one(values, *, independent=None, errors=3.0):
+    """Whether the mean of squares of standard normal numbers (n, ...) is 1 within three standard errors."""
+    values = np.asarray(values)
+    count = independent or len(values)
+    assert np.all(np.abs(values.mean(0) - 1) < errors * np.sqrt(2 / count)), values.mean(0)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+@pytest.mark.parametrize("time", [1e-6, 0.3, 20.0])
+def test_a_stage_of_the_bath_is_the_solution_of_its_equations(rank, time):
+    """Its mean and covariance are those of the matrix exponential; a friction of a lower rank leaves directions free."""
+    for friction in tensors(6, rank=rank):
+        body = ml.RigidBody(MOMENTS)
+        done = exposures(body, None, jnp.asarray(friction), None, jnp.asarray(time), jnp.sqrt(KT))
+        lost, spread = np.array(done.lost), np.array(done.spread)
+        kept = expm(-friction @ np.diag(1 / MOMENTS) * time)
+        inertia = np.diag(MOMENTS)
+        np.testing.assert_allclose(np.eye(3) - lost, kept, atol=1e-12)
+        np.testing.assert_allclose(spread @ spread.T, KT * (inertia - kept @ inertia @ kept.T), atol=2e-12)
+
+
+def test_numbers_are_tensors_of_that_diagonal_and_axes_are_symmetric_bodies():
+    body, time, root = ml.RigidBody(MOMENTS), jnp.asarray(0.4), None
+    for friction in ([0.3, 1.1, 0.0], [0.8, 0.8, 0.8]):
+        of_tensor = exposures(body, None, jnp.diag(jnp.array(friction)), None, time, root)
+        of_numbers = exposures(body, None, jnp.array(friction), None, time, root)
+        for matrix, numbers in zip(of_tensor, of_numbers, strict=True):
+            np.testing.assert_allclose(np.array(matrix), np.diag(numbers), atol=1e-15)
+    of_number = exposures(body, None, jnp.asarray(0.8), None, time, root)
+    np.testing.assert_array_equal(np.array(of_numbers), np.array(of_number))
+
+
+@pytest.mark.parametrize("frame", ["principal", "own"])
+def test_the_momentum_after_one_stage_has_the_stated_covariance(frame):
+    """Of bodies at rest, under a tensor of friction, in principal axes and in a frame of the user."""
+    friction, time = tensors(1, seed=3)[0], 0.4
+    inertia = np.diag(MOMENTS) if frame == "principal" else 0.2 * tensors(1, seed=4)[0] + 2 * np.eye(3)
+    body = ml.RigidBody(MOMENTS) if frame == "principal" else ml.TensorBody(inertia)
+    table = schemes.Scheme("flight before the bath", 1, ((FLIGHT, 1.0), (BATH, 1.0)))
+    torque = Langevin(KT, friction, keys(MANY))
+    path = ml.ensemble(ml.method("JACOBI", table), body, torque, at_rest(MANY), dt=time, steps=1)
+    kept = expm(-friction @ np.linalg.inv(inertia) * time)
+    wanted = KT * (inertia - kept @ inertia @ kept.T)
+    momentum = np.asarray(path.states.momentum)
+    assert bool(path.ok.all())
+    found = momentum.T @ momentum / MANY
+    error = np.sqrt((np.outer(np.diag(wanted), np.diag(wanted)) + wanted**2) / MANY)
+    assert np.all(np.abs(found - wanted) < 3.5 * error)
+    assert np.all(np.abs(momentum.mean(0)) < 3.5 * np.sqrt(np.diag(wanted) / MANY))
+
+
+def heated(flight, dtype, *, hot, scheme="BAOAB"):
+    """Free bodies after more than ten relaxation times."""
+    moments = MOMENTS if flight.moves(jnp.asarray(MOMENTS)) else np.array([2.0, 2.0, 0.9])
+    torque = Langevin(jnp.asarray(KT, dtype), jnp.asarray([1.0, 2.0, 0.9], dtype), keys(MANY))
+    start = at_rest(MANY, dtype, hot=hot, moments=moments)
+    name = f"{flight.name}[{scheme}]"
+    path = ml.ensemble(name, body_in(dtype, moments), torque, start, dt=0.1, steps=300)
+    return moments, path
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("hot", [False, True])
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("flight", RIGID_FLIGHTS, ids=lambda flight: flight.name)
+def test_free_bodies_come_to_the_maxwell_distribution(flight, dtype, hot):
+    moments, path = heated(flight, dtype, hot=hot)
+    assert bool(path.ok.all())
+    close_to_one(np.asarray(path.states.momentum, float) ** 2 / (KT * moments), errors=3.0)
+
+
+KINDS = ["momentum", "direction", "compensated", "free", "free, tensors", "axis", "free axis", "two", "five"]
+
+
+def kinds(count):
+    """States of every kind with the square of each momentum over its mean, (n, k): all should be 1."""
+    rest, z = at_rest(count), jnp.zeros((count, 3))
+    up = z.at[:, 2].set(1)
+    rigid, free = ml.RigidBody(MOMENTS), ml.FreeBody(ml.RigidBody(MOMENTS), 3.0)
+
+    def turning(state):
+        return state.momentum**2 / (KT * MOMENTS)
+
+    def axis(state):
+        along = jnp.sum(state.momentum * state.axis, -1)
+        across = jnp.sum(state.momentum**2, -1) - along**2
+        return jnp.stack([along**2 / (0.9 * KT), across / (4 * KT)], -1)
+
+    def travelling(of):
+        return lambda state: jnp.concatenate([of(state), state.linear**2 / (3 * KT)], -1)
+
+    def coupled(n):
+        few = [jnp.broadcast_to(x[: count // n, None], (count // n, n, x.shape[-1])) for x in (z, rest.attitude, z, z)]
+        return ml.CoupledState(*few), lambda s: travelling(turning)(s).reshape(-1, 6)
+
+    tilted = Langevin(KT, tensors(1)[0] + jnp.eye(3), keys(count), tensors(1, seed=2)[0] + jnp.eye(3))
+    plain, both = Langevin(KT, FRICTION, keys(count)), Langevin(KT, FRICTION, keys(count), 0.8)
+    symmetric = Langevin(KT, [1.0, 1.0, 0.5], keys(count), [1.0, 1.0, 2.0])
+    rotor = ml.Rotor(2.0, 0.9)
+    return {
+        "momentum": (rigid, plain, ml.MomentumState(z), turning),
+        "direction": (rigid, plain, ml.DirectionState(z, up), turning),
+        "compensated": (rigid, plain, ml.CompensatedState(z, rest.attitude), turning),
+        "free": (free, both, ml.FreeState(z, rest.attitude, z, z), travelling(turning)),
+        "free, tensors": (free, tilted, ml.FreeState(z, rest.attitude, z, z), travelling(turning)),
+        "axis": (rotor, plain, ml.AxisState(z, up), axis),
+        "free axis": (ml.FreeBody(rotor, 3.0), symmetric, ml.FreeAxisState(z, up, z, z), travelling(axis)),
+        "two": (free, Langevin(KT, FRICTION, keys(count // 2), 0.8), *coupled(2)),
+        "five": (free, Langevin(KT, FRICTION, keys(count // 5), 0.8), *coupled(5)),
+    }
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_state_comes_to_the_maxwell_distribution(kind):
+    body, torque, start, squares = kinds(MANY)[kind]
+    flight = "SYMMETRIC" if "axis" in kind else "JACOBI"
+    path = ml.ensemble(f"{flight}[BAOAB]", body, torque, start, dt=0.2, steps=120)
+    assert bool(path.ok.all())
+    close_to_one(squares(path.states), errors=3.5)
+
+
+@pytest.mark.sample(0)
+def test_a_linear_molecule_does_not_spin():
+    start = ml.AxisState(jnp.zeros((64, 3)), jnp.tile(jnp.array([0.0, 0.6, 0.8]), (64, 1)))
+    path = ml.ensemble(
+        "SYMMETRIC[BAOAB]", ml.Rotor(2.0, 0.0), Langevin(KT, FRICTION, keys(64)), start, dt=0.2, steps=50
+    )
+    along = np.sum(np.asarray(path.states.momentum * path.states.axis), -1)
+    assert np.abs(along).max() < 1e-14
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("scheme", BATHS)
+@pytest.mark.parametrize("x", [0.5, 2.0, 10.0])
+def test_a_dipole_in_a_field_points_as_langevin_says(scheme, x):
+    """<cos theta> = coth x - 1/x; the errors of the steps, of order (h omega)^2/20, are below the sampling error."""
+    count, moments = 2048, np.array([2.0, 2.0, 0.9])
+    torque = ml.torques.HeavyTop(-x * KT) + Langevin(KT, FRICTION, keys(count))
+    path = ml.ensemble(
+        f"SYMMETRIC[{scheme}]",
+        ml.RigidBody(moments),
+        torque,
+        at_rest(count),
+        dt=0.2 / np.sqrt(x),
+        steps=600,
+        save_every=30,
+        observe=ml.observe.Axis(),
+    )
+    cosine = np.asarray(path.states)[:, 6:, 2].mean(1)  # of each body, after nine relaxation times
+    error = cosine.std() / np.sqrt(count)
+    assert abs(cosine.mean() - (1 / np.tanh(x) - 1 / x)) < 3 * error + 2e-3
+
+
+WELL = {  # <x^2> and <p^2> over their values in a harmonic well, with s = (h omega)^2/4
+    "BAOAB": lambda s: (1.0, 1 - s),
+    "OBABO": lambda s: (1 / (1 - s), 1.0),
+    "ABOBA": lambda s: (1 / (1 - s), 1.0),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("scheme", BATHS)
+def test_the_averages_in_a_harmonic_well_are_those_of_theory(scheme):
+    """At h omega = 1.2, where a scheme that is not exact is 56 percent off."""
+    stiffness, mass, omega_h = 2.0, 3.0, 1.2
+    dt = omega_h / np.sqrt(stiffness / mass)
+    rest, z = at_rest(MANY), jnp.zeros((MANY, 3))
+    well = ml.torques.FromPotential(lambda t, state: stiffness / 2 * jnp.sum(state.position**2))
+    path = ml.ensemble(
+        f"JACOBI[{scheme}]",
+        ml.FreeBody(ml.RigidBody(MOMENTS), mass),
+        well + Langevin(KT, FRICTION, keys(MANY), 2.0),
+        ml.FreeState(z, rest.attitude, z, z),
+        dt=dt,
+        steps=40,
+    )
+    position, linear = WELL[scheme](omega_h**2 / 4)
+    close_to_one(stiffness * path.states.position**2 / (KT * position))
+    close_to_one(path.states.linear**2 / (mass * KT * linear))
+
+
+@pytest.mark.sample(0)
+def test_a_temperature_that_depends_on_time_is_that_of_the_time():
+    """Constant, it is a temperature; and in a weak bath that cools as exp(-t), the energy is what its equation says."""
+    start, friction = at_rest(MANY), 2.0
+    constant, function = (
+        ml.ensemble("JACOBI[BAOAB]", body_in("float64"), Langevin(kT, friction, keys(MANY)), start, dt=0.1, steps=20)
+        for kT in (KT, lambda t: jnp.full_like(t, KT))
+    )
+    np.testing.assert_allclose(constant.states.momentum, function.states.momentum, rtol=1e-9, atol=1e-12)
+    cooling = Langevin(lambda t: KT * jnp.exp(-t), friction, keys(MANY))
+    sphere = body_in("float64", np.array([2.0, 2.0, 2.0]))
+    end = ml.ensemble("JACOBI[OBABO]", sphere, cooling, start, dt=0.02, steps=100, save_every=None).states
+    # d<Pi^2>/dt = -2 g <Pi^2> + 2 g kT I with g = friction/I = 1: <Pi^2> = kT I 2 (exp(-t) - exp(-2 t)).
+    close_to_one(end.momentum**2 / (2 * KT * 2 * (np.exp(-2.0) - np.exp(-4.0))))
+
+
+def without(scheme):
+    """A scheme without its stages of the bath, its flights as they are."""
+    stages = tuple(stage for stage in scheme.stages if stage[0] != BATH)
+    return replace(scheme, name=f"{scheme.name} without O", stages=stages, known=True)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("scheme", BATHS)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
+    """To the bit. The flights are not merged, as those of an exact flight would be."""
+    count = 16
+    top, start = ml.torques.HeavyTop(jnp.asarray(1.5, dtype)), at_rest(count, dtype, hot=True)
+    frictionless = Langevin(jnp.asarray(KT, dtype), jnp.zeros((), dtype), keys(count))
+    flight = ml.flights.LieMidpoint()
+    plain = Splitting(flight, without(schemes.SCHEMES[scheme]), "plain")
+    other = [
+        real(lambda m=m, t=t: ml.ensemble(m, body_in(dtype), t, start, dt=0.1, steps=40).states)()
+        for m, t in ((Splitting(flight, schemes.SCHEMES[scheme], "heated"), top + frictionless), (plain, top))
+    ]
+    for a, b in zip(*map(jax.tree.leaves, other), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_bath_around_a_step_without_friction_is_that_step():
+    start, top = at_rest(8, hot=True), ml.torques.HeavyTop(1.5)
+    heated = ml.ensemble("JACOBI[OBABO]", body_in("float64"), top + Langevin(KT, 0.0, keys(8)), start, dt=0.1, steps=20)
+    plain = ml.ensemble("JACOBI[EA]", body_in("float64"), top, start, dt=0.1, steps=20)
+    np.testing.assert_array_equal(heated.states.momentum, plain.states.momentum)
+
+
+def one(**options):
+    """A top in a bath, one body."""
+    torque = ml.torques.HeavyTop(1.5) + Langevin(KT, tensors(1)[0], jax.random.key(7))
+    start = jax.tree.map(lambda x: x[0], at_rest(1, hot=True))
+    return ml.integrate(
+        options.pop("method", "JACOBI[BAOAB]"),
+        body_in("float64"),
+        torque,
+        options.pop("start", start),
+        **{"dt": 0.1, "steps": 40, **options},
+    )
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("scheme", BATHS)
+def test_a_run_goes_on_where_it_stopped(scheme):
+    method = f"JACOBI[{scheme}]"
+    whole = one(method=method, save_every=10)
+    half = one(method=method, steps=20, save_every=10)
+    middle = jax.tree.map(lambda x: x[-1], half.states)
+    rest = one(method=method, start=middle, steps=20, save_every=10, first_step=20)
+    for a, b, c in zip(*map(jax.tree.leaves, (whole.states, half.states, rest.states)), strict=True):
+        np.testing.assert_array_equal(a, np.concatenate([b, c[1:]]))
+
+
+@pytest.mark.sample(0)
+def test_the_numbers_of_a_body_are_those_of_its_key_and_step_alone():
+    """One = a batch = chunks, an index of steps that is negative or large works, and every step and stage differs."""
+    count = 40
+    torque = ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, keys(count))
+    start = at_rest(count, hot=True)
+    runs = [ml.ensemble("JACOBI[OBABO]", body_in("float64"), torque, start, dt=0.1, steps=10, chunk=c) for c in (40, 8)]
+    alone = ml.integrate(
+        "JACOBI[OBABO]",
+        body_in("float64"),
+        ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, keys(count)[3]),
+        jax.tree.map(lambda x: x[3], start),
+        dt=0.1,
+        steps=10,
+    )
+    np.testing.assert_allclose(runs[0].states.momentum, runs[1].states.momentum, rtol=1e-5)
+    np.testing.assert_allclose(alone.states.momentum[-1], runs[0].states.momentum[3], rtol=1e-5)
+    ends = [np.asarray(one(steps=1, first_step=n, t0=-0.1 * n).states.momentum[-1]) for n in (-5, 0, 1, 2**30)]
+    assert len({tuple(end) for end in ends}) == 4
+    np.testing.assert_array_equal(ends[1], one(steps=1).states.momentum[-1])
+
+
+@pytest.mark.sample(0)
+def test_coupled_bodies_number_by_number_and_side_by_side_have_the_same_noise():
+    def momenta(count):
+        z, e = jnp.zeros((count, 3)), jnp.tile(jnp.array([1.0, 0, 0, 0]), (count, 1))
+        body, bath = ml.FreeBody(ml.RigidBody(MOMENTS), 3.0), Langevin(KT, tensors(1)[0], jax.random.key(3), 0.5)
+        return ml.integrate("JACOBI[BAOAB]", body, bath, ml.CoupledState(z, e, z, z), dt=0.1, steps=10).states
+
+    few, many = momenta(3), momenta(7)
+    for a, b in zip(jax.tree.leaves(few), jax.tree.leaves(many), strict=True):
+        np.testing.assert_allclose(a, b[:, :3], rtol=1e-6, atol=1e-9)
+    assert len(np.unique(np.asarray(many.momentum[-1]))) == 21
+
+
+@pytest.mark.sample(0)
+def test_float32_and_float64_have_the_same_noise():
+    ends = [heated(RIGID_FLIGHTS[0], dtype, hot=False)[1].states.momentum for dtype in DTYPES]
+    np.testing.assert_allclose(*(np.asarray(end, float) for end in ends), atol=2e-2)
+
+
+@pytest.mark.sample(0)
+def test_gradients_through_a_bath_are_those_of_the_path():
+    """By the temperature and by a friction whose eigenvalues agree, in both modes, against differences."""
+    start = jax.tree.map(lambda x: x[0], at_rest(1, hot=True))
+
+    def end(kT, friction, adjoint):
+        torque = ml.torques.HeavyTop(1.5) + Langevin(kT, friction, jax.random.key(7))
+        run = ml.integrate(
+            "JACOBI[BAOAB]", body_in("float64", 2 * np.ones(3)), torque, start, dt=0.1, steps=20, adjoint=adjoint
+        )
+        return jnp.sum(run.states.momentum[-1] * jnp.array([1.0, -0.4, 0.3]))
+
+    friction, step = jnp.eye(3) * FRICTION, 1e-6
+    backward = quick(jax.grad(lambda *given: end(*given, ml.Checkpointed()), (0, 1)))(KT, friction)
+    forward = quick(jax.jacfwd(lambda *given: end(*given, ml.Forward()), (0, 1)))(KT, friction)
+    for a, b in zip(backward, forward, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10)
+    value = quick(lambda *given: end(*given, None))
+    rough = (value(KT + step, friction) - value(KT - step, friction)) / (2 * step)
+    np.testing.assert_allclose(backward[0], rough, rtol=1e-6)
+    for change in (np.diag([1.0, 0, 0]), np.array([[0, 1.0, 0], [1, 0, 0], [0, 0, 0]])):
+        rough = (value(KT, friction + step * change) - value(KT, friction - step * change)) / (2 * step)
+        np.testing.assert_allclose(np.sum(backward[1] * change), rough, rtol=1e-5)
+    nothing = jax.grad(lambda kT, g: end(kT, g, None), (0, 1))(0.0, 0.0)
+    assert np.all(np.isfinite(nothing))
+
+
+def test_the_order_of_a_table_with_a_bath_is_that_of_averages():
+    for name in BATHS:
+        assert abs(measured_weak_order(schemes.SCHEMES[name]) - 2) < 0.05
+        assert not schemes.SCHEMES[name].symmetric
+    first = ((KICK, 1.0), (FLIGHT, 1.0), (BATH, 1.0))
+    assert schemes.Scheme("BAO", 1, first).order == 1
+    with pytest.raises(ValueError, match="of order 2, but an order of"):
+        schemes.Scheme("BAO", 2, first)
+    # A table of high order with a bath at its ends is of order 2, and a table of any kind runs.
+    long = ((BATH, 0.5), *schemes.SRKN6B.stages, (BATH, 0.5))
+    with pytest.raises(ValueError, match="of order 4, but an order of"):
+        schemes.Scheme("O SRKN6b O", 4, long)
+    assert schemes.Scheme("O SRKN6b O", 2, long).order == 2
+
+
+@cache
+def messages():
+    body, start = body_in("float64"), jax.tree.map(lambda x: x[0], at_rest(1))
+    key, bath = jax.random.key(0), Langevin(KT, FRICTION, jax.random.key(0))
+    run = {"dt": 0.1, "steps": 4}
+    free = ml.FreeBody(body, 3.0)
+    moving = ml.FreeState(start.momentum, start.attitude, start.momentum, start.momentum)
+    axis, rotor = ml.AxisState.of(start), ml.Rotor(2.0, 0.9)
+    several = at_rest(3)
+    particle = ml.Particles(jnp.ones(1))
+
+    def go(method="JACOBI[BAOAB]", body=body, torque=bath, start=start, **options):
+        return lambda: ml.integrate(method, body, torque, start, **{**run, **options})
+
+    return {
+        "cold": (lambda: Langevin(-KT, 1.0, key), "kT must be finite and not negative"),
+        "negative friction": (lambda: Langevin(KT, -1.0, key), "friction must not be negative"),
+        "pushing tensor": (lambda: Langevin(KT, np.diag([1.0, -1, 1]), key), "friction must be positive semi-definite"),
+        "skew tensor": (lambda: Langevin(KT, [[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], key), "friction must be symmetric"),
+        "no key": (lambda: Langevin(KT, 1.0, 7), "key must be a typed key"),
+        "raw key": (lambda: Langevin(KT, 1.0, jax.random.PRNGKey(0)), "key must be a typed key"),
+        "no stage": (go("JACOBI[EA]"), "has no stage for it"),
+        "no stage of a Runge-Kutta method": (go("RK4"), "has no stage for it"),
+        "no bath": (go(torque=ml.torques.HeavyTop(1.0)), "the torque has none"),
+        "nothing": (go(torque=None), "the torque has none"),
+        "two baths": (go(torque=bath + bath), "can have one Langevin, got 2"),
+        "hidden bath": (go(torque=ml.torques.VelocityDependent(bath)), "must be a term of the sum"),
+        "called": (lambda: bath(0.0, start), "reads the body"),
+        "back in time": (go(dt=-0.1), "dt must be positive in a heat bath"),
+        "several keys": (go(torque=Langevin(KT, 1.0, keys(3))), "has one key, got"),
+        "one key for many": (
+            lambda: ml.ensemble("JACOBI[BAOAB]", body, bath, several, **run),
+            "would all get the same noise; give it one for each",
+        ),
+        "travels": (go(body=free, start=moving), "give Langevin the linear_friction"),
+        "does not travel": (go(torque=Langevin(KT, 1.0, key, 1.0)), "leave out linear_friction"),
+        "friction of many": (go(torque=Langevin(KT, jnp.ones(5), key)), "of shape"),
+        "temperatures": (go(torque=Langevin(jnp.ones(3), 1.0, key)), "kT must be one number"),
+        "three numbers in a frame": (
+            go(body=ml.TensorBody(np.diag(MOMENTS)), torque=Langevin(KT, [1.0, 2.0, 3.0], key)),
+            "give the tensor",
+        ),
+        "oblique axis": (
+            go("SYMMETRIC[BAOAB]", rotor, Langevin(KT, [1.0, 2.0, 3.0], key), axis),
+            "the first two are equal",
+        ),
+        "unknown spin": (go("SYMMETRIC[BAOAB]", ml.Rotor(2.0), bath, axis), r"Rotor\(moment, along\)"),
+        "reversible": (go(adjoint=ml.Reversible()), "symmetric method"),
+        "gradients": (
+            lambda: schemes.Scheme("x", 2, (*schemes.BAOAB.stages,), gradients=(0.0, 0.0)),
+            "has a bath, beside which gradients",
+        ),
+        "adaptive": (
+            lambda: ml.integrate_adaptive("JACOBI[BAOAB]", body, bath, start, density=lambda t, s: 1.0, **run),
+            "would bias averages",
+        ),
+        "recommend": (lambda: ml.recommend(body, bath, start, tolerance=1e-3, duration=1.0), "single motions"),
+        "check": (lambda: ml.check("JACOBI[BAOAB]", body, bath, start, dt=0.1), "single motions"),
+        "particles": (
+            go("position Verlet", particle, bath, ml.ParticleState(jnp.ones((1,)), jnp.ones((1,)))),
+            "has no stage for it",
+        ),
+    }
+
+
+@pytest.mark.parametrize("case", messages())
+def test_bad_input_is_named(case):
+    call, message = messages()[case]
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_one_key_for_many_is_possible_if_it_is_said():
+    start = at_rest(3)
+    path = ml.ensemble(
+        "JACOBI[BAOAB]",
+        body_in("float64"),
+        Langevin(KT, 1.0, jax.random.key(0)),
+        start,
+        dt=0.1,
+        steps=4,
+        torque_axes=None,
+    )
+    np.testing.assert_allclose(path.states.momentum, np.tile(path.states.momentum[:1], (3, 1)))
+
+
+def test_a_failure_is_a_flag():
+    """A temperature that becomes negative, and a step backwards that only the program knows."""
+    start, key = jax.tree.map(lambda x: x[0], at_rest(1)), jax.random.key(0)
+    cold = ml.integrate(
+        "JACOBI[BAOAB]", body_in("float64"), Langevin(lambda t: 1 - 10 * t, 1.0, key), start, dt=0.1, steps=4
+    )
+    assert not cold.ok
+    back = jax.jit(
+        lambda dt: ml.integrate("JACOBI[BAOAB]", body_in("float64"), Langevin(KT, 1.0, key), start, dt=dt, steps=4).ok
+    )
+    assert back(0.1)
+    assert not back(-0.1)
+
+
+@pytest.mark.sample(0)
+def test_keys_are_drawn_saved_and_resumed(tmp_path):
+    drawn = ml.scatter(jax.random.key(1), 20, noise=ml.distributions.Key(), attitude=ml.distributions.Rotation())
+    some = ml.scatter(jax.random.key(1), range(5, 9), noise=ml.distributions.Key())
+    np.testing.assert_array_equal(*(jax.random.key_data(x) for x in (some["noise"], drawn["noise"][5:9])))
+    start = ml.RigidState(jnp.zeros((20, 3)), drawn["attitude"])
+    torque = ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, drawn["noise"])
+    run = {"dt": 0.1, "steps": 40, "save_every": 10}
+    given = "JACOBI[BAOAB]", body_in("float64"), torque, start
+    whole = ml.ensemble(*given, **run, chunk=8)
+    done = ml.simulate(*given, **run, chunk=8, group=8, span=2, out=tmp_path / "run.zarr", progress=False)
+    np.testing.assert_array_equal(done.states().momentum, whole.states.momentum[:, -1])
+    other = given[0], given[1], ml.torques.HeavyTop(1.5) + Langevin(KT, FRICTION, keys(20)), start
+    with pytest.raises(ValueError, match="key"):
+        ml.simulate(*other, **run, chunk=8, group=8, span=2, out=tmp_path / "run.zarr", progress=False, resume=True)
+
+
+@cache
+def spheres():
+    """Free spheres: the angular velocities (n, k, 3) at intervals of .2, in equilibrium from the start."""
+    count, moment = 4096, 2.0
+    start = ml.RigidState(
+        jnp.sqrt(KT * moment) * jax.random.normal(jax.random.key(9), (count, 3)), at_rest(count).attitude
+    )
+    body = ml.RigidBody(moment * jnp.ones(3))
+    return ml.ensemble(
+        "JACOBI[BAOAB]",
+        body,
+        Langevin(KT, FRICTION, keys(count)),
+        start,
+        dt=0.2,
+        steps=20,
+        save_every=1,
+        observe=ml.observe.AngularVelocity(),
+    ).states
+
+
+@pytest.mark.sample(0)
+def test_the_angular_velocity_of_a_free_sphere_decays_as_the_friction_says():
+    """<Omega(0) . Omega(t)> = 3 kT/I exp(-G t/I), exact at every step."""
+    omega, moment = np.asarray(spheres()), 2.0
+    products = np.sum(omega[:, :1] * omega, -1)
+    times = 0.2 * np.arange(21)
+    error = products.std(0) / np.sqrt(len(omega))
+    assert np.all(np.abs(products.mean(0) - 3 * KT / moment * np.exp(-FRICTION * times / moment)) < 3.5 * error)
+
+
+@pytest.mark.sample(0)
+def test_under_strong_friction_the_axis_diffuses():
+    """<e(0) . e(t)> = exp(-2 D t), D = kT/G."""
+    count, friction, steps = 8192, 20.0, 400
+    path = ml.ensemble(
+        "SYMMETRIC[BAOAB]",
+        ml.RigidBody(0.1 * jnp.ones(3)),
+        Langevin(KT, friction, keys(count)),
+        at_rest(count),
+        dt=0.05,
+        steps=steps,
+        save_every=steps // 4,
+        observe=ml.observe.Axis(),
+    )
+    cosine, times = np.asarray(path.states)[..., 2], np.asarray(path.times)
+    error = cosine.std(0) / np.sqrt(count)
+    assert np.all(np.abs(cosine.mean(0) - np.exp(-2 * KT / friction * times)) < 3.5 * error + 1e-3)
