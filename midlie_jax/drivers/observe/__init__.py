@@ -1,0 +1,25 @@
+"""What an ensemble saves in place of its states: `observe=` of `ensemble` and `simulate`.
+
+An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
+the device: any function of (t, state), one of the classes of this module, or a dict of these. A *statistic* (`Mean`,
+`Histogram`) combines these values over all bodies that can be trusted at that time.
+"""
+
+from .arguments import Observe as Observe
+from .arguments import as_observe as as_observe
+from .arguments import as_observe_of_one as as_observe_of_one
+from .arguments import observe_state as observe_state
+from .observables import Function as Function
+from .observables import Observable as Observable
+from .observables import Together as Together
+from .observables import as_observable as as_observable
+from .quantities import AngularVelocity as AngularVelocity
+from .quantities import Axis as Axis
+from .quantities import Energy as Energy
+from .quantities import Position as Position
+from .quantities import SpatialMomentum as SpatialMomentum
+from .quantities import Velocity as Velocity
+from .statistics import Histogram as Histogram
+from .statistics import Mean as Mean
+from .statistics import Moments as Moments
+from .statistics import Statistic as Statistic
