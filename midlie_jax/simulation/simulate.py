@@ -16,7 +16,7 @@ from .._checks.arguments import as_count, described
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import as_batch, check_spread
-from ..drivers.observe import Statistic, as_observe
+from ..drivers.observe import Series, Statistic, as_observe
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.state import StateT
@@ -110,6 +110,12 @@ def simulate(
     path = _checked_path(out, resume)
     batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
     check_spread(batch, observe, mesh)
+    if isinstance(observe, Series):
+        name = type(observe).__name__
+        raise ValueError(
+            f"simulate cannot observe {name}, because it cuts a run in time; give {name} to midlie_jax.ensemble, or "
+            f"save what it observes and call midlie_jax.observe.{name.lower()}."
+        )
     seen = seen_leaves(batch, observe)
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
     if existing is not None:  # a resumed run is cut as before; a request for another cut is refused below

@@ -10,6 +10,7 @@ from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.torques import TorqueLike, on_body
 from .observables import Observable, as_observable
+from .series import Series
 from .statistics import Statistic, promoted
 
 Observe = Observable | Statistic
@@ -22,7 +23,7 @@ def as_observe(value: Any) -> Observe | None:
 
 def as_observe_of_one(value: Any) -> Observe | None:
     """The checked argument `observe` of a driver of one body."""
-    if isinstance(value, Statistic):
+    if isinstance(value, Statistic) and not isinstance(value, Series):
         raise ValueError("a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.")
     return as_observe(value)
 

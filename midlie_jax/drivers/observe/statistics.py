@@ -34,6 +34,17 @@ class Statistic(eqx.Module):
     def merged(self, parts: Any) -> Any:
         """The part of the union of several groups, from their parts stacked along the first axis."""
 
+    def check(self, saves: int | None) -> None:
+        """Raises unless the statistic can be had from this many saved values of a body; None for the end alone."""
+
+    def parts(self, values: Any, good: Array) -> Any:
+        """What `ensemble` keeps of a group of bodies from their values (bodies, k, ...): here a part for each time."""
+        return jax.vmap(self.part, in_axes=1)(values, good)
+
+    def result(self, merged: Any, interval: Array) -> Any:
+        """What `ensemble` returns of the merged parts; `interval` is the time between two saved values."""
+        return merged
+
     def finished(self, merged: Any) -> Any:
         """What a file holds of the merged parts, a pytree of arrays."""
         return merged
