@@ -11,6 +11,7 @@ their errors), `of_arrays` (the same of values in memory), `arguments` (the argu
 """
 
 from .arguments import Observe as Observe
+from .arguments import Values as Values
 from .arguments import as_observe as as_observe
 from .arguments import as_observe_of_one as as_observe_of_one
 from .arguments import observe_state as observe_state

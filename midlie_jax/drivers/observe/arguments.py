@@ -16,6 +16,15 @@ from .statistics import Statistic, promoted
 Observe = Observable | Statistic
 
 
+class Values(Observable):
+    """The values that a statistic combines, of one body."""
+
+    observable: Observable
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+        return self.observable.of(t, state, body, torque)
+
+
 def as_observe(value: Any) -> Observe | None:
     """The checked argument `observe` of a driver."""
     return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
@@ -37,7 +46,7 @@ def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body
     value = jax.tree.map(jnp.asarray, observable.of(t, state, body, acting))
     if not jax.tree.leaves(value):
         raise ValueError("observe must return an array or a pytree of arrays, but returned none.")
-    if not isinstance(observe, Statistic):
+    if not isinstance(observe, Statistic | Values):
         return value
     for path, leaf in jax.tree_util.tree_leaves_with_path(value):
         if jnp.iscomplexobj(leaf):

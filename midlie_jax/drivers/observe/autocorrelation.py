@@ -70,6 +70,7 @@ class Autocorrelation(Series):
         ValueError: `lags` is not a positive int; a driver raises it if the run has no more than `lags` saved values.
     """
 
+    fields = Correlation._fields
     lags: int = eqx.field(static=True)
     centred: bool = eqx.field(static=True)
     normalised: bool = eqx.field(static=True)

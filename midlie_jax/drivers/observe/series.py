@@ -5,7 +5,7 @@ along. So a run in several spans of time has the same statistic as a run in one.
 """
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,8 @@ from .statistics import Statistic
 
 class Series(Statistic):
     """A statistic over times and bodies: of each body only the values before its first bad state count."""
+
+    fields: ClassVar[tuple[str, ...]]  # the names of what `of_sums` returns, first that of its rows
 
     @abstractmethod
     def begun(self, bodies: int, values: Any) -> Any:
@@ -58,6 +60,15 @@ class Series(Statistic):
         return jax.tree.map(
             lambda sums: self.of_sums(sums, jnp.abs(interval)), merged, is_leaf=lambda x: isinstance(x, Sums)
         )
+
+    def finished(self, merged: Any) -> Any:
+        """The numbers of each `result` by name."""
+        return jax.tree.map(lambda found: found._asdict(), merged, is_leaf=lambda x: hasattr(x, "_asdict"))
+
+    def row_of(self, name: str) -> str:
+        """The name of the rows of a variable of the file: `observed_lag` for `observed_error`."""
+        field = next(field for field in self.fields if name.endswith(field))
+        return name.removesuffix(field) + self.fields[0]
 
     def of_bodies(self, values: Any, good: Array, interval: Array) -> Any:
         """The statistic of the values (bodies, k, ...) of all bodies."""

@@ -75,6 +75,7 @@ class Spectrum(Series):
             values.
     """
 
+    fields = Density._fields
     segment: int = eqx.field(static=True)
     overlap: int = eqx.field(static=True)
     window: Array
