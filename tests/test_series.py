@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.signal import get_window, welch
-from simulated import ATTITUDES, BODIES, MOMENTA, MOMENTS, WEIGHTS
+from simulated import ATTITUDES, BODIES, MOMENTA, MOMENTS, WEIGHTS, simulated
 
 import midlie_jax as ml
 
@@ -211,7 +211,7 @@ def test_blocks_of_values_and_groups_of_bodies_are_one_series(name):
         merged = statistic.merged(jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts))
         return statistic.result(merged, jnp.asarray(INTERVAL))
 
-    whole = jax.jit(statistic.of_bodies)(values, good, jnp.asarray(INTERVAL))
+    whole = jax.jit(lambda *given: statistic.of_bodies(*given))(values, good, jnp.asarray(INTERVAL))
     for found, expected in zip(cut(values, good), whole, strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-14)
 
@@ -261,6 +261,42 @@ def test_a_symmetric_top_has_a_line_at_its_precession():
     along = 1 / (1 + 0.6**2)  # the part of the axis that does not turn, squared
     expected = along + (1 - along) * np.cos(2 * np.pi * rate * np.asarray(found.lag))
     np.testing.assert_allclose(found.correlation, expected, rtol=1e-11)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("out", ["run.zarr", "run.npz"])
+@pytest.mark.parametrize("span", [4, 8, 25])
+def test_a_file_holds_the_statistic_of_the_whole_run(tmp_path, span, out):
+    """However it is cut into spans, which may be shorter than the lags; also of bodies that fail between."""
+    momenta = np.where(np.arange(BODIES)[:, None] == 4, 1e200, MOMENTA)
+
+    def run(name, observe):
+        return simulated(tmp_path / name, momenta=momenta, span=span, observe=observe)
+
+    def observable(t, state):
+        return jnp.where(state.momentum > 1e100, 0.0, state.momentum)
+
+    values = run("values.npz", observable)
+    x = values.open()["observed"]
+    assert values.first_bad[4] == 1
+    found = run(out, ml.observe.Autocorrelation({"p": observable, "t": lambda t, s: t}, 9, centred=True)).open()
+    value, error, number = correlated(x, 9, values.first_bad, centred=True)
+    np.testing.assert_allclose(found["p_correlation"], value, rtol=1e-11)
+    np.testing.assert_allclose(found["p_error"], error, rtol=1e-11)
+    np.testing.assert_array_equal(found["p_number"], number)
+    np.testing.assert_allclose(found["p_lag"], 0.5 * np.arange(10), rtol=1e-15)
+    found = run(f"spectrum-{out}", ml.observe.Spectrum(observable, 10)).open()
+    expected = ml.observe.spectrum(x, 10, interval=0.5, first_bad=values.first_bad)
+    for name, numbers in expected._asdict().items():
+        np.testing.assert_allclose(found[name], numbers, rtol=1e-11)
+    if out == "run.zarr":
+        assert found["density"].dims == ("frequency",)
+
+
+def test_a_file_needs_as_many_saved_values(tmp_path):
+    with pytest.raises(ValueError, match=r"lags \(25\) must be less than the number of saved values \(25\)"):
+        simulated(tmp_path / "run.npz", observe=ml.observe.Autocorrelation(momentum, 25))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.sample(0)

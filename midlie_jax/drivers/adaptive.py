@@ -47,7 +47,8 @@ from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_step, check_system
-from .observe import Observe, Series, as_observe_of_one, observe_state
+from .observe import Observe, as_observe_of_one, observe_state
+from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
 from .results import result_of
 

@@ -23,7 +23,8 @@ from .adjoints import Adjoint, Steps, as_adjoint
 from .arguments import as_first_step, as_method, as_saving, as_scalar, check_step, check_system, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .legs import Leg, in_leg
-from .observe import Observe, Series, as_observe_of_one, observe_state
+from .observe import Observe, as_observe_of_one, observe_state
+from .observe.series import Series
 from .path import Path, end_alone, first_bad
 from .results import result_of
 from .shared_inputs import Rows, SharedInputs

@@ -15,7 +15,9 @@ from ..drivers.adjoints import as_adjoint
 from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.ensemble import Batch
 from ..drivers.legs import Leg, iteration, next_stop, nothing_carried
-from ..drivers.observe import Observe, Series, Statistic, Values
+from ..drivers.observe import Observe, Statistic
+from ..drivers.observe.arguments import Values
+from ..drivers.observe.series import Series
 from ..methods.base import Method
 from ..model.state import AnyState
 from .names import named

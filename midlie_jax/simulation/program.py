@@ -14,7 +14,8 @@ import jax
 from ..drivers.adjoints import as_adjoint
 from ..drivers.ensemble import Batch
 from ..drivers.integrate import run_of_body
-from ..drivers.observe import Observe, Series, Statistic
+from ..drivers.observe import Observe, Statistic
+from ..drivers.observe.series import Series
 
 # The names of calls whose code is outside the program, but part of JAX or of the GPU's libraries. Any other name stands
 # for the user's code, as with `jax.pure_callback` or `jax.ffi.ffi_call`, which cannot be seen.

@@ -16,7 +16,8 @@ from .._checks.arguments import as_count, described
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import as_batch, check_spread
-from ..drivers.observe import Series, Statistic, as_observe
+from ..drivers.observe import Statistic, as_observe
+from ..drivers.observe.series import Series
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.state import StateT

@@ -9,7 +9,8 @@ import numpy as np
 from jax import Array
 
 from .._checks.typed_by import TypedBy
-from ..drivers.observe import Series, Statistic
+from ..drivers.observe import Statistic
+from ..drivers.observe.series import Series
 from ..drivers.path import States
 from .describe import Whole
 from .names import named

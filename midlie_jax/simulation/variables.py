@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..drivers.ensemble import Batch
-from ..drivers.observe import Observe, Series, Statistic, observe_state
+from ..drivers.observe import Observe, Statistic, observe_state
+from ..drivers.observe.series import Series
 from .names import named
 from .plan import Plan
 

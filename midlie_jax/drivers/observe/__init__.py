@@ -11,7 +11,6 @@ their errors), `of_arrays` (the same of values in memory), `arguments` (the argu
 """
 
 from .arguments import Observe as Observe
-from .arguments import Values as Values
 from .arguments import as_observe as as_observe
 from .arguments import as_observe_of_one as as_observe_of_one
 from .arguments import observe_state as observe_state
@@ -29,7 +28,6 @@ from .quantities import Energy as Energy
 from .quantities import Position as Position
 from .quantities import SpatialMomentum as SpatialMomentum
 from .quantities import Velocity as Velocity
-from .series import Series as Series
 from .spectrum import Density as Density
 from .spectrum import Spectrum as Spectrum
 from .statistics import Histogram as Histogram
