@@ -6,6 +6,7 @@ Each is compared with the same ensemble on one device, and searched for communic
 import json
 import os
 import re
+from functools import partial
 
 os.environ["XLA_FLAGS"] = "--xla_force_host_platform_device_count=4"
 
@@ -58,9 +59,15 @@ def energy(t, state):
     return jnp.sum(state.momentum**2)
 
 
-def mean(where):
-    observe = ml.observe.Mean(energy)
-    run = {"dt": 0.05, "steps": 20, "save_every": 10, "chunk": 6}
+OBSERVED = {
+    "mean": ml.observe.Mean(energy),
+    "autocorrelation": ml.observe.Autocorrelation(ml.observe.Axis(), 5, centred=True, normalised=True),
+    "spectrum": ml.observe.Spectrum(ml.observe.Axis(), 4),
+}
+
+
+def observed(observe, where):
+    run = {"dt": 0.05, "steps": 20, "save_every": 2, "chunk": 6}
     return ml.ensemble("SYMMETRIC[EA]", BODY, TOP, START, **run, mesh=where, observe=observe)
 
 
@@ -77,5 +84,5 @@ def explicit():
 
 
 if __name__ == "__main__":
-    checks = {"tops": tops, "orbit": orbit, "mean": mean}
+    checks = {"tops": tops, "orbit": orbit, **{name: partial(observed, observe) for name, observe in OBSERVED.items()}}
     print(json.dumps({**{name: compared(check) for name, check in checks.items()}, "explicit": explicit()}))

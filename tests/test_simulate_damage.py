@@ -19,7 +19,11 @@ DAMAGES = {
     "nothing of it": lambda data: b"",
     "no file": lambda data: None,
 }
-OBSERVED = {"states": None, "statistic": ml.observe.Mean(ml.observe.Axis())}
+OBSERVED = {
+    "states": None,
+    "statistic": ml.observe.Mean(ml.observe.Axis()),
+    "series": ml.observe.Spectrum(ml.observe.Axis(), 3),
+}
 
 
 def run(out, observed, **options):

@@ -56,6 +56,13 @@ RUNS = {
     "a failure": partial(simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, save_every=60, span=3),
     "an observable": partial(simulated, observe={"axis": ml.observe.Axis(), "f": lambda t, s: t * s.momentum[0]}),
     "a statistic": partial(simulated, observe=ml.observe.Mean(ml.observe.Axis()), save_every=20),
+    "a statistic of times": partial(
+        simulated,
+        method="LIEMID[EA]",
+        torque=pulled,
+        momenta=BAD,
+        observe=ml.observe.Autocorrelation({"p": lambda t, s: s.momentum}, 11, centred=True),
+    ),
     "a statistic of few": partial(
         simulated, method="LIEMID[EA]", torque=pulled, momenta=BAD, observe=ml.observe.Mean(lambda t, s: s.momentum)
     ),

@@ -105,6 +105,7 @@ OBSERVED = {
         {"observe": ml.observe.Histogram(ml.observe.Energy(), [0.0, 1.0, 9.0])},
         ["observed 1", "observed 2"],
     ),
+    "spectrum": ({"observe": ml.observe.Spectrum(ml.observe.Energy(), 5)}, ["density", "error", "number"]),
 }
 
 
@@ -115,8 +116,10 @@ def test_any_store_is_drawn(tmp_path, capsys, observed):
     result = simulated(tmp_path / "run.zarr", **options)
     figure = store_figure(ml.simulation.inspect(result.out))
     assert [axes.get_title(loc="left") for axes in figure.axes] == titles
-    assert len(figure.axes[0].lines) == (1 if observed == "histogram" else 3)
-    assert all(len(line.get_xdata()) == 6 for axes in figure.axes for line in axes.lines)
+    assert len(figure.axes[0].lines) == (1 if observed in ("histogram", "spectrum") else 3)
+    points = 3 if observed == "spectrum" else 6
+    assert all(len(line.get_xdata()) == points for axes in figure.axes for line in axes.lines)
+    assert figure.axes[0].get_xlabel() == ("Frequency" if observed == "spectrum" else "Time t")
     if observed == "histogram":
         picture = tmp_path / "run.png"
         code, _, _ = said(capsys, "inspect", result.out, "--plot", picture)

@@ -48,6 +48,7 @@ from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_step, check_system
 from .observe import Observe, as_observe_of_one, observe_state
+from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
 from .results import result_of
 
@@ -162,6 +163,11 @@ def integrate_adaptive(
     if isinstance(adjoint, Reversible):
         raise ValueError("adjoint must be Checkpointed() or Forward(): variable steps are not taken back one by one.")
     observe = as_observe_of_one(observe)
+    if isinstance(observe, Series):
+        raise ValueError(
+            f"{type(observe).__name__} needs values at equal intervals, and these steps differ; give it to "
+            "midlie_jax.integrate or midlie_jax.ensemble."
+        )
     refused = "integrate_adaptive chooses its steps by the state, and in a heat bath that would bias averages"
     method = check_system(as_method(method), body, torque, start, bath=refused)
     if not method.symmetric:

@@ -130,7 +130,8 @@ def run_ensemble(
         if mesh is not None:  # every device merges the parts of all chunks, in the same order
             everywhere = NamedSharding(Mesh(mesh.devices, mesh.axis_names), PartitionSpec())
             parts = jax.lax.with_sharding_constraint(parts, everywhere)
-        path = path._replace(states=observe.merged(parts))
+        interval = shared[3] * (save_every or steps)  # a statistic needs one dt
+        path = path._replace(states=observe.result(observe.merged(parts), interval))
     if chunks * size == count:
         return path, end
     cut = partial(jax.tree.map, lambda x: x[:count])
@@ -152,13 +153,15 @@ def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
 def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
     """The parts (k, ...) of a statistic at the saved times, from the observed values (bodies, k, ...) of a chunk.
 
+    A statistic over times has one part, without the axis (k,).
+
     Args:
         counted: (bodies,), whether a body may be counted.
     """
     values = jax.tree.map(lambda x: x if path.times.ndim else x[:, None], path.states)
     saved = jax.tree.leaves(values)[0].shape[1]
     good = counted[:, None] & (jnp.arange(saved, dtype=jnp.int32)[None] < path.first_bad[:, None])
-    parts = jax.vmap(observe.part, in_axes=1)(values, good)
+    parts = observe.parts(values, good)
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
 

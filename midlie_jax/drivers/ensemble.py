@@ -99,13 +99,14 @@ def ensemble(
             same and no larger than the number of bodies per device.
         observe: what the path holds in place of the states: a function of (t, state) of one body, an observable of
             `midlie_jax.observe`, or a dict of these; or a statistic of these over all bodies that can be trusted at a
-            time, such as `midlie_jax.observe.Mean(f)`. A statistic needs one `dt` and `t0` for all bodies.
+            time, such as `midlie_jax.observe.Mean(f)`, or over bodies and times, such as
+            `midlie_jax.observe.Spectrum(f, 1000)`. A statistic needs one `dt` and `t0` for all bodies.
 
     Returns:
         The path, with `ok` and `first_bad` (n,). With `save_every`: `times` (k,), or (n, k) if `dt` or `t0` is (n,),
         and `states` with leading axes (n, k). Without: `times` (), or (n,), `states` with a leading axis (n,), and
         `first_bad` 0 for a body that failed, else 1. With `observe`, `states` holds what was observed, with the same
-        leading axes; a statistic lacks the axis (n,).
+        leading axes; a statistic lacks the axis (n,), and one of time also the axis (k,).
 
     Raises:
         ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the cure.
@@ -117,6 +118,8 @@ def ensemble(
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
     observe = as_observe(observe)
     check_spread(batch, observe, mesh)
+    if isinstance(observe, Statistic):
+        observe.check(save_every and 1 + steps // save_every)
     size = chunk or chunk_size(batch.bodies if mesh is None else -(-batch.bodies // mesh.size), batch.mapped[2])
     run = batch.method, as_adjoint(adjoint), batch.mapped, batch.shared, first, steps
     return run_ensemble(*run, save_every, size, observe, mesh, tables=shared_tables(*run))[0]

@@ -24,6 +24,7 @@ from .arguments import as_first_step, as_method, as_saving, as_scalar, check_ste
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
+from .observe.series import Series
 from .path import Path, end_alone, first_bad
 from .results import result_of
 from .shared_inputs import Rows, SharedInputs
@@ -95,7 +96,8 @@ def integrate(
             each step and recomputes the rest. `Reversible()`: reverse mode takes the steps backwards, in memory that
             does not grow with the number of steps. `Forward()`: only forward mode.
         observe: what the path holds in place of the states: a function of (t, state), an observable of
-            `midlie_jax.observe`, or a dict of these.
+            `midlie_jax.observe`, or a dict of these; or a statistic of time, such as
+            `midlie_jax.observe.Autocorrelation(f, 100)`, which has no axis of times.
 
     Returns:
         The path. A failed solve, NaN or infinity shows as False in `path.ok`, never as an exception, and
@@ -107,6 +109,8 @@ def integrate(
     """
     steps, observe = as_count("steps", steps), as_observe_of_one(observe)
     save_every = as_saving(save_every, steps)
+    if isinstance(observe, Series):
+        observe.check(save_every and 1 + steps // save_every)
     first = as_first_step(first_step, steps)
     method = check_system(as_method(method), body, torque, start)
     dtype = start.momentum.dtype
@@ -218,9 +222,15 @@ def run_of_body(
     return path, system.state(progress.motion), progress
 
 
-def path_of_body(*arguments: Any, **options: Any) -> Path[Any]:
-    """The first result of `run_of_body`, the path."""
-    return run_of_body(*arguments, **options)[0]
+def path_of_body(*arguments: Any, observe: Observe | None = None, **options: Any) -> Path[Any]:
+    """The first result of `run_of_body`, the path; a statistic of time takes the place of the values."""
+    path = run_of_body(*arguments, observe=observe, **options)[0]
+    if not isinstance(observe, Series):
+        return path
+    dt, save_every = arguments[5], arguments[9]
+    good = jnp.arange(len(path.times), dtype=jnp.int32) < path.first_bad
+    values = jax.tree.map(lambda x: x[None], path.states)
+    return path._replace(states=observe.of_bodies(values, good[None], dt * save_every))
 
 
 def _side_by_side(

@@ -9,7 +9,7 @@ import numpy as np
 from .names import parameter
 from .plan import Part, Plan
 from .sink import Arrays, Begun, Sink
-from .variables import GROUP, Variable
+from .variables import GROUP, SPAN, Variable
 
 
 class Memory(Sink):
@@ -23,11 +23,12 @@ class Memory(Sink):
         self.plan = plan
         self._arrays = {name: np.empty(variable.shape, variable.dtype) for name, variable in seen.items()}
         self._of_groups = {name for name, variable in seen.items() if variable.dims[0] == GROUP}
+        self._of_spans = {name for name, variable in seen.items() if variable.dims[1] == SPAN}
         self._first_bad = np.full(plan.bodies, plan.saves, np.int32)
 
     def write(self, part: Part, seen: Arrays, state: Arrays, first_bad: np.ndarray) -> None:
         for name, values in seen.items():
-            self._arrays[name][self.plan.place(part, name in self._of_groups)] = values
+            self._arrays[name][self.plan.place(part, name in self._of_groups, name in self._of_spans)] = values
         self._first_bad[self.plan.bodies_of(part.group)] = first_bad
 
     def keep(self, part: Part, begun: Begun) -> None:

@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,11 +16,14 @@ from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
 from ..drivers.ensemble import Batch
 from ..drivers.legs import Leg, iteration, next_stop, nothing_carried
 from ..drivers.observe import Observe, Statistic
+from ..drivers.observe.arguments import Values
+from ..drivers.observe.series import Series
 from ..methods.base import Method
 from ..model.state import AnyState
 from .names import named
 from .plan import Part, Plan
 from .sink import Arrays, Begun
+from .variables import SERIES, value_leaves
 
 
 class Progress(NamedTuple):
@@ -32,6 +36,8 @@ class Progress(NamedTuple):
         carried: the progress of all rows.
         seen: what the part will write, in pieces ordered by time.
         end: the states of all rows.
+        series: what a statistic over times carries of the bodies of the group, until the part is complete that of the
+            parts before.
     """
 
     start: AnyState
@@ -40,6 +46,7 @@ class Progress(NamedTuple):
     carried: Any = None
     seen: tuple[Arrays, ...] = ()
     end: Any = None
+    series: Any = None
 
     def all_seen(self) -> Arrays:
         """What the part will write, in one piece."""
@@ -50,7 +57,11 @@ class Progress(NamedTuple):
 
     def after(self) -> "Progress":
         """The group at the beginning of the next part."""
-        return Progress(self.end, self.first_bad)
+        return Progress(self.end, self.first_bad, series=self.series)
+
+    def state(self) -> Arrays:
+        """What is stored at the end of the part, from which the next part goes on."""
+        return named(self.end) | ({} if self.series is None else named({SERIES: self.series}))
 
 
 class Computation(NamedTuple):
@@ -76,21 +87,25 @@ class Computation(NamedTuple):
         """A group at the start of the run."""
         rows = self.rows(group)
         start = jax.tree.map(lambda x: np.asarray(x[rows]), self.batch.mapped[2])
-        return Progress(start, np.full(len(rows), self.plan.saves, np.int32))
+        return Progress(start, np.full(len(rows), self.plan.saves, np.int32), series=self._series(group))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
         """A group at the end of a span, from the states and `first_bad` that were stored there."""
         rows = self._rows_in(group)
         structure = jax.tree.structure(self.batch.mapped[2])
         arrays = [state[name][rows] for name in named(self.batch.mapped[2])]
-        return Progress(jax.tree.unflatten(structure, arrays), first_bad[rows])
+        series = self._series(group)
+        if series is not None:
+            names = named({SERIES: series})
+            series = jax.tree.unflatten(jax.tree.structure(series), [state[name] for name in names])
+        return Progress(jax.tree.unflatten(structure, arrays), first_bad[rows], series=series)
 
     def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
         """A group in the middle of a part, from its progress before the part and what is stored of the part."""
         rows = self._rows_in(group)
         carried = jax.tree.unflatten(jax.tree.structure(self.nothing), [x[rows] for x in begun.carried])
         pieces = (begun.seen,) if begun.seen else ()
-        return Progress(before.start, begun.first_bad[rows], begun.steps, carried, pieces)
+        return Progress(before.start, begun.first_bad[rows], begun.steps, carried, pieces, series=before.series)
 
     def tables(self, span: int) -> Any:
         """The inputs that all bodies share in a span, computed once for all groups."""
@@ -111,7 +126,7 @@ class Computation(NamedTuple):
         )
         found = _compute(
             self.batch.method,
-            self.observe,
+            Values(self.observe.observable) if isinstance(self.observe, Series) else self.observe,
             (body, torque, start, dt, t0),
             self.batch.shared,
             first_bad,
@@ -125,10 +140,38 @@ class Computation(NamedTuple):
         seen, end, carried, first_bad = jax.tree.map(np.asarray, found)
         # The state with which a part begins is written by the previous part.
         new = slice(before.steps // every + 1 if before.steps or part.span else 0, stop // every + 1)
-        real = slice(None) if isinstance(self.observe, Statistic) else slice(plan.bodies_in(part.group))
+        combined = isinstance(self.observe, Statistic) and not isinstance(self.observe, Series)
+        real = slice(None) if combined else slice(plan.bodies_in(part.group))
         piece = {name: values[real, new].copy() for name, values in seen.items()}
         pieces = (*before.seen, piece) if new.stop > new.start else before.seen
-        return Progress(before.start, first_bad, stop, carried, pieces, end)
+        after = Progress(before.start, first_bad, stop, carried, pieces, end, before.series)
+        return self._with_series(part, after) if stop == plan.steps(part.span) else after
+
+    @property
+    def interval(self) -> Array:
+        """The time between two saved states of a run whose bodies have one step, ()."""
+        return self.batch.shared[3] * self.plan.save_every
+
+    def _series(self, group: int) -> Any:
+        """What a statistic over times carries of a group at the start of the run; None without one."""
+        if not isinstance(self.observe, Series):
+            return None
+        carried = self.observe.begun(self.plan.bodies_in(group), value_leaves(self.batch, self.observe))
+        return jax.tree.map(np.asarray, carried)
+
+    def _with_series(self, part: Part, progress: Progress) -> Progress:
+        """A complete part that will write the statistic over all times up to its end, in place of its values."""
+        if not isinstance(self.observe, Series):
+            return progress
+        structure = jax.tree.structure(value_leaves(self.batch, self.observe))
+        seen = progress.all_seen()
+        names = named(jax.tree.unflatten(structure, range(structure.num_leaves)))
+        values = jax.tree.unflatten(structure, [seen[name] for name in names])
+        saves = self.plan.saves_of(part.span)
+        real = slice(self.plan.bodies_in(part.group))
+        good = np.arange(saves.start, saves.stop)[None] < progress.first_bad[real, None]
+        found, series = jax.tree.map(np.asarray, _combined(self.observe, progress.series, values, good))
+        return progress._replace(seen=(named(found),), series=series)
 
     def rows(self, group: int) -> np.ndarray:
         """The bodies of a group; the last group is filled with copies, so that one compiled program serves all."""
@@ -138,6 +181,14 @@ class Computation(NamedTuple):
     def _rows_in(self, group: int) -> np.ndarray:
         """The bodies of a group, counted from its first body."""
         return self.rows(group) - self.plan.bodies_of(group).start
+
+
+@eqx.filter_jit
+def _combined(observe: Series, carried: Any, values: Any, good: Array) -> tuple[Any, Any]:
+    """The sums (1, 1, ...) of a group over all times up to the end of a span, and what is carried to the next span."""
+    carried = observe.taken(carried, values, good)
+    sums = observe.sums(carried, jnp.ones(len(good), bool))
+    return jax.tree.map(lambda x: x[None, None], sums), carried
 
 
 @partial(tuned_jit, bodies=bodies_in)

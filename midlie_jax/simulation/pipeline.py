@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 
-from .names import named
 from .pace import Pace
 from .parts import Computation, Progress
 from .plan import Part
@@ -39,7 +38,7 @@ def compute_and_write(
         try:
             real, seen = slice(plan.bodies_in(part.group)), progress.all_seen()
             if progress.steps == plan.steps(part.span):
-                state = {name: x[real] for name, x in named(progress.end).items()}
+                state = {name: x[real] for name, x in progress.state().items()}
                 sink.write(part, seen, state, progress.first_bad[real])
             else:
                 carried = [x[real] for x in jax.tree.leaves(progress.carried)]

@@ -84,10 +84,13 @@ class Plan(NamedTuple):
         """The largest number of intervals between saved states in a span."""
         return self.span - (self.spans == 1)
 
-    def place(self, part: Part, of_groups: bool) -> tuple[slice, slice]:
-        """The place of a part in a variable (body, time, ...), or in a statistic's variable (group, time, ...)."""
+    def place(self, part: Part, of_groups: bool, of_spans: bool = False) -> tuple[slice, slice]:
+        """The place of a part in a variable (body, time, ...), or in one of a statistic.
+
+        That is (group, time, ...), or of a statistic over times (group, span, ...).
+        """
         rows = slice(part.group, part.group + 1) if of_groups else self.bodies_of(part.group)
-        return rows, self.saves_of(part.span)
+        return rows, slice(part.span, part.span + 1) if of_spans else self.saves_of(part.span)
 
     def work(self, parts: Iterable[Part]) -> int:
         """The body-steps of parts."""

@@ -15,6 +15,7 @@ from ..drivers.adjoints import as_adjoint
 from ..drivers.ensemble import Batch
 from ..drivers.integrate import run_of_body
 from ..drivers.observe import Observe, Statistic
+from ..drivers.observe.series import Series
 
 # The names of calls whose code is outside the program, but part of JAX or of the GPU's libraries. Any other name stands
 # for the user's code, as with `jax.pure_callback` or `jax.ffi.ffi_call`, which cannot be seen.
@@ -51,6 +52,10 @@ def unseen(program: str) -> list[str]:
 
 def _combined(observe: Statistic, values: Any) -> Any:
     """The finished statistic of the values of some bodies, for which each of its functions is called once."""
+    if isinstance(observe, Series):
+        values = jax.tree.map(lambda x: x[None], values)
+        good = jax.numpy.ones((1, jax.tree.leaves(values)[0].shape[1]), bool)
+        return observe.finished(observe.of_bodies(values, good, jax.numpy.ones(())))
     good = jax.numpy.ones(len(jax.tree.leaves(values)[0]), bool)
     part = jax.tree.map(lambda x: x[None, None], observe.part(values, good))
     return observe.finished(observe.merged(part))

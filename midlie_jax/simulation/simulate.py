@@ -17,6 +17,7 @@ from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import as_batch, check_spread
 from ..drivers.observe import Statistic, as_observe
+from ..drivers.observe.series import Series
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.state import StateT
@@ -32,7 +33,7 @@ from .progress import reported
 from .resume import begun, repair_whole, resumed
 from .store import Store, create
 from .summary import Simulation, merged_statistic
-from .variables import seen_leaves, seen_variables, state_variables
+from .variables import seen_leaves, seen_variables, state_variables, value_leaves
 
 Repaired = tuple[str, ...]
 
@@ -110,12 +111,17 @@ def simulate(
     path = _checked_path(out, resume)
     batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
     check_spread(batch, observe, mesh)
+    if isinstance(observe, Statistic):
+        observe.check(1 + steps // save_every)
     seen = seen_leaves(batch, observe)
     existing = processes.all_succeed(lambda: Store(path) if path.exists() else None)
     if existing is not None:  # a resumed run is cut as before; a request for another cut is refused below
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
-    plan = _plan(batch.bodies, 1 + steps // save_every, save_every, seen, isinstance(observe, Statistic), **cut)
+    of_times = isinstance(observe, Series)
+    written = value_leaves(batch, observe) if of_times else seen  # by which spans are measured
+    of_groups = isinstance(observe, Statistic) and not of_times
+    plan = _plan(batch.bodies, 1 + steps // save_every, save_every, written, of_groups, **cut)
     plan = plan._replace(begin=begin)
     computation = Computation.of(batch, observe, plan, _local(mesh))
     described_by = {**attributes_of(batch, plan), **(attributes or {})}
@@ -178,7 +184,7 @@ def _in_memory(
         compute_and_write(computation, parts, begun(computation, range(plan.groups)).groups, sink, written)
     whole = whole_variables(batch, plan)
     if isinstance(observe, Statistic):
-        whole |= merged_statistic(observe, seen, sink)
+        whole |= merged_statistic(observe, seen, sink, computation.interval)
     sink.save(path, {name: values for name, (_, values) in whole.items()}, attributes)
     return sink.first_bad(), total, ()
 
@@ -206,7 +212,7 @@ def _in_store(
                 )
         elif first:
             variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
-            create(path, plan, now, variables, state_variables(batch), whole, attributes)
+            create(path, plan, now, variables, state_variables(batch, observe), whole, attributes)
 
     processes.all_succeed(check_or_create)
     store = processes.all_succeed(lambda: existing or Store(path))
@@ -220,7 +226,7 @@ def _in_store(
         with reported(progress, total, total - missing) as written:
             processes.all_succeed(lambda: compute_and_write(computation, todo, found.groups, store, written))
         if isinstance(observe, Statistic) and first:
-            merged = merged_statistic(observe, seen, store)
+            merged = merged_statistic(observe, seen, store, computation.interval)
             repaired += tuple(name for name in store.damaged_whole() if name in merged)
             store.add(merged)
         processes.wait(str(path))

@@ -26,7 +26,7 @@ from .description import ATTRIBUTE
 from .kept import Kept
 from .plan import Part, Plan
 from .sink import Arrays, Begun, Sink
-from .variables import BODY, COORDINATES, GROUP, Variable
+from .variables import BODY, COORDINATES, GROUP, SPAN, Variable
 
 PARTS = "parts"  # the Zarr group with the parts of a statistic
 _FIRST_BAD = "first_bad"
@@ -236,7 +236,8 @@ class Store(Sink):
             self._root = _opened(self.path, "r+")
 
     def _place(self, name: str, part: Part) -> tuple[slice, slice]:
-        return self.plan.place(part, self._arrays[name].metadata.dimension_names[0] == GROUP)
+        first, second, *_ = self._arrays[name].metadata.dimension_names
+        return self.plan.place(part, first == GROUP, second == SPAN)
 
     def _sums_of_state(self, part: Part) -> list[int]:
         return self._sums(part)[len(self._seen) :]
@@ -292,7 +293,8 @@ def create(
         for name, variable in seen.items():
             of_groups = variable.dims[0] == GROUP
             place = root.require_group(PARTS) if of_groups else root
-            _create(place, name, variable, (1 if of_groups else plan.group, plan.span, *variable.shape[2:]))
+            times = 1 if variable.dims[1] == SPAN else plan.span
+            _create(place, name, variable, (1 if of_groups else plan.group, times, *variable.shape[2:]))
         first_bad = Variable((BODY,), (plan.bodies,), np.dtype(np.int32), _first_bad_attributes(plan))
         _create(root, _FIRST_BAD, first_bad, (plan.group,), missing=plan.saves)
         for name, (variable, values) in whole.items():

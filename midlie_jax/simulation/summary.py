@@ -6,9 +6,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from .._checks.typed_by import TypedBy
 from ..drivers.observe import Statistic
+from ..drivers.observe.series import Series
 from ..drivers.path import States
 from .describe import Whole
 from .names import named
@@ -89,17 +91,24 @@ def failures(first_bad: np.ndarray, saves: int) -> str:
     return f"{failed.size} of {first_bad.size} bodies FAILED: {listed}{more}"
 
 
-def merged_statistic(observe: Statistic, seen: Any, sink: Sink) -> Whole:
+def merged_statistic(observe: Statistic, seen: Any, sink: Sink, interval: Array) -> Whole:
     """The variables (time, ...) of a statistic over all bodies, merged from the parts of the groups in a file.
+
+    Those of a statistic over times have its lags or frequencies instead.
 
     Args:
         seen: the pytree of what a part holds.
+        interval: the time between two saved states, ().
     """
-    arrays = [jnp.asarray(sink.read(name)) for name in named(seen)]
-    finished = observe.finished(observe.merged(jax.tree.unflatten(jax.tree.structure(seen), arrays)))
+    of_times = isinstance(observe, Series)
+    parts = (sink.read(name) for name in named(seen))
+    arrays = [jnp.asarray(part[:, -1] if of_times else part) for part in parts]
+    merged = observe.merged(jax.tree.unflatten(jax.tree.structure(seen), arrays))
+    finished = observe.finished(observe.result(merged, interval))
     found: Whole = {}
     for name, leaf in named(finished).items():
         values = np.asarray(leaf)
         about = {"long_name": f"{name} over all bodies that can be trusted", **observe.attributes()}
-        found[name] = (Variable((TIME, *own_dims(name, values.shape[1:])), values.shape, values.dtype, about), values)
+        first = observe.row_of(name) if isinstance(observe, Series) else TIME
+        found[name] = (Variable((first, *own_dims(name, values.shape[1:])), values.shape, values.dtype, about), values)
     return found

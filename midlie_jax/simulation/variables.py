@@ -9,10 +9,12 @@ import numpy as np
 
 from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic, observe_state
+from ..drivers.observe.series import Series
 from .names import named
 from .plan import Plan
 
-BODY, GROUP, TIME = "body", "group", "time"  # names of dimensions
+BODY, GROUP, TIME, SPAN = "body", "group", "time", "span"  # names of dimensions
+SERIES = "series"  # under this name the states hold what a statistic over times carries from span to span
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
 
 
@@ -33,35 +35,51 @@ class Variable(NamedTuple):
 
 
 def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
-    """What a run writes at one time, as a pytree of shapes and dtypes: for one body, or for a part of a statistic."""
-    mapped = jax.tree.map(lambda x: x[0], batch.mapped)
-    body, torque, start, _, t0 = eqx.combine(mapped, batch.shared)
-    seen = eqx.filter_eval_shape(observe_state, observe, t0, start, body, torque)
+    """What a run writes at one time, as a pytree of shapes and dtypes: for one body, or for a part of a statistic.
+
+    Of a statistic over times, what it writes at the end of a span.
+    """
+    seen = value_leaves(batch, observe)
     if not isinstance(observe, Statistic):
         return seen
-    values = jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), seen)
-    return eqx.filter_eval_shape(observe.part, values, jax.ShapeDtypeStruct((1,), jnp.bool_))
+    axes = (1, 1) if isinstance(observe, Series) else (1,)
+    values = jax.tree.map(lambda x: jax.ShapeDtypeStruct((*axes, *x.shape), x.dtype), seen)
+    return eqx.filter_eval_shape(observe.part, values, jax.ShapeDtypeStruct(axes, jnp.bool_))
+
+
+def value_leaves(batch: Batch, observe: Observe | None) -> Any:
+    """What is observed of one body at one time, as a pytree of shapes and dtypes."""
+    mapped = jax.tree.map(lambda x: x[0], batch.mapped)
+    body, torque, start, _, t0 = eqx.combine(mapped, batch.shared)
+    return eqx.filter_eval_shape(observe_state, observe, t0, start, body, torque)
 
 
 def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, Variable]:
-    """The variables that a run writes, by name: (body, time, ...), or for a statistic (group, time, ...)."""
+    """The variables that a run writes, by name: (body, time, ...), or for a statistic (group, time, ...).
+
+    For a statistic over times (group, span, ...): what is known of it at the end of each span.
+    """
+    times = (SPAN, plan.spans) if isinstance(observe, Series) else (TIME, plan.saves)
     first = (GROUP, plan.groups) if isinstance(observe, Statistic) else (BODY, plan.bodies)
     known = seen.described() if observe is None else {}
     found: dict[str, Variable] = {}
     for name, leaf in named(seen).items():
         dims, attributes = known.get(name, ((), {"long_name": name}))
         dims = dims or own_dims(name, leaf.shape)
-        shape = (first[1], plan.saves, *leaf.shape)
-        found[name] = Variable((first[0], TIME, *dims), shape, np.dtype(leaf.dtype), attributes)
+        shape = (first[1], times[1], *leaf.shape)
+        found[name] = Variable((first[0], times[0], *dims), shape, np.dtype(leaf.dtype), attributes)
     return found
 
 
-def state_variables(batch: Batch) -> dict[str, Variable]:
-    """The variables with the states of all bodies from which a run goes on."""
-    start = batch.mapped[2]
+def state_variables(batch: Batch, observe: Observe | None) -> dict[str, Variable]:
+    """The variables with the states of all bodies from which a run goes on, and with what their statistic carries."""
+    arrays = named(batch.mapped[2])
+    if isinstance(observe, Series):
+        carried = eqx.filter_eval_shape(observe.begun, batch.bodies, value_leaves(batch, observe))
+        arrays |= named({SERIES: carried})
     return {
         name: Variable((BODY, *own_dims(name, leaf.shape[1:])), leaf.shape, np.dtype(leaf.dtype), {})
-        for name, leaf in named(start).items()
+        for name, leaf in arrays.items()
     }
 
 

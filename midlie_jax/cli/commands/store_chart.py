@@ -1,4 +1,4 @@
-"""The chart of any store: what it holds against time, for a few bodies and for all."""
+"""The chart of any store: what it holds against time, lag or frequency, for a few bodies and for all."""
 
 from pathlib import Path
 from typing import Any
@@ -42,9 +42,9 @@ def store_figure(found: Inspection) -> Any:
         note += f" The first {_PANELS} of {len(panels)} components."
     heading(figure, str(found.attributes["title"]), note)
     figure.subplots_adjust(bottom=0.65 / figure.get_figheight(), wspace=0.28, hspace=0.55)
-    for place, (title, unit, times, values) in enumerate(panels[:_PANELS]):
+    for place, (title, unit, against, times, values) in enumerate(panels[:_PANELS]):
         axes = figure.add_subplot(rows, _COLUMNS, place + 1)
-        panel(axes, title, "Time t", f"[{unit}]" if unit else "")
+        panel(axes, title, against, f"[{unit}]" if unit else "")
         if len(values) > 1:
             finite = values[np.all(np.isfinite(values), axis=1)]
             if len(finite) > 1:
@@ -55,27 +55,35 @@ def store_figure(found: Inspection) -> Any:
     return figure
 
 
-def _panels(found: Inspection) -> list[tuple[str, str, np.ndarray, np.ndarray]]:
-    """For each component: title, unit, times (bodies, n) and values (bodies, n); a statistic has a single row."""
+def _panels(found: Inspection) -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
+    """For each component: title, unit, what it is drawn against, times (bodies, n) and values (bodies, n).
+
+    A statistic has a single row; of one over times, lags or frequencies stand in the place of times.
+    """
     import zarr
 
     root: Any = zarr.open_group(str(Path(found.path)), mode="r")
     every = slice(None, None, -(-found.bodies // _SHOWN))
-    panels: list[tuple[str, str, np.ndarray, np.ndarray]] = []
+    panels: list[tuple[str, str, str, np.ndarray, np.ndarray]] = []
     for name, array in sorted(root.arrays()):
         dims: tuple[str, ...] = tuple(array.metadata.dimension_names or ())
         of_bodies = dims[:2] == (BODY, TIME)
-        if not (of_bodies or dims[:1] == (TIME,)) or name in ("time", "times"):
+        own = len(dims) == 1 and dims[0] in root and dims[0] not in COORDINATES  # its lags, or its frequencies
+        if not (of_bodies or own or dims[:1] == (TIME,)) or name in ("time", "times", *dims[:1]):
             continue
         values = np.asarray(array[every] if of_bodies else array[...][None], np.float64)
-        times = root["times"][every] if "times" in root else root["time"][...][None]
+        if own:
+            times = root[dims[0]][...][None]
+        else:
+            times = root["times"][every] if "times" in root else root["time"][...][None]
+        against = dims[0].rpartition("_")[2].capitalize() if own and dims[0] != TIME else "Time t"
         times = np.broadcast_to(times, (len(values), times.shape[1]))
         parts = values.reshape(*values.shape[:2], -1)
         computed = int(np.sum(np.any(np.isfinite(parts), axis=(0, 2))))
         for component in range(parts.shape[2] if computed else 0):
             title = _title(name, dims[2 if of_bodies else 1 :], values.shape[2:], component)
             unit = str(array.attrs.get("units", ""))
-            panels.append((title, unit, times[:, :computed], parts[:, :computed, component]))
+            panels.append((title, unit, against, times[:, :computed], parts[:, :computed, component]))
     return panels
 
 

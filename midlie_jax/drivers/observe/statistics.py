@@ -1,109 +1,17 @@
-"""What an ensemble saves in place of its states: `observe=` of `ensemble` and `simulate`.
-
-An *observable* is computed from the state of each body at each saved time, on the device, so that only its values leave
-the device: any function of (t, state), one of the classes of this module, or a dict of these. A *statistic* (`Mean`,
-`Histogram`) combines these values over all bodies that can be trusted at that time.
-"""
+"""`Statistic`, a quantity of all bodies at one time: their mean and covariance, or a histogram."""
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from .._checks.arguments import as_floats, described, require_finite, shown
-from .._math import components as cp
-from ..model import observables, so3
-from ..model.bodies import Body
-from ..model.state import AnyState
-from ..model.states import AxisState, FreeAxisState, attitude_of
-from ..model.torques import TorqueLike, on_body
-
-
-class Observable(eqx.Module):
-    """A quantity of one body at one time."""
-
-    @abstractmethod
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-        """The value of the observable, an array or a pytree of arrays, for the state of one body at the time t."""
-
-
-class Function(Observable):
-    """A function of the time and the state of one body, `function(t, state)`; returns an array or a pytree of them."""
-
-    function: Callable[[Any, Any], Any]
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-        return self.function(t, state)
-
-
-class Together(Observable):
-    """Several observables by name."""
-
-    parts: dict[str, Observable]
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-        return {name: part.of(t, state, body, torque) for name, part in self.parts.items()}
-
-
-class Energy(Observable):
-    """The energy (), kinetic plus potential. A ValueError for a torque without a potential."""
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.energy(body, torque, state, t)
-
-
-class Axis(Observable):
-    """The direction in space of an axis that is fixed in the body, a unit vector (3,); by default the third axis.
-
-    An `AxisState` knows the third axis alone; for another axis, a ValueError.
-    """
-
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-
-    def __check_init__(self) -> None:
-        if not np.all(np.isfinite(self.axis)) or not np.any(self.axis):
-            raise ValueError(f"axis must be three finite numbers, not all zero, got {shown(self.axis)}.")
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
-        if isinstance(state, AxisState | FreeAxisState):
-            return cp.pack(state.in_one_frame(tuple(map(float, axis)))[0])
-        return so3.rotate(attitude_of(state), jnp.asarray(axis, state.momentum.dtype))
-
-
-class SpatialMomentum(Observable):
-    """The angular momentum in the space frame about its origin, (3,)."""
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.spatial_momentum(cast(Any, state))
-
-
-class AngularVelocity(Observable):
-    """The angular velocity in the body frame, (3,), radians per unit of time."""
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.angular_velocity(body, state)
-
-
-class Position(Observable):
-    """The position of the centre of mass of a body that travels, space frame, (3,)."""
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        observables.linear_momentum(state)  # which raises for a state that does not travel
-        return state.position  # pyright: ignore[reportAttributeAccessIssue]
-
-
-class Velocity(Observable):
-    """The velocity of the centre of mass of a body that travels, space frame, (3,)."""
-
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return observables.velocity(body, state)
+from ..._checks.arguments import as_floats, described, require_finite
+from .observables import Observable, as_observable
 
 
 class Statistic(eqx.Module):
@@ -125,6 +33,17 @@ class Statistic(eqx.Module):
     @abstractmethod
     def merged(self, parts: Any) -> Any:
         """The part of the union of several groups, from their parts stacked along the first axis."""
+
+    def check(self, saves: int | None) -> None:
+        """Raises unless the statistic can be had from this many saved values of a body; None for the end alone."""
+
+    def parts(self, values: Any, good: Array) -> Any:
+        """What `ensemble` keeps of a group of bodies from their values (bodies, k, ...): here a part for each time."""
+        return jax.vmap(self.part, in_axes=1)(values, good)
+
+    def result(self, merged: Any, interval: Array) -> Any:
+        """What `ensemble` returns of the merged parts; `interval` is the time between two saved values."""
+        return merged
 
     def finished(self, merged: Any) -> Any:
         """What a file holds of the merged parts, a pytree of arrays."""
@@ -224,7 +143,7 @@ class Histogram(Statistic):
         bins = len(self.edges) - 1
 
         def of_numbers(x: Array) -> Array:
-            x = _promoted(x, self.edges.dtype)
+            x = promoted(x, self.edges.dtype)
             edges = self.edges.astype(x.dtype)
             # The time of a search and a count hardly depends on the number of bins.
             place = jnp.searchsorted(edges, x, side="right").astype(jnp.int32) - 1
@@ -247,56 +166,7 @@ class Histogram(Statistic):
         return {"bin_edges": self.edges.tolist()}
 
 
-Observe = Observable | Statistic
-
-
-def as_observable(name: str, value: Any) -> Observable:
-    """The argument as an observable: an observable, a function of (t, state), or a dict of both."""
-    if isinstance(value, Observable):
-        return value
-    if isinstance(value, dict) and value and all(isinstance(key, str) for key in value):
-        return Together({key: as_observable(f"{name}[{key!r}]", part) for key, part in value.items()})
-    if callable(value) and not isinstance(value, (type, Statistic)):
-        return Function(value)
-    raise ValueError(
-        f"{name} must be a function of (t, state), an observable such as midlie_jax.observe.Energy(), or a dict of "
-        f"these by name, got {described(value)}."
-    )
-
-
-def as_observe(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver."""
-    return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
-
-
-def as_observe_of_one(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver of one body."""
-    if isinstance(value, Statistic):
-        raise ValueError("a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.")
-    return as_observe(value)
-
-
-def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-    """What is saved of one body at one time: what is observed, or the state itself if nothing is."""
-    if observe is None:
-        return state
-    observable = observe.observable if isinstance(observe, Statistic) else observe
-    acting = on_body(torque, body)
-    value = jax.tree.map(jnp.asarray, observable.of(t, state, body, acting))
-    if not jax.tree.leaves(value):
-        raise ValueError("observe must return an array or a pytree of arrays, but returned none.")
-    if not isinstance(observe, Statistic):
-        return value
-    for path, leaf in jax.tree_util.tree_leaves_with_path(value):
-        if jnp.iscomplexobj(leaf):
-            raise ValueError(
-                f"values of a statistic must be real, but observable{jax.tree_util.keystr(path)} is complex; return "
-                "its real and its imaginary part."
-            )
-    return jax.tree.map(lambda x: _promoted(x, state.momentum.dtype), value)
-
-
-def _promoted(x: Array, dtype: Any) -> Array:
+def promoted(x: Array, dtype: Any) -> Array:
     """`x` in this floating-point dtype, or in its own if that has more digits."""
     own = jnp.issubdtype(x.dtype, jnp.floating) and x.dtype.itemsize > jnp.dtype(dtype).itemsize
     return x if own else x.astype(dtype)

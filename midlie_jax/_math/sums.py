@@ -1,0 +1,26 @@
+"""Sums of many numbers that keep their digits in float32."""
+
+import jax.numpy as jnp
+from jax import Array
+
+ROWS = 64  # numbers that are added one after the other
+
+
+def total(x: Array, axis: int = 0) -> Array:
+    """The sum along an axis, in blocks of 64 numbers, then of 64 sums, and so on.
+
+    A rounding error is made 64 times for each power of 64 in the number of terms, and not once a term. Neighbours along
+    the axis are in different blocks, so that all blocks are added side by side.
+    """
+    x = jnp.moveaxis(x, axis, 0)
+    while len(x) > 1:
+        rows, width = blocks(len(x))
+        x = jnp.pad(x, [(0, rows * width - len(x))] + [(0, 0)] * (x.ndim - 1))
+        x = jnp.sum(x.reshape(rows, width, *x.shape[1:]), axis=0)
+    return x[0] if len(x) else jnp.sum(x, axis=0)
+
+
+def blocks(count: int) -> tuple[int, int]:
+    """How many numbers a block has, and how many blocks there are; the last ones are filled up."""
+    rows = min(count, ROWS)
+    return rows, -(-count // rows)

@@ -1,0 +1,57 @@
+"""The argument `observe` of the drivers, and what is saved of one body in its name."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ...model.bodies import Body
+from ...model.state import AnyState
+from ...model.torques import TorqueLike, on_body
+from .observables import Observable, as_observable
+from .series import Series
+from .statistics import Statistic, promoted
+
+Observe = Observable | Statistic
+
+
+class Values(Observable):
+    """The values that a statistic combines, of one body."""
+
+    observable: Observable
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+        return self.observable.of(t, state, body, torque)
+
+
+def as_observe(value: Any) -> Observe | None:
+    """The checked argument `observe` of a driver."""
+    return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
+
+
+def as_observe_of_one(value: Any) -> Observe | None:
+    """The checked argument `observe` of a driver of one body."""
+    if isinstance(value, Statistic) and not isinstance(value, Series):
+        raise ValueError("a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.")
+    return as_observe(value)
+
+
+def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
+    """What is saved of one body at one time: what is observed, or the state itself if nothing is."""
+    if observe is None:
+        return state
+    observable = observe.observable if isinstance(observe, Statistic) else observe
+    acting = on_body(torque, body)
+    value = jax.tree.map(jnp.asarray, observable.of(t, state, body, acting))
+    if not jax.tree.leaves(value):
+        raise ValueError("observe must return an array or a pytree of arrays, but returned none.")
+    if not isinstance(observe, Statistic | Values):
+        return value
+    for path, leaf in jax.tree_util.tree_leaves_with_path(value):
+        if jnp.iscomplexobj(leaf):
+            raise ValueError(
+                f"values of a statistic must be real, but observable{jax.tree_util.keystr(path)} is complex; return "
+                "its real and its imaginary part."
+            )
+    return jax.tree.map(lambda x: promoted(x, state.momentum.dtype), value)

@@ -1,0 +1,94 @@
+"""`autocorrelation` and `spectrum` of values that are in memory already, such as those of a run that saved them."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..._checks.arguments import as_floats, described, require
+from .autocorrelation import Autocorrelation, Correlation
+from .series import Series
+from .spectrum import Density, Spectrum
+
+
+def autocorrelation(
+    values: Any,
+    lags: int,
+    *,
+    interval: Any = 1.0,
+    first_bad: Any = None,
+    centred: bool = False,
+    normalised: bool = False,
+) -> Correlation:
+    """The autocorrelation of saved values, as by `Autocorrelation` while they are computed.
+
+    Args:
+        values: (n, k) or (n, k, m): of each of n bodies k values, numbers or vectors, one after the other.
+        lags, centred, normalised: as for `Autocorrelation`.
+        interval: the time between two values, ().
+        first_bad: (n,), how many values of each body count, as `Path.first_bad` says; by default all.
+
+    Raises:
+        ValueError: an argument does not fit; the message names it and the cure.
+    """
+    return _of(Autocorrelation(_values, lags, centred=centred, normalised=normalised), values, interval, first_bad)
+
+
+def spectrum(
+    values: Any,
+    segment: int,
+    *,
+    interval: Any,
+    first_bad: Any = None,
+    overlap: int | None = None,
+    window: Any = "hann",
+    detrend: bool = True,
+) -> Density:
+    """The spectrum of saved values, as by `Spectrum` while they are computed.
+
+    Args:
+        values, interval, first_bad: as for `autocorrelation`.
+        segment, overlap, window, detrend: as for `Spectrum`.
+
+    Raises:
+        ValueError: an argument does not fit; the message names it and the cure.
+    """
+    statistic = Spectrum(_values, segment, overlap=overlap, window=window, detrend=detrend)
+    return _of(statistic, values, interval, first_bad)
+
+
+def _values(t: Any, state: Any) -> Any:
+    """Stands for an observable that has been observed."""
+    raise AssertionError
+
+
+def _of(statistic: Series, values: Any, interval: Any, first_bad: Any) -> Any:
+    x = as_floats("values", values)
+    if x.ndim not in (2, 3):
+        raise ValueError(
+            f"values must be (bodies, times) or (bodies, times, components), got {x.shape}; of one body give "
+            "values[None]."
+        )
+    statistic.check(x.shape[1])
+    step = as_floats("interval", interval)
+    if step.ndim:
+        raise ValueError(f"interval must be one number, got shape {step.shape}.")
+    require(
+        "interval",
+        step,
+        lambda h: np.isfinite(h) & (h != 0),
+        "must be finite and not zero",
+        "give the time between two values.",
+    )
+    count = jnp.full(x.shape[0], x.shape[1], jnp.int32) if first_bad is None else jnp.asarray(first_bad)
+    if count.shape != x.shape[:1] or not jnp.issubdtype(count.dtype, jnp.integer):
+        raise ValueError(f"first_bad must be one integer for each body, {x.shape[:1]}, got {described(first_bad)}.")
+    return _of_values(statistic, x, count.astype(jnp.int32), step)
+
+
+@eqx.filter_jit
+def _of_values(statistic: Series, values: Array, first_bad: Array, interval: Array) -> Any:
+    good = jnp.arange(values.shape[1], dtype=jnp.int32)[None] < first_bad[:, None]
+    return statistic.of_bodies(values, good, interval)

@@ -1,0 +1,76 @@
+"""`Series`, a statistic of the values that bodies have one after the other: what all statistics of time have in common.
+
+The values of a body are taken in blocks, in the order of time, and what has to be known of earlier blocks is carried
+along. So a run in several spans of time has the same statistic as a run in one.
+"""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .spread import Sums, merged_sums
+from .statistics import Statistic
+
+
+class Series(Statistic):
+    """A statistic over times and bodies: of each body only the values before its first bad state count."""
+
+    fields: ClassVar[tuple[str, ...]]  # the names of what `of_sums` returns, first that of its rows
+
+    @abstractmethod
+    def begun(self, bodies: int, values: Any) -> Any:
+        """What is carried of these bodies before their first values, a pytree of arrays (bodies, ...).
+
+        Args:
+            values: what is observed of one body at one time, a pytree of arrays or of their shapes and dtypes.
+        """
+
+    @abstractmethod
+    def taken(self, carried: Any, values: Any, good: Array) -> Any:
+        """What is carried after the values (bodies, k, ...) at the next k times.
+
+        Args:
+            good: (bodies, k), whether the value counts; after one that does not, none of the body does.
+        """
+
+    @abstractmethod
+    def sums(self, carried: Any, counted: Array) -> Any:
+        """`Sums` of these bodies for each observed array, from what is carried; others than `counted` do not count."""
+
+    @abstractmethod
+    def of_sums(self, sums: Sums, interval: Array) -> Any:
+        """The statistic of one observed array; `interval` is the time between two values, ()."""
+
+    def part(self, values: Any, good: Array) -> Any:
+        """The part of a group of bodies, from all their values (bodies, k, ...); others than `good` do not count."""
+        one = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[2:], x.dtype), values)
+        carried = self.taken(self.begun(len(good), one), values, good)
+        return self.sums(carried, jnp.ones(len(good), bool))
+
+    def parts(self, values: Any, good: Array) -> Any:
+        return self.part(values, good)
+
+    def merged(self, parts: Any) -> Any:
+        return jax.tree.map(merged_sums, parts, is_leaf=lambda x: isinstance(x, Sums))
+
+    def result(self, merged: Any, interval: Array) -> Any:
+        return jax.tree.map(
+            lambda sums: self.of_sums(sums, jnp.abs(interval)), merged, is_leaf=lambda x: isinstance(x, Sums)
+        )
+
+    def finished(self, merged: Any) -> Any:
+        """The numbers of each `result` by name."""
+        return jax.tree.map(lambda found: found._asdict(), merged, is_leaf=lambda x: hasattr(x, "_asdict"))
+
+    def row_of(self, name: str) -> str:
+        """The name of the rows of a variable of the file: `observed_lag` for `observed_error`."""
+        field = next(field for field in self.fields if name.endswith(field))
+        return name.removesuffix(field) + self.fields[0]
+
+    def of_bodies(self, values: Any, good: Array, interval: Array) -> Any:
+        """The statistic of the values (bodies, k, ...) of all bodies."""
+        alone = jax.tree.map(lambda x: x[None], self.part(values, good))
+        return self.result(self.merged(alone), interval)

@@ -1,0 +1,185 @@
+"""`Spectrum`: at which frequencies a quantity of the bodies varies, by Welch's method."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
+
+from ..._checks.arguments import as_count, as_floats, described, require, require_finite
+from ..._math import components as cp
+from ..._math.sums import total
+from .series import Series
+from .spread import Sums, mean_and_error, sums_of
+
+
+class Density(NamedTuple):
+    """What `Spectrum` finds; f is segment // 2 + 1.
+
+    Attributes:
+        frequency: (f,), from 0 to at most 1 / (2 interval), in cycles per unit of time.
+        density: (f,), in the square of the unit of x per unit of frequency.
+        error: (f,), the standard error of the density, from its spread over the bodies; NaN for fewer than two bodies.
+        number: (f,), how many bodies were counted: those with a whole segment.
+    """
+
+    frequency: Float[Array, "*batch f"]
+    density: Float[Array, "*batch f"]
+    error: Float[Array, "*batch f"]
+    number: Int[Array, "*batch f"]
+
+
+class Carried(NamedTuple):
+    """What is carried of n bodies from one block of values to the next.
+
+    Attributes:
+        time: (n,), how many values there have been, for all bodies the same.
+        count: (n,), how many of them count.
+        last: (n, m, segment - 1), the last values.
+        high, low: (n, f), the sum of the densities of all segments; the low part is what the high part has rounded
+            away.
+    """
+
+    time: Array
+    count: Array
+    last: Array
+    high: Array
+    low: Array
+
+
+class Spectrum(Series):
+    """The one-sided density of power over frequency: the mean over bodies and segments of their periodograms.
+
+    The integral over frequency is the variance. For each array that the observable returns a `Density`; that of a
+    vector is the sum over its components, so observe a dict of numbers to have one for each. The values of a body are
+    cut into segments of `segment` values that overlap; from each its mean is removed, and it is multiplied by the
+    window (P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967). The defaults are those of `scipy.signal.welch`.
+    Of a body only segments before its first bad state count, and values behind the last whole segment do not.
+
+    The error takes bodies as independent, and nothing else: segments of one body may depend on each other as they will.
+
+    Attributes:
+        observable: the observable x.
+        segment: how many saved values a segment has, at least 2; frequencies are resolved to about 1 / (segment
+            interval), where the interval between two saved values is save_every * abs(dt).
+        overlap: how many values two segments share; by default half of them.
+        window: (segment,), by which each segment is multiplied: "hann" (the default), "boxcar" for none, or numbers,
+            such as those of `scipy.signal.get_window`.
+        detrend: whether the mean of each segment is removed.
+
+    Raises:
+        ValueError: one of these does not fit the others; a driver raises it if the run has fewer than `segment` saved
+            values.
+    """
+
+    fields = Density._fields
+    segment: int = eqx.field(static=True)
+    overlap: int = eqx.field(static=True)
+    window: Array
+    detrend: bool = eqx.field(static=True)
+
+    def __init__(
+        self, observable: Any, segment: int, *, overlap: int | None = None, window: Any = "hann", detrend: bool = True
+    ):
+        self.observable, self.segment = observable, as_count("segment", segment)
+        if self.segment < 2:
+            raise ValueError("segment must be at least 2 saved values, got 1.")
+        overlap = self.segment // 2 if overlap is None else overlap
+        self.overlap = 0 if type(overlap) is int and overlap == 0 else as_count("overlap", overlap)
+        if self.overlap >= self.segment:
+            raise ValueError(f"overlap ({overlap}) must be less than segment ({segment}).")
+        if not isinstance(detrend, bool):
+            raise ValueError(f"detrend must be True or False, got {described(detrend)}.")
+        self.window, self.detrend = _as_window(window, self.segment), detrend
+
+    def check(self, saves: int | None) -> None:
+        if saves is None:
+            raise ValueError("a Spectrum needs values at several times; give save_every.")
+        if self.segment > saves:
+            raise ValueError(
+                f"segment ({self.segment}) must be at most the number of saved values ({saves}); take a shorter "
+                "segment, a smaller save_every or more steps."
+            )
+
+    def begun(self, bodies: int, values: Any) -> Any:
+        def of_array(x: Any) -> Carried:
+            none, sums = jnp.zeros(bodies, jnp.int32), jnp.zeros((bodies, self.segment // 2 + 1), x.dtype)
+            return Carried(none, none, jnp.zeros((bodies, x.size, self.segment - 1), x.dtype), sums, sums)
+
+        return jax.tree.map(of_array, values)
+
+    def taken(self, carried: Any, values: Any, good: Array) -> Any:
+        return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
+
+    def _taken(self, before: Carried, x: Array, good: Array) -> Carried:
+        k, step = good.shape[1], self.segment - self.overlap
+        x = jnp.where(good[..., None], x, 0)
+        seen = jnp.concatenate([before.last, jnp.swapaxes(x, 1, 2)], axis=-1)
+        first = before.time[0] - (self.segment - 1)  # the time of the first of these, which may be before the start
+        begin = -(-jnp.maximum(first, 0) // step) * step - first  # the first segment that ends here, within `seen`
+
+        def add(sums: tuple[Array, Array], begin: Array) -> tuple[tuple[Array, Array], None]:
+            values = jax.lax.dynamic_slice_in_dim(seen, begin, self.segment, axis=-1)
+            whole = (begin < k) & jax.lax.dynamic_index_in_dim(good, jnp.minimum(begin, k - 1), axis=1, keepdims=True)
+            (high,), (low,) = cp.compensated((sums[0],), (sums[1],), (jnp.where(whole, self._periodogram(values), 0),))
+            return (high, low), None
+
+        begins = begin + step * jnp.arange((k - 1) // step + 1, dtype=jnp.int32)
+        (high, low), _ = jax.lax.scan(add, (before.high, before.low), begins)
+        count = before.count + jnp.sum(good, axis=1, dtype=jnp.int32)
+        return Carried(before.time + k, count, seen[..., k:], high, low)
+
+    def _periodogram(self, values: Array) -> Array:
+        """(bodies, f), for an interval of 1, of segments (bodies, m, segment)."""
+        if self.detrend:
+            values = values - (total(values, -1) / self.segment)[..., None]
+        window = self.window.astype(values.dtype)
+        window = window / jnp.sqrt(total(window**2))
+        amplitude = jnp.fft.rfft(values * window[None, None])
+        power = jnp.sum(jnp.real(amplitude) ** 2 + jnp.imag(amplitude) ** 2, axis=1)
+        sides = np.full(self.segment // 2 + 1, 2)  # a frequency stands for its negative, too, if that is another one
+        sides[0] = 1
+        sides[-1] = 1 if self.segment % 2 == 0 else 2
+        return power * jnp.asarray(sides, power.dtype)[None]
+
+    def sums(self, carried: Any, counted: Array) -> Any:
+        return jax.tree.map(
+            lambda of_array: self._sums(of_array, counted), carried, is_leaf=lambda x: isinstance(x, Carried)
+        )
+
+    def _sums(self, carried: Carried, counted: Array) -> Sums:
+        dtype, rows = carried.high.dtype, self.segment // 2 + 1
+        rest = jnp.where(counted, carried.count, 0) - self.segment
+        segments = jnp.where(rest >= 0, rest // (self.segment - self.overlap) + 1, 0).astype(dtype)
+        power = jnp.where(counted[:, None], carried.high + carried.low, 0).T
+        bodies = len(counted)
+        none, no_mean = jnp.zeros((rows, 0, bodies), dtype), jnp.zeros(0, dtype)
+        terms = jnp.broadcast_to(segments[None], (rows, bodies))
+        return sums_of(power, none, terms, no_mean, jnp.zeros((), dtype), relative=False)
+
+    def of_sums(self, sums: Sums, interval: Array) -> Density:
+        density, error = mean_and_error(sums, relative=False)
+        interval = interval.astype(density.dtype)
+        frequency = jnp.arange(self.segment // 2 + 1, dtype=jnp.int32).astype(density.dtype) / (self.segment * interval)
+        return Density(frequency, density * interval, error * interval, sums.number)
+
+
+def _as_window(window: Any, segment: int) -> Array:
+    if isinstance(window, str):
+        if window == "hann":  # of the period `segment`, as for all spectra
+            return as_floats("window", 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment))
+        if window == "boxcar":
+            return as_floats("window", np.ones(segment))
+        raise ValueError(
+            f"window must be 'hann', 'boxcar' or the numbers of another window, such as those of "
+            f"scipy.signal.get_window, got {window!r}."
+        )
+    found = as_floats("window", window)
+    if found.shape != (segment,):
+        raise ValueError(f"window must be one number for each value of a segment, ({segment},), got {found.shape}.")
+    require_finite("window", found)
+    require("window", jnp.any(found != 0), bool, "must not be zero everywhere", "give another one.")
+    return found

@@ -1,0 +1,134 @@
+"""Means over bodies of which some have more terms than others, and their standard errors.
+
+Of body i, s_i is a sum of N_i terms, such as the products x(t) x(t + lag) or the power in the segments of its motion.
+The mean over all terms is C = sum s_i / sum N_i. Bodies are independent and times are not, so the error of C is that of
+a ratio of two sums over bodies: error^2 = n / (n - 1) sum (s_i - C N_i)^2 / (sum N_i)^2 (W. G. Cochran, Sampling
+Techniques, 1977, section 6.4). If all N_i are the same, it is the standard deviation of s_i / N_i over sqrt(n).
+
+Where the mean of x is removed from the products, it is known only when all bodies are. So each group of bodies keeps
+second moments about its own mean, from which those about another mean follow.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float, Int
+
+from ..._math.sums import total
+
+
+class Sums(NamedTuple):
+    """Sums over some bodies, for each of r rows: the lags, or the frequencies.
+
+    Of a body and a row, z = (q, N, a), where q = s - value N, and a (m,) is the sum over the products of both factors;
+    s and a are those of x - mean. Where the mean is not removed m is 0.
+
+    Where what is wanted is the value over that of the first row, z = (u, N, a, q0, N0, a0): the last three are those of
+    the first row, and u = q - slope q0 with slope = value N / (value0 N0), of all these bodies. So u is small where the
+    ratio is nearly the same for all bodies, and does not lose its digits.
+
+    Attributes:
+        number: (r,), how many bodies have terms.
+        value: (r,), the mean of all terms; 0 where there is none.
+        mean: (m,), the mean of x over bodies and times.
+        weight: (), the number of values of which that is the mean.
+        first, second: (r, p) and (r, p, p), the sums of z and of z z^T over the bodies.
+    """
+
+    number: Int[Array, "*batch r"]
+    value: Float[Array, "*batch r"]
+    mean: Float[Array, "*batch m"]
+    weight: Float[Array, "*batch"]
+    first: Float[Array, "*batch r p"]
+    second: Float[Array, "*batch r p p"]
+
+
+def sums_of(s: Array, a: Array, terms: Array, mean: Array, weight: Array, *, relative: bool) -> Sums:
+    """The sums of some bodies.
+
+    Args:
+        s, a, terms: (r, bodies), (r, m, bodies) and (r, bodies); zero for a body that does not count.
+        mean, weight: as in `Sums`.
+        relative: whether what is wanted is the value over that of the first row.
+    """
+    terms_of_all = total(terms, -1)
+    value = _ratio(total(s, -1), terms_of_all)
+    slope = _slope(value, terms_of_all)
+
+    def z(row: Array) -> Array:
+        return jnp.concatenate([(s[row] - value[row] * terms[row])[None], terms[row][None], a[row]])
+
+    of_first = z(jnp.int32(0))
+
+    def of_row(row: Array) -> tuple[Array, Array]:
+        own = z(row)
+        if relative:
+            own = jnp.concatenate([own.at[0].add(-slope[row] * of_first[0]), of_first])
+        return total(own, -1), total(own[:, None] * own[None], -1)
+
+    first, second = jax.lax.map(of_row, jnp.arange(len(s), dtype=jnp.int32))
+    return Sums(jnp.sum(terms > 0, axis=-1, dtype=jnp.int32), value, mean, weight, first, second)
+
+
+def merged_sums(parts: Sums) -> Sums:
+    """The sums of the union of several groups, from theirs stacked along the first axis."""
+    mean = _ratio(jnp.sum(parts.weight[:, None] * parts.mean, axis=0), jnp.sum(parts.weight))
+    shift = mean[None] - parts.mean  # (groups, m)
+    m = shift.shape[-1]
+    squared = jnp.sum(shift**2, axis=-1)
+    terms, factors = parts.first[..., 1], parts.first[..., 2 : 2 + m]
+    terms_of_all = jnp.sum(terms, axis=0)
+    moved = parts.value + squared[:, None] - _ratio(jnp.sum(shift[:, None] * factors, axis=-1), terms)
+    value = _ratio(jnp.sum(moved * terms, axis=0), terms_of_all)
+    relative = parts.first.shape[-1] > 2 + m
+    slope = _slope(value, terms_of_all)
+
+    def of_group(part: Sums, shift: Array, squared: Array) -> tuple[Array, Array]:
+        def move_own(change: Array) -> Array:
+            """The matrix that takes (q, N, a) to the other mean and value."""
+            move = jnp.eye(2 + m, dtype=shift.dtype)
+            return move.at[0, 1].set(squared + change).at[0, 2:].set(-shift).at[2:, 1].set(-2 * shift)
+
+        def move_both(own: Array, before: Array, after: Array) -> Array:
+            """The same for z with the first row behind, whose matrix is `of_first`; the slope changes, too."""
+            move = jax.scipy.linalg.block_diag(own, of_first)
+            return move.at[0, 2 + m].add(before).at[0, 2 + m :].add(-after * of_first[0])
+
+        move = jax.vmap(move_own)(part.value - value)
+        of_first = move[0]
+        if relative:
+            move = jax.vmap(move_both)(move, _slope(part.value, part.first[:, 1]), slope)
+        second = _product(_product(move, part.second), jnp.swapaxes(move, -1, -2))
+        return _product(move, part.first[..., None])[..., 0], second
+
+    first, second = jax.vmap(of_group)(parts, shift, squared)
+    number = jnp.sum(parts.number, axis=0, dtype=jnp.int32)
+    return Sums(number, value, mean, jnp.sum(parts.weight), jnp.sum(first, axis=0), jnp.sum(second, axis=0))
+
+
+def mean_and_error(sums: Sums, *, relative: bool) -> tuple[Array, Array]:
+    """The mean of all terms and its standard error, (r,) each; or, `relative`, divided by that of the first row.
+
+    NaN where no body has terms, and the error where fewer than two have.
+    """
+    scale = sums.value[0] if relative else jnp.ones_like(sums.value[0])
+    bodies = sums.number.astype(scale.dtype)
+    freedom = jnp.where(bodies > 1, bodies - 1, jnp.nan)
+    error = jnp.sqrt(bodies / freedom * sums.second[:, 0, 0]) / (sums.first[:, 1] * scale)
+    return jnp.where(bodies > 0, sums.value, jnp.nan) / scale, error
+
+
+def _slope(value: Array, terms: Array) -> Array:
+    return _ratio(value * terms, value[0] * terms[0])
+
+
+def _ratio(a: Array, b: Array) -> Array:
+    """a / b; 0 where b is 0."""
+    return jnp.where(b > 0, a / jnp.where(b > 0, b, 1), 0)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """The product of small matrices, added in the same order and in full precision everywhere."""
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)

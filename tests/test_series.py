@@ -1,0 +1,364 @@
+"""Statistics of time: autocorrelations beside sums in Python loops, and spectra beside those of SciPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.signal import get_window, welch
+from simulated import ATTITUDES, BODIES, MOMENTA, MOMENTS, WEIGHTS, simulated
+
+import midlie_jax as ml
+
+BODY, TORQUE = ml.RigidBody(jnp.asarray(MOMENTS)), ml.torques.HeavyTop(jnp.asarray(WEIGHTS))
+START = ml.RigidState(jnp.asarray(MOMENTA), jnp.asarray(ATTITUDES))
+RUN = {"dt": 0.05, "steps": 120, "save_every": 2}  # 61 saved values
+SAVES, INTERVAL, LAGS = 61, 0.1, 15
+
+
+def momentum(t, state):
+    return state.momentum
+
+
+def speed(t, state):
+    return jnp.sum(state.momentum**2)
+
+
+EVERYTHING = {"vector": momentum, "number": speed, "matrix": lambda t, s: s.momentum[:2, None] * s.attitude[None]}
+
+
+def ensemble(observe, start=START, **options):
+    return ml.ensemble("SYMMETRIC[EA]", BODY, TORQUE, start, observe=observe, **{**RUN, **options})
+
+
+def correlated(x, lags, first_bad, *, centred=False, normalised=False):
+    """Correlation, error and number of bodies, from values (n, k, m), product by product."""
+    counted = [body[:count] for body, count in zip(x, first_bad, strict=True)]
+    mean = np.concatenate(counted).mean(axis=0) if centred else 0.0
+    s, terms = np.zeros((2, lags + 1, len(x)))
+    for i, body in enumerate(counted):
+        for lag in range(lags + 1):
+            for t in range(len(body) - lag):
+                s[lag, i] += np.dot(body[t] - mean, body[t + lag] - mean)
+                terms[lag, i] += 1
+    value, number = s.sum(axis=1) / terms.sum(axis=1), (terms > 0).sum(axis=1)
+    away = (s - value[:, None] * terms) / terms.sum(axis=1)[:, None]
+    if normalised:
+        away = (away - (value / value[0])[:, None] * away[0]) / value[0]
+        value = value / value[0]
+    return value, np.sqrt(number / (number - 1) * (away**2).sum(axis=1)), number
+
+
+def drawn(bodies=6, times=80, components=2, seed=0):
+    """Values whose mean is far from zero, of bodies that differ; and how many of each count."""
+    random = np.random.default_rng(seed)
+    x = random.normal(size=(bodies, times, components)) + random.normal(size=(bodies, 1, components)) + 3.0
+    first_bad = random.integers(LAGS, times, size=bodies)
+    first_bad[:3] = times, 0, LAGS // 2
+    x[np.arange(times)[None] >= first_bad[:, None]] = np.nan
+    return x, first_bad
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("normalised", [True, False])
+@pytest.mark.parametrize("centred", [True, False])
+def test_an_autocorrelation_is_the_mean_of_all_products(centred, normalised):
+    """Values from `first_bad` on do not count, though they are no numbers."""
+    x, first_bad = drawn()
+    options = {"centred": centred, "normalised": normalised}
+    found = ml.observe.autocorrelation(x, LAGS, interval=INTERVAL, first_bad=first_bad, **options)
+    value, error, number = correlated(x, LAGS, first_bad, **options)
+    np.testing.assert_allclose(found.correlation, value, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(found.error, error, rtol=1e-11, atol=1e-14)
+    np.testing.assert_array_equal(found.number, number)
+    np.testing.assert_allclose(found.lag, INTERVAL * np.arange(LAGS + 1), rtol=1e-15)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("chunk", [7, 100])
+@pytest.mark.parametrize("centred", [True, False])
+def test_an_ensemble_observes_what_its_values_have(chunk, centred, dtype):
+    """In a pytree of numbers, vectors and matrices, whatever the chunk; `times` stay those of the values."""
+    body, torque, start = jax.tree.map(lambda x: x.astype(dtype), (BODY, TORQUE, START))
+
+    def run(observe):
+        return ml.ensemble("SYMMETRIC[EA]", body, torque, start, observe=observe, chunk=chunk, **RUN)
+
+    values = run(EVERYTHING)
+    path = run(ml.observe.Autocorrelation(EVERYTHING, LAGS, centred=centred))
+    np.testing.assert_array_equal(path.times, values.times)
+    close = {"rtol": 1e-11, "atol": 1e-13} if dtype == "float64" else {"rtol": 1e-5, "atol": 1e-5}
+    for name, x in values.states.items():
+        x = np.asarray(x, np.float64).reshape(BODIES, SAVES, -1)
+        value, error, number = correlated(x, LAGS, [SAVES] * BODIES, centred=centred)
+        found = jax.tree.map(np.asarray, path.states[name])
+        assert found.correlation.dtype == found.error.dtype == found.lag.dtype == dtype
+        scale = np.abs(value).max()
+        np.testing.assert_allclose(found.correlation / scale, value / scale, **close, err_msg=name)
+        np.testing.assert_allclose(found.error / scale, error / scale, **close, err_msg=name)
+        np.testing.assert_array_equal(found.number, number)
+        np.testing.assert_allclose(found.lag, INTERVAL * np.arange(LAGS + 1), rtol=1e-6)
+
+
+WINDOWS = [
+    ("hann", None, True),
+    ("hann", 0, False),
+    ("boxcar", 19, True),
+    (("kaiser", 8.0), 7, True),
+]
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("segment", [20, 21])
+@pytest.mark.parametrize(("window", "overlap", "detrend"), WINDOWS)
+def test_a_spectrum_is_that_of_scipy(window, overlap, detrend, segment):
+    """Averaged over bodies, summed over components."""
+    x, _ = drawn()
+    x = np.nan_to_num(x)
+    numbers = window if isinstance(window, str) else get_window(window, segment)
+    found = ml.observe.spectrum(x, segment, interval=INTERVAL, window=numbers, overlap=overlap, detrend=detrend)
+    options = {"window": window, "noverlap": overlap, "detrend": "constant" if detrend else False}
+    frequency, density = welch(x, 1 / INTERVAL, nperseg=segment, axis=1, **options)
+    density = density.sum(axis=-1)
+    np.testing.assert_allclose(found.frequency, frequency, rtol=1e-14)
+    np.testing.assert_allclose(found.density, density.mean(axis=0), rtol=1e-11, atol=1e-14)
+    np.testing.assert_allclose(found.error, density.std(axis=0, ddof=1) / np.sqrt(len(x)), rtol=1e-10, atol=1e-14)
+    assert set(found.number.tolist()) == {len(x)}
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("chunk", [7, 100])
+def test_an_ensemble_observes_the_spectra_of_its_values(chunk, dtype):
+    body, torque, start = jax.tree.map(lambda x: x.astype(dtype), (BODY, TORQUE, START))
+
+    def run(observe):
+        return ml.ensemble("SYMMETRIC[EA]", body, torque, start, observe=observe, chunk=chunk, **RUN).states
+
+    values, found = run(EVERYTHING), run(ml.observe.Spectrum(EVERYTHING, 16))
+    for name, x in values.items():
+        x = np.asarray(x, np.float64).reshape(BODIES, SAVES, -1)
+        frequency, density = welch(x, 1 / INTERVAL, nperseg=16, axis=1)
+        density = density.sum(axis=-1)
+        assert found[name].density.dtype == found[name].frequency.dtype == dtype
+        close = {"rtol": 1e-11 if dtype == "float64" else 1e-4, "atol": 1e-6 * density.mean(axis=0).max()}
+        np.testing.assert_allclose(found[name].density, density.mean(axis=0), **close, err_msg=name)
+        error = density.std(axis=0, ddof=1) / np.sqrt(BODIES)
+        np.testing.assert_allclose(found[name].error, error, **close, err_msg=name)
+        np.testing.assert_allclose(found[name].frequency, frequency, rtol=1e-6)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("chunk", [7, 100])
+def test_of_a_body_that_fails_only_what_is_before_counts(chunk):
+    """A body that overflows in its first step, and one that fails later."""
+    start = ml.RigidState(START.momentum.at[4].set(1e200), START.attitude)
+
+    def torque(t, state):
+        weak = jnp.where((state.momentum[2] > 0.9) & (t > 2.01), jnp.nan, 0.0)
+        return jnp.stack([weak, 0.3 * state.momentum[2], 0.0 * weak])
+
+    def run(observe):
+        return ml.ensemble("JACOBI[EA]", BODY, torque, start, observe=observe, chunk=chunk, **RUN)
+
+    path = run(momentum)
+    bad = np.asarray(path.first_bad)
+    assert bad[4] == 1
+    assert len(set(bad.tolist())) > 2  # some fail after the start
+    x = np.array(path.states)
+    x[4, 0] = 0.0  # its products would hide all others
+    observed = run(ml.observe.Autocorrelation(lambda t, s: jnp.where(s.momentum > 1e100, 0.0, s.momentum), LAGS))
+    value, error, number = correlated(x, LAGS, bad)
+    np.testing.assert_allclose(observed.states.correlation, value, rtol=1e-11)
+    np.testing.assert_allclose(observed.states.error, error, rtol=1e-11)
+    np.testing.assert_array_equal(observed.states.number, number)
+    np.testing.assert_array_equal(observed.first_bad, bad)
+    spectrum = run(ml.observe.Spectrum(momentum, 16)).states
+    power, terms = np.zeros((2, BODIES, 9))
+    for i, count in enumerate(bad):
+        for begin in range(0, count - 15, 8):
+            power[i] += welch(x[i, begin : begin + 16], 1 / INTERVAL, nperseg=16, axis=0)[1].sum(axis=-1)
+            terms[i] += 1
+    np.testing.assert_allclose(spectrum.density, power.sum(axis=0) / terms.sum(axis=0), rtol=1e-11)
+    assert set(spectrum.number.tolist()) == {np.sum(terms[:, 0] > 0)}
+
+
+STATISTICS = {
+    "autocorrelation": ml.observe.Autocorrelation(momentum, LAGS),
+    "centred": ml.observe.Autocorrelation(momentum, LAGS, centred=True, normalised=True),
+    "spectrum": ml.observe.Spectrum(momentum, 21),
+    "overlapping": ml.observe.Spectrum(momentum, 12, overlap=11, window="boxcar"),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", ["centred", "overlapping", "autocorrelation", "spectrum"])
+def test_blocks_of_values_and_groups_of_bodies_are_one_series(name):
+    """However a run is cut, in time and among the bodies; blocks may be shorter than what is carried."""
+    x, first_bad = drawn()
+    good = jnp.asarray(np.arange(x.shape[1])[None] < first_bad[:, None])
+    statistic, values = STATISTICS[name], jnp.asarray(x)
+
+    @jax.jit
+    def cut(values, good):
+        parts = []
+        for rows in (slice(0, 2), slice(2, 6)):
+            carried, end = statistic.begun(len(x[rows]), jax.ShapeDtypeStruct(x.shape[2:], x.dtype)), 0
+            for size in (5, 41, 34):
+                block = slice(end, end := end + size)
+                carried = statistic.taken(carried, values[rows, block], good[rows, block])
+            parts.append(statistic.sums(carried, jnp.ones(len(x[rows]), bool)))
+        merged = statistic.merged(jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts))
+        return statistic.result(merged, jnp.asarray(INTERVAL))
+
+    whole = jax.jit(lambda *given: statistic.of_bodies(*given))(values, good, jnp.asarray(INTERVAL))
+    for found, expected in zip(cut(values, good), whole, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-14)
+
+
+@pytest.mark.parametrize("overlap", [0, 25])
+def test_the_integral_of_the_density_is_the_variance(overlap):
+    """Parseval: for segments that nothing weights exactly, whatever their overlap."""
+    x, _ = drawn(times=100)
+    x = np.nan_to_num(x)
+    found = ml.observe.spectrum(x, 50, interval=INTERVAL, window="boxcar", overlap=overlap)
+    segments = [x[:, begin : begin + 50] for begin in range(0, 51, 50 - overlap)]
+    variance = np.mean([segment.var(axis=1).sum(axis=-1).mean() for segment in segments])
+    assert float(jnp.sum(found.density)) / (50 * INTERVAL) == pytest.approx(variance, rel=1e-13)
+
+
+@pytest.mark.sample(0)
+def test_sums_in_float32_keep_their_digits():
+    """Of a million values whose mean is far from zero."""
+    random = np.random.default_rng(1)
+    x = (10 + random.normal(size=(2, 500_000))).astype(np.float32)
+    exact = x.astype(np.float64)
+    found = ml.observe.autocorrelation(x, 2)
+    lagged = [np.mean(exact[:, : x.shape[1] - lag] * exact[:, lag:]) for lag in range(3)]
+    np.testing.assert_allclose(found.correlation, lagged, rtol=3e-7)
+    away = exact - exact.mean()
+    lagged = [np.mean(away[:, : x.shape[1] - lag] * away[:, lag:]) for lag in range(3)]
+    np.testing.assert_allclose(ml.observe.autocorrelation(x, 2, centred=True).correlation, lagged, atol=1e-6)
+    _, density = welch(exact, nperseg=100, axis=1)
+    found = ml.observe.spectrum(x, 100, interval=1.0)
+    np.testing.assert_allclose(found.density[1:], density.mean(axis=0)[1:], rtol=1e-5)
+
+
+def test_a_symmetric_top_has_a_line_at_its_precession():
+    """Its axis turns about the momentum at the rate |momentum| / moment; one body, and also its correlation."""
+    body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.6, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+    run = {"dt": 0.1, "steps": 4096}
+
+    def of(observe):
+        return ml.integrate("SYMMETRIC[EA]", body, None, start, observe=observe, **run).states
+
+    found = of(ml.observe.Spectrum(ml.observe.Axis(), 1024))
+    rate = np.hypot(0.6, 1.0) / 2 / (2 * np.pi)
+    peak = found.frequency[np.argmax(np.asarray(found.density))]
+    assert abs(peak - rate) < found.frequency[1] / 2 * (1 + 1e-9)
+    assert np.isnan(found.error).all()  # of one body nobody knows the spread
+    found = of(ml.observe.Autocorrelation(ml.observe.Axis(), 100))
+    along = 1 / (1 + 0.6**2)  # the part of the axis that does not turn, squared
+    expected = along + (1 - along) * np.cos(2 * np.pi * rate * np.asarray(found.lag))
+    np.testing.assert_allclose(found.correlation, expected, rtol=1e-11)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("out", ["run.zarr", "run.npz"])
+@pytest.mark.parametrize("span", [4, 8, 25])
+def test_a_file_holds_the_statistic_of_the_whole_run(tmp_path, span, out):
+    """However it is cut into spans, which may be shorter than the lags; also of bodies that fail between."""
+    momenta = np.where(np.arange(BODIES)[:, None] == 4, 1e200, MOMENTA)
+
+    def run(name, observe):
+        return simulated(tmp_path / name, momenta=momenta, span=span, observe=observe)
+
+    def observable(t, state):
+        return jnp.where(state.momentum > 1e100, 0.0, state.momentum)
+
+    values = run("values.npz", observable)
+    x = values.open()["observed"]
+    assert values.first_bad[4] == 1
+    found = run(out, ml.observe.Autocorrelation({"p": observable, "t": lambda t, s: t}, 9, centred=True)).open()
+    value, error, number = correlated(x, 9, values.first_bad, centred=True)
+    np.testing.assert_allclose(found["p_correlation"], value, rtol=1e-11)
+    np.testing.assert_allclose(found["p_error"], error, rtol=1e-11)
+    np.testing.assert_array_equal(found["p_number"], number)
+    np.testing.assert_allclose(found["p_lag"], 0.5 * np.arange(10), rtol=1e-15)
+    found = run(f"spectrum-{out}", ml.observe.Spectrum(observable, 10)).open()
+    expected = ml.observe.spectrum(x, 10, interval=0.5, first_bad=values.first_bad)
+    for name, numbers in expected._asdict().items():
+        np.testing.assert_allclose(found[name], numbers, rtol=1e-11)
+    if out == "run.zarr":
+        assert found["density"].dims == ("frequency",)
+
+
+def test_a_file_needs_as_many_saved_values(tmp_path):
+    with pytest.raises(ValueError, match=r"lags \(25\) must be less than the number of saved values \(25\)"):
+        simulated(tmp_path / "run.npz", observe=ml.observe.Autocorrelation(momentum, 25))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.sample(0)
+def test_a_run_backwards_has_positive_lags_and_frequencies():
+    forward, backward = (ensemble(STATISTICS["spectrum"], dt=dt).states for dt in (0.05, -0.05))
+    np.testing.assert_array_equal(forward.frequency, backward.frequency)
+    assert (np.asarray(backward.density) >= 0).all()
+    assert float(ensemble(STATISTICS["autocorrelation"], dt=-0.05).states.lag[-1]) == pytest.approx(LAGS * INTERVAL)
+
+
+@pytest.mark.sample(0)
+def test_a_jitted_and_a_mapped_run_observe_the_same():
+    statistic = ml.observe.Autocorrelation(momentum, LAGS, centred=True)
+    plain = ensemble(statistic).states
+    jitted = jax.jit(lambda start: ensemble(statistic, start).states)(START)
+    np.testing.assert_allclose(jitted.correlation, plain.correlation, rtol=1e-12)
+
+    def alone(body, torque, start):
+        run = ml.integrate("SYMMETRIC[EA]", body, torque, start, observe=ml.observe.Spectrum(momentum, 16), **RUN)
+        return run.states.density
+
+    each = jax.vmap(alone)(BODY, TORQUE, START)
+    together = ensemble(ml.observe.Spectrum(momentum, 16)).states.density
+    np.testing.assert_allclose(each.mean(axis=0), together, rtol=1e-11)
+
+
+def test_what_a_statistic_of_time_cannot_be_is_named():
+    cases = {
+        "lags must be a positive Python int": lambda: ml.observe.Autocorrelation(momentum, -1),
+        "segment must be at least 2": lambda: ml.observe.Spectrum(momentum, 1),
+        r"overlap \(8\) must be less than segment \(8\)": lambda: ml.observe.Spectrum(momentum, 8, overlap=8),
+        "overlap must be a positive": lambda: ml.observe.Spectrum(momentum, 8, overlap=-1),
+        "window must be 'hann', 'boxcar' or": lambda: ml.observe.Spectrum(momentum, 8, window="hat"),
+        r"window must be one number for each value of a segment, \(8,\)": lambda: ml.observe.Spectrum(
+            momentum, 8, window=np.ones(7)
+        ),
+        "window must not be zero everywhere": lambda: ml.observe.Spectrum(momentum, 8, window=np.zeros(8)),
+        r"lags \(61\) must be less than the number of saved values \(61\)": lambda: ensemble(
+            ml.observe.Autocorrelation(momentum, 61)
+        ),
+        r"segment \(62\) must be at most the number of saved values \(61\)": lambda: ensemble(
+            ml.observe.Spectrum(momentum, 62)
+        ),
+        "give save_every": lambda: ensemble(STATISTICS["spectrum"], save_every=None),
+        "give one dt and one t0 for all": lambda: ensemble(STATISTICS["spectrum"], dt=jnp.full(BODIES, 0.05)),
+        "values must be .bodies, times.": lambda: ml.observe.spectrum(np.ones(9), 4, interval=1.0),
+        "interval must be finite and not zero": lambda: ml.observe.spectrum(np.ones((1, 9)), 4, interval=0.0),
+        "first_bad must be one integer": lambda: ml.observe.autocorrelation(np.ones((2, 9)), 4, first_bad=[3]),
+        "values of a statistic must be real": lambda: ensemble(
+            ml.observe.Spectrum(lambda t, s: jax.lax.complex(t, t), 8)
+        ),
+        "these steps differ": lambda: ml.integrate_adaptive(
+            "JACOBI[EA]",
+            ml.RigidBody([1.0, 2.0, 2.5]),
+            None,
+            ml.MomentumState([0.3, 1.0, -0.2]),
+            density=lambda t, s: 1.0 + 0.0 * t,
+            dt=0.1,
+            steps=9,
+            observe=STATISTICS["spectrum"],
+        ),
+    }
+    for message, call in cases.items():
+        with pytest.raises(ValueError, match=message):
+            call()
