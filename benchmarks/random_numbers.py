@@ -60,7 +60,10 @@ def pcg4d(key: Words, n: Array, count: int) -> Words:
     return result[:count]
 
 
-ROTATIONS = {2: ((13, 15, 26, 6, 17, 29, 16, 24),), 4: ((10, 11, 13, 23, 6, 17, 25, 18), (26, 21, 27, 5, 20, 11, 10, 20))}
+ROTATIONS = {
+    2: ((13, 15, 26, 6, 17, 29, 16, 24),),
+    4: ((10, 11, 13, 23, 6, 17, 25, 18), (26, 21, 27, 5, 20, 11, 10, 20)),
+}
 
 
 def threefry(size: int, rounds: int, start: Words, key: Words) -> Words:

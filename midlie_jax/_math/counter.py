@@ -41,8 +41,9 @@ def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array |
     result: list[Array] = []
     for block in range(blocks):
         row = _word(member) * _word(blocks) + _word(block)
-        # Odd multiples, so that each word differs from row to row.
-        x, y, z, w = (k ^ (p + row * _word(root | 1)) for k, p, root in zip(own, place, _ROOTS, strict=False))
+        # Odd multiples, so that each word differs from row to row, and not in its highest bits alone.
+        rows = (_fold(row * _word(root | 1)) for root in _ROOTS[:4])
+        x, y, z, w = (k ^ (p + r) for k, p, r in zip(own, place, rows, strict=True))
         result += _mix(x, y, z, w)
     return tuple(result[:count])
 
