@@ -4,12 +4,12 @@ So a body draws the same numbers however many bodies are beside it, and a run th
 was not. The words are mixed as by pcg4d (M. Jarzynski and M. Olano, Hash functions for GPU rendering, Journal of
 Computer Graphics Techniques 9(3), 2020): the four words of a block are multiplied with each other, and the high half of
 each is folded into the low half. pcg4d itself is too weak for keys: its low bits do not depend on the highest bits that
-go in. `_mix` folds before, between and after the products, and thereby changes each bit that comes out with probability
-1/2 if any bit changes that goes in. `benchmarks/random_quality.py` has the statistical tests.
+go in. Here words that may follow a pattern are folded first, and the result is folded last; then each bit that goes in
+changes each bit that comes out with probability 1/2. `benchmarks/random_quality.py` has the statistical tests.
 
-Threefry (J. Salmon, M. Moraes, R. Dror and D. Shaw, Parallel random numbers: as easy as 1, 2, 3, 2011) with the twelve
-rounds that they advise at least takes three times as long, and `jax.random` eight times. Philox needs products of 64
-bits, which JAX does not have unless float64 is on.
+With Threefry (J. Salmon, M. Moraes, R. Dror and D. Shaw, Parallel random numbers: as easy as 1, 2, 3, 2011) of twelve
+rounds, normal numbers cost 1.4 times as much, and from `jax.random` twenty times (`benchmarks/random_numbers.py`).
+Philox needs products of 64 bits, which JAX does not have unless float64 is on.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,9 @@ def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array |
     result: list[Array] = []
     for block in range(blocks):
         row = _word(member) * _word(blocks) + _word(block)
-        # Odd multiples, so that each word differs from row to row.
-        x, y, z, w = (k ^ (p + row * _word(root | 1)) for k, p, root in zip(own, place, _ROOTS, strict=False))
+        # Odd multiples, so that each word differs from row to row, and not in its highest bits alone.
+        rows = (_fold(row * _word(root | 1)) for root in _ROOTS[:4])
+        x, y, z, w = (k ^ (p + r) for k, p, r in zip(own, place, rows, strict=True))
         result += _mix(x, y, z, w)
     return tuple(result[:count])
 

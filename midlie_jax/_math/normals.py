@@ -11,7 +11,6 @@ not.
 """
 
 import math
-from functools import reduce
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +20,6 @@ import numpy as np
 from jax import Array
 
 from .._xla.fusion import split
-from . import components as cp
 from .counter import words
 
 # Polynomials of the least largest error, lowest power first. Near zero, to rounding: -log(1 + x)/x for
@@ -138,4 +136,9 @@ def _sine(word: Array) -> Array:
 
 
 def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    return reduce(lambda value, c: value * x + np.float32(c), coefficients[-2::-1], np.float32(coefficients[-1]))
+    """By Horner's scheme: in a loop that has other things to do while it waits, fewer operations are faster."""
+    *lower, highest = coefficients
+    value: Any = np.float32(highest)
+    for c in reversed(lower):
+        value = value * x + np.float32(c)
+    return value

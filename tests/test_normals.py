@@ -1,0 +1,224 @@
+"""The random numbers of `_math/counter.py` and `_math/normals.py`: their bits, and what a statistician would test.
+
+`benchmarks/random_quality.py` feeds the words to programs that test random numbers.
+"""
+
+import re
+from math import erfc
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, loop_bodies, real
+
+from midlie_jax._math import counter, normals
+from midlie_jax._xla.fusion import fuse
+
+MANY = 10_000_000
+SIGMAS = 5
+
+
+def key_of(seed):
+    return tuple(jax.random.key_data(jax.random.key(seed, impl="threefry2x32")))
+
+
+@jax.jit
+def drawn(key, step, stage, member):
+    return jnp.stack(normals.normals(key, (step, stage, member), 6, jnp.float32))
+
+
+def many(count=MANY):
+    """(6, count) numbers: one step of many members."""
+    z = drawn(key_of(7), jnp.int32(11), jnp.int32(1), jnp.arange(count // 6, dtype=jnp.int32))
+    return np.asarray(z).astype(np.float64)
+
+
+def mixed(x, y, z, w):
+    """`counter._mix` on Python's integers."""
+    for _ in range(2):
+        x = (x + y * w) % 2**32
+        y = (y + z * x) % 2**32
+        z = (z + x * y) % 2**32
+        w = (w + y * z) % 2**32
+        x, y, z, w = (a ^ a >> 16 for a in (x, y, z, w))
+    return x, y, z, w
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_the_words_are_those_of_the_same_formula_on_integers(size):
+    key = tuple(int(k) for k in np.random.default_rng(3).integers(2**32, size=size))
+    step, stage, member, count = 123_456_789, 3, 5, 10
+    roots = [int(np.sqrt(p) % 1 * 2**32) for p in (2, 3, 5, 7, 11, 13, 17, 19)]
+    own = mixed(*(k ^ k >> 16 for k in (*key, *roots[size:4])))
+    place = mixed(*mixed(*(k ^ k >> 16 for k in (step, stage, *roots[6:]))))
+    expected = []
+    for block in range(3):
+        row = 3 * member + block
+        rows = (row * (r | 1) % 2**32 for r in roots[:4])
+        expected += mixed(*(k ^ (p + (r ^ r >> 16)) % 2**32 for k, p, r in zip(own, place, rows, strict=True)))
+    words = jax.jit(counter.words, static_argnums=4)(tuple(map(jnp.uint32, key)), jnp.int32(step), stage, member, count)
+    assert [int(w) for w in words] == expected[:count]
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_body_draws_the_same_numbers_in_every_company_program_and_dtype(dtype):
+    """The words to the bit; the numbers up to the contractions of a compiler."""
+    steps, keys = jnp.int32(4), jax.random.key_data(jax.random.split(jax.random.key(5, impl="threefry2x32"), 37))
+
+    def of(key, member):
+        key = tuple(key)
+        return counter.words(key, steps, 2, member, 3), normals.normals(key, (steps, 2, member), 3, dtype)
+
+    words, numbers = jax.jit(jax.vmap(of, (0, None)))(keys, 6)
+    alone_words, alone = of(keys[20], 6)
+    several_words, several = of(keys[20], jnp.arange(9, dtype=jnp.int32))
+    plain = normals.normals(tuple(keys[20]), (steps, 2, 6), 3, jnp.float32)
+    for i in range(3):
+        assert words[i][20] == alone_words[i] == several_words[i][6]
+        assert numbers[i].dtype == dtype
+        np.testing.assert_allclose([numbers[i][20], several[i][6], plain[i]], alone[i], rtol=1e-6, atol=1e-6)
+
+
+def test_every_word_gives_a_finite_number():
+    extreme = [0, 1, 2, 2**31 - 1, 2**31, 2**31 + 1, 2**31 - 2**7, 2**32 - 2, 2**32 - 1, 0x5A82799A, 0x5A827999]
+    a, b = (jnp.asarray(x.ravel(), jnp.uint32) for x in np.meshgrid(extreme, extreme))
+    z = np.array(jax.jit(normals.of_words, static_argnums=1)((a, b, a, b), 3))
+    assert np.isfinite(z).all()
+    assert abs(z).max() < 6.56
+
+
+def test_the_transform_is_that_of_box_and_muller_to_float32():
+    rng = np.random.default_rng(1)
+    a, b = rng.integers(2**32, size=(2, 100_000)).astype(np.uint32)
+    a[:50_000] >>= rng.integers(32, size=50_000).astype(np.uint32)  # the tails
+    signed = (a | np.uint32(1)).view(np.int32).astype(np.float32).astype(np.float64)
+    radius = np.sqrt(-2 * np.log(abs(signed) / 2**31))
+    angle = np.pi / 4 + b.view(np.int32).astype(np.float64) * (np.pi / 2**33)
+    x, y, z = (np.asarray(n).astype(np.float64) for n in jax.jit(normals.of_words, static_argnums=1)((a, b, a, b), 3))
+    np.testing.assert_allclose(x, radius * np.cos(angle) * np.sign(a.view(np.int32) + 0.5), rtol=1e-6, atol=3e-6)
+    np.testing.assert_allclose(y, radius * np.sin(angle) * np.where(b & 1, -1, 1), rtol=1e-6, atol=3e-6)
+    np.testing.assert_allclose(z, radius * np.sin(2 * angle - np.pi / 2), rtol=1e-6, atol=3e-6)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_step_computes_each_word_once(dtype):
+    """In the loop of a float32 step, or in one of their own before a float64 step; the key is mixed before the run."""
+    batch, steps = 517, 7
+
+    def run(key, momentum):
+        def step(n, momentum):
+            numbers = normals.normals((key[0], key[1]), (n, 0, 0), 3, dtype)
+            return fuse(tuple(m + z * m * z for m, z in zip(momentum, numbers, strict=True)))
+
+        return jax.lax.fori_loop(jnp.int32(0), jnp.int32(steps), step, tuple(momentum))
+
+    keys = jax.random.key_data(jax.random.split(jax.random.key(5, impl="threefry2x32"), batch))
+    text = real(jax.vmap(run)).lower(keys, jnp.ones((batch, 3), dtype)).compile().as_text()
+    (body,) = (body for body in loop_bodies(text) if f"[{batch}]" in body)
+    fused = re.findall(r" fusion\(.*calls=%?([\w.\-]+)", body)
+    loops = [text.split(f"\n%{name} (")[1].split("\n}")[0] for name in fused]
+    assert sum(" reduce(" in loop for loop in loops) == (1 if dtype == "float32" else 2)
+    assert sum(len(re.findall(rf"u32\[{batch}\]\S* multiply\(", loop)) for loop in loops) == 8
+
+
+@pytest.mark.sample(0)
+def test_moments():
+    z = many()
+    for power, expected in enumerate((0, 1, 0, 3, 0, 15), start=1):
+        error = np.mean(z**power) - expected
+        double = np.prod(np.arange(1, 2 * power, 2))  # the mean of z^2p
+        assert abs(error) < SIGMAS * np.sqrt((double - expected**2) / z.size)
+
+
+@pytest.mark.sample(0)
+def test_distribution():
+    """By Kolmogorov and Smirnov, and by counts in the tails."""
+    stats = pytest.importorskip("scipy.stats")
+    z = many()
+    assert stats.kstest(z.ravel(), "norm").pvalue > 1e-4
+    for i in range(6):
+        assert stats.kstest(z[i], "norm").pvalue > 1e-4
+    for bound in (2, 3, 4, 5):
+        for tail in (z > bound, z < -bound):
+            expected = z.size * erfc(bound / 2**0.5) / 2
+            assert abs(tail.sum() - expected) < SIGMAS * np.sqrt(expected)
+    shares = stats.norm.cdf(z[:, :1_000_000])
+    for i in range(6):  # pairs in 64 x 64 squares of equal probability
+        for j in range(i):
+            squares, *_ = np.histogram2d(shares[i], shares[j], 64, [(0, 1), (0, 1)])
+            assert stats.chisquare(squares.ravel()).pvalue > 1e-5
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("what", ["step", "stage", "member", "key"])
+def test_neighbours_are_independent(what):
+    """Correlations of numbers, squares and signs of all six components, for arguments that differ in one bit."""
+    n, rng = 250_000, np.random.default_rng(2)
+    key = tuple(jnp.asarray(k, jnp.uint32) for k in rng.integers(2**32, size=(2, n)))
+    steps, members = (jnp.asarray(x, jnp.int32) for x in rng.integers(2**31, size=(2, n)))
+    draw = jax.jit(jax.vmap(lambda *arguments: drawn(*arguments)))
+
+    def numbers(key, step, stage, member):
+        stages = jnp.full(n, stage, jnp.int32)
+        z = np.asarray(draw(key, step, stages, member)).T.astype(np.float64)
+        return np.concatenate([z, (z**2 - 1) / 2**0.5, np.sign(z)])
+
+    first = numbers(key, steps, 3, members)
+    assert abs(first[:6] @ first[:6].T / n - np.eye(6)).max() < SIGMAS * 2 / n**0.5
+    for bit in (0, 1, 15, 16, 30):
+        if what == "key":
+            others = [((key[0] ^ jnp.uint32(1 << bit), key[1]), steps, 3, members)]
+            others += [((key[0], key[1] ^ jnp.uint32(1 << bit + 1)), steps, 3, members)]
+        else:
+            changed = jnp.int32(1 << bit)
+            others = [
+                {
+                    "step": (key, steps ^ changed, 3, members),
+                    "stage": (key, steps, 3 ^ 1 << bit, members),
+                    "member": (key, steps, 3, members ^ changed),
+                }[what]
+            ]
+        for other in others:
+            assert abs(first @ numbers(*other).T / n).max() < (SIGMAS + 1) / n**0.5
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("size", [2, 4])
+def test_each_bit_of_a_key_changes_each_bit_of_the_words_half_of_the_time(size):
+    n, rng = 20_000, np.random.default_rng(4)
+    steps = jnp.asarray(rng.integers(2**31, size=n), jnp.int32)
+    key = rng.integers(2**32, size=size).astype(np.uint32)
+
+    @jax.jit
+    def words(key):
+        return jnp.stack(jax.vmap(lambda step: counter.words(tuple(key), step, 0, 0, 4))(steps))
+
+    first = np.asarray(words(key))
+    for place in range(32 * size):
+        other = key.copy()
+        other[place // 32] ^= np.uint32(1 << place % 32)
+        changed = np.unpackbits((first ^ np.asarray(words(other))).view(np.uint8).reshape(4, n, 4), axis=2)
+        assert abs(changed.mean(axis=1) - 0.5).max() < (SIGMAS + 0.5) * 0.5 / n**0.5
+
+
+@pytest.mark.sample(0)
+def test_a_walk_of_a_body_spreads_as_the_root_of_time():
+    """Sums over many steps, which would show a slow trend; with the keys that users have."""
+    keys = jax.random.key_data(jax.random.split(jax.random.key(0, impl="threefry2x32"), 4096))
+
+    @jax.vmap
+    def walk(key):
+        def step(n, sums):
+            return tuple(
+                s + z for s, z in zip(sums, normals.normals(tuple(key), (n, 0, 0), 3, jnp.float64), strict=True)
+            )
+
+        return jax.lax.fori_loop(jnp.int32(0), jnp.int32(2000), step, (jnp.zeros(()),) * 3)
+
+    sums = np.array(jax.jit(walk)(keys)) / 2000**0.5
+    assert abs(np.mean(sums)) < SIGMAS / sums.size**0.5
+    assert abs(np.mean(sums**2) - 1) < SIGMAS * (2 / sums.size) ** 0.5
+    assert abs(np.corrcoef(sums) - np.eye(3)).max() < SIGMAS / sums.shape[1] ** 0.5
