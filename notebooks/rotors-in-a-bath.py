@@ -63,8 +63,8 @@ right.hist(np.asarray(warming.states.momentum[:, -1, 0]), bins=40, density=True,
 _ = right.plot(shown, np.exp(-(shown**2) / 2) / np.sqrt(2 * np.pi), color=GREY)
 
 # %% [markdown]
-# The stage of the bath is the exact solution of its equations, and so is the flight. So the Maxwell distribution is kept
-# at a step of any length: here with steps of twenty relaxation times.
+# The stage of the bath is the exact solution of its equations, and so is the flight. So the Maxwell distribution is
+# kept at a step of any length: here with steps of twenty relaxation times.
 
 # %%
 long = ml.ensemble("JACOBI[BAOAB]", brick, bath, at_rest(many), dt=100.0, steps=5).states
@@ -73,8 +73,8 @@ print(np.mean(np.asarray(long.momentum) ** 2 / moments, axis=0).round(3))
 # %% [markdown]
 # ## Dipoles in a field
 #
-# A field wants to align dipoles, and heat does not let it. Langevin found how far they align: <cos theta> = coth x - 1/x,
-# where x is the energy of the dipole in the field over kT. All fields are one ensemble; each body has a field of its own.
+# A field wants to align dipoles, and heat does not let it. Langevin found how far they align: <cos theta> = coth x -
+# 1/x, where x is the energy of the dipole in the field over kT. All fields are one ensemble; each body has its own.
 
 # %%
 x = jnp.repeat(jnp.array([0.25, 0.5, 1.0, 2.0, 4.0, 8.0]), 1000)
@@ -201,7 +201,7 @@ panel(axes, "Libration of a dumbbell", "frequency / that of small librations", "
 axes.semilogy(frequency, np.asarray(seen["density"]) / period, color=BLUE)
 axes.set_xlim(0.6, 1.4)
 shift = along / across * np.sqrt(kT / along) / 2 / libration  # of the typical spin sqrt(kT/I3)
-for side, name in ((-shift, "slower"), (shift, "faster")):
+for side in (-shift, shift):
     axes.axvline(1 + side, color=GREY, lw=0.8)
 _ = axes.set_ylim(1e-5)
 

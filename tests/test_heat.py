@@ -1,4 +1,4 @@
-"""Bodies in a heat bath: what its stage does exactly, the Maxwell and Boltzmann distributions, and the random numbers."""
+"""Bodies in a heat bath: what its stage does exactly, the distributions of Maxwell and Boltzmann, random numbers."""
 
 from dataclasses import replace
 from functools import cache
@@ -56,7 +56,7 @@ def close_to_one(values, *, independent=None, errors=3.0):
 @pytest.mark.parametrize("rank", [1, 2, 3])
 @pytest.mark.parametrize("time", [1e-6, 0.3, 20.0])
 def test_a_stage_of_the_bath_is_the_solution_of_its_equations(rank, time):
-    """Its mean and covariance are those of the matrix exponential; a friction of a lower rank leaves directions free."""
+    """Mean and covariance are those of the matrix exponential; a friction of a lower rank leaves directions free."""
     for friction in tensors(6, rank=rank):
         body = ml.RigidBody(MOMENTS)
         done = exposures(body, None, jnp.asarray(friction), None, jnp.asarray(time), jnp.sqrt(KT))

@@ -49,7 +49,7 @@ class Langevin(ReadsBody):
             missing or too much; a friction that does not fit the state; or a method without the stage.
     """
 
-    kT: Any  # noqa: N815 - the name of the field
+    kT: Any
     friction: Float[Array, "..."]
     key: Array
     linear_friction: Float[Array, "..."] | None
