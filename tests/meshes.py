@@ -55,6 +55,12 @@ def orbit(where):
     return ml.ensemble("JACOBI[EA]", body, torque, START, dt=0.05, steps=20, chunk=6, mesh=where)
 
 
+def heated(where):
+    """In a heat bath, with a key for each body."""
+    bath = ml.torques.Langevin(0.7, 1.3, jax.random.split(jax.random.key(0), len(MOMENTA)))
+    return ml.ensemble("SYMMETRIC[BAOAB]", BODY, TOP + bath, START, dt=0.05, steps=20, chunk=6, mesh=where)
+
+
 def energy(t, state):
     return jnp.sum(state.momentum**2)
 
@@ -84,5 +90,5 @@ def explicit():
 
 
 if __name__ == "__main__":
-    checks = {"tops": tops, "orbit": orbit, **{name: partial(observed, observe) for name, observe in OBSERVED.items()}}
+    checks = {"tops": tops, "orbit": orbit, "heated": heated, **{name: partial(observed, observe) for name, observe in OBSERVED.items()}}
     print(json.dumps({**{name: compared(check) for name, check in checks.items()}, "explicit": explicit()}))

@@ -442,8 +442,8 @@ def messages():
         "recommend": (lambda: ml.recommend(body, bath, start, tolerance=1e-3, duration=1.0), "single motions"),
         "check": (lambda: ml.check("JACOBI[BAOAB]", body, bath, start, dt=0.1), "single motions"),
         "particles": (
-            go("position Verlet", particle, bath, ml.ParticleState(jnp.ones((1,)), jnp.ones((1,)))),
-            "has no stage for it",
+            go(ml.method(ml.flights.Linear(), "BAOAB"), particle, bath, ml.ParticleState(jnp.ones(1), jnp.ones(1))),
+            "no heat bath acts on a ParticleState",
         ),
     }
 

@@ -14,7 +14,7 @@ from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
-from ..model.torques import Torque, without_bath
+from ..model.torques import Torque, baths_in, without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -44,6 +44,8 @@ def check_system(
     check_moves(method, body, start)
     check_torque(torque)
     check_bath(method, torque, bath)
+    for heat in baths_in(torque) if batch == 0 else ():
+        heat.check_on(start, body)
     if isinstance(torque, Torque):
         torque.check(start)
     check_batch("start", body, start, batch)

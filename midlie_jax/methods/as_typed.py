@@ -45,6 +45,9 @@ class schemes(metaclass=_Schemes):  # noqa: N801  (the name of the module)
 
     from .schemes import ABA82 as ABA82
     from .schemes import ABA1064 as ABA1064
+    from .schemes import ABOBA as ABOBA
+    from .schemes import BAOAB as BAOAB
+    from .schemes import BATH as BATH
     from .schemes import BM4 as BM4
     from .schemes import CHIN4A as CHIN4A
     from .schemes import E1 as E1
@@ -55,6 +58,7 @@ class schemes(metaclass=_Schemes):  # noqa: N801  (the name of the module)
     from .schemes import KAHAN_LI6 as KAHAN_LI6
     from .schemes import KAHAN_LI8 as KAHAN_LI8
     from .schemes import KICK as KICK
+    from .schemes import OBABO as OBABO
     from .schemes import SCHEMES as SCHEMES
     from .schemes import SRKN6B as SRKN6B
     from .schemes import SRKN11B as SRKN11B
@@ -68,4 +72,5 @@ class schemes(metaclass=_Schemes):  # noqa: N801  (the name of the module)
     from .schemes import Scheme as Scheme
 
     measured_order = staticmethod(scheme_order.measured_order)
+    measured_weak_order = staticmethod(scheme_order.measured_weak_order)
     run = staticmethod(stages.run)

@@ -254,7 +254,7 @@ ABA1064 = _alternating(
     leading=True,
 )
 # With a heat bath, `midlie_jax.torques.Langevin`. A is the flight, B the kick, O the bath (Ornstein and Uhlenbeck).
-_LEIMKUHLER = "Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge & Tretyakov 2015"
+_LEIMKUHLER = "Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34"
 BAOAB = own_scheme(
     "BAOAB",
     2,

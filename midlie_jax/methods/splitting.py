@@ -103,6 +103,7 @@ class Splitting(Method):
             return super().system(body, torque, start, t, h)
         rest, bath = without_bath(torque)
         assert bath is not None
+        bath.check_on(start, body)
         coefficients = {b for kind, b in self.scheme.stages if kind == BATH}
         count = start.momentum.shape[-2] if start.several else 0
         prepared = bath.prepared(body, coefficients, t, h, count)

@@ -156,7 +156,7 @@ class State(eqx.Module, Generic[P, Q]):
             momentum, pose, noise: components.
         """
         del exposure, root, momentum, pose, noise
-        raise ValueError(f"no heat bath acts on a {cls.__name__}; define `bathed`.")
+        raise ValueError(f"no heat bath acts on a {cls.__name__}.")
 
     @classmethod
     def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Q, noise: cp.Vector) -> cp.Vector:

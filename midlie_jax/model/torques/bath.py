@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, described, require, require_finite, shown
 from ..._math.components import is_traced
 from ..bath import Bath, exposures, root_of
-from ..bodies import Body, RigidBody
+from ..bodies import Body, RigidBody, TensorBody
 from ..rotor import Rotor
 from ..state import AnyState, Time
 from .base import ReadsBody, TorqueLike, kept_terms
@@ -25,6 +25,12 @@ class Langevin(ReadsBody):
     A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "JACOBI[BAOAB]". The stage is
     the exact solution of these equations over its time, so a free body keeps the Maxwell distribution, <Pi_i^2> = kT
     I_i and <p_i^2> = kT m, at any step. See docs/heat.md for what a torque adds to this.
+
+    A torque costs an error of averages of second order in the step: the weak order of a scheme with a bath is 2. In a
+    harmonic well of frequency omega, with s = (h omega)^2/4, BAOAB has the exact variance of the position, and 1 - s
+    times that of the momentum; OBABO and ABOBA have the exact variance of the momentum, and 1/(1 - s) times that of the
+    position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for rotations Davidchack, Ouldridge and
+    Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are those along the path, with the noise as it is.
 
     The random numbers depend on the key, on the index of the step and of the stage, and for coupled bodies on the index
     of the body; on nothing else. So a run that is continued with `first_step` goes on as if it had not been stopped.
@@ -65,10 +71,8 @@ class Langevin(ReadsBody):
         self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        """Zero: the bath acts in a stage of its own. What it consists of is checked."""
-        self._check(state, body)
-        if not callable(self.kT) and self.kT.shape:
-            raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
+        """Zero: the bath acts in a stage of its own."""
+        self.check_on(state, body)
         return jnp.zeros_like(state.momentum)
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
@@ -100,9 +104,13 @@ class Langevin(ReadsBody):
             raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
         return root_of(jnp.asarray(temperature).astype(t.dtype))
 
-    def _check(self, state: AnyState, body: Any) -> None:
+    def check_on(self, state: AnyState, body: Any) -> None:
         """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
         kind = type(state).__name__
+        if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
+            raise ValueError(f"no heat bath acts on a {kind}, but on rigid bodies and rotors; leave out Langevin.")
+        if not callable(self.kT) and self.kT.shape:
+            raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
         if self.key.shape:
             raise ValueError(
                 f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
