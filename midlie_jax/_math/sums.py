@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jax import Array
 
-ROWS = 64  # numbers that are added one after the other
+_ROWS = 64  # numbers that are added one after the other
 
 
 def total(x: Array, axis: int = 0) -> Array:
@@ -14,13 +14,8 @@ def total(x: Array, axis: int = 0) -> Array:
     """
     x = jnp.moveaxis(x, axis, 0)
     while len(x) > 1:
-        rows, width = blocks(len(x))
+        rows = min(len(x), _ROWS)
+        width = -(-len(x) // rows)
         x = jnp.pad(x, [(0, rows * width - len(x))] + [(0, 0)] * (x.ndim - 1))
         x = jnp.sum(x.reshape(rows, width, *x.shape[1:]), axis=0)
     return x[0] if len(x) else jnp.sum(x, axis=0)
-
-
-def blocks(count: int) -> tuple[int, int]:
-    """How many numbers a block has, and how many blocks there are; the last ones are filled up."""
-    rows = min(count, ROWS)
-    return rows, -(-count // rows)

@@ -14,6 +14,7 @@ _BYTES = 2**25  # about the size of one part in the file
 # per minute, which a reader of the file can see. The cost of a kill does not depend on it, see `pace.py`.
 _BODY_STEPS = 3 * 10**7
 GROUP = 2**15  # bodies of one group, by default
+_CARRIED = 2**28  # the most bytes that a group carries from span to span, by default
 
 
 class Part(NamedTuple):
@@ -101,17 +102,23 @@ class Plan(NamedTuple):
         return range(process * self.groups // processes, (process + 1) * self.groups // processes)
 
 
-def sizes(bodies: int, group: int | None, chunk: int | None, longest: int) -> tuple[int, int]:
+def sizes(bodies: int, group: int | None, chunk: int | None, longest: int, most: int = GROUP) -> tuple[int, int]:
     """The bodies of a group and of a chunk: as requested, or else cut evenly, so that few copies are computed.
 
     Args:
         longest: the most bodies of a chunk if its size was not requested.
+        most: the most bodies of a group if its size was not requested.
     """
     if group is None:
-        group = _evenly(bodies, GROUP)
+        group = _evenly(bodies, most)
         chunk = chunk or _evenly(group, longest)
         return min(-(-group // chunk) * chunk, bodies), chunk
     return min(group, bodies), chunk or _evenly(min(group, bodies), longest)
+
+
+def most_carried(bytes_a_body: int) -> int:
+    """The most bodies of a group by default if something is carried of each from span to span."""
+    return max(1, min(GROUP, _CARRIED // bytes_a_body))
 
 
 def _evenly(count: int, most: int) -> int:

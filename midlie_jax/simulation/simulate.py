@@ -15,8 +15,8 @@ from jax.sharding import Mesh
 from .._checks.arguments import as_count, described
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
-from ..drivers.ensemble import as_batch, check_spread
-from ..drivers.observe import Statistic, as_observe
+from ..drivers.ensemble import Batch, as_batch, check_spread
+from ..drivers.observe import Observe, Statistic, as_observe
 from ..drivers.observe.series import Series
 from ..methods.base import Method
 from ..model.bodies import Body
@@ -28,12 +28,12 @@ from .identity import UNSEEN, differences, identity
 from .memory import Memory
 from .parts import Computation
 from .pipeline import compute_and_write
-from .plan import GROUP, Plan, sizes, span_of
+from .plan import GROUP, Plan, most_carried, sizes, span_of
 from .progress import reported
 from .resume import begun, repair_whole, resumed
 from .store import Store, create
 from .summary import Simulation, merged_statistic
-from .variables import seen_leaves, seen_variables, state_variables, value_leaves
+from .variables import bytes_of, carried_leaves, seen_leaves, seen_variables, state_variables, value_leaves
 
 Repaired = tuple[str, ...]
 
@@ -81,7 +81,8 @@ def simulate(
             computed again.
         mesh: devices over which each group of bodies is spread; by default one device. In a run of several processes
             each uses those of its own devices that are in the mesh. The numbers do not depend on the mesh.
-        group: bodies that are computed at once and written to one chunk of the file; by default up to 32768.
+        group: bodies that are computed at once and written to one chunk of the file; by default up to 32768, or as many
+            as a statistic over times carries 256 MB of.
         span: saved states of a body that are written to one chunk, at least 2; by default as many as fill 32 MB, or
             take 3e7 body-steps.
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
@@ -118,11 +119,7 @@ def simulate(
     if existing is not None:  # a resumed run is cut as before; a request for another cut is refused below
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
-    of_times = isinstance(observe, Series)
-    written = value_leaves(batch, observe) if of_times else seen  # by which spans are measured
-    of_groups = isinstance(observe, Statistic) and not of_times
-    plan = _plan(batch.bodies, 1 + steps // save_every, save_every, written, of_groups, **cut)
-    plan = plan._replace(begin=begin)
+    plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
     computation = Computation.of(batch, observe, plan, _local(mesh))
     described_by = {**attributes_of(batch, plan), **(attributes or {})}
     if path.suffix == ".npz":
@@ -158,17 +155,23 @@ def _checked_path(out: Any, resume: bool) -> Path:
 
 
 def _plan(
-    bodies: int,
+    batch: Batch,
+    observe: Observe | None,
+    seen: Any,
     saves: int,
     save_every: int,
-    seen: Any,
-    of_groups: bool,
     group: int | None = None,
     span: int | None = None,
     chunk: int | None = None,
 ) -> Plan:
-    group, chunk = sizes(bodies, group, chunk, chunk_size(min(bodies, group or GROUP)))
-    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(seen))
+    bodies, most = batch.bodies, GROUP
+    if isinstance(observe, Series):
+        size = bytes_of(value_leaves(batch, observe))
+        most = most_carried(bytes_of(carried_leaves(batch, observe, 1)))
+    else:
+        size = bytes_of(seen)
+    group, chunk = sizes(bodies, group, chunk, chunk_size(min(bodies, group or most)), most)
+    of_groups = isinstance(observe, Statistic) and not isinstance(observe, Series)
     span = span or span_of(group, save_every, size / group if of_groups else size)
     return Plan(bodies, saves, save_every, group, min(saves, span), chunk)
 

@@ -47,6 +47,16 @@ def seen_leaves(batch: Batch, observe: Observe | None) -> Any:
     return eqx.filter_eval_shape(observe.part, values, jax.ShapeDtypeStruct(axes, jnp.bool_))
 
 
+def bytes_of(leaves: Any) -> int:
+    """The bytes of a pytree of shapes and dtypes."""
+    return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(leaves))
+
+
+def carried_leaves(batch: Batch, observe: Series, bodies: int) -> Any:
+    """What a statistic over times carries of this many bodies, as a pytree of shapes and dtypes."""
+    return eqx.filter_eval_shape(observe.begun, bodies, value_leaves(batch, observe))
+
+
 def value_leaves(batch: Batch, observe: Observe | None) -> Any:
     """What is observed of one body at one time, as a pytree of shapes and dtypes."""
     mapped = jax.tree.map(lambda x: x[0], batch.mapped)
@@ -75,8 +85,7 @@ def state_variables(batch: Batch, observe: Observe | None) -> dict[str, Variable
     """The variables with the states of all bodies from which a run goes on, and with what their statistic carries."""
     arrays = named(batch.mapped[2])
     if isinstance(observe, Series):
-        carried = eqx.filter_eval_shape(observe.begun, batch.bodies, value_leaves(batch, observe))
-        arrays |= named({SERIES: carried})
+        arrays |= named({SERIES: carried_leaves(batch, observe, batch.bodies)})
     return {
         name: Variable((BODY, *own_dims(name, leaf.shape[1:])), leaf.shape, np.dtype(leaf.dtype), {})
         for name, leaf in arrays.items()

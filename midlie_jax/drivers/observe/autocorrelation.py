@@ -10,9 +10,11 @@ from jaxtyping import Float, Int
 
 from ..._checks.arguments import as_count, described
 from ..._math import components as cp
-from ..._math.sums import blocks, total
+from ..._math.sums import total
 from .series import Series
 from .spread import Sums, mean_and_error, sums_of
+
+_PIECE = 64  # times that are combined with all lags at once
 
 
 class Correlation(NamedTuple):
@@ -35,16 +37,19 @@ class Correlation(NamedTuple):
 class Carried(NamedTuple):
     """What is carried of n bodies from one block of values to the next.
 
+    Where the mean is removed, `reference` is the first value and is subtracted from all, and m2 = m; else m2 is 0.
+
     Attributes:
         count: (n,), how many values counted so far.
-        reference: (n, m), subtracted from all values: the first value if the mean is removed; else m is 0 here.
-        last: (n, lags, m), the last values.
-        high, low: (n, lags + 1, 1 + m), the sums of the products, and where the mean is removed of their factors; the
-            low parts are what the high parts have rounded away.
+        reference: (n, m2).
+        first, last: (n, lags, m2) and (n, lags, m), the first and the last values that counted.
+        high, low: (n, lags + 1 + m2), the sums of the products, and that of the values; the low part is what the high
+            part has rounded away.
     """
 
     count: Array
     reference: Array
+    first: Array
     last: Array
     high: Array
     low: Array
@@ -94,9 +99,9 @@ class Autocorrelation(Series):
     def begun(self, bodies: int, values: Any) -> Any:
         def of_array(x: Any) -> Carried:
             removed = x.size if self.centred else 0
-            sums = jnp.zeros((bodies, self.lags + 1, 1 + removed), x.dtype)
-            last = jnp.zeros((bodies, self.lags, x.size), x.dtype)
-            return Carried(jnp.zeros(bodies, jnp.int32), jnp.zeros((bodies, removed), x.dtype), last, sums, sums)
+            last, sums = (bodies, self.lags, x.size), (bodies, self.lags + 1 + removed)
+            shapes = (bodies, removed), (bodies, self.lags, removed), last, sums, sums
+            return Carried(jnp.zeros(bodies, jnp.int32), *(jnp.zeros(shape, x.dtype) for shape in shapes))
 
         return jax.tree.map(of_array, values)
 
@@ -104,33 +109,42 @@ class Autocorrelation(Series):
         return jax.tree.map(lambda x, before: self._taken(before, x.reshape(*good.shape, -1), good), values, carried)
 
     def _taken(self, before: Carried, x: Array, good: Array) -> Carried:
-        _, k, m = x.shape
-        reference = before.reference
+        """In pieces that stay in the cache while all lags read them; the last one is filled up."""
+        n, k, m = x.shape
+        size = min(k, _PIECE)
+        pieces = -(-k // size)
+        fill = pieces * size - k
+        x = jnp.pad(x, [(0, 0), (0, fill), (0, 0)]).reshape(n, pieces, size, m)
+        good = jnp.pad(good, [(0, 0), (0, fill)]).reshape(n, pieces, size)
+        by_piece = jnp.moveaxis(x, 1, 0), jnp.moveaxis(good, 1, 0)
+        return jax.lax.scan(lambda carried, piece: (self._piece_taken(carried, *piece), None), before, by_piece)[0]
+
+    def _piece_taken(self, before: Carried, x: Array, good: Array) -> Carried:
+        reference, first = before.reference, before.first
         if self.centred:
             begins = (before.count == 0) & good[:, 0]
             reference = jnp.where(begins[:, None], x[:, 0], reference)
             x = x - reference[:, None]
         x = jnp.where(good[..., None], x, 0)
         seen = jnp.concatenate([before.last, x], axis=1)
-        rows, width = blocks(k)
-        # The bodies come last, and each lag adds long rows of numbers side by side.
-        padded = jnp.moveaxis(jnp.pad(seen, [(0, 0), (0, rows * width - k), (0, 0)]), 0, -1)
-        later, good = padded[self.lags :], jnp.pad(good.T, [(0, rows * width - k), (0, 0)])[:, None]
-        times = before.count[None] + jnp.arange(rows * width, dtype=jnp.int32)[:, None]  # (times, bodies)
+        columns = jnp.moveaxis(seen, 0, -1)  # the bodies come last, so that each lag adds long rows side by side
+        later = columns[self.lags :]
 
         def of_lag(lag: Array) -> Array:
-            earlier = jax.lax.dynamic_slice_in_dim(padded, self.lags - lag, rows * width)
-            products = later * earlier
-            found = total(products.reshape(rows, width * m, -1).sum(axis=0))[None]
-            if not self.centred:
-                return found
-            factors = jnp.where((times >= lag)[:, None], later, 0) + jnp.where(good, earlier, 0)
-            return jnp.concatenate([found, total(factors)])
+            earlier = jax.lax.dynamic_slice_in_dim(columns, self.lags - lag, len(later))
+            return total(jnp.sum(later * earlier, axis=1))
 
-        added = jnp.moveaxis(jax.lax.map(of_lag, jnp.arange(self.lags + 1, dtype=jnp.int32)), -1, 0)
-        (high,), (low,) = cp.compensated((before.high,), (before.low,), (added,))
-        count = before.count + jnp.sum(good, axis=(0, 1), dtype=jnp.int32)
-        return Carried(count, reference, seen[:, k:], high, low)
+        added = jax.lax.map(of_lag, jnp.arange(self.lags + 1, dtype=jnp.int32))
+        if self.centred:
+            added = jnp.concatenate([added, total(later)])
+            places = jnp.arange(self.lags, dtype=jnp.int32)[None] - before.count[:, None]
+            new = jnp.take_along_axis(x, jnp.clip(places, 0, x.shape[1] - 1)[..., None], axis=1)
+            first = jnp.where(((places >= 0) & (places < x.shape[1]))[..., None], new, first)
+        (high,), (low,) = cp.compensated((before.high,), (before.low,), (added.T,))
+        counted = jnp.sum(good, axis=1, dtype=jnp.int32)
+        places = counted[:, None] + jnp.arange(self.lags, dtype=jnp.int32)[None]
+        last = jnp.take_along_axis(seen, places[..., None], axis=1)
+        return Carried(before.count + counted, reference, first, last, high, low)
 
     def sums(self, carried: Any, counted: Array) -> Any:
         return jax.tree.map(
@@ -140,17 +154,24 @@ class Autocorrelation(Series):
     def _sums(self, carried: Carried, counted: Array) -> Sums:
         dtype = carried.high.dtype
         count = jnp.where(counted, carried.count, 0)
-        found = jnp.moveaxis(jnp.where(counted[:, None, None], carried.high + carried.low, 0), 0, -1)
+        found = jnp.where(counted[:, None], carried.high + carried.low, 0).T
         terms = jnp.maximum(count[None] - jnp.arange(self.lags + 1, dtype=jnp.int32)[:, None], 0).astype(dtype)
-        s, a = found[:, 0], found[:, 1:]  # of x - reference
+        s, sum_of_all = found[: self.lags + 1], found[self.lags + 1 :]  # of x - reference
+        a = jnp.where(terms[:, None] > 0, 2 * sum_of_all[None] - self._left_out(carried), 0)
         values = count.astype(dtype)
         weight = total(values)
         reference = carried.reference.T
-        mean = total(values[None] * reference + a[0] / 2, -1) / jnp.maximum(weight, 1)
+        mean = total(values[None] * reference + sum_of_all, -1) / jnp.maximum(weight, 1)
         shift = jnp.where(counted[None], mean[:, None] - reference, 0)  # (m, bodies)
         s = s - jnp.sum(shift[None] * a, axis=1) + terms * jnp.sum(shift**2, axis=0)[None]
         a = a - 2 * terms[:, None] * shift[None]
         return sums_of(s, a, terms, mean, weight, relative=self.normalised)
+
+    def _left_out(self, carried: Carried) -> Array:
+        """(lags + 1, m2, n): the sum of the values that are no later factor, and of those that are no earlier one."""
+        last = carried.last[..., : carried.first.shape[-1]]
+        ends = jnp.cumsum(carried.first, axis=1) + jnp.cumsum(last[:, ::-1], axis=1)
+        return jnp.moveaxis(jnp.pad(ends, [(0, 0), (1, 0), (0, 0)]), 0, -1)
 
     def of_sums(self, sums: Sums, interval: Array) -> Correlation:
         value, error = mean_and_error(sums, relative=self.normalised)
