@@ -260,21 +260,21 @@ BAOAB = own_scheme(
     2,
     ((KICK, 0.5), (FLIGHT, 0.5), (BATH, 1.0), (FLIGHT, 0.5), (KICK, 0.5)),
     _LEIMKUHLER,
-    use="with a heat bath: averages over positions and attitudes, exact in a harmonic well",
+    use="with a heat bath: start here; positions and attitudes are exact in a harmonic well",
 )
 OBABO = own_scheme(
     "OBABO",
     2,
     ((BATH, 0.5), (KICK, 0.5), (FLIGHT, 1.0), (KICK, 0.5), (BATH, 0.5)),
     "Bussi & Parrinello, Phys. Rev. E 75 (2007) 056707",
-    use="with a heat bath: averages over momenta are exact in a harmonic well; two baths around a step of EA",
+    use="with a heat bath: momenta are exact in a harmonic well; one flight of an exact method, but two baths",
 )
 ABOBA = own_scheme(
     "ABOBA",
     2,
     ((FLIGHT, 0.5), (KICK, 0.5), (BATH, 1.0), (KICK, 0.5), (FLIGHT, 0.5)),
     _LEIMKUHLER,
-    use="with a heat bath: like OBABO, with one bath in the middle of EA*",
+    use="with a heat bath: places are exact in a harmonic well, too; the bath in the middle of EA*",
 )
 SCHEMES = {
     scheme.name: scheme

@@ -22,7 +22,7 @@ from .bodies import Body
 from .free_body import FreeBody, Momenta
 from .rotor import Rotor
 
-_SHORT = 1e-2  # below, sinh(x)/x is taken from the first terms of its series
+_SHORT = 1e-3  # below, (1 - exp(-x))/x is taken from the first terms of its series
 
 
 class Exposure(NamedTuple):
@@ -165,8 +165,7 @@ def _functions_jvp(primals: Any, tangents: Any) -> Any:
     lost, spread = _of_values(values, time)
     change = jnp.swapaxes(vectors, -1, -2) @ d_matrix @ vectors
     a, b = values[..., :, None], values[..., None, :]
-    slopes = time * jnp.exp(-(a + b) * time / 2) * _sinhc((a - b) * time / 2)
-    squares = 2 * time * jnp.exp(-(a + b) * time) * _sinhc((a - b) * time)
+    slopes, squares = _divided(a, b, time), 2 * _divided(2 * a, 2 * b, time)
     own = jnp.eye(3, dtype=values.dtype)
     d_lost = slopes * change + own * (d_time * values * jnp.exp(-values * time))[..., None]
     d_spread = _over(squares, spread[..., :, None] + spread[..., None, :]) * change
@@ -188,10 +187,13 @@ def _from_values(vectors: Array, values: Array) -> Array:
     return (vectors * values[..., None, :]) @ jnp.swapaxes(vectors, -1, -2)
 
 
-def _sinhc(x: Array) -> Array:
-    short = jnp.abs(x) < _SHORT
-    safe = jnp.where(short, jnp.ones_like(x), x)
-    return jnp.where(short, 1 + x * x / 6 * (1 + x * x / 20), jnp.sinh(safe) / safe)
+def _divided(a: Array, b: Array, time: Array) -> Array:
+    """The divided difference (exp(-b t) - exp(-a t)) / (a - b), t exp(-a t) where both agree."""
+    gap = jnp.abs(a - b) * time
+    short = gap < _SHORT
+    safe = jnp.where(short, jnp.ones_like(gap), gap)
+    mean = jnp.where(short, 1 - gap / 2 * (1 - gap / 3 * (1 - gap / 4)), -jnp.expm1(-safe) / safe)
+    return time * jnp.exp(-jnp.minimum(a, b) * time) * mean
 
 
 def _over(a: Array, b: Array) -> Array:
