@@ -148,9 +148,9 @@ def of_jax(key: Words, n: Array, dtype: Any) -> Sequence[Array]:
 
 
 class Row(NamedTuple):
-    """What is measured; without a generator, the step alone; without a transform, `jax.random`."""
+    """What is measured; without a transform, `jax.random`."""
 
-    generator: str | None
+    generator: str
     transform: str | None
     apart: bool = False
 
