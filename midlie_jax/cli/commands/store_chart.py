@@ -66,17 +66,16 @@ def _panels(found: Inspection) -> list[tuple[str, str, str, np.ndarray, np.ndarr
     every = slice(None, None, -(-found.bodies // _SHOWN))
     panels: list[tuple[str, str, str, np.ndarray, np.ndarray]] = []
     for name, array in sorted(root.arrays()):
-        dims: tuple[str, ...] = tuple(array.metadata.dimension_names or ())
+        dims = tuple(str(dim) for dim in array.metadata.dimension_names or ())
         of_bodies = dims[:2] == (BODY, TIME)
-        own = len(dims) == 1 and dims[0] in root and dims[0] not in COORDINATES  # its lags, or its frequencies
-        if not (of_bodies or own or dims[:1] == (TIME,)) or name in ("time", "times", *dims[:1]):
+        first, *others = *dims, ""
+        own = len(others) == 1 and first in root and first not in (TIME, *COORDINATES)  # its lags, or its frequencies
+        if not (of_bodies or own or first == TIME) or name in ("time", "times", first):
             continue
         values = np.asarray(array[every] if of_bodies else array[...][None], np.float64)
-        if own:
-            times = root[dims[0]][...][None]
-        else:
-            times = root["times"][every] if "times" in root else root["time"][...][None]
-        against = dims[0].rpartition("_")[2].capitalize() if own and dims[0] != TIME else "Time t"
+        place = first if own else "times" if "times" in root else "time"
+        times = root[place][every] if place == "times" else root[place][...][None]
+        against = first.rpartition("_")[2].capitalize() if own else "Time t"
         times = np.broadcast_to(times, (len(values), times.shape[1]))
         parts = values.reshape(*values.shape[:2], -1)
         computed = int(np.sum(np.any(np.isfinite(parts), axis=(0, 2))))

@@ -40,14 +40,14 @@ class Carried(NamedTuple):
     Where the mean is removed, `reference` is the first value and is subtracted from all, and m2 = m; else m2 is 0.
 
     Attributes:
-        count: (n,), how many values counted so far.
+        counted: (n,), how many values counted so far.
         reference: (n, m2).
         first, last: (n, lags, m2) and (n, lags, m), the first and the last values that counted.
         high, low: (n, lags + 1 + m2), the sums of the products, and that of the values; the low part is what the high
             part has rounded away.
     """
 
-    count: Array
+    counted: Array
     reference: Array
     first: Array
     last: Array
@@ -122,7 +122,7 @@ class Autocorrelation(Series):
     def _piece_taken(self, before: Carried, x: Array, good: Array) -> Carried:
         reference, first = before.reference, before.first
         if self.centred:
-            begins = (before.count == 0) & good[:, 0]
+            begins = (before.counted == 0) & good[:, 0]
             reference = jnp.where(begins[:, None], x[:, 0], reference)
             x = x - reference[:, None]
         x = jnp.where(good[..., None], x, 0)
@@ -137,14 +137,14 @@ class Autocorrelation(Series):
         added = jax.lax.map(of_lag, jnp.arange(self.lags + 1, dtype=jnp.int32))
         if self.centred:
             added = jnp.concatenate([added, total(later)])
-            places = jnp.arange(self.lags, dtype=jnp.int32)[None] - before.count[:, None]
+            places = jnp.arange(self.lags, dtype=jnp.int32)[None] - before.counted[:, None]
             new = jnp.take_along_axis(x, jnp.clip(places, 0, x.shape[1] - 1)[..., None], axis=1)
             first = jnp.where(((places >= 0) & (places < x.shape[1]))[..., None], new, first)
         (high,), (low,) = cp.compensated((before.high,), (before.low,), (added.T,))
         counted = jnp.sum(good, axis=1, dtype=jnp.int32)
         places = counted[:, None] + jnp.arange(self.lags, dtype=jnp.int32)[None]
         last = jnp.take_along_axis(seen, places[..., None], axis=1)
-        return Carried(before.count + counted, reference, first, last, high, low)
+        return Carried(before.counted + counted, reference, first, last, high, low)
 
     def sums(self, carried: Any, counted: Array) -> Any:
         return jax.tree.map(
@@ -153,7 +153,7 @@ class Autocorrelation(Series):
 
     def _sums(self, carried: Carried, counted: Array) -> Sums:
         dtype = carried.high.dtype
-        count = jnp.where(counted, carried.count, 0)
+        count = jnp.where(counted, carried.counted, 0)
         found = jnp.where(counted[:, None], carried.high + carried.low, 0).T
         terms = jnp.maximum(count[None] - jnp.arange(self.lags + 1, dtype=jnp.int32)[:, None], 0).astype(dtype)
         s, sum_of_all = found[: self.lags + 1], found[self.lags + 1 :]  # of x - reference

@@ -37,14 +37,14 @@ class Carried(NamedTuple):
 
     Attributes:
         time: (n,), how many values there have been, for all bodies the same.
-        count: (n,), how many of them count.
+        counted: (n,), how many of them count.
         last: (n, m, segment - 1), the last values.
         high, low: (n, f), the sum of the densities of all segments; the low part is what the high part has rounded
             away.
     """
 
     time: Array
-    count: Array
+    counted: Array
     last: Array
     high: Array
     low: Array
@@ -129,7 +129,7 @@ class Spectrum(Series):
 
         begins = begin + step * jnp.arange((k - 1) // step + 1, dtype=jnp.int32)
         (high, low), _ = jax.lax.scan(add, (before.high, before.low), begins)
-        count = before.count + jnp.sum(good, axis=1, dtype=jnp.int32)
+        count = before.counted + jnp.sum(good, axis=1, dtype=jnp.int32)
         return Carried(before.time + k, count, seen[..., k:], high, low)
 
     def _periodogram(self, values: Array) -> Array:
@@ -152,7 +152,7 @@ class Spectrum(Series):
 
     def _sums(self, carried: Carried, counted: Array) -> Sums:
         dtype, rows = carried.high.dtype, self.segment // 2 + 1
-        rest = jnp.where(counted, carried.count, 0) - self.segment
+        rest = jnp.where(counted, carried.counted, 0) - self.segment
         segments = jnp.where(rest >= 0, rest // (self.segment - self.overlap) + 1, 0).astype(dtype)
         power = jnp.where(counted[:, None], carried.high + carried.low, 0).T
         bodies = len(counted)

@@ -73,39 +73,54 @@ def sums_of(s: Array, a: Array, terms: Array, mean: Array, weight: Array, *, rel
 
 
 def merged_sums(parts: Sums) -> Sums:
-    """The sums of the union of several groups, from theirs stacked along the first axis."""
-    mean = _ratio(jnp.sum(parts.weight[:, None] * parts.mean, axis=0), jnp.sum(parts.weight))
-    shift = mean[None] - parts.mean  # (groups, m)
-    m = shift.shape[-1]
-    squared = jnp.sum(shift**2, axis=-1)
-    terms, factors = parts.first[..., 1], parts.first[..., 2 : 2 + m]
-    terms_of_all = jnp.sum(terms, axis=0)
-    moved = parts.value + squared[:, None] - _ratio(jnp.sum(shift[:, None] * factors, axis=-1), terms)
-    value = _ratio(jnp.sum(moved * terms, axis=0), terms_of_all)
-    relative = parts.first.shape[-1] > 2 + m
-    slope = _slope(value, terms_of_all)
+    """The sums of the union of several groups, from theirs stacked along the first axis.
 
-    def of_group(part: Sums, shift: Array, squared: Array) -> tuple[Array, Array]:
-        def move_own(change: Array) -> Array:
-            """The matrix that takes (q, N, a) to the other mean and value."""
-            move = jnp.eye(2 + m, dtype=shift.dtype)
-            return move.at[0, 1].set(squared + change).at[0, 2:].set(-shift).at[2:, 1].set(-2 * shift)
+    They are joined one after the other by the same code, so that groups without bodies at the end, which fill up a
+    mesh, change no bit.
+    """
+    none = jax.tree.map(lambda x: jnp.zeros_like(x[0]), parts)
+    return jax.lax.scan(lambda sums, part: (_joined(sums, part), None), none, parts)[0]
 
-        def move_both(own: Array, before: Array, after: Array) -> Array:
-            """The same for z with the first row behind, whose matrix is `of_first`; the slope changes, too."""
-            move = jax.scipy.linalg.block_diag(own, of_first)
-            return move.at[0, 2 + m].add(before).at[0, 2 + m :].add(-after * of_first[0])
 
-        move = jax.vmap(move_own)(part.value - value)
-        of_first = move[0]
-        if relative:
-            move = jax.vmap(move_both)(move, _slope(part.value, part.first[:, 1]), slope)
-        second = _product(_product(move, part.second), jnp.swapaxes(move, -1, -2))
-        return _product(move, part.first[..., None])[..., 0], second
+def _joined(a: Sums, b: Sums) -> Sums:
+    weight = a.weight + b.weight
+    mean = a.mean + (b.mean - a.mean) * _ratio(b.weight, weight)
+    terms = a.first[:, 1] + b.first[:, 1]
+    value_a, value_b = _value_about(mean, a), _value_about(mean, b)
+    value = value_a + (value_b - value_a) * _ratio(b.first[:, 1], terms)
+    moved = [_moved(part, mean, value, _slope(value, terms)) for part in (a, b)]
+    (first_a, second_a), (first_b, second_b) = moved
+    return Sums(a.number + b.number, value, mean, weight, first_a + first_b, second_a + second_b)
 
-    first, second = jax.vmap(of_group)(parts, shift, squared)
-    number = jnp.sum(parts.number, axis=0, dtype=jnp.int32)
-    return Sums(number, value, mean, jnp.sum(parts.weight), jnp.sum(first, axis=0), jnp.sum(second, axis=0))
+
+def _value_about(mean: Array, part: Sums) -> Array:
+    """The value, if it is this mean that is removed."""
+    shift, terms = mean - part.mean, part.first[:, 1]
+    factors = part.first[:, 2 : 2 + len(shift)]
+    return part.value + jnp.where(terms > 0, jnp.sum(shift**2) - _ratio(jnp.sum(shift[None] * factors, -1), terms), 0)
+
+
+def _moved(part: Sums, mean: Array, value: Array, slope: Array) -> tuple[Array, Array]:
+    """`first` and `second` about another mean and value, and with another slope."""
+    shift = mean - part.mean
+    m, squared = len(shift), jnp.sum(shift**2)
+
+    def move_own(change: Array) -> Array:
+        """The matrix that takes (q, N, a) to the other mean and value."""
+        move = jnp.eye(2 + m, dtype=shift.dtype)
+        return move.at[0, 1].set(squared + change).at[0, 2:].set(-shift).at[2:, 1].set(-2 * shift)
+
+    def move_both(own: Array, before: Array, after: Array) -> Array:
+        """The same for z with the first row behind, whose matrix is `of_first`; the slope changes, too."""
+        move = jax.scipy.linalg.block_diag(own, of_first)
+        return move.at[0, 2 + m].add(before).at[0, 2 + m :].add(-after * of_first[0])
+
+    move = jax.vmap(move_own)(part.value - value)
+    of_first = move[0]
+    if part.first.shape[-1] > 2 + m:
+        move = jax.vmap(move_both)(move, _slope(part.value, part.first[:, 1]), slope)
+    second = _product(_product(move, part.second), jnp.swapaxes(move, -1, -2))
+    return _product(move, part.first[..., None])[..., 0], second
 
 
 def mean_and_error(sums: Sums, *, relative: bool) -> tuple[Array, Array]:
