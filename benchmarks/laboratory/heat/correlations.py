@@ -1,0 +1,69 @@
+"""How fast a sphere in a bath forgets its angular velocity, and at strong friction its direction: both are known.
+
+Units of kT and of the moment of inertia. <Omega(0).Omega(t)> = 3 exp(-G t); and for G >> 1 <u(0).u(t)> = exp(-2 t/G)
+(P. Debye 1929), of which exp(-2 (G t - 1 + exp(-G t))/G^2) is the next approximation.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+from midlie_jax._xla.compiler import compiler_options
+
+BODIES = 100_000
+WEAK, STRONG = 1.0, 20.0  # frictions
+METHOD = "SYMMETRIC[BAOAB]"
+SAVED = 12
+
+
+class Correlation(NamedTuple):
+    """Attributes:
+    name: what is correlated.
+    friction: G.
+    times, found, errors: with standard errors.
+    known: the function of time.
+    """
+
+    name: str
+    friction: float
+    times: np.ndarray
+    found: np.ndarray
+    errors: np.ndarray
+    known: Callable[[Any], Any]
+
+
+def _start(seed: int) -> ml.RigidState:
+    a, b = jax.random.split(jax.random.key(seed))
+    attitude = jax.random.normal(a, (BODIES, 4), jnp.float32)
+    attitude = attitude / jnp.linalg.norm(attitude, axis=-1, keepdims=True)
+    return ml.RigidState(jax.random.normal(b, (BODIES, 3), jnp.float32), attitude)
+
+
+def _measured(friction: float, observe: Any, dt: float, every: int, seed: int) -> tuple[np.ndarray, ...]:
+    """Times, and mean and standard error of the products of an observed vector with what it was at the start."""
+
+    def run(begin: ml.RigidState, keys: Any) -> Any:
+        body = ml.RigidBody(jnp.ones(3, jnp.float32))
+        bath = ml.torques.Langevin(jnp.float32(1), jnp.float32(friction), keys)
+        options: Any = {"dt": jnp.float32(dt), "steps": SAVED * every, "save_every": every, "observe": observe}
+        return ml.ensemble(METHOD, body, bath, begin, **options).states
+
+    keys = jax.random.split(jax.random.key(seed), BODIES)
+    vectors = np.asarray(jax.jit(run, compiler_options=compiler_options(BODIES))(_start(seed + 1), keys), np.float64)
+    products = np.sum(vectors[:, :1] * vectors, axis=-1)
+    times = dt * every * np.arange(SAVED + 1)
+    return times, products.mean(axis=0), products.std(axis=0) / math.sqrt(BODIES)
+
+
+def measured() -> tuple[Correlation, Correlation]:
+    velocity = _measured(WEAK, ml.observe.AngularVelocity(), 0.05, 6, 1)
+    direction = _measured(STRONG, ml.observe.Axis(), 0.25 / STRONG, 120, 2)
+    return (
+        Correlation("velocity", WEAK, *velocity, lambda t: 3 * np.exp(-WEAK * t)),
+        Correlation("direction", STRONG, *direction, lambda t: np.exp(-2 * t / STRONG)),
+    )
