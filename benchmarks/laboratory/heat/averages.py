@@ -1,11 +1,12 @@
-"""The errors of averages against the step and against the time: the dipole of `dipole` by our schemes and by diffrax."""
+"""The errors of averages of a dipole against the step and against the time, by our schemes and by diffrax."""
 
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +17,15 @@ from .dipole import FIELDS, Average, exact, step
 
 OURS = {f"SYMMETRIC[{scheme}]": (0.25, 0.5, 0.75, 1.0, 1.5) for scheme in ("BAOAB", "OBABO", "ABOBA")}
 THEIRS = {"Heun": (0.125, 0.25, 0.375, 0.5), "ShARK": (0.25, 0.375, 0.5), "EulerHeun": (0.0625, 0.125, 0.25)}
-_RUNS = {"Heun": 8, "ShARK": 8, "EulerHeun": 2}
-_OUR_RUNS = 24
+# Runs of each, so that the larger errors have larger standard errors.
+_RUNS = {"SYMMETRIC[BAOAB]": 24, "SYMMETRIC[OBABO]": 8, "SYMMETRIC[ABOBA]": 12, "Heun": 8, "ShARK": 6, "EulerHeun": 2}
 _STEPS, _ROUNDS = 300, 5  # of the runs that are timed
-HEADS = "x", "method", "slope of the error", "slope of that of T", "step for 1 %", "ns a body and unit of time", "ratio"
+HEADS = "x", "method", "step", "ns a step", "ns a time", "exact ⟨cos θ⟩", "found, off by", "T, off by"
+SLOPE_HEADS = "x", "method", "slope of the error of ⟨cos θ⟩", "of T"
+RATIO_HEADS = "x", "of", "relative error", "ours", "ns", "theirs", "ns", "times faster"
+ERRORS = 0.003, 0.01, 0.03  # at which costs are compared
 _SURE = 3.0  # standard errors from which an error counts as measured
 _LARGEST = 1.0  # steps for the slopes, in units of 1/rate
-SHOWN = 0.01  # the relative error at which costs are compared
 
 
 class Rung(NamedTuple):
@@ -55,6 +58,11 @@ class Rung(NamedTuple):
         return abs(self.found.temperature - 1)
 
     @property
+    def either(self) -> float:
+        """The larger one of both errors."""
+        return max(self.error, self.warmth)
+
+    @property
     def cost(self) -> float:
         """Nanoseconds of a body and a unit of time, 1/rate."""
         return self.nanoseconds / self.share
@@ -79,7 +87,7 @@ def extend(kept: Path, seconds: float) -> list[Rung]:
             if (method, share) not in done and time.monotonic() - began < seconds:
                 run = dipole.ours(method, share) if method in OURS else diffrax_sde.theirs(method, share)
                 for x in FIELDS:
-                    found = dipole.averaged(run, x, share, _RUNS.get(method, _OUR_RUNS))
+                    found = dipole.averaged(run, x, share, _RUNS[method])
                     data["rungs"].append((method, x, share, found))
                 kept.write_text(json.dumps(data))
     named = data["costs"]
@@ -98,7 +106,7 @@ def slope(steps: Sequence[float], errors: Sequence[float], uncertain: Sequence[f
 
 
 def slopes(found: Sequence[Rung]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Those of one method in one field: of <cos(theta)> and of the temperature; errors lost in the noise are left out."""
+    """Of <cos(theta)> and of the temperature, for one method in one field; without errors that are lost in the noise."""
     small = [r for r in found if r.share <= _LARGEST and math.isfinite(r.error)]
     sure = [r for r in small if r.error > _SURE * r.uncertain]
     warm = [r for r in small if r.warmth > _SURE * r.found.temperature_error]
@@ -107,21 +115,68 @@ def slopes(found: Sequence[Rung]) -> tuple[tuple[float, float], tuple[float, flo
     return of_cosine, slope([r.share for r in warm], [r.warmth for r in warm], errors)
 
 
-def step_at(found: Sequence[Rung], error: float, kind: str = "error") -> float:
-    """The largest step with this error, between the measured ones by their logarithms; NaN if none is as bad."""
-    ordered = sorted(found, key=lambda r: r.share)
-    values = [max(getattr(r, kind), 1e-9) for r in ordered]
-    for (a, low), (b, high) in reversed(list(zip(zip(ordered, values), zip(ordered[1:], values[1:])))):
-        if low <= error < high:
-            part = math.log(error / low) / math.log(high / low)
-            return math.exp((1 - part) * math.log(a.share) + part * math.log(b.share))
-    return math.nan
+def step_at(found: Sequence[Rung], error: float, kind: str) -> float:
+    """The largest step with this error, between the measured ones by their logarithms.
+
+    The largest measured step if no error is as large; 0 if all are larger. A step counts only if all smaller ones are
+    within the error, so that an average is not trusted where its error happens to change sign.
+    """
+    best = 0.0
+    for low, high in pairwise([None, *sorted(found, key=lambda r: r.share)]):
+        value = getattr(high, kind)
+        if value > error:
+            if low is None or getattr(low, kind) == 0:
+                return best
+            part = math.log(error / getattr(low, kind)) / math.log(value / getattr(low, kind))
+            return low.share * (high.share / low.share) ** part
+        best = high.share
+    return best
 
 
-RUNG_HEADS = "x", "method", "step", "ns a step", "<cos>", "s.e.", "relative error", "T", "s.e."
+def rows(found: Sequence[Rung]) -> Iterator[list[str]]:
+    """Every method with every step in every field."""
+    for r in sorted(found, key=lambda r: r.x):
+        a = r.found
+        cosine = f"{exact(r.x):.5f}", f"{a.cosine - exact(r.x):+.5f} ± {a.cosine_error:.5f}"
+        warmth = f"{a.temperature - 1:+.4f} ± {a.temperature_error:.4f}"
+        yield [f"{r.x:g}", name(r.method), f"{r.share:g}", f"{r.nanoseconds:.1f}", f"{r.cost:.0f}", *cosine, warmth]
 
 
-def row(rung: Rung) -> list[str]:
-    a = rung.found
-    cells = [f"{rung.x:g}", f"`{rung.method}`", f"{rung.share:g}", f"{rung.nanoseconds:.1f}", f"{a.cosine:.5f}"]
-    return [*cells, f"{a.cosine_error:.5f}", f"{rung.error:.1e}", f"{a.temperature:.4f}", f"{a.temperature_error:.4f}"]
+def name(method: str) -> str:
+    return f"diffrax `{method}`" if method in THEIRS else f"`{method}`"
+
+
+def _grouped(found: Sequence[Rung]) -> dict[tuple[float, str], list[Rung]]:
+    groups = dict[tuple[float, str], list[Rung]]()
+    for r in sorted(found, key=lambda r: r.x):
+        groups.setdefault((r.x, r.method), []).append(r)
+    return groups
+
+
+def slope_rows(found: Sequence[Rung]) -> Iterator[list[str]]:
+    for (x, method), own in _grouped(found).items():
+        cells = [f"{a:.2f} ± {b:.2f}" if math.isfinite(a) else "below the noise" for a, b in slopes(own)]
+        yield [f"{x:g}", name(method), *cells]
+
+
+def ratio_rows(found: Sequence[Rung]) -> Iterator[list[str]]:
+    """The cheapest of ours and of theirs within some errors of <cos(theta)>, and of both averages."""
+    groups = _grouped(found)
+    for x in FIELDS:
+        for kind, words in (("error", "⟨cos θ⟩"), ("either", "⟨cos θ⟩ and T")):
+            for error in ERRORS:
+                best = [_cheapest(groups, methods, x, error, kind) for methods in (OURS, THEIRS)]
+                if all(math.isfinite(cost) for _, cost in best):
+                    cells = [cell for method, cost in best for cell in (name(method), f"{cost:.0f}")]
+                    yield [f"{x:g}", words, f"{error:g}", *cells, f"{best[1][1] / best[0][1]:.1f}"]
+
+
+def _cheapest(groups: Any, methods: Any, x: float, error: float, kind: str) -> tuple[str, float]:
+    """A method and its cost at this error."""
+    costs = dict[str, float]()
+    for method in methods:
+        own = groups.get((x, method), ())
+        share = step_at(own, error, kind)
+        costs[method] = own[0].nanoseconds / share if share else math.inf
+    finite = {method: cost for method, cost in costs.items() if math.isfinite(cost)}
+    return min(finite.items(), key=lambda pair: pair[1]) if finite else ("", math.nan)

@@ -5,7 +5,8 @@ Units of kT and of the moment of inertia. <Omega(0).Omega(t)> = 3 exp(-G t); and
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +15,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.plot.style import BLUE, GREY, SIZE, new_figure
 
 BODIES = 100_000
 WEAK, STRONG = 1.0, 20.0  # frictions
@@ -67,3 +69,44 @@ def measured() -> tuple[Correlation, Correlation]:
         Correlation("velocity", WEAK, *velocity, lambda t: 3 * np.exp(-WEAK * t)),
         Correlation("direction", STRONG, *direction, lambda t: np.exp(-2 * t / STRONG)),
     )
+
+
+HEADS = "correlation", "time", "found", "standard error", "known", "off, standard errors"
+
+
+def rows(found: Sequence[Correlation]) -> Iterator[list[str]]:
+    for one in found:
+        for time, value, error in zip(one.times, one.found, one.errors, strict=True):
+            known = float(one.known(time))
+            if time > 0:
+                numbers = (
+                    f"{time:.2f}",
+                    f"{value:.4f}",
+                    f"{error:.4f}",
+                    f"{known:.4f}",
+                    f"{(value - known) / error:+.1f}",
+                )
+                yield [one.name, *numbers]
+
+
+def draw(found: Sequence[Correlation], out: Path) -> None:
+    """A panel for each: points with bars of two standard errors on the known curve."""
+    figure = new_figure(9, 3.8)
+    titles = "angular velocity, friction G = 1", "direction, friction G = 20"
+    labels = "⟨Ω(0)·Ω(t)⟩, in units of kT/I", "⟨u(0)·u(t)⟩"
+    curves = "3 exp(-G t)", "exp(-2 t/G)"
+    for panel, one, title, label, curve in zip(figure.subplots(1, 2), found, titles, labels, curves, strict=True):
+        times = np.linspace(0, one.times[-1], 200)
+        panel.plot(times, one.known(times), color=GREY, lw=1.2)
+        panel.errorbar(one.times, one.found, yerr=2 * one.errors, fmt="o", ms=4, color=BLUE, capsize=2)
+        middle = one.times[SAVED // 3]
+        words: Any = {"textcoords": "offset points", "fontsize": SIZE}
+        panel.annotate(curve, (middle, one.known(middle)), xytext=(10, 8), color=GREY, **words)
+        panel.annotate("measured", (one.times[1], one.found[1]), xytext=(8, 2), color=BLUE, **words)
+        panel.set_title(title, loc="left", fontsize=10)
+        panel.set_xlabel("time, in units of √(I/kT)")
+        panel.set_ylabel(label)
+        panel.set_ylim(bottom=0)
+        panel.grid(alpha=0.3, color=GREY)
+    figure.set_layout_engine("constrained")
+    figure.savefig(out, dpi=110)
