@@ -106,7 +106,7 @@ def slope(steps: Sequence[float], errors: Sequence[float], uncertain: Sequence[f
 
 
 def slopes(found: Sequence[Rung]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Of <cos(theta)> and of the temperature, for one method in one field; without errors that are lost in the noise."""
+    """Of <cos(theta)> and of the temperature, of one method in one field; errors lost in the noise are left out."""
     small = [r for r in found if r.share <= _LARGEST and math.isfinite(r.error)]
     sure = [r for r in small if r.error > _SURE * r.uncertain]
     warm = [r for r in small if r.warmth > _SURE * r.found.temperature_error]

@@ -1,7 +1,7 @@
 """How fast a sphere in a bath forgets its angular velocity, and at strong friction its direction: both are known.
 
 Units of kT and of the moment of inertia. <Omega(0).Omega(t)> = 3 exp(-G t); and for G >> 1 <u(0).u(t)> = exp(-2 t/G)
-(P. Debye 1929), of which exp(-2 (G t - 1 + exp(-G t))/G^2) is the next approximation.
+(P. Debye 1929), or exp(-2 (G t - 1 + exp(-G t))/G^2) if inertia is not quite neglected, which is what is compared.
 """
 
 import math
@@ -62,12 +62,16 @@ def _measured(friction: float, observe: Any, dt: float, every: int, seed: int) -
     return times, products.mean(axis=0), products.std(axis=0) / math.sqrt(BODIES)
 
 
+def _debye(t: Any) -> Any:
+    return np.exp(-2 * (STRONG * t - 1 + np.exp(-STRONG * t)) / STRONG**2)
+
+
 def measured() -> tuple[Correlation, Correlation]:
     velocity = _measured(WEAK, ml.observe.AngularVelocity(), 0.05, 6, 1)
-    direction = _measured(STRONG, ml.observe.Axis(), 0.25 / STRONG, 120, 2)
+    direction = _measured(STRONG, ml.observe.Axis(), 0.125 / STRONG, 240, 2)
     return (
         Correlation("velocity", WEAK, *velocity, lambda t: 3 * np.exp(-WEAK * t)),
-        Correlation("direction", STRONG, *direction, lambda t: np.exp(-2 * t / STRONG)),
+        Correlation("direction", STRONG, *direction, _debye),
     )
 
 
@@ -94,7 +98,7 @@ def draw(found: Sequence[Correlation], out: Path) -> None:
     figure = new_figure(9, 3.8)
     titles = "angular velocity, friction G = 1", "direction, friction G = 20"
     labels = "⟨Ω(0)·Ω(t)⟩, in units of kT/I", "⟨u(0)·u(t)⟩"
-    curves = "3 exp(-G t)", "exp(-2 t/G)"
+    curves = "3 exp(-G t)", "exp(-2 (G t - 1 + exp(-G t))/G²)"
     for panel, one, title, label, curve in zip(figure.subplots(1, 2), found, titles, labels, curves, strict=True):
         times = np.linspace(0, one.times[-1], 200)
         panel.plot(times, one.known(times), color=GREY, lw=1.2)
