@@ -16,7 +16,11 @@ from . import diffrax_sde, dipole
 from .dipole import FIELDS, Average, exact, step
 
 OURS = {f"SYMMETRIC[{scheme}]": (0.25, 0.5, 0.75, 1.0, 1.5) for scheme in ("BAOAB", "OBABO", "ABOBA")}
-THEIRS = {"Heun": (0.125, 0.25, 0.375, 0.5), "ShARK": (0.25, 0.375, 0.5), "EulerHeun": (0.0625, 0.125, 0.25)}
+THEIRS = {
+    "Heun": (0.125, 0.25, 0.375, 0.5, 0.75, 1.0),
+    "ShARK": (0.25, 0.375, 0.5, 0.75),
+    "EulerHeun": (0.0625, 0.125, 0.25),
+}
 # Runs of each, so that the larger errors have larger standard errors.
 _RUNS = {"SYMMETRIC[BAOAB]": 24, "SYMMETRIC[OBABO]": 8, "SYMMETRIC[ABOBA]": 12, "Heun": 8, "ShARK": 6, "EulerHeun": 2}
 _STEPS, _ROUNDS = 300, 5  # of the runs that are timed
@@ -25,7 +29,7 @@ SLOPE_HEADS = "x", "method", "slope of the error of ⟨cos θ⟩", "of T"
 RATIO_HEADS = "x", "of", "relative error", "ours", "ns", "theirs", "ns", "times faster"
 ERRORS = 0.003, 0.01, 0.03  # at which costs are compared
 _SURE = 3.0  # standard errors from which an error counts as measured
-_LARGEST = 1.0  # steps for the slopes, in units of 1/rate
+_LARGEST, _THEIR_LARGEST = 1.0, 0.5  # steps for the slopes: larger ones are close to where a method diverges
 
 
 class Rung(NamedTuple):
@@ -107,7 +111,7 @@ def slope(steps: Sequence[float], errors: Sequence[float], uncertain: Sequence[f
 
 def slopes(found: Sequence[Rung]) -> tuple[tuple[float, float], tuple[float, float]]:
     """Of <cos(theta)> and of the temperature, of one method in one field; errors lost in the noise are left out."""
-    small = [r for r in found if r.share <= _LARGEST and math.isfinite(r.error)]
+    small = [r for r in found if r.share <= (_THEIR_LARGEST if r.method in THEIRS else _LARGEST)]
     sure = [r for r in small if r.error > _SURE * r.uncertain]
     warm = [r for r in small if r.warmth > _SURE * r.found.temperature_error]
     of_cosine = slope([r.share for r in sure], [r.error for r in sure], [r.uncertain for r in sure])
@@ -118,14 +122,14 @@ def slopes(found: Sequence[Rung]) -> tuple[tuple[float, float], tuple[float, flo
 def step_at(found: Sequence[Rung], error: float, kind: str) -> float:
     """The largest step with this error, between the measured ones by their logarithms.
 
-    The largest measured step if no error is as large; 0 if all are larger. A step counts only if all smaller ones are
+    The largest measured step that does not diverge if no error is as large; 0 if all are larger. A step counts only if all smaller ones are
     within the error, so that an average is not trusted where its error happens to change sign.
     """
     best = 0.0
     for low, high in pairwise([None, *sorted(found, key=lambda r: r.share)]):
         value = getattr(high, kind)
-        if value > error:
-            if low is None or getattr(low, kind) == 0:
+        if not value <= error:
+            if low is None or not math.isfinite(value):
                 return best
             part = math.log(error / getattr(low, kind)) / math.log(value / getattr(low, kind))
             return low.share * (high.share / low.share) ** part
@@ -137,6 +141,9 @@ def rows(found: Sequence[Rung]) -> Iterator[list[str]]:
     """Every method with every step in every field."""
     for r in sorted(found, key=lambda r: r.x):
         a = r.found
+        if not math.isfinite(a.cosine):
+            yield [f"{r.x:g}", name(r.method), f"{r.share:g}", f"{r.nanoseconds:.1f}", "", "", "diverges", ""]
+            continue
         cosine = f"{exact(r.x):.5f}", f"{a.cosine - exact(r.x):+.5f} ± {a.cosine_error:.5f}"
         warmth = f"{a.temperature - 1:+.4f} ± {a.temperature_error:.4f}"
         yield [f"{r.x:g}", name(r.method), f"{r.share:g}", f"{r.nanoseconds:.1f}", f"{r.cost:.0f}", *cosine, warmth]
