@@ -4,7 +4,6 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +22,7 @@ THEIRS = {
 }
 # Runs of each, so that the larger errors have larger standard errors.
 _RUNS = {"SYMMETRIC[BAOAB]": 24, "SYMMETRIC[OBABO]": 8, "SYMMETRIC[ABOBA]": 12, "Heun": 8, "ShARK": 6, "EulerHeun": 2}
-_STEPS, _ROUNDS = 300, 5  # of the runs that are timed
+_STEPS, _ROUNDS, _TIMES = 300, 9, 3  # of the runs that are timed
 HEADS = "x", "method", "step", "ns a step", "ns a time", "exact ⟨cos θ⟩", "found, off by", "T, off by"
 SLOPE_HEADS = "x", "method", "slope of the error of ⟨cos θ⟩", "of T"
 RATIO_HEADS = "x", "of", "relative error", "ours", "ns", "theirs", "ns", "times faster"
@@ -73,18 +72,22 @@ class Rung(NamedTuple):
 
 
 def costs() -> dict[str, float]:
-    """Nanoseconds of a body and a step, float32, without observations; the programs take turns."""
+    """Nanoseconds of a body and a step, float32, without observations; the programs take turns.
+
+    The least of several medians, because other work on the machine only adds to a time.
+    """
     names = [*OURS, *THEIRS]
     place = 2.0, step(2.0, 0.25), _STEPS
     runs = [(dipole if name in OURS else diffrax_sde).timed(name, *place) for name in names]
-    timings = timed_in_turn(runs, least=_ROUNDS, most=_ROUNDS)
+    timings = [timed_in_turn(runs, least=_ROUNDS, most=_ROUNDS) for _ in range(_TIMES)]
     scale = 1e9 / _STEPS / dipole.BODIES
-    return {name: scale * timing.seconds for name, (_, timing) in zip(names, timings, strict=True)}
+    best = [min(timing.seconds for _, timing in of_one) for of_one in zip(*timings, strict=True)]
+    return {name: scale * seconds for name, seconds in zip(names, best, strict=True)}
 
 
 def extend(kept: Path, seconds: float) -> list[Rung]:
     """Measures what is not in the file yet, for some time, and puts it there; returns all that is there."""
-    data = json.loads(kept.read_text()) if kept.exists() else {"costs": costs(), "rungs": []}
+    data: Any = json.loads(kept.read_text()) if kept.exists() else {"costs": costs(), "rungs": []}
     began, done = time.monotonic(), {(method, share) for method, _, share, _ in data["rungs"]}
     for method, shares in (OURS | THEIRS).items():
         for share in shares:
@@ -122,19 +125,22 @@ def slopes(found: Sequence[Rung]) -> tuple[tuple[float, float], tuple[float, flo
 def step_at(found: Sequence[Rung], error: float, kind: str) -> float:
     """The largest step with this error, between the measured ones by their logarithms.
 
-    The largest measured step that does not diverge if no error is as large; 0 if all are larger. A step counts only if all smaller ones are
-    within the error, so that an average is not trusted where its error happens to change sign.
+    The largest measured step that does not diverge if no error is as large; 0 if all are larger. A step counts only if
+    all smaller ones are within the error, so that an average is not trusted where its error happens to change sign.
     """
-    best = 0.0
-    for low, high in pairwise([None, *sorted(found, key=lambda r: r.share)]):
-        value = getattr(high, kind)
-        if not value <= error:
-            if low is None or not math.isfinite(value):
-                return best
-            part = math.log(error / getattr(low, kind)) / math.log(value / getattr(low, kind))
-            return low.share * (high.share / low.share) ** part
-        best = high.share
-    return best
+    best: Rung | None = None
+    for rung in sorted(found, key=lambda r: r.share):
+        value = getattr(rung, kind)
+        if value <= error:
+            best = rung
+        elif best is None:
+            return 0.0
+        elif not math.isfinite(value) or getattr(best, kind) == 0:
+            return best.share
+        else:
+            part = math.log(error / getattr(best, kind)) / math.log(value / getattr(best, kind))
+            return best.share * (rung.share / best.share) ** part
+    return 0.0 if best is None else best.share
 
 
 def rows(found: Sequence[Rung]) -> Iterator[list[str]]:

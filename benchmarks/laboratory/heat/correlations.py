@@ -46,7 +46,9 @@ def _start(seed: int) -> ml.RigidState:
     return ml.RigidState(jax.random.normal(b, (BODIES, 3), jnp.float32), attitude)
 
 
-def _measured(friction: float, observe: Any, dt: float, every: int, seed: int) -> tuple[np.ndarray, ...]:
+def _measured(
+    friction: float, observe: Any, dt: float, every: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, and mean and standard error of the products of an observed vector with what it was at the start."""
 
     def run(begin: ml.RigidState, keys: Any) -> Any:

@@ -89,7 +89,8 @@ def observed(t: Array, state: ml.RigidState) -> Array:
 def of_parts(momentum: Any, attitude: Any) -> tuple[Array, Array]:
     """The same of the components of momentum and attitude along the last axis."""
     cosine = 1 - 2 * (attitude[..., 1] ** 2 + attitude[..., 2] ** 2)
-    return cosine, sum(momentum[..., i] ** 2 / MOMENTS[i] for i in range(3)) / 3
+    p, q, r = (momentum[..., i] ** 2 / MOMENTS[i] for i in range(3))
+    return cosine, (p + q + r) / 3
 
 
 def scene(x: Any, keys: Array, dtype: Any) -> tuple[ml.RigidBody, Any]:

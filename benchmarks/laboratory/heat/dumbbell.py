@@ -101,7 +101,8 @@ def spectrum(difference: float) -> Spectrum:
     spins = np.concatenate([np.abs(values[:, :, 1]) for values in runs]) / math.sqrt(SHARE)
     # Times are in units of 1/OMEGA, and OMEGA is at the frequency 1.
     rate = 2 * math.pi / (_STEP * _EVERY)
-    parts = [signal.welch(values[:, :, 0], rate, nperseg=SAMPLES, detrend=False) for values in runs]
+    options: Any = {"nperseg": SAMPLES, "detrend": False}
+    parts = [signal.welch(values[:, :, 0], rate, **options) for values in runs]
     frequency, each = parts[0][0], np.concatenate([density for _, density in parts])
     order = np.argsort(spins.mean(axis=1))
     thirds = np.array_split(order, 3)
