@@ -60,6 +60,7 @@ TABLES = (
     ("work_precision", "how-it-compares"),
     ("kinds_of_state", "reports/kinds-of-state"),
     ("molecules", "reports/molecules"),
+    ("heat", "reports/heat"),
     ("choosing", "choosing-a-method"),
     ("gpu", "reports/gpu"),
     ("kernels", "reports/gpu"),

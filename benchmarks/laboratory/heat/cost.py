@@ -1,0 +1,62 @@
+"""What a step in a bath costs, beside a step of `EA` on the same bodies under the same torque without the bath."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.advice.timing import timed_in_turn
+
+BODIES = 10_000
+SCHEMES = "EA", "BAOAB", "OBABO", "ABOBA"
+HEADS = "state", "flight", "dtype", *(f"{scheme}, ns" for scheme in SCHEMES), *(f"{s} / EA" for s in SCHEMES[1:])
+CASES = ("RigidState", "SYMMETRIC"), ("AxisState", "SYMMETRIC"), ("FreeState", "SYMMETRIC"), ("RigidState", "JACOBI")
+_STEPS, _ROUNDS = 200, 9
+
+
+def _states(kind: str, dtype: Any) -> tuple[Any, Any]:
+    """The body and random states of it."""
+    random = np.random.default_rng(0)
+
+    def numbers(count: int) -> Any:
+        return jnp.asarray(random.normal(size=(BODIES, count)), dtype)
+
+    momentum, attitude = numbers(3), numbers(4)
+    state = ml.RigidState(momentum, attitude / jnp.linalg.norm(attitude, axis=-1, keepdims=True))
+    body = ml.RigidBody(jnp.asarray([1.0, 1.0, 0.5], dtype))
+    if kind == "AxisState":
+        return ml.Rotor(jnp.asarray(1.0, dtype), jnp.asarray(0.5, dtype)), ml.AxisState.of(state)
+    if kind == "FreeState":
+        free = ml.FreeBody(body, jnp.asarray(1.0, dtype))
+        return free, ml.FreeState(state.momentum, state.attitude, numbers(3), numbers(3))
+    return body, state
+
+
+def _run(kind: str, flight: str, scheme: str, dtype: Any) -> Callable[[], Any]:
+    body, start = _states(kind, dtype)
+    torque: Any = ml.torques.HeavyTop(jnp.asarray(-2.0, dtype))
+    if scheme != "EA":
+        linear = jnp.asarray(1.0, dtype) if kind == "FreeState" else None
+        keys = jax.random.split(jax.random.key(1), BODIES)
+        torque = torque + ml.torques.Langevin(jnp.asarray(1.0, dtype), jnp.asarray(1.0, dtype), keys, linear)
+    options: Any = {"dt": jnp.asarray(0.1, dtype), "steps": _STEPS}
+
+    def run(start: Any) -> Any:
+        return ml.ensemble(f"{flight}[{scheme}]", body, torque, start, **options)
+
+    program = jax.jit(run, compiler_options=compiler_options(BODIES)).lower(start).compile()
+    return lambda: jax.block_until_ready(program(start))
+
+
+def rows() -> Iterator[list[str]]:
+    for kind, flight in CASES:
+        for dtype in (jnp.float32, jnp.float64):
+            runs = [_run(kind, flight, scheme, dtype) for scheme in SCHEMES]
+            timings = timed_in_turn(runs, least=_ROUNDS, most=_ROUNDS)
+            found = [1e9 * timing.seconds / BODIES / _STEPS for _, timing in timings]
+            cells = [f"{x:.1f}" for x in found] + [f"{x / found[0]:.2f}" for x in found[1:]]
+            yield [kind, f"`{flight}`", jnp.dtype(dtype).name, *cells]

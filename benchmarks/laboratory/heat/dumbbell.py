@@ -1,0 +1,239 @@
+"""The libration spectrum of a levitated nanodumbbell in light that is polarised along z.
+
+Two equal spheres in touch, whose moments are as 7 : 7 : 2, in the potential V0 (1 - u_z^2 + a u_y^2) of the light; u is
+the long axis, and a the small difference between the stiffness about the two short axes. The dumbbell librates about z.
+The spin about its long axis, which the gas drives and the light does not hold, couples the two librations like a
+gyroscope: to first order in u_x and u_y, in units of I1,
+
+    u_x'' + G u_x' + w_x^2 u_x + l u_y' = noise,    u_y'' + G u_y' + w_y^2 u_y - l u_x' = noise,    l = I3 Omega3 / I1
+
+with w_x = w_y the two lines are at w +- l/2. A spin changes in the time I3/G, so a spectrum is the average of such
+pairs over the Maxwell distribution of the spin (W. Bang et al., Phys. Rev. Research 2 (2020) 043054; see also arXiv
+2509.01636, whose measured spectrum has such shoulders).
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import signal
+
+import midlie_jax as ml
+from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.plot.style import BLUE, GREEN, GREY, SIZE, VERMILLION, new_figure
+
+STIFFNESS = 400.0  # V0/kT
+SHARE = 2 / 7  # I3/I1
+FRICTION = 1e-3  # per I1, in units of sqrt(kT/I1)
+OMEGA = math.sqrt(2 * STIFFNESS)  # of libration in the plane x z, in the same units
+BODIES = 3000
+SAMPLES = 8192
+RUNS = 3
+_STEP, _EVERY = 0.1, 12  # the step in units of 1/OMEGA, and steps between samples
+DIFFERENCES = 0.0, 0.04  # a, of the pictures
+METHOD = "SYMMETRIC[BAOAB]"
+_DENSITIES = 1e-5, 0.8  # of a picture
+_SHOWN = 0.06  # from the middle of a picture to its ends, in units of the libration frequency
+
+
+SPINS = np.linspace(0, 5, 2001)  # |Omega3| in units of its thermal size
+
+
+class Line(NamedTuple):
+    """The spectrum of some of the bodies.
+
+    Attributes:
+        density: of u_x, one-sided, per unit of the frequency; its integral is <u_x^2>.
+        weights: how often their spins are near each of `SPINS`, summing to 1.
+    """
+
+    density: np.ndarray
+    weights: np.ndarray
+
+    @property
+    def spin(self) -> float:
+        """The root of the mean square of the spins, in units of the thermal size."""
+        return float(np.sum(self.weights * SPINS**2) ** 0.5)
+
+
+class Spectrum(NamedTuple):
+    """Attributes:
+    frequency: in units of the libration frequency.
+    every, slow, fast: all bodies, and those thirds of them that spin least and most.
+    """
+
+    frequency: np.ndarray
+    every: Line
+    slow: Line
+    fast: Line
+
+
+def start(difference: float, seed: int = 0) -> ml.RigidState:
+    """Bodies in equilibrium: u_x and u_y are normal, with the weight 1/u_z of the sphere."""
+    random = np.random.default_rng(seed)
+    place = random.normal(size=(3 * BODIES, 2)) / np.sqrt(2 * STIFFNESS * np.array([1, 1 + difference]))
+    weight = 1 / np.sqrt(1 - np.sum(place**2, axis=1).clip(max=0.75))
+    x, y = place[random.uniform(0, 2, 3 * BODIES) < weight][:BODIES].T
+    axis = np.stack([x, y, np.sqrt(1 - x * x - y * y)], axis=-1)
+    # The shortest turn from z, after any turn about z.
+    turn = np.stack([1 + axis[:, 2], -axis[:, 1], axis[:, 0], np.zeros(BODIES)], axis=-1)
+    turn /= np.linalg.norm(turn, axis=1)[:, None]
+    spin = random.uniform(0, 2 * math.pi, BODIES) / 2
+    zero = np.zeros(BODIES)
+    attitude = ml.so3.multiply(jnp.asarray(turn), jnp.asarray(np.stack([np.cos(spin), zero, zero, np.sin(spin)], -1)))
+    momentum = random.normal(size=(BODIES, 3)) * np.sqrt([1, 1, SHARE])
+    return ml.RigidState(jnp.asarray(momentum, jnp.float32), attitude.astype(jnp.float32))
+
+
+def axis(state: ml.RigidState) -> tuple[Any, Any]:
+    """u_x and u_y."""
+    a, b, c, d = (state.attitude[..., i] for i in range(4))
+    return 2 * (b * d + a * c), 2 * (c * d - a * b)
+
+
+def spectrum(difference: float) -> Spectrum:
+    """That of several runs of all bodies."""
+    runs = [_values(difference, seed) for seed in range(RUNS)]
+    spins = np.concatenate([np.abs(values[:, :, 1]) for values in runs]) / math.sqrt(SHARE)
+    # Times are in units of 1/OMEGA, and OMEGA is at the frequency 1.
+    rate = 2 * math.pi / (_STEP * _EVERY)
+    options: Any = {"nperseg": SAMPLES, "detrend": False}
+    parts = [signal.welch(values[:, :, 0], rate, **options) for values in runs]
+    frequency, each = parts[0][0], np.concatenate([density for _, density in parts])
+    order = np.argsort(spins.mean(axis=1))
+    thirds = np.array_split(order, 3)
+    lines = [Line(each[group].mean(axis=0), _weights(spins[group])) for group in (order, thirds[0], thirds[2])]
+    return Spectrum(frequency, *lines)
+
+
+def _values(difference: float, seed: int) -> np.ndarray:
+    """u_x and the spin of all bodies at all samples, (n, k, 2)."""
+
+    def light(t: Any, state: ml.RigidState) -> Any:
+        del t
+        x, y = axis(state)
+        return STIFFNESS * (x * x + (1 + difference) * y * y)
+
+    def observed(t: Any, state: ml.RigidState) -> Any:
+        del t
+        return jnp.stack([axis(state)[0], state.momentum[2]])
+
+    def run(begin: ml.RigidState, keys: Any) -> Any:
+        body = ml.RigidBody(jnp.asarray([1, 1, SHARE], jnp.float32))
+        gas = ml.torques.Langevin(jnp.float32(1), jnp.float32(FRICTION), keys)
+        torque = ml.torques.FromPotential(light) + gas
+        options: Any = {"dt": jnp.float32(_STEP / OMEGA), "steps": SAMPLES * _EVERY, "save_every": _EVERY}
+        return ml.ensemble(METHOD, body, torque, begin, **options, observe=observed).states
+
+    keys = jax.random.split(jax.random.key(100 + seed), BODIES)
+    program = jax.jit(run, compiler_options=compiler_options(BODIES))
+    return np.asarray(program(start(difference, seed), keys))[:, :SAMPLES]
+
+
+def _weights(spins: np.ndarray) -> np.ndarray:
+    counts, edges = np.histogram(spins, np.linspace(0, 5, 101))
+    weights = np.interp(SPINS, (edges[1:] + edges[:-1]) / 2, counts)
+    return weights / weights.sum()
+
+
+def predicted(frequency: np.ndarray, weights: np.ndarray, difference: float) -> np.ndarray:
+    """The density of u_x for the linear equations above, averaged over `SPINS` with these weights."""
+    w = frequency[:, None]
+    coupling = math.sqrt(SHARE) * SPINS / OMEGA
+    friction, both = FRICTION / OMEGA, w * coupling
+    x, y = (square - w * w + 1j * friction * w for square in (1, 1 + difference))
+    shape = (np.abs(y) ** 2 + both**2) / np.abs(x * y - both**2) ** 2
+    noise = 4 * friction / OMEGA**2 / (2 * math.pi)  # kT = I1 = 1
+    return noise * shape @ weights
+
+
+def smoothed(frequency: np.ndarray, weights: np.ndarray, difference: float) -> np.ndarray:
+    """`predicted`, as a spectrum shows it that is made with Hann's window of all samples."""
+    fine, width = 16, 4
+    spacing = frequency[1] - frequency[0]
+    offsets = np.arange(-width * fine, width * fine + 1) / fine
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kernel = np.where(np.abs(np.abs(offsets) - 1) < 1e-9, 0.5, np.sinc(offsets) / (1 - offsets**2)) ** 2
+    grid = frequency[0] + spacing * np.arange(-width * fine, (len(frequency) - 1 + width) * fine + 1) / fine
+    density = np.concatenate(
+        [predicted(part, weights, difference) for part in np.array_split(grid, len(grid) // 64 + 1)]
+    )
+    return np.convolve(density, kernel / kernel.sum(), mode="valid")[::fine]
+
+
+def maxwell() -> np.ndarray:
+    """The weights of thermal spins."""
+    weights = np.exp(-(SPINS**2) / 2)
+    return weights / weights.sum()
+
+
+def shoulders(spin: float, difference: float) -> tuple[float, float]:
+    """The two frequencies of bodies with this spin, in units of the libration frequency."""
+    square = SHARE * spin**2 / OMEGA**2
+    mean, product = (2 + difference + square) / 2, 1 + difference
+    root = math.sqrt(mean**2 - product)
+    return math.sqrt(mean - root), math.sqrt(mean + root)
+
+
+HEADS = "a", "bodies", "spin, of its thermal size", "peaks found", "w ± l/2 of this spin", "⟨u_x²⟩ / (kT/2 V0)"
+
+
+def rows(panels: Sequence[tuple[float, Spectrum]]) -> Iterator[list[str]]:
+    """The highest peak on each side of the middle, beside the two lines of the root mean square of the spins."""
+    for difference, found in panels:
+        middle = 1 + difference / 4
+        for line, words in ((found.every, "all"), (found.slow, "slowest third"), (found.fast, "fastest third")):
+            sides = found.frequency < middle, found.frequency > middle
+            peaks = [found.frequency[side][np.argmax(line.density[side])] for side in sides]
+            known = shoulders(line.spin, difference)
+            size = np.sum(line.density) * found.frequency[1] * 2 * STIFFNESS
+            cells = [f"{line.spin:.2f}", *(f"{a:.4f}, {b:.4f}" for a, b in (peaks, known)), f"{size:.3f}"]
+            yield [f"{difference:g}", words, *cells]
+
+
+def draw(panels: Sequence[tuple[float, Spectrum]], out: Path) -> None:
+    """A panel for each difference of the two stiffnesses; measured as lines, predicted as dashes."""
+    figure = new_figure(11, 4.8)
+    for panel, (difference, found) in zip(figure.subplots(1, len(panels), sharey=True), panels, strict=True):
+        shown = np.abs(found.frequency - 1 - difference / 4) < _SHOWN
+        _panel(panel, Spectrum(found.frequency[shown], *(_cut(line, shown) for line in found[1:])), difference)
+        words = f"stiffness {difference:.0%} larger across" if difference else "equal stiffness in both directions"
+        panel.set_title(words, loc="left", fontsize=10)
+        panel.set_xlabel("frequency, in units of the libration frequency")
+    figure.axes[0].set_ylabel("spectral density of $u_x$, in rad² per libration frequency")
+    figure.axes[0].annotate("dashes: predicted", (0.74, 0.93), xycoords="axes fraction", fontsize=SIZE)
+    figure.set_layout_engine("constrained")
+    figure.savefig(out, dpi=110)
+
+
+def _cut(line: Line, shown: np.ndarray) -> Line:
+    return line._replace(density=line.density[shown])
+
+
+def _panel(panel: Any, found: Spectrum, difference: float) -> None:
+    groups = [(found.every, BLUE), (found.fast, VERMILLION), (found.slow, GREEN)]
+    for line, colour in groups[: 1 if difference else 3]:
+        weights = maxwell() if line is found.every else line.weights
+        panel.semilogy(found.frequency, line.density, color=colour, lw=1.3)
+        panel.semilogy(found.frequency, smoothed(found.frequency, weights, difference), color=colour, lw=1, ls="--")
+    panel.set_ylim(*_DENSITIES)
+    panel.grid(alpha=0.3, color=GREY)
+    low, high = shoulders(found.fast.spin, difference)
+    if difference:
+        _name(panel, "$ω_x$: bodies\nthat hardly spin", (1.0, 0.25), (1.004, 0.3), BLUE)
+        _name(panel, "shoulder of\nthose that do", (low, 0.02), (0.962, 0.06), BLUE)
+        _name(panel, "the other shoulder,\nabove $ω_y$", (high, 0.009), (1.032, 0.04), BLUE)
+    else:
+        _name(panel, "slowest third", (1.003, 0.11), (1.008, 0.2), GREEN)
+        _name(panel, "all bodies", (0.978, 0.004), (0.942, 0.004), BLUE)
+        _name(panel, "fastest third:\nshoulder at ω - l/2", (low, 0.045), (0.942, 0.12), VERMILLION)
+        _name(panel, "shoulder\nat ω + l/2", (high, 0.04), (1.027, 0.06), VERMILLION)
+
+
+def _name(panel: Any, text: str, place: tuple[float, float], at: tuple[float, float], colour: str) -> None:
+    arrow = {"arrowstyle": "-", "color": colour, "lw": 0.8, "shrinkB": 1}
+    panel.annotate(text, place, xytext=at, color=colour, fontsize=SIZE, arrowprops=arrow)
