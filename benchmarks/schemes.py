@@ -28,7 +28,11 @@ def effective_error(scheme):
 
 
 def main():
-    errors = {name: effective_error(scheme) for name, scheme in schemes.SCHEMES.items() if scheme.order > 1 and not scheme.random}
+    errors = {
+        name: effective_error(scheme)
+        for name, scheme in schemes.SCHEMES.items()
+        if scheme.order > 1 and not scheme.random
+    }
     best = {}
     for name, value in errors.items():
         order = schemes.SCHEMES[name].order

@@ -159,11 +159,11 @@ for axes, found, rate, title in (
     (right, axis, 2 * kT / strong, "<e(0) . e(t)> under strong friction"),
 ):
     panel(axes, title, "time", "")
-    axes.errorbar(found["lag"], found["correlation"], found["error"], fmt=".", color=BLUE)
-    axes.plot(found["lag"], found["correlation"][0] * np.exp(-rate * np.asarray(found["lag"])), color=GREY)
+    axes.errorbar(found.lag, found.correlation, found.error, fmt=".", color=BLUE)
+    axes.plot(found.lag, found.correlation[0] * np.exp(-rate * np.asarray(found.lag)), color=GREY)
     axes.annotate(
         "theory",
-        (found["lag"][8], float(found["correlation"][0]) * np.exp(-rate * found["lag"][8])),
+        (found.lag[8], float(found.correlation[0]) * np.exp(-rate * found.lag[8])),
         color=GREY,
         xytext=(12, 8),
         textcoords="offset points",
@@ -172,38 +172,44 @@ for axes, found, rate, title in (
 # %% [markdown]
 # ## A dumbbell in a laser trap
 #
-# A nanodumbbell in polarised light points along the polarisation, and librates about it in two directions with one
-# frequency. In a thin gas it also spins freely about its long axis, at a random rate that the bath gives it. The spin
-# couples the two librations as it does those of a top, and moves their frequency to both sides. So the spectrum of the
-# axis has two shoulders, which are the spin's Maxwell distribution made visible.
+# A nanodumbbell in polarised light points along the polarisation, here z, and librates about it in two directions, of
+# which one is a little stiffer. In a thin gas it also spins about its long axis, which the light does not hold: the
+# gas drives this spin. The spin couples the two librations as it does those of a top, and pushes their frequencies
+# apart. So each line gets a shoulder on its outer side: the Maxwell distribution of the spin, made visible.
 
 # %%
-across, along, depth = 1.0, 0.35, 60.0  # moments, and the depth of the trap in kT
+across, along, depth, difference = 1.0, 2 / 7, 400.0, 0.04  # moments of two touching spheres; the trap in kT
 libration = np.sqrt(2 * depth * kT / across)
-trap = ml.torques.FromPotential(lambda t, s: -depth * kT * ml.so3.to_matrix(s.attitude)[2, 2] ** 2)
-count, period = 500, 2 * np.pi / libration
-gas = ml.torques.Langevin(kT, friction=0.01, key=keys(count, 4))
+
+
+def light(t, state):
+    _, y, z = ml.so3.to_matrix(state.attitude)[:, 2]
+    return depth * kT * (1 - z**2 + difference * y**2)
+
+
+count, period = 400, 2 * np.pi / libration
+gas = ml.torques.Langevin(kT, friction=1e-3, key=keys(count, 4))
 spread = jnp.sqrt(kT * jnp.array([across, across, along]))
 hot = ml.RigidState(spread * jax.random.normal(jax.random.key(5), (count, 3)), at_rest(count).attitude)
 seen = ml.ensemble(
     "SYMMETRIC[BAOAB]",
     ml.RigidBody([across, across, along]),
-    trap + gas,
+    ml.torques.FromPotential(light) + gas,
     hot,
-    dt=period / 24,
-    steps=24 * 400,
-    save_every=6,
-    observe=ml.observe.Spectrum(lambda t, s: ml.so3.to_matrix(s.attitude)[0, 2], segment=512),
+    dt=period / 60,
+    steps=15 * 8192,
+    save_every=15,
+    observe=ml.observe.Spectrum(lambda t, s: ml.so3.to_matrix(s.attitude)[0, 2], segment=2048),
 ).states
-frequency = np.asarray(seen["frequency"]) * period
+frequency, density = np.asarray(seen.frequency) * period, np.asarray(seen.density) / period
 figure, axes = plt.subplots(figsize=(8, 4.0))
-panel(axes, "Libration of a dumbbell", "frequency / that of small librations", "density of the axis' x  [period]")
-axes.semilogy(frequency, np.asarray(seen["density"]) / period, color=BLUE)
-axes.set_xlim(0.6, 1.4)
-shift = along / across * np.sqrt(kT / along) / 2 / libration  # of the typical spin sqrt(kT/I3)
-for side in (-shift, shift):
-    axes.axvline(1 + side, color=GREY, lw=0.8)
-_ = axes.set_ylim(1e-5)
+panel(axes, "Libration of a dumbbell", "frequency / that of the softer libration", "density of the axis' x  [period]")
+axes.semilogy(frequency, density, color=BLUE)
+for place, name in ((1.0, "softer libration, along x"), (np.sqrt(1 + difference), "stiffer libration, along y")):
+    axes.axvline(place, color=GREY, lw=0.8)
+    axes.annotate(name, (place, density.max()), color=GREY, rotation=90, va="top", ha="right", fontsize=8)
+axes.set_xlim(0.93, 1.09)
+_ = axes.set_ylim(density.max() * 1e-4, density.max() * 1.5)
 
 # %% [markdown]
 # ## The same noise twice

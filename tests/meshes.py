@@ -90,5 +90,10 @@ def explicit():
 
 
 if __name__ == "__main__":
-    checks = {"tops": tops, "orbit": orbit, "heated": heated, **{name: partial(observed, observe) for name, observe in OBSERVED.items()}}
+    checks = {
+        "tops": tops,
+        "orbit": orbit,
+        "heated": heated,
+        **{name: partial(observed, observe) for name, observe in OBSERVED.items()},
+    }
     print(json.dumps({**{name: compared(check) for name, check in checks.items()}, "explicit": explicit()}))

@@ -35,7 +35,7 @@ def keys(count, seed=1):
 
 
 def ensemble(*given, **options):
-    """`ml.ensemble` compiled as for users, because thousands of bodies take long in code that is compiled in a hurry."""
+    """`ml.ensemble` compiled as for users: thousands of bodies take long in code that is compiled in a hurry."""
     return real(lambda: ml.ensemble(*given, **options))()
 
 
@@ -176,9 +176,7 @@ def test_every_kind_of_state_comes_to_the_maxwell_distribution(kind):
 @pytest.mark.sample(0)
 def test_a_linear_molecule_does_not_spin():
     start = ml.AxisState(jnp.zeros((64, 3)), jnp.tile(jnp.array([0.0, 0.6, 0.8]), (64, 1)))
-    path = ensemble(
-        "SYMMETRIC[BAOAB]", ml.Rotor(2.0, 0.0), Langevin(KT, FRICTION, keys(64)), start, dt=0.2, steps=50
-    )
+    path = ensemble("SYMMETRIC[BAOAB]", ml.Rotor(2.0, 0.0), Langevin(KT, FRICTION, keys(64)), start, dt=0.2, steps=50)
     along = np.sum(np.asarray(path.states.momentum * path.states.axis), -1)
     assert np.abs(along).max() < 1e-14
 
@@ -267,7 +265,8 @@ def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
     plain = Splitting(heated.flight, heated.scheme, "plain")
     object.__setattr__(plain, "scheme", without(heated.scheme))
     other = [
-        ensemble(m, body_in(dtype), t, start, dt=0.1, steps=40).states for m, t in ((heated, top + frictionless), (plain, top))
+        ensemble(m, body_in(dtype), t, start, dt=0.1, steps=40).states
+        for m, t in ((heated, top + frictionless), (plain, top))
     ]
     for a, b in zip(*map(jax.tree.leaves, other), strict=True):
         np.testing.assert_array_equal(a, b)

@@ -78,7 +78,9 @@ def _methods(options: argparse.Namespace) -> list[Method]:
         return chosen.methods(options.methods)
     rigid = {name: entry for name, entry in ENTRIES.items() if issubclass(RigidBody, entry.method.bodies)}
     if options.all:
-        pairs = [find_method(f, s) for f in FLIGHTS.values() if f.body is RigidBody for s in SCHEMES.values() if not s.random]
+        pairs = [
+            find_method(f, s) for f in FLIGHTS.values() if f.body is RigidBody for s in SCHEMES.values() if not s.random
+        ]
         return [*{method.name: method for method in (*(e.method for e in rigid.values()), *pairs)}.values()]
     flights: set[str] = set()
     schemes: set[str] = set()

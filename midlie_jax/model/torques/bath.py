@@ -28,9 +28,10 @@ class Langevin(ReadsBody):
 
     A torque costs an error of averages of second order in the step: the weak order of a scheme with a bath is 2. In a
     harmonic well of frequency omega, with s = (h omega)^2/4, BAOAB and ABOBA have the exact variance of the position,
-    and 1 - s and 1/(1 - s) times that of the momentum; OBABO has the exact variance of the momentum, and 1/(1 - s) times
-    that of the position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for rotations Davidchack, Ouldridge and
-    Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are those along the path, with the noise as it is.
+    and 1 - s and 1/(1 - s) times that of the momentum; OBABO has the exact variance of the momentum, and 1/(1 - s)
+    times that of the position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for rotations Davidchack,
+    Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are those along the path, with the noise as
+    it is.
 
     The random numbers depend on the key, on the index of the step and of the stage, and for coupled bodies on the index
     of the body; on nothing else. So a run that is continued with `first_step` goes on as if it had not been stopped.
