@@ -83,6 +83,7 @@ def test_numbers_are_tensors_of_that_diagonal_and_axes_are_symmetric_bodies():
     np.testing.assert_array_equal(np.array(of_numbers), np.array(of_number))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("frame", ["principal", "own"])
 def test_the_momentum_after_one_stage_has_the_stated_covariance(frame):
     """Of bodies at rest, under a tensor of friction, in principal axes and in a frame of the user."""
@@ -112,7 +113,7 @@ def heated(flight, dtype, *, hot, scheme="BAOAB"):
     return moments, path
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("hot", [False, True])
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("flight", RIGID_FLIGHTS, ids=lambda flight: flight.name)
@@ -181,7 +182,7 @@ def test_a_linear_molecule_does_not_spin():
     assert np.abs(along).max() < 1e-14
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("scheme", BATHS)
 @pytest.mark.parametrize("x", [0.5, 2.0, 10.0])
 def test_a_dipole_in_a_field_points_as_langevin_says(scheme, x):
@@ -210,7 +211,7 @@ WELL = {  # <x^2> and <p^2> over their values in a harmonic well, with s = (h om
 }
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("scheme", BATHS)
 def test_the_averages_in_a_harmonic_well_are_those_of_theory(scheme):
     """At h omega = 1.2, where a scheme that is not exact is 56 percent off."""
@@ -253,7 +254,7 @@ def without(scheme):
     return replace(scheme, name=f"{scheme.name} without O", stages=stages, known=True)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("scheme", BATHS)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
@@ -272,6 +273,7 @@ def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.sample(0)
 def test_a_bath_around_a_step_without_friction_is_that_step():
     start, top = at_rest(8, hot=True), ml.torques.HeavyTop(1.5)
     heated = ensemble("JACOBI[OBABO]", body_in("float64"), top + Langevin(KT, 0.0, keys(8)), start, dt=0.1, steps=20)
@@ -374,6 +376,7 @@ def test_gradients_through_a_bath_are_those_of_the_path():
     assert np.all(np.isfinite(nothing))
 
 
+@pytest.mark.sample(0)
 def test_the_order_of_a_table_with_a_bath_is_that_of_averages():
     for name in BATHS:
         assert abs(measured_weak_order(schemes.SCHEMES[name]) - 2) < 0.05
@@ -461,6 +464,7 @@ def test_bad_input_is_named(case):
         call()
 
 
+@pytest.mark.sample(0)
 def test_one_key_for_many_is_possible_if_it_is_said():
     start = at_rest(3)
     path = ensemble(
