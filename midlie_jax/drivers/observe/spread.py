@@ -131,7 +131,10 @@ def mean_and_error(sums: Sums, *, relative: bool) -> tuple[Array, Array]:
     scale = sums.value[0] if relative else jnp.ones_like(sums.value[0])
     bodies = sums.number.astype(scale.dtype)
     freedom = jnp.where(bodies > 1, bodies - 1, jnp.nan)
-    error = jnp.sqrt(bodies / freedom * sums.second[:, 0, 0]) / (sums.first[:, 1] * scale)
+    square = jnp.maximum(sums.second[:, 0, 0], 0)  # which rounding may make negative where all bodies are alike
+    if relative:
+        square = square.at[0].set(0)  # a ratio of 1 has no error
+    error = jnp.sqrt(bodies / freedom * square) / (sums.first[:, 1] * scale)
     return jnp.where(bodies > 0, sums.value, jnp.nan) / scale, error
 
 
