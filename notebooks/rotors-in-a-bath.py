@@ -98,8 +98,8 @@ for row in zip(fields, cosine.mean(1), error, langevin, strict=True):
 
 # %% [markdown]
 # A torque costs an error of second order in the step. Which averages it falls on depends on the order of the letters:
-# in a harmonic well `BAOAB` and `ABOBA` have the exact distribution of places, and `OBABO` that of momenta. The field of
-# a dipole is not quite a harmonic well, and so small errors are left. At x = 4 the dipole swings with the frequency 2.
+# in a harmonic well `BAOAB` and `ABOBA` have the exact distribution of places, and `OBABO` that of momenta. The field
+# of a dipole is not quite a harmonic well, so small errors are left. At x = 4 the dipole swings with the frequency 2.
 
 # %%
 steps = np.array([0.2, 0.4, 0.6, 0.8])
