@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from midlie_jax.cli.figures import few_colours
 from midlie_jax.cli.line_labels import End, label_ends
 from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SIZE, SKY, VERMILLION, new_figure
 
@@ -34,6 +35,7 @@ def draw(found: Sequence[Rung], out: Path) -> None:
     for row in axes:
         row[0].set_ylabel("relative error of ⟨cos θ⟩")
     figure.savefig(out, dpi=110)
+    out.write_bytes(few_colours(out.read_bytes()))
 
 
 Place = tuple[str, float, float]  # a method and a point of its line

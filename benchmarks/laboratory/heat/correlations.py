@@ -15,6 +15,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.cli.figures import few_colours
 from midlie_jax.plot.style import BLUE, GREY, SIZE, new_figure
 
 BODIES = 100_000
@@ -116,3 +117,4 @@ def draw(found: Sequence[Correlation], out: Path) -> None:
         panel.grid(alpha=0.3, color=GREY)
     figure.set_layout_engine("constrained")
     figure.savefig(out, dpi=110)
+    out.write_bytes(few_colours(out.read_bytes()))

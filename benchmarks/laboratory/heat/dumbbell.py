@@ -24,6 +24,7 @@ from scipy import signal
 
 import midlie_jax as ml
 from midlie_jax._xla.compiler import compiler_options
+from midlie_jax.cli.figures import few_colours
 from midlie_jax.plot.style import BLUE, GREEN, GREY, SIZE, VERMILLION, new_figure
 
 STIFFNESS = 400.0  # V0/kT
@@ -208,6 +209,7 @@ def draw(panels: Sequence[tuple[float, Spectrum]], out: Path) -> None:
     figure.axes[0].annotate("dashes: predicted", (0.74, 0.93), xycoords="axes fraction", fontsize=SIZE)
     figure.set_layout_engine("constrained")
     figure.savefig(out, dpi=110)
+    out.write_bytes(few_colours(out.read_bytes()))
 
 
 def _cut(line: Line, shown: np.ndarray) -> Line:
