@@ -262,7 +262,7 @@ def test_a_bath_without_friction_is_the_method_without_it(scheme, dtype):
     count = 16
     top, start = ml.torques.HeavyTop(jnp.asarray(1.5, dtype)), at_rest(count, dtype, hot=True)
     frictionless = Langevin(jnp.asarray(KT, dtype), jnp.zeros((), dtype), keys(count))
-    heated = ml.method("JACOBI", scheme)
+    heated = Splitting(ml.flights.Jacobi(), schemes.SCHEMES[scheme], "heated")
     plain = Splitting(heated.flight, heated.scheme, "plain")
     object.__setattr__(plain, "scheme", without(heated.scheme))
     other = [
