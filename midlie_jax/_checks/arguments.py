@@ -39,6 +39,11 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     return array
 
 
+def is_key(value: Any) -> bool:
+    """Whether the value is an array of typed keys of `jax.random`."""
+    return isinstance(value, Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
+
+
 def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]:
     """A function of time unchanged; any other value as a finite vector (..., 3)."""
     if callable(value):

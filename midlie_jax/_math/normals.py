@@ -23,8 +23,7 @@ from .._xla.fusion import split
 from .counter import words
 
 # Polynomials of the least largest error, lowest power first. Near zero, to rounding: -log(1 + x)/x for
-# sqrt(1/2) <= 1 + x <= sqrt(2), to 1.7e-7; 1/sqrt(1 - x) for
-# |x| <= .07, to 2.3e-8.
+# sqrt(1/2) <= 1 + x <= sqrt(2), to 1.7e-7; 1/sqrt(1 - x) for |x| <= .07, to 2.3e-8.
 LOGARITHM = (
     -0.99999994,
     0.50000364,

@@ -42,7 +42,8 @@ def _triangle(moments: np.ndarray) -> Any:
     return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_TOLERANCE)
 
 
-def _symmetric(matrix: np.ndarray) -> bool:
+def is_symmetric(matrix: np.ndarray) -> bool:
+    """Whether matrices (..., 3, 3) are symmetric, up to rounding of their largest entry."""
     tolerance = _SYMMETRY_TOLERANCE * np.abs(matrix).max()
     return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=tolerance))
 
@@ -150,7 +151,7 @@ class RigidBody(Body):
         """
         tensor = as_floats("tensor", tensor, (3, 3))
         require_finite("tensor", tensor)
-        require("tensor", tensor, _symmetric, "must be symmetric", "pass (J + J.T) / 2 if it differs by rounding.")
+        require("tensor", tensor, is_symmetric, "must be symmetric", "pass (J + J.T) / 2 if it differs by rounding.")
         moments, axes = jnp.linalg.eigh(tensor)
         sign = jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
         return cls(moments, physical=physical), axes * sign[..., None, None]

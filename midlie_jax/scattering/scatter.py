@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import FLOATS, described, require_finite
+from .._checks.arguments import FLOATS, described, is_key, require_finite
 from .._math.components import is_traced
 from .base import Distribution
 
@@ -92,7 +92,7 @@ def _blocks(indices: np.ndarray) -> Iterator[np.ndarray]:
 
 def _joined(parts: tuple[Array, ...], count: int) -> Array:
     """The first rows of the parts, joined by NumPy, because XLA would compile a program for each number of parts."""
-    if jnp.issubdtype(parts[0].dtype, jax.dtypes.prng_key):
+    if is_key(parts[0]):
         return jax.random.wrap_key_data(_joined(tuple(map(jax.random.key_data, parts)), count))
     return jnp.asarray(np.concatenate([np.asarray(part) for part in parts])[:count])
 
@@ -107,8 +107,7 @@ def _key_of(key: Array, name: str) -> Array:
 def _check_key(key: Any) -> None:
     if is_traced(key):
         raise ValueError("key is traced; call scatter outside jit, vmap and grad, and pass what it returns.")
-    typed = isinstance(key, Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
-    if not typed or key.shape != ():
+    if not is_key(key) or key.shape != ():
         raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
     if "threefry" not in str(jax.random.key_impl(key)):
         raise ValueError(

@@ -5,6 +5,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._checks.arguments import is_key
+
 ALONE = "observed"  # the name if the tree is a single array
 
 
@@ -21,6 +23,6 @@ def parameter(name: str) -> str:
 
 def numbers(array: Any) -> np.ndarray:
     """The array in NumPy; for random keys, their data."""
-    if isinstance(array, jax.Array) and jax.numpy.issubdtype(array.dtype, jax.dtypes.prng_key):
+    if is_key(array):
         array = jax.random.key_data(array)
     return np.asarray(array)

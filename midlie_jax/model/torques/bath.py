@@ -8,15 +8,15 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, described, require, require_finite, shown
+from ..._checks.arguments import as_floats, described, is_key, require, require_finite, shown
 from ..._math.components import is_traced
 from ..bath import Bath, exposures, root_of
-from ..bodies import Body, RigidBody, TensorBody
+from ..bodies import Body, RigidBody, TensorBody, is_symmetric
 from ..rotor import Rotor
 from ..state import AnyState, Time
 from .base import ReadsBody, TorqueLike, kept_terms
 
-_ROUNDED = 1e-5  # how far a tensor may be off symmetry and a negative eigenvalue from zero, relative to its largest
+_ROUNDED = 1e-5  # how far a negative eigenvalue of a tensor may be from zero, relative to the largest entry
 
 
 class Langevin(ReadsBody):
@@ -24,7 +24,7 @@ class Langevin(ReadsBody):
 
     A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "JACOBI[BAOAB]". The stage is
     the exact solution of these equations over its time, so a free body keeps the Maxwell distribution, <Pi_i^2> = kT
-    I_i and <p_i^2> = kT m, at any step. See docs/heat.md for what a torque adds to this.
+    I_i and <p_i^2> = kT m, at any step that the flight can take. See docs/heat.md for what a torque adds to this.
 
     A torque costs an error of averages of second order in the step: the weak order of a scheme with a bath is 2. In a
     harmonic well of frequency omega, with s = (h omega)^2/4, BAOAB and ABOBA have the exact variance of the position,
@@ -65,7 +65,7 @@ class Langevin(ReadsBody):
         if not callable(kT):
             kT = as_floats("kT", kT)
             require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
-        if not isinstance(key, Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        if not is_key(key):
             raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
         self.kT, self.key = kT, key
         self.friction = _friction("friction", friction)
@@ -138,7 +138,7 @@ def _friction(name: str, value: Any) -> Array:
         return friction
     tensor = np.asarray(friction, np.float64)
     largest = np.abs(tensor).max(initial=0.0)
-    if np.abs(tensor - np.swapaxes(tensor, -1, -2)).max(initial=0.0) > _ROUNDED * largest:
+    if not is_symmetric(tensor):
         raise ValueError(f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2.")
     least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
     if least < -_ROUNDED * largest:
