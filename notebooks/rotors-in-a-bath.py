@@ -131,26 +131,18 @@ count, moment = 4000, 1.0
 sphere = ml.RigidBody([moment] * 3)
 start = ml.RigidState(np.sqrt(kT * moment) * jax.random.normal(jax.random.key(3), (count, 3)), at_rest(count).attitude)
 weak, strong = 0.5, 10.0
-velocity = ml.ensemble(
-    "JACOBI[BAOAB]",
-    sphere,
-    ml.torques.Langevin(kT, weak, keys(count)),
-    start,
-    dt=0.2,
-    steps=200,
-    save_every=1,
-    observe=ml.observe.Autocorrelation(ml.observe.AngularVelocity(), lags=40),
-).states
-axis = ml.ensemble(
-    "JACOBI[BAOAB]",
-    sphere,
-    ml.torques.Langevin(kT, strong, keys(count)),
-    start,
-    dt=0.05,
-    steps=4000,
-    save_every=20,
-    observe=ml.observe.Autocorrelation(ml.observe.Axis(), lags=20),
-).states
+
+
+def correlation(observable, lags, friction, dt, every):
+    """Of 200 values, saved after `every` steps each."""
+    bath = ml.torques.Langevin(kT, friction, keys(count))
+    observe = ml.observe.Autocorrelation(observable, lags)
+    run = {"dt": dt, "steps": 200 * every, "save_every": every, "observe": observe}
+    return ml.ensemble("JACOBI[BAOAB]", sphere, bath, start, **run).states
+
+
+velocity = correlation(ml.observe.AngularVelocity(), 40, weak, dt=0.2, every=1)
+axis = correlation(ml.observe.Axis(), 20, strong, dt=0.05, every=20)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8))
 for axes, found, rate, title in (
