@@ -3,21 +3,19 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..._math import components as cp
-from ...model.state import AnyState
 from ...model.states import TravellingState
 from ...model.torques import TorqueLike, on_body, without_gravity
 from ...model.wrench import Wrench
-from .base import Measurement, deviations, rows
+from .base import Expected
 from .source import Part, Source, source
 
 
-class Accelerations(Measurement):
+class Accelerations(Expected):
     """Specific forces in the body frame, as an accelerometer measures them: its acceleration without that of gravity.
 
     The model is R^T (a - g) + Omega' x r + Omega x (Omega x r), with the acceleration a of the centre of mass of a body
@@ -39,15 +37,10 @@ class Accelerations(Measurement):
         ValueError: as for `Rates`.
     """
 
-    times: Float[Array, " n"]
-    values: Float[Array, "n 3"]
-    sigma: Float[Array, "n 3"]
-    present: Bool[Array, "n 3"]
     lever: Source
     gravity: Source | None
     bias: Source | None
-    clock: Source | None
-    run: tuple[TorqueLike | None, Array] | None
+    run: tuple[TorqueLike | None] | None  # the torque of the model, when it is known
 
     def __init__(
         self,
@@ -60,31 +53,24 @@ class Accelerations(Measurement):
         bias: Part | Any = None,
         clock: Part | float | None = None,
     ):
-        self.times, self.values, self.present = rows(times, values, (3,))
-        self.sigma = deviations(sigma, self.values)
+        super().__init__(times, values, sigma, (3,), clock)
         self.lever, self.gravity = Source.of("lever", lever, (3,)), source("gravity", gravity, (3,))
-        self.bias, self.clock = source("bias", bias, (3,)), source("clock", clock, ())
-        self.run = None
+        self.bias, self.run = source("bias", bias, (3,)), None
 
     def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Accelerations":
-        return eqx.tree_at(lambda m: m.run, self, (torque, times), is_leaf=lambda x: x is None)
+        del times
+        return eqx.tree_at(lambda m: m.run, self, (torque,), is_leaf=lambda x: x is None)
 
-    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+    def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
         assert self.run is not None
-        torque, times = self.run
+        (torque,) = self.run
         bound, pushing = on_body(torque, body), on_body(without_gravity(torque), body)
-        lever = self.lever(parameters).reshape(3)
-        gravity = None if self.gravity is None else self.gravity(parameters).reshape(3)
-
-        def measured(t: Array, state: Any) -> Array:
-            zeros, rates = jnp.zeros_like(state.momentum), body.velocity(state.momentum)
-            moment = zeros if bound is None else Wrench.of(bound(t, state)).torque
-            change = body.velocity(jnp.cross(state.momentum, rates) + moment)
-            felt = zeros if gravity is None else -gravity
-            if isinstance(state, TravellingState) and pushing is not None:
-                felt = felt + Wrench.of(pushing(t, state)).force / body.mass
-            of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
-            return cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning
-
-        expected = jax.vmap(measured)(times, states)
-        return expected - self.values if self.bias is None else expected + self.bias(parameters)[None] - self.values
+        zeros, rates, lever = jnp.zeros_like(state.momentum), body.velocity(state.momentum), self.lever(parameters)
+        moment = zeros if bound is None else Wrench.of(bound(t, state)).torque
+        change = body.velocity(jnp.cross(state.momentum, rates) + moment)
+        felt = zeros if self.gravity is None else -self.gravity(parameters).reshape(3)
+        if isinstance(state, TravellingState) and pushing is not None:
+            felt = felt + Wrench.of(pushing(t, state)).force / body.mass
+        of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
+        measured = cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning
+        return measured if self.bias is None else measured + self.bias(parameters)

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -13,7 +14,7 @@ from ..._checks.arguments import as_floats, require, require_finite
 from ..._math import components as cp
 from ...model.state import AnyState
 from ...model.torques import TorqueLike
-from .source import Source
+from .source import Part, Source, source
 
 
 class Measurement(eqx.Module):
@@ -65,6 +66,37 @@ class Measurement(eqx.Module):
         """The differences over sigma, flat; zero where a value is missing."""
         differences = self.differences(parameters, body, states)
         return jnp.where(self.present, differences / self.sigma, jnp.zeros_like(differences)).reshape(-1)
+
+
+class Recorded(Measurement):
+    """A measurement that holds its own values: the fields of all instruments.
+
+    Args:
+        times, values, sigma, clock: as for `Rates`.
+        shape: the shape of the value at one time.
+    """
+
+    times: Float[Array, " n"]
+    values: Float[Array, "n ..."]
+    sigma: Float[Array, "n ..."]
+    present: Bool[Array, "n ..."]
+    clock: Source | None
+
+    def __init__(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any):
+        self.times, self.values, self.present = rows(times, values, shape)
+        self.sigma, self.clock = deviations(sigma, self.values), source("clock", clock, ())
+
+
+class Expected(Recorded):
+    """A measurement whose residual is the difference from what the model lets expect at each time alone."""
+
+    @abstractmethod
+    def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
+        """What the instrument should show at one time, of the shape of one value."""
+
+    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
+        times = self.times_of_model(parameters)
+        return jax.vmap(lambda t, state: self.expected(t, state, body, parameters))(times, states) - self.values
 
 
 def rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -> tuple[Array, Array, Array]:

@@ -2,23 +2,22 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
 from ...model import so3
 from ...model.state import AnyState
 from ...model.states import TravellingState, attitude_of
-from .base import Measurement, deviations, rows
+from .base import Expected, Recorded, deviations, rows
 from .source import Part, Source, source
 
 _SMALL_ANGLE = 1e-3  # below it, the quotient of an angle and its sine is computed by a series
 
 
-class Rates(Measurement):
+class Rates(Expected):
     """Angular velocities in the body frame, as a gyroscope measures them.
 
     Args:
@@ -35,26 +34,20 @@ class Rates(Measurement):
             not positive.
     """
 
-    times: Float[Array, " n"]
-    values: Float[Array, "n 3"]
-    sigma: Float[Array, "n 3"]
-    present: Bool[Array, "n 3"]
     bias: Source | None
-    clock: Source | None
 
     def __init__(
         self, times: Any, values: Any, sigma: Any, bias: Part | Any = None, *, clock: Part | float | None = None
     ):
-        self.times, self.values, self.present = rows(times, values, (3,))
-        self.sigma = deviations(sigma, self.values)
-        self.bias, self.clock = source("bias", bias, (3,)), source("clock", clock, ())
+        super().__init__(times, values, sigma, (3,), clock)
+        self.bias = source("bias", bias, (3,))
 
-    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        rates = velocities(body, states)
-        return rates - self.values if self.bias is None else rates + self.bias(parameters)[None] - self.values
+    def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
+        rates = body.velocity(state.momentum)
+        return rates if self.bias is None else rates + self.bias(parameters)
 
 
-class Attitudes(Measurement):
+class Attitudes(Recorded):
     """Attitudes, as a star tracker or motion capture measures them.
 
     The residual is the rotation vector from the measured attitude to that of the model, in the body frame; its length
@@ -69,12 +62,6 @@ class Attitudes(Measurement):
     Raises:
         ValueError: as for `Rates`, or a quaternion whose length is not 1 to 1e-3.
     """
-
-    times: Float[Array, " n"]
-    values: Float[Array, "n 4"]
-    sigma: Float[Array, "n 3"]
-    present: Bool[Array, "n 3"]
-    clock: Source | None
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, clock: Part | float | None = None):
         self.clock = source("clock", clock, ())
@@ -91,7 +78,7 @@ class Attitudes(Measurement):
         return so3.log(so3.multiply(so3.conjugate(self.values), attitude_of(states)))
 
 
-class Directions(Measurement):
+class Directions(Recorded):
     """Directions known in the space frame and measured in the body frame, as a sun sensor or a magnetometer does.
 
     The residual is the angle from the measured direction to that of the model, as two components perpendicular to the
@@ -110,13 +97,8 @@ class Directions(Measurement):
         ValueError: as for `Rates`, or a direction of length zero.
     """
 
-    times: Float[Array, " n"]
-    values: Float[Array, "n 3"]
-    sigma: Float[Array, "n 2"]
-    present: Bool[Array, "n 2"]
     reference: Float[Array, "n 3"]
     bias: Source | None
-    clock: Source | None
 
     def __init__(
         self,
@@ -158,7 +140,7 @@ class Directions(Measurement):
         return jnp.stack([factor * x, factor * y], axis=-1)
 
 
-class Positions(Measurement):
+class Positions(Expected):
     """Positions in the space frame of markers fixed in the body.
 
     On a body that travels, markers are seen from its centre of mass; a marker (0, 0, 0) is that centre.
@@ -177,13 +159,8 @@ class Positions(Measurement):
         ValueError: as for `Rates`.
     """
 
-    times: Float[Array, " n"]
-    values: Float[Array, "n m 3"]
-    sigma: Float[Array, "n m 3"]
-    present: Bool[Array, "n m 3"]
     markers: Source
     origin: Source | None
-    clock: Source | None
 
     def __init__(
         self,
@@ -195,30 +172,19 @@ class Positions(Measurement):
         origin: Part | Any = None,
         clock: Part | float | None = None,
     ):
-        self.clock = source("clock", clock, ())
         array = as_floats("values", values)
         shape = (1, 3) if array.ndim == 2 else array.shape[1:]
         if array.ndim not in (2, 3) or shape[-1] != 3:
             raise ValueError(f"values must have shape (n, 3) or (n, m, 3), got {array.shape}.")
-        self.times, self.values, self.present = rows(times, array.reshape(array.shape[0], *shape), shape)
-        self.sigma = deviations(sigma, self.values)
+        super().__init__(times, array.reshape(array.shape[0], *shape), sigma, shape, clock)
         self.markers = Source.of("markers", markers, shape)
         self.origin = source("origin", origin, (3,))
 
-    def differences(self, parameters: Any, body: Any, states: AnyState) -> Array:
-        del body
-        markers = self.markers(parameters).reshape(1, -1, 3)
-        expected = so3.rotate(attitude_of(states)[:, None], markers)
-        if isinstance(states, TravellingState):
-            expected = expected + states.position[:, None]
-        if self.origin is not None:
-            expected = expected + self.origin(parameters).reshape(1, 1, 3)
-        return expected - self.values
-
-
-def velocities(body: Any, states: AnyState) -> Float[Array, "n 3"]:
-    """The angular velocities (n, 3) of several states of one body, body frame."""
-    return jax.vmap(body.velocity)(states.momentum)
+    def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
+        expected = so3.rotate(attitude_of(state)[None], self.markers(parameters).reshape(-1, 3))
+        if isinstance(state, TravellingState):
+            expected = expected + state.position[None]
+        return expected if self.origin is None else expected + self.origin(parameters).reshape(1, 3)
 
 
 def _unit(name: str, vectors: Array) -> Array:
