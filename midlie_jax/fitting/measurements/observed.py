@@ -53,7 +53,7 @@ class Observed(Expected):
         times: Any,
         values: Any,
         sigma: Any,
-        function: Callable[[Array, Any, Any, Any], Any],
+        function: Callable[[Array, Any, Any, Any], Any] | Any,
         *,
         clock: Part | float | None = None,
     ):
