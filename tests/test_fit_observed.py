@@ -187,7 +187,7 @@ def echoes():
 
 @pytest.mark.sample(0)
 def test_a_range_rate_tells_moments_rates_and_the_line_of_sight():
-    """Of 100 data sets at once, with a clock that is late and a missing value: 95 % intervals hold the truth as often."""
+    """Of 100 data sets at once, with a late clock and a missing value: the intervals hold the truth in 95 %."""
     rng = np.random.default_rng(1)
     noisy = echoes() + SPREAD * rng.standard_normal((100, len(PULSES)))
     noisy[:, 7] = np.nan

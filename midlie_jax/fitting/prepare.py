@@ -87,8 +87,8 @@ def as_list(measurements: Any) -> list[Measurement]:
     wrong = [m for m in listed if not isinstance(m, Measurement)]
     if wrong or not listed:
         raise ValueError(
-            "measurements must be one or several of Rates, Attitudes, Directions, Positions, Accelerations, Observed and "
-            f"OfBody, got {described(wrong[0]) if wrong else 'none'}."
+            "measurements must be one or several of Rates, Attitudes, Directions, Positions, Accelerations, Observed "
+            f"and OfBody, got {described(wrong[0]) if wrong else 'none'}."
         )
     return listed
 

@@ -53,7 +53,7 @@ class Accelerations(Expected):
         bias: Part | Any = None,
         clock: Part | float | None = None,
     ):
-        super().__init__(times, values, sigma, (3,), clock)
+        self._record(times, values, sigma, (3,), clock)
         self.lever, self.gravity = Source.of("lever", lever, (3,)), source("gravity", gravity, (3,))
         self.bias, self.run = source("bias", bias, (3,)), None
 

@@ -14,7 +14,7 @@ from ..._checks.arguments import as_floats, require, require_finite
 from ..._math import components as cp
 from ...model.state import AnyState
 from ...model.torques import TorqueLike
-from .source import Part, Source, source
+from .source import Source, source
 
 
 class Measurement(eqx.Module):
@@ -69,12 +69,7 @@ class Measurement(eqx.Module):
 
 
 class Recorded(Measurement):
-    """A measurement that holds its own values: the fields of all instruments.
-
-    Args:
-        times, values, sigma, clock: as for `Rates`.
-        shape: the shape of the value at one time.
-    """
+    """A measurement that holds its own values: the fields of all instruments."""
 
     times: Float[Array, " n"]
     values: Float[Array, "n ..."]
@@ -82,7 +77,8 @@ class Recorded(Measurement):
     present: Bool[Array, "n ..."]
     clock: Source | None
 
-    def __init__(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any):
+    def _record(self, times: Any, values: Any, sigma: Any, shape: tuple[int, ...], clock: Any) -> None:
+        """Checks and keeps the arguments of an instrument, with values of this shape at each time."""
         self.times, self.values, self.present = rows(times, values, shape)
         self.sigma, self.clock = deviations(sigma, self.values), source("clock", clock, ())
 

@@ -39,7 +39,7 @@ class Rates(Expected):
     def __init__(
         self, times: Any, values: Any, sigma: Any, bias: Part | Any = None, *, clock: Part | float | None = None
     ):
-        super().__init__(times, values, sigma, (3,), clock)
+        self._record(times, values, sigma, (3,), clock)
         self.bias = source("bias", bias, (3,))
 
     def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
@@ -176,7 +176,7 @@ class Positions(Expected):
         shape = (1, 3) if array.ndim == 2 else array.shape[1:]
         if array.ndim not in (2, 3) or shape[-1] != 3:
             raise ValueError(f"values must have shape (n, 3) or (n, m, 3), got {array.shape}.")
-        super().__init__(times, array.reshape(array.shape[0], *shape), sigma, shape, clock)
+        self._record(times, array.reshape(array.shape[0], *shape), sigma, shape, clock)
         self.markers = Source.of("markers", markers, shape)
         self.origin = source("origin", origin, (3,))
 

@@ -58,9 +58,9 @@ class Observed(Expected):
         clock: Part | float | None = None,
     ):
         require_function("function", function, _ARGUMENTS)
-        super().__init__(times, values, sigma, as_floats("values", values).shape[1:], clock)
-        known = isinstance(function, eqx.Module | jax.tree_util.Partial)
-        self.function = function if known else jax.tree_util.Partial(function)
+        self._record(times, values, sigma, as_floats("values", values).shape[1:], clock)
+        held: Any = function  # its arrays are those of the measurement; a plain function is static
+        self.function = held if isinstance(held, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(held)
 
     def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
         return self, body, states
