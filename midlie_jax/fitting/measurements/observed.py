@@ -1,7 +1,7 @@
 """`Observed`: any measurement, by a function that says what the model lets expect."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -59,8 +59,9 @@ class Observed(Expected):
     ):
         require_function("function", function, _ARGUMENTS)
         self._record(times, values, sigma, as_floats("values", values).shape[1:], clock)
-        held: Any = function  # its arrays are those of the measurement; a plain function is static
-        self.function = held if isinstance(held, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(held)
+        # What holds arrays has them as arrays of the measurement; a plain function is static.
+        holds = isinstance(function, eqx.Module | jax.tree_util.Partial)
+        self.function = cast(Callable[..., Any], function if holds else jax.tree_util.Partial(function))
 
     def subject(self, body: Any, states: Any) -> tuple[Any, Any, Any]:
         return self, body, states
