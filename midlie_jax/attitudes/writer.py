@@ -189,7 +189,7 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
     elif times is None:
         raise ValueError(f"run must be a path, a file of a run, or a state with times=, got {described(run)}.")
     if not hasattr(run, "attitude") or np.ndim(run.attitude) != 2:
-        what = f"attitude of shape {np.shape(run.attitude)}" if hasattr(run, "attitude") else "no attitude"
+        what = f"attitudes of shape {np.shape(run.attitude)}" if hasattr(run, "attitude") else "none"
         raise ValueError(
             f"run must hold the attitudes of one body, (n, 4), got a {type(run).__name__} with {what}; take one body "
             "of a batch."
