@@ -19,7 +19,7 @@ PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
 FLOORS = (
     "_xla", "_math", "_checks", "model", "molecules", "scattering", "methods", "drivers", "advice", "diffrax",
-    "fitting", "plot", "simulation", "", "cli",
+    "fitting", "plot", "simulation", "attitudes", "", "cli",
 )  # fmt: skip
 
 
