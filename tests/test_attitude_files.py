@@ -190,6 +190,7 @@ def test_the_direction_and_the_place_of_the_scalar_of_version_1(tmp_path):
     np.testing.assert_array_equal(kept(tmp_path, first.replace("= LAST", "= FIRST")).attitudes, seen)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("version", ["2.0", "1.0"])
 @pytest.mark.parametrize("form", ["quaternion", "ZXZ", "321", "YZX", "spin"])
 def test_random_attitudes_come_back(tmp_path, version, form):

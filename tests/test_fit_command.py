@@ -4,6 +4,7 @@ import contextlib
 import io
 import re
 import sys
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
+
+ROOT = Path(__file__).resolve().parent.parent
 
 MOMENTS, RATE, TIMES = np.array([1.1, 2.0, 2.4]), np.array([0.3, 0.5, -0.2]), np.arange(2.0, 14.1, 0.5)
 
@@ -172,7 +175,7 @@ LATE = 0.03
 
 
 def two_logs(tmp_path, late=0.0, begin=0.9):
-    """The body of `log` by a gyroscope at 20 Hz, and by a magnetometer at 7 Hz from `begin` on, in milliseconds."""
+    """The body of `log` by a gyroscope at 20 Hz and a magnetometer at 7 Hz, with the options of the docs."""
     moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
     body, times, others = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05), np.arange(begin, 19.0, 1 / 7)
     start, rng = ml.RigidState(body.momentum(jnp.asarray(rate)), [1.0, 0.0, 0.0, 0.0]), np.random.default_rng(1)
@@ -186,9 +189,9 @@ def two_logs(tmp_path, late=0.0, begin=0.9):
     gyro.write_text("\n".join(["t,wx,wy,wz", *cells]) + "\n")
     cells = [";".join(f"{x:.6f}" for x in row) for row in np.column_stack([field, 1000 * (others + 100)])]
     compass.write_text("\n".join(["bx;by;bz;stamp_ms", *cells]) + "\n")
-    options = ["--unit", "deg/s", "--sigma", np.rad2deg(0.01), "--magnetometer-data", compass]
-    options += ["--magnetometer", "bx", "by", "bz", "--magnetometer-time", "stamp_ms", "--magnetometer-time-unit", "ms"]
-    return gyro, compass, [*options, "--magnetometer-sigma", "0.4", "--hard-iron"]
+    page = (ROOT / "docs" / "fitting.md").read_text()
+    (line,) = re.findall(r"^midlie fit DATA.csv (.*) --magnetometer-clock fitted$", page, re.MULTILINE)
+    return gyro, compass, [compass if word == "FILE" else word for word in line.split()]
 
 
 @pytest.mark.sample(0)
