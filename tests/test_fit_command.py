@@ -175,7 +175,7 @@ LATE = 0.03
 
 
 def two_logs(tmp_path, late=0.0, begin=0.9):
-    """The body of `log` by a gyroscope at 20 Hz and a magnetometer at 7 Hz, with the options of the docs."""
+    """The body of `log` by a gyroscope at 20 Hz and a magnetometer at 7 Hz."""
     moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
     body, times, others = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05), np.arange(begin, 19.0, 1 / 7)
     start, rng = ml.RigidState(body.momentum(jnp.asarray(rate)), [1.0, 0.0, 0.0, 0.0]), np.random.default_rng(1)
@@ -184,6 +184,11 @@ def two_logs(tmp_path, late=0.0, begin=0.9):
     turned = np.asarray(ml.free_motion(body, start, others - late).states.attitude)
     field = Rotation.from_quat(turned, scalar_first=True).inv().apply([30.0, 10.0, -35.0])
     field = field + np.array([5.0, -8.0, 3.0]) + 0.3 * rng.standard_normal(field.shape)
+    return written(tmp_path, times, rates, others, field)
+
+
+def written(tmp_path, times, rates, others, field):
+    """Two files, and the options of the docs; the second with semicolons and milliseconds."""
     gyro, compass = tmp_path / "gyro.csv", tmp_path / "mag.csv"
     cells = [",".join(f"{x:.6f}" for x in row) for row in np.column_stack([times + 100, rates])]
     gyro.write_text("\n".join(["t,wx,wy,wz", *cells]) + "\n")
@@ -232,7 +237,9 @@ def test_two_files_of_two_instruments_are_fitted_together(tmp_path, clock):
 def test_one_line_says_what_is_wrong_with_a_second_file(tmp_path, monkeypatch, change, message):
     from midlie_jax.fitting import fit
 
-    gyro, compass, options = two_logs(tmp_path)
+    times, others = np.arange(0.0, 20.01, 0.05), np.arange(0.9, 19.0, 1 / 7)
+    rates, field = np.tile([40.0, 70.0, 120.0], (401, 1)), np.tile([30.0, 10.0, -35.0], (127, 1))
+    gyro, compass, options = written(tmp_path, times, rates, others, field)
     monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
     code, _, err = midlie_fit(gyro, *change(options, compass))
     assert code == 2
