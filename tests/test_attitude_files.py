@@ -15,7 +15,7 @@ from midlie_jax import attitudes
 from midlie_jax.attitudes.epochs import Epoch
 from midlie_jax.cli.main import main
 
-# Figure G-4 of CCSDS 504.0-B-2, shortened by comments.
+# Example G-4 of CCSDS 504.0-B-2, shortened by comments.
 QUATERNIONS = """\
 CCSDS_AEM_VERS = 2.0
 CREATION_DATE = 2002-11-04T17:22:31
@@ -68,7 +68,7 @@ DATA_START
 1996-12-28T21:28:00.5555 -0.25485 0.58745  -0.36845  0.67394
 DATA_STOP
 """
-# Figure G-5 of CCSDS 504.0-B-2.
+# Example G-5 of CCSDS 504.0-B-2.
 SPIN = """\
 CCSDS_AEM_VERS = 2.0
 CREATION_DATE  = 2008-071T17:09:49
@@ -101,7 +101,7 @@ COMMENT        Spin KF ground solution, SPINKF rates
   2006-090T05:00:00.946  2.6843571e+002  6.8332398e+001  6.3662262e+001 -1.0996304e+002
 DATA_STOP
 """
-# Figure 4-2 of CCSDS 504.0-B-1, of the first segment, which says direction and place of the scalar.
+# Its first segment as in the example of CCSDS 504.0-B-1, which says the direction and the place of the scalar.
 OLD = (
     QUATERNIONS.split("\n\nMETA_START\nCOMMENT  This block")[0]
     .replace("VERS = 2.0", "VERS = 1.0")

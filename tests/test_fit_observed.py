@@ -265,6 +265,10 @@ WRONG = {
         lambda: prepared(function=lambda t, s, b, v: speed(t, s, b, v).astype("float32")),
         "returns float32, and values are float64",
     ),
+    "a parameter that is not": (
+        lambda: prepared(function=lambda t, s, b, v: v["fast"]),
+        "asks for 'fast', which is not",
+    ),
     "infinite": (lambda: observed(values=np.full(5, np.inf)), "must be finite, or NaN where missing"),
     "all missing": (lambda: observed(values=np.full(5, np.nan)), "NaN in every row"),
     "one row too few": (lambda: observed(values=SHOWN[:4]), "one row for each time"),
@@ -302,3 +306,14 @@ def partial_residuals(factor):
     seen = observed(function=jax.tree_util.Partial(partial(scaled), factor))
     rows = ml.MomentumState(jnp.tile(jnp.array([0.3, 0.0, 0.4]), (5, 1)))
     return seen.residuals({}, still({"rate": jnp.zeros(3)})[0], rows)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_the_dtype_of_the_values_is_that_of_the_residuals(dtype):
+    """A number at each time, one of them missing: (|Omega| - value) / sigma by hand, whatever the function's t."""
+    values = np.array([0.4, np.nan, 0.6, 0.5, 0.5], dtype)
+    seen = fitting.Observed(np.arange(5.0, dtype=dtype), values, 0.1, lambda t, s, b, v: speed(t, s, b, v) + 0 * t)
+    states = ml.MomentumState(jnp.tile(jnp.array([0.3, 0.0, 0.4], dtype), (5, 1)))
+    found = seen.residuals({}, ml.RigidBody(jnp.ones(3, dtype)), states)
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found, [1, 0, -1, 0, 0], atol=1e-6 if dtype == "float32" else 1e-14)

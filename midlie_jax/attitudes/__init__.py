@@ -8,7 +8,7 @@
     ml.fitting.Attitudes(seen.times, seen.attitudes, sigma=1e-3)
 
 The format is the Attitude Ephemeris Message (AEM) as text of keywords and values (KVN), of both versions of the
-standard: CCSDS 504.0-B-1 (2008, with Cor. 1 of 2015) and 504.0-B-2 (2024).
+standard: CCSDS 504.0-B-1 (2008) and 504.0-B-2 (2024).
 
 Modules: `epochs` (calendars, leap seconds), `frames` (names), `forms` (quaternions, Euler angles, spin), `message`
 (what a file holds), `keywords`, `reader` and `writer`. They need no other package.

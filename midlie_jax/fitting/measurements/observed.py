@@ -43,7 +43,7 @@ class Observed(Expected):
 
     Raises:
         ValueError: as for `Rates`, or `function` cannot be called. In `fit` and `prepare`, before anything is compiled:
-            its value has another shape or another dtype than the values.
+            its value has another shape or another dtype than the values, or it asks for a parameter that there is not.
     """
 
     function: Callable[..., Any]
@@ -73,6 +73,8 @@ class Observed(Expected):
         """Raises a ValueError unless the function suits the values, by its value for the first state."""
         try:
             found = jax.eval_shape(self.expected, self.times[0], start, body, parameters)
+        except KeyError as error:
+            raise ValueError(f"function of Observed asks for {error}, which is not among the values.") from error
         except TypeError as error:
             raise ValueError(f"function of Observed must take ({_ARGUMENTS}) and return an array: {error}") from error
         wanted = self.values.shape[1:]
