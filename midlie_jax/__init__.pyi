@@ -1,5 +1,6 @@
 """The public names of midlie_jax, each with the file that it is from: for type checkers, and read by `__init__.py`."""
 
+from . import attitudes as attitudes
 from . import diffrax as diffrax
 from . import fitting as fitting
 from . import molecules as molecules

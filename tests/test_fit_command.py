@@ -4,6 +4,7 @@ import contextlib
 import io
 import re
 import sys
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
+
+ROOT = Path(__file__).resolve().parent.parent
 
 MOMENTS, RATE, TIMES = np.array([1.1, 2.0, 2.4]), np.array([0.3, 0.5, -0.2]), np.arange(2.0, 14.1, 0.5)
 
@@ -166,6 +169,94 @@ def test_a_magnetometer_with_hard_iron_is_fitted_together_with_the_gyroscope(tmp
     assert low < 0.25 < high
     iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
     np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
+
+
+LATE = 0.03
+
+
+def two_logs(tmp_path, late=0.0, begin=0.9):
+    """The body of `log` by a gyroscope at 20 Hz and a magnetometer at 7 Hz."""
+    moments, rate = np.array([1.0, 3.2, 4.0]), np.array([0.8, 1.2, 2.0])
+    body, times, others = ml.RigidBody(moments), np.arange(0.0, 20.01, 0.05), np.arange(begin, 19.0, 1 / 7)
+    start, rng = ml.RigidState(body.momentum(jnp.asarray(rate)), [1.0, 0.0, 0.0, 0.0]), np.random.default_rng(1)
+    rates = np.asarray(ml.free_motion(body, start, times).states.momentum) / moments
+    rates = np.rad2deg(rates + 0.01 * rng.standard_normal(rates.shape))
+    turned = np.asarray(ml.free_motion(body, start, others - late).states.attitude)
+    field = Rotation.from_quat(turned, scalar_first=True).inv().apply([30.0, 10.0, -35.0])
+    field = field + np.array([5.0, -8.0, 3.0]) + 0.3 * rng.standard_normal(field.shape)
+    return written(tmp_path, times, rates, others, field)
+
+
+def written(tmp_path, times, rates, others, field):
+    """Two files, and the options of the docs; the second with semicolons and milliseconds."""
+    gyro, compass = tmp_path / "gyro.csv", tmp_path / "mag.csv"
+    cells = [",".join(f"{x:.6f}" for x in row) for row in np.column_stack([times + 100, rates])]
+    gyro.write_text("\n".join(["t,wx,wy,wz", *cells]) + "\n")
+    cells = [";".join(f"{x:.6f}" for x in row) for row in np.column_stack([field, 1000 * (others + 100)])]
+    compass.write_text("\n".join(["bx;by;bz;stamp_ms", *cells]) + "\n")
+    page = (ROOT / "docs" / "fitting.md").read_text()
+    (line,) = re.findall(r"^midlie fit DATA.csv (.*) --magnetometer-clock fitted$", page, re.MULTILINE)
+    return gyro, compass, [compass if word == "FILE" else word for word in line.split()]
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("clock", ["same", "fitted"])
+def test_two_files_of_two_instruments_are_fitted_together(tmp_path, clock):
+    """Of other times, units and separators; the second begins later, and its clock may be ahead."""
+    gyro, compass, options = two_logs(tmp_path, LATE if clock == "fitted" else 0.0)
+    code, out, err = midlie_fit(gyro, *options, "--magnetometer-clock", clock)
+    assert (code, err) == (0, "")
+    assert f"{compass}: {len(compass.read_text().splitlines()) - 1} directions of the field" in out
+    low, high = interval(out)
+    assert low < 0.25 < high
+    iron = [float(x) for x in re.findall(r"^iron\[\d\] +(\S+)", out, re.M)]
+    np.testing.assert_allclose(iron, [5.0, -8.0, 3.0], rtol=0, atol=0.3)
+    if clock == "fitted":
+        found, deviation = (float(x) for x in re.search(r"^clock +(\S+) +(\S+)", out, re.M).groups())
+        assert abs(found - LATE) < 3 * deviation < 0.01
+    assert "those at t = 100 s" in out
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda o, _: o, "needs --magnetometer-clock: same"),
+        (lambda o, _: o[:6], "--magnetometer-data needs --magnetometer with the names"),
+        (lambda o, _: without(o, "--magnetometer-time"), "needs --magnetometer-time, the name of its column"),
+        (lambda o, _: [*without(o, "--magnetometer-data"), *SAME], "needs --magnetometer-data, the magnetometer's own"),
+        (lambda o, _: [*without(o, "--magnetometer-time-unit"), *SAME], "give --magnetometer-time-unit ms"),
+        (
+            lambda o, f: [*other(o, f, "stamp_ms", "stamp"), *SAME],
+            "mag.csv has no column 'stamp_ms'.*--magnetometer-time",
+        ),
+        (lambda o, f: [*other(o, f, r"\n\S+?;", "\nx;"), *SAME], "mag.csv, line 2: bx must be a number, got 'x'"),
+        (lambda o, f: [*other(o, f, ";1([0-9.]+)\n", r";2\1\n"), *SAME], "is of t = 200.9 to .* count from the same"),
+        (lambda o, f: [*other(o, f, ";100900", ";095000"), *SAME], "begins 5 s before .*before line 3"),
+    ],
+)
+def test_one_line_says_what_is_wrong_with_a_second_file(tmp_path, monkeypatch, change, message):
+    from midlie_jax.fitting import fit
+
+    times, others = np.arange(0.0, 20.01, 0.05), np.arange(0.9, 19.0, 1 / 7)
+    rates, field = np.tile([40.0, 70.0, 120.0], (401, 1)), np.tile([30.0, 10.0, -35.0], (127, 1))
+    gyro, compass, options = written(tmp_path, times, rates, others, field)
+    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
+    code, _, err = midlie_fit(gyro, *change(options, compass))
+    assert code == 2
+    assert re.search(message, err), err
+
+
+SAME = ["--magnetometer-clock", "same"]
+
+
+def without(options, name):
+    place = options.index(name)
+    return options[:place] + options[place + 2 :]
+
+
+def other(options, file, old, new):
+    file.write_text(re.sub(old, new, file.read_text()))
+    return options
 
 
 @pytest.mark.sample(0)

@@ -19,7 +19,7 @@ PACKAGE = "midlie_jax"
 # From the ground up. A folder may import those below it, and itself.
 FLOORS = (
     "_xla", "_math", "_checks", "model", "molecules", "scattering", "methods", "drivers", "advice", "diffrax",
-    "fitting", "plot", "simulation", "", "cli",
+    "fitting", "plot", "simulation", "attitudes", "", "cli",
 )  # fmt: skip
 
 
@@ -180,7 +180,9 @@ def test_the_package_shows_the_names_of_its_stub():
     first, second, others = printed(code).splitlines()
     assert (first, second) == ("False", "True")
     # Folders of the package, and two modules that have classes to stand for them.
-    assert others.split() == ["diffrax", "fitting", "flights", "molecules", "plot", "schemes", "simulation"]
+    assert others.split() == [
+            "attitudes", "diffrax", "fitting", "flights", "molecules", "plot", "schemes", "simulation"
+        ]  # fmt: skip
 
 
 def test_fitting_is_imported_when_it_is_first_asked_for():

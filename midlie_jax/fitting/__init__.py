@@ -19,6 +19,7 @@ from .measurements import Accelerations as Accelerations
 from .measurements import Attitudes as Attitudes
 from .measurements import Directions as Directions
 from .measurements import Measurement as Measurement
+from .measurements import Observed as Observed
 from .measurements import Positions as Positions
 from .measurements import Rates as Rates
 from .of_body import OfBody as OfBody

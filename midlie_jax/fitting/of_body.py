@@ -35,7 +35,8 @@ class OfBody(Measurement):
             raise ValueError(f"body must be the index of a body, from 0, got {body!r}.")
         if not isinstance(measurement, Measurement) or isinstance(measurement, OfBody | Accelerations):
             raise ValueError(
-                f"measurement must be one of Rates, Attitudes, Directions and Positions, got {described(measurement)}."
+                "measurement must be one of Rates, Attitudes, Directions, Positions and Observed, got "
+                f"{described(measurement)}."
             )
         self.body, self.measurement = int(body), measurement
 

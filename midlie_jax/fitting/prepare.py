@@ -13,7 +13,7 @@ from ..model.bodies import RigidBody, principal_of
 from ..model.state import AnyState
 from ..model.torques import without_gravity
 from .layout import Layout
-from .measurements import Accelerations, Attitudes, Directions, Measurement, Positions, Rates, check_parts
+from .measurements import Accelerations, Attitudes, Directions, Measurement, Observed, Positions, Rates, check_parts
 from .residuals import Model, Problem
 from .sampling import Grid, check_grid
 from .solve import Plan
@@ -87,8 +87,8 @@ def as_list(measurements: Any) -> list[Measurement]:
     wrong = [m for m in listed if not isinstance(m, Measurement)]
     if wrong or not listed:
         raise ValueError(
-            "measurements must be one or several of Rates, Attitudes, Directions, Positions, Accelerations and OfBody, "
-            f"got {described(wrong[0]) if wrong else 'none'}."
+            "measurements must be one or several of Rates, Attitudes, Directions, Positions, Accelerations, Observed "
+            f"and OfBody, got {described(wrong[0]) if wrong else 'none'}."
         )
     return listed
 
@@ -101,8 +101,9 @@ def _checked_model(
     Raises:
         ValueError: the model does not give a body, a torque and a start that suit the measurements.
     """
+    values = layout.values(layout.start())
     try:
-        body, torque, start = model(layout.values(layout.start()))
+        body, torque, start = model(values)
     except TypeError as error:
         raise ValueError(
             f"model must take the values of the guess and return (body, torque, start): {error}"
@@ -114,7 +115,10 @@ def _checked_model(
     if start.momentum.dtype != layout.start().dtype:
         raise ValueError(f"the guess is {layout.start().dtype} but the start of the model {start.momentum.dtype}.")
     for measurement in measurements:
-        _check_measurement(*measurement.subject(body, start), torque)
+        subject = measurement.subject(body, start)
+        _check_measurement(*subject, torque)
+        if isinstance(subject[0], Observed):
+            subject[0].check(values, *subject[1:])
     if torque is None and not start.several:
         _check_speeds(body, start, measurements)
     return method, start.several

@@ -1,4 +1,4 @@
-"""`midlie export RUN`: the attitudes of one body of a saved run as CSV, as quaternions or as Euler angles.
+"""`midlie export RUN`: the attitudes of one body of a saved run, as quaternions or as Euler angles, in CSV or AEM.
 
 A body that travels has its position beside them, and a body that is only an axis has the axis instead.
 """
@@ -8,20 +8,34 @@ import csv
 import sys
 from contextlib import nullcontext
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...attitudes import write
+from ...attitudes.forms import euler_angles
 from ...model import so3
 from ...model.states import TravellingState
 from ...simulation.saved import saved_path
 from .record import columns
 
 _PLURAL = {"attitude": "attitudes", "axis": "axes"}
-_LOCKED = 1e-7  # if the second angle has a smaller sine, or cosine, only one of the other angles is determined
+
+
+_NEEDED = ("epoch", "time_system", "time_unit", "object_name", "object_id", "originator", "frame_a", "frame_b")
+_OF_MESSAGE = (*_NEEDED, "center_name", "spin", "aem_version")
 
 
 def export(options: argparse.Namespace) -> None:
     """Writes a line for each time at which the body can be trusted; the header names each column and its unit."""
+    if options.format == "aem":
+        _message(options)
+        return
+    for name in _OF_MESSAGE:
+        if getattr(options, name):
+            raise ValueError(f"{_option(name)} needs --format aem.")
+    if options.out and not options.out.lower().endswith(".csv"):
+        raise ValueError(f"--out {options.out} is no .csv; for an Attitude Ephemeris Message give --format aem.")
     saved = saved_path(options.run, options.body)
     path, states = saved.path, saved.path.states
     if states.several:
@@ -58,27 +72,42 @@ def export(options: argparse.Namespace) -> None:
         print(f"midlie: note{remark[1:]}", file=sys.stderr)
 
 
-def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.ndarray]:
-    """The angles a, b, c with R = R_i(a) R_j(b) R_k(c): rotations about body axes as they are after the earlier ones.
+def _message(options: argparse.Namespace) -> None:
+    """Writes an Attitude Ephemeris Message of the states that can be trusted."""
+    lacking = [_option(name) for name in _NEEDED if not getattr(options, name)]
+    if lacking:
+        raise ValueError(f"--format aem needs {', '.join(lacking)}: the file must say it, and the run does not.")
+    if options.csv or options.radians:
+        raise ValueError(f"--format aem is no CSV, and in degrees; leave --{'csv' if options.csv else 'radians'} out.")
+    if not options.out or not options.out.lower().endswith(".aem"):
+        raise ValueError("--format aem needs --out with a name that ends in .aem, such as run.aem.")
+    if options.spin and options.euler:
+        raise ValueError("--spin and --euler are two forms of the same attitudes; leave one out.")
+    saved = saved_path(options.run, options.body)
+    path = saved.path
+    count = int(path.first_bad)
+    if not hasattr(path.states, "attitude") or path.states.several or not count:
+        raise ValueError(f"{options.run} holds no attitudes of one body {options.body} that can be trusted.")
+    written = write(
+        jax.tree.map(lambda x: x[:count], path.states),
+        options.out,
+        times=path.times[:count],
+        epoch=options.epoch,
+        time_system=options.time_system,
+        time_unit=options.time_unit,
+        object_name=options.object_name,
+        object_id=options.object_id,
+        originator=options.originator,
+        ref_frame_a=options.frame_a,
+        ref_frame_b=options.frame_b,
+        center_name=options.center_name,
+        form="spin" if options.spin else "euler" if options.euler else "quaternion",
+        sequence=options.euler,
+        body=saved.body,
+        version=options.aem_version or "2.0",
+    )
+    print(f"wrote {options.out}: {written} attitudes of body {options.body}")
 
-    Args:
-        matrices: (n, 3, 3), each takes body components to space components.
-        sequence: three letters X, Y, Z, of which no neighbours are the same: the axes i, j and k.
 
-    Returns:
-        The angles (n, 3) in radians, a and c from -pi to pi, b between -pi/2 and pi/2, or between 0 and pi if the first
-        and third letter are equal. And (n,), whether the first and third axis are parallel, so that c is set to 0.
-    """
-    i, j, last = ("XYZ".index(letter) for letter in sequence)
-    k = 3 - i - j
-    r, sign = np.moveaxis(matrices, 0, -1), 1 if (j - i) % 3 == 1 else -1
-    if last == i:
-        cosine, sine = r[i, i], np.hypot(r[i, j], r[i, k])
-        a, b, c = np.arctan2(r[j, i], -sign * r[k, i]), np.arctan2(sine, cosine), np.arctan2(r[i, j], sign * r[i, k])
-        locked = sine < _LOCKED
-    else:
-        cosine, sine = np.hypot(r[i, i], r[i, j]), sign * r[i, k]
-        a, b, c = np.arctan2(-sign * r[j, k], r[k, k]), np.arctan2(sine, cosine), np.arctan2(-sign * r[i, j], r[i, i])
-        locked = cosine < _LOCKED
-    a = np.where(locked, np.arctan2(sign * r[k, j], r[j, j]), a)
-    return np.stack([a, b, np.where(locked, 0, c)], axis=-1), locked
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

@@ -1,4 +1,4 @@
-"""`midlie fit`: moments of inertia and initial rates of a free body from what its instruments measured, in a file."""
+"""`midlie fit`: moments of inertia and initial rates of a free body from its instruments, in one file or two."""
 
 import argparse
 from pathlib import Path
@@ -12,14 +12,15 @@ from ...fitting import fit as run_fit
 from ...fitting.doubts import doubts
 from ...model.bodies import RigidBody
 from ...model.states import DirectionState, MomentumState
-from .fit_data import UNITS_OF_RATE, Columns, Table, read
-from .fit_guess import ORDERS, Guess, guess
+from .fit_data import UNITS_OF_RATE, Columns, Field, FieldColumns, Table, read, read_field
+from .fit_guess import ORDERS, Guess, guess, turned_back
 from .output import require
 
 _TURN = 0.5  # the most radians per step
 _MOST_TURNS = 0.5  # turns between two rows; with more, the rates at the rows do not determine the motion between
 _MOST_STEPS = 1_000_000  # about one second for each evaluation by the optimiser
 _FIRST = 6.0  # radians by which the body turns in the span that is fitted first
+_BEFORE = 1.0  # the most radians by which the body may turn before the gyroscope's first row
 _UP = (0.0, 0.0, 1.0)  # the direction that a DirectionState follows
 
 
@@ -30,14 +31,19 @@ class Problem(NamedTuple):
         measurements: rates and, if there is a magnetometer, directions.
         options: the options for `midlie_jax.fit`.
         bias, iron: whether the gyroscope has a bias, and whether the magnetometer has one.
-        line: the line of the file for each row.
+        clock: whether the clock of the magnetometer is found, too.
+        table, field: what was read.
+        begin: the first time of all: that of the start.
     """
 
     measurements: list[Any]
     options: dict[str, Any]
     bias: bool
     iron: bool
+    clock: bool
     table: Table
+    field: Field | None
+    begin: float
 
 
 def fit(options: argparse.Namespace) -> None:
@@ -60,28 +66,58 @@ def fit(options: argparse.Namespace) -> None:
         raise ValueError(f"not ok: {'; '.join(told)}{cure}")
 
 
-def _problem(options: argparse.Namespace) -> Problem:
-    """Reads the file and refuses data that cannot be fitted, before anything is compiled."""
-    field = options.magnetometer
-    if field and not (options.sigma and options.magnetometer_sigma):
+_NEEDS_FIELD = ("magnetometer_sigma", "hard_iron", "magnetometer_data")
+_NEEDS_FILE = ("magnetometer_time", "magnetometer_time_unit", "magnetometer_clock")
+
+
+def _check_options(options: argparse.Namespace) -> None:
+    """Raises unless everything is said about a magnetometer, or nothing."""
+    if options.magnetometer and not (options.sigma and options.magnetometer_sigma):
         raise ValueError(
             "with --magnetometer, give --sigma and --magnetometer-sigma: they weigh one against the other."
         )
-    for name in ("magnetometer_sigma", "hard_iron"):
-        if getattr(options, name) and not field:
+    for name in _NEEDS_FIELD:
+        if getattr(options, name) and not options.magnetometer:
             raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer with the names of its columns.")
-    table = read(options.data, Columns(options.columns, field, options.unit, options.time_unit))
-    times = table.times - table.times[0]
+    for name in _NEEDS_FILE:
+        if getattr(options, name) and not options.magnetometer_data:
+            raise ValueError(f"--{name.replace('_', '-')} needs --magnetometer-data, the magnetometer's own file.")
+    if options.magnetometer_data and not options.magnetometer_time:
+        raise ValueError("--magnetometer-data needs --magnetometer-time, the name of its column of time.")
+    if options.magnetometer_data and not options.magnetometer_clock:
+        raise ValueError(
+            "--magnetometer-data needs --magnetometer-clock: same, if the times in both files are of one clock, or "
+            "fitted."
+        )
+
+
+def _problem(options: argparse.Namespace) -> Problem:
+    """Reads the files and refuses data that cannot be fitted, before anything is compiled."""
+    _check_options(options)
+    own = options.magnetometer_data
+    among = None if own else options.magnetometer
+    table, field = read(options.data, Columns(options.columns, among, options.unit, options.time_unit))
+    if own:
+        columns = FieldColumns(options.magnetometer_time, options.magnetometer, options.magnetometer_time_unit)
+        field = read_field(own, columns)
+        _check_overlap(options, table, field)
+    begin = table.times[0] if field is None else min(table.times[0], field.times[0])
+    times = table.times - begin
     sigma = options.sigma * UNITS_OF_RATE[options.unit] if options.sigma else 1.0
     measurements: list[Any] = [Rates(times, table.rates, sigma, bias="bias" if options.bias else None)]
-    if table.field is not None:
+    clock = options.magnetometer_clock == "fitted"
+    last = times[-1]
+    if field is not None:
         iron = "iron" if options.hard_iron else None
-        seen = Directions(times, table.field, np.deg2rad(options.magnetometer_sigma), reference=_UP, bias=iron)
+        said = np.deg2rad(options.magnetometer_sigma)
+        late = "clock" if clock else None
+        seen = Directions(field.times - begin, field.vectors, said, reference=_UP, bias=iron, clock=late)
         measurements.append(seen)
+        last = max(last, field.times[-1] - begin)
     speeds = np.linalg.norm(table.rates, axis=1)
-    if times[-1] <= 0 or not np.nanmax(speeds, initial=0.0) > 0:
+    if table.times[-1] <= table.times[0] or not np.nanmax(speeds, initial=0.0) > 0:
         raise ValueError("the data need two times and a body that turns; check the columns.")
-    dt = _step(table, times, speeds, bool(options.moments))
+    dt = _step(table, last, speeds, bool(options.moments))
     given = {
         "dt": dt,
         "starts": options.starts,
@@ -89,11 +125,29 @@ def _problem(options: argparse.Namespace) -> Problem:
         "require_rank": False,
         "first_span": _FIRST / float(np.nanmedian(speeds[speeds > 0])),
     }
-    return Problem(measurements, given, options.bias, bool(options.hard_iron), table)
+    return Problem(measurements, given, options.bias, bool(options.hard_iron), clock, table, field, begin)
 
 
-def _step(table: Table, times: np.ndarray, speeds: np.ndarray, guessed: bool) -> float:
+def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
+    """Raises unless the magnetometer measured while the gyroscope did, and began at most a radian before."""
+    units = "check the units of time (--time-unit, --magnetometer-time-unit) and that both count from the same moment"
+    if field.times[0] > table.times[-1] or field.times[-1] < table.times[0]:
+        raise ValueError(
+            f"{options.magnetometer_data} is of t = {field.times[0]:g} to {field.times[-1]:g} s, and {options.data} of "
+            f"{table.times[0]:g} to {table.times[-1]:g} s; {units}."
+        )
+    before = np.nanmedian(np.linalg.norm(table.rates, axis=1)) * (table.times[0] - field.times[0])
+    if before > _BEFORE:
+        first = field.lines[np.searchsorted(field.times, table.times[0])]
+        raise ValueError(
+            f"{options.magnetometer_data} begins {table.times[0] - field.times[0]:g} s before {options.data}, in which "
+            f"the body turns by {before:.3g} radians; leave out the rows before line {first}, or {units}."
+        )
+
+
+def _step(table: Table, last: float, speeds: np.ndarray, guessed: bool) -> float:
     """The step. If the rows are evenly spaced, they lie on the grid of the step, which compiles and runs faster."""
+    times = table.times - table.times[0]
     fastest, gaps = float(np.nanmax(speeds)), np.diff(times)
     spacing = float(np.median(gaps[gaps > 0]))
     turns = float(np.nanmedian(speeds)) * spacing / (2 * np.pi)
@@ -108,11 +162,11 @@ def _step(table: Table, times: np.ndarray, speeds: np.ndarray, guessed: bool) ->
     even = np.all(np.abs(np.cumsum(counts) * length - times[1:]) <= 1e-9 * times[-1])
     whole = length if even else float(times[-1])
     dt = whole / np.ceil(whole * fastest / _TURN)
-    if times[-1] / dt > _MOST_STEPS:
+    if last / dt > _MOST_STEPS:
         line = table.lines[int(np.nanargmax(speeds))]
         raise ValueError(
-            f"the run would take {times[-1] / dt:.2g} steps, more than {_MOST_STEPS:g}: the body turns "
-            f"{fastest * times[-1] / (2 * np.pi):.2g} times in all, by the rate in line {line}; {units}, or fit a "
+            f"the run would take {last / dt:.2g} steps, more than {_MOST_STEPS:g}: the body turns "
+            f"{fastest * last / (2 * np.pi):.2g} times in all, by the rate in line {line}; {units}, or fit a "
             "part of the file."
         )
     return float(dt)
@@ -141,23 +195,27 @@ def _from(problem: Problem, near: Guess) -> Fit:
     start: dict[str, Any] = {"moments": Moments(near.moments, scale="fixed"), "rate": Free(rate)}
     if problem.bias:
         start["bias"] = Free(near.bias)
-    field = problem.table.field
+    field = problem.field
     if field is not None:
-        complete = field[np.all(np.isfinite(field), axis=1)]
+        whole = np.all(np.isfinite(field.vectors), axis=1)
+        complete = field.vectors[whole]
         # In the body frame, the field of iron in the body is constant, and the measured field turns about this
         # constant.
         iron = (complete.max(axis=0) + complete.min(axis=0)) / 2 if problem.iron else np.zeros(3)
-        start["field"] = UnitVector((complete[0] - iron) / np.linalg.norm(complete[0] - iron))
+        first = turned_back(problem.table, near.bias, complete[0] - iron, problem.begin, field.times[whole][0])
+        start["field"] = UnitVector(first / np.linalg.norm(first))
         if problem.iron:
             start["iron"] = Free(iron)
+        if problem.clock:
+            start["clock"] = Free(0.0)
     return run_fit(_model, start, problem.measurements, **problem.options)
 
 
 def _doubts(problem: Problem, result: Fit) -> list[str]:
     """The doubts about the fit, with the lines of the file that they concern."""
-    lines = problem.table.lines
+    lines = [problem.table.lines] + ([] if problem.field is None else [problem.field.lines])
     found = doubts(result.residuals(), problem.measurements)
-    return [doubt.text if doubt.row is None else f"line {lines[doubt.row]}: {doubt.text}" for doubt in found]
+    return [d.text if d.row is None else f"line {lines[d.measurement][d.row]}: {d.text}" for d in found]
 
 
 def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
@@ -165,8 +223,12 @@ def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
     moments = np.asarray(result.values["moments"])
     print(
         f"{options.data}: {np.sum(np.isfinite(table.rates))} angular velocities at {len(table.times)} times; free body,"
-        f" moments with a sum of {moments.sum():g}, rates in rad/s, those of the first row"
+        f" moments with a sum of {moments.sum():g}, rates in rad/s, those at t = {problem.begin:g} s"
     )
+    if options.magnetometer_data and problem.field is not None:
+        count = np.sum(np.isfinite(problem.field.vectors).all(axis=1))
+        clock = "; clock: how far its clock is ahead, in s" if problem.clock else ""
+        print(f"{options.magnetometer_data}: {count} directions of the field{clock}")
     print(result)
     if not options.sigma:
         print(
@@ -182,14 +244,14 @@ def _draw(options: argparse.Namespace, problem: Problem, result: Fit) -> None:
 
     table, moments = problem.table, np.asarray(result.values["moments"])
     body, _, start = _model(result.values)
-    times = np.linspace(0.0, table.times[-1] - table.times[0], 1000)
+    times = np.linspace(table.times[0] - problem.begin, table.times[-1] - problem.begin, 1000)
     curve = states_at("JACOBI[EA]", body, None, MomentumState(start.momentum), times, dt=problem.options["dt"])
     curves = np.asarray(curve.states.momentum) / moments + np.asarray(result.values.get("bias", np.zeros(3)))
     fit_chart(
         Path(options.data).name,
         table.times,
         table.rates,
-        table.times[0] + times,
+        problem.begin + times,
         curves,
         result.residuals()[0],
         "sigma" if options.sigma else "rad/s",

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ class Columns(NamedTuple):
 
     Attributes:
         rates: the names of the columns of time and of the three rates; None for the first four columns.
-        field: the names of the three columns of a magnetometer; None if it is not used.
+        field: the names of the three columns of a magnetometer in the same rows; None if there is none.
         rate_unit: one of `UNITS_OF_RATE`.
         time_unit: one of `UNITS_OF_TIME`; None for seconds, and then a name with another unit is refused.
     """
@@ -35,6 +35,14 @@ class Columns(NamedTuple):
     rates: Sequence[str] | None
     field: Sequence[str] | None
     rate_unit: str
+    time_unit: str | None
+
+
+class FieldColumns(NamedTuple):
+    """Which columns of a magnetometer's own file are read, and the unit of its time, as for `Columns`."""
+
+    time: str
+    field: Sequence[str]
     time_unit: str | None
 
 
@@ -47,18 +55,33 @@ class Table(NamedTuple):
     Attributes:
         times: (n,), the times of the file, in seconds.
         rates: (n, 3); NaN where a cell is empty.
-        field: (n, 3), in the unit of the file; NaN where a cell is empty; None if it was not requested.
         lines: (n,), the number of each row's line in the file, from 1.
     """
 
     times: np.ndarray
     rates: np.ndarray
-    field: np.ndarray | None
     lines: np.ndarray
 
 
-def read(path: str, wanted: Columns) -> Table:
-    """The measurements in a CSV file with a header.
+class Field(NamedTuple):
+    """What a magnetometer measured: times (m,), seconds; vectors (m, 3), in the unit of the file; lines (m,)."""
+
+    times: np.ndarray
+    vectors: np.ndarray
+    lines: np.ndarray
+
+
+class _Cells(NamedTuple):
+    """The header, the names of the requested columns, their numbers (n, k), and the line of each row."""
+
+    header: list[str]
+    names: list[str]
+    numbers: np.ndarray
+    lines: np.ndarray
+
+
+def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
+    """The measurements in a CSV file with a header, and those of the magnetometer in its rows, if requested.
 
     Cells are separated by commas, semicolons or tabs; with semicolons or tabs, numbers may have decimal commas.
 
@@ -68,12 +91,42 @@ def read(path: str, wanted: Columns) -> Table:
             faster than the others, or the last row may have been cut in writing. The message names the line or the
             column.
     """
+
+    def named(header: list[str]) -> list[str]:
+        names = [*(wanted.rates or header[:4]), *(wanted.field or [])]
+        if len(names) < 4:
+            raise ValueError(f"four columns are needed, time and three rates; {path} has {', '.join(header)}.")
+        return names
+
+    cells = _cells(path, named, "--columns")
+    if not wanted.rates:
+        _check_order(path, cells.header, cells.names)
+    _check_time_unit(cells.names[0], wanted.time_unit, "--time-unit")
+    _check_rate_units(cells.names[1:4], wanted.rate_unit)
+    _check_rates(path, cells.lines, cells.numbers[:, 1:4])
+    times = cells.numbers[:, 0] * UNITS_OF_TIME[wanted.time_unit or "s"]
+    field = Field(times, cells.numbers[:, 4:], cells.lines) if wanted.field else None
+    return Table(times, cells.numbers[:, 1:4] * UNITS_OF_RATE[wanted.rate_unit], cells.lines), field
+
+
+def read_field(path: str, wanted: FieldColumns) -> Field:
+    """The measurements of a magnetometer in a CSV file of its own; errors as for `read`."""
+    cells = _cells(path, lambda header: [wanted.time, *wanted.field], "--magnetometer-time and --magnetometer")
+    _check_time_unit(cells.names[0], wanted.time_unit, "--magnetometer-time-unit")
+    if np.isnan(cells.numbers[:, 1:]).any(axis=1).all():
+        raise ValueError(f"{path} has no row with all of {', '.join(wanted.field)}.")
+    return Field(cells.numbers[:, 0] * UNITS_OF_TIME[wanted.time_unit or "s"], cells.numbers[:, 1:], cells.lines)
+
+
+def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> _Cells:
+    """The columns with the names `named(header)`, time first; `options` are those that name columns."""
     text = _text(path)
     rows = _rows(path, text)
     if len(rows) < 2:
         raise ValueError(f"{path} has no rows of data below a header.")
     (line, header), cells = rows[0], rows[1:]
-    names, places = _places(path, line, header, wanted)
+    names = named(header)
+    places = _places(path, line, header, names, options)
     commas = _separator(text) != ","
     table = np.full((len(cells), len(places)), np.nan)
     for i, (line, row) in enumerate(cells):
@@ -82,12 +135,9 @@ def read(path: str, wanted: Columns) -> Table:
             table[i, k] = _number(f"{path}, line {line}: {names[k]}", row[place] if place < len(row) else "", commas)
     lines = np.array([line for line, _ in cells])
     _check_times(path, names[0], lines, table[:, 0])
-    _check_rates(path, lines, table[:, 1:4])
     if not text.endswith(("\n", "\r")):
         _check_last(path, cells, places)
-    factor = UNITS_OF_TIME[wanted.time_unit or "s"]
-    field = table[:, 4:] if wanted.field else None
-    return Table(table[:, 0] * factor, table[:, 1:4] * UNITS_OF_RATE[wanted.rate_unit], field, lines)
+    return _Cells(header, names, table, lines)
 
 
 def _text(path: str) -> str:
@@ -119,12 +169,9 @@ def _rows(path: str, text: str) -> list[tuple[int, list[str]]]:
     return found
 
 
-def _places(path: str, line: int, header: list[str], wanted: Columns) -> tuple[list[str], list[int]]:
-    """The names of the requested columns, and their places in a row."""
+def _places(path: str, line: int, header: list[str], names: list[str], options: str) -> list[int]:
+    """The places of the requested columns in a row."""
     known = ", ".join(header)
-    names = [*(wanted.rates or header[:4]), *(wanted.field or [])]
-    if len(names) < 4:
-        raise ValueError(f"four columns are needed, time and three rates; {path} has {known}.")
     if any(_is_number(name) for name in header):
         raise ValueError(
             f"{path}, line {line}: there are numbers where the names of the columns should be; write a header above "
@@ -132,13 +179,10 @@ def _places(path: str, line: int, header: list[str], wanted: Columns) -> tuple[l
         )
     for name in names:
         if name not in header:
-            raise ValueError(f"{path} has no column {name!r}; it has {known}. Give --columns.")
+            raise ValueError(f"{path} has no column {name!r}; it has {known}. Give {options}.")
         if header.count(name) > 1 or names.count(name) > 1:
             raise ValueError(f"column {name!r} stands twice; {path} has {known}. Each column needs a name of its own.")
-    if not wanted.rates:
-        _check_order(path, header, names)
-    _check_units(names, wanted)
-    return names, [header.index(name) for name in names]
+    return [header.index(name) for name in names]
 
 
 def _check_order(path: str, header: list[str], names: list[str]) -> None:
@@ -172,15 +216,18 @@ def _words(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+", re.sub(r"/\s*\w+", "", name.lower()))
 
 
-def _check_units(names: list[str], wanted: Columns) -> None:
-    """Raises if a name contains another unit than the one given by the user."""
-    words = _words(names[0])
-    said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(words)), None)
-    if said is not None and said != (wanted.time_unit or "s"):
-        raise ValueError(f"column {names[0]!r} is in {said} by its name; give --time-unit {said}, or rename it.")
-    for name in names[1:4]:
+def _check_time_unit(name: str, unit: str | None, option: str) -> None:
+    """Raises if the name of the column of time contains another unit than the one given by the user."""
+    said = next((unit for unit, known in _NAMED_TIMES.items() if set(known) & set(_words(name))), None)
+    if said is not None and said != (unit or "s"):
+        raise ValueError(f"column {name!r} is in {said} by its name; give {option} {said}, or rename it.")
+
+
+def _check_rate_units(names: list[str], unit: str) -> None:
+    """The same for the columns of rates."""
+    for name in names:
         said = next((unit for unit, known in _NAMED_RATES.items() if set(known) & set(_words(name))), None)
-        if said is not None and said != wanted.rate_unit:
+        if said is not None and said != unit:
             raise ValueError(f"column {name!r} is in {said} by its name; give --unit {said}, or rename it.")
 
 

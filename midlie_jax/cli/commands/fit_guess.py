@@ -10,6 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline  # SciPy comes with JAX
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from .fit_data import Table
 
 ORDERS = ((1.0, 2.0, 2.5), (2.5, 1.0, 2.0), (2.0, 2.5, 1.0), (2.0, 1.0, 2.5), (1.0, 2.5, 2.0), (2.5, 2.0, 1.0))
 _TOTAL = 5.5  # the sum of the moments
@@ -56,6 +59,21 @@ def guess(times: np.ndarray, rates: np.ndarray, bias: bool) -> Guess:
         found.append((solution.cost, solution.x))
     best = min(found, key=lambda one: one[0])[1]
     return Guess(_moments(np.clip(best[:2], -4, 4)), best[2:] if bias else np.zeros(3))
+
+
+def turned_back(table: Table, bias: np.ndarray, vector: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """A vector fixed in space, (3,), seen from the body at `begin`, from what it looked like at `end`.
+
+    The body turns as the gyroscope says between its rows, and before the first as in the first.
+    """
+    known = np.all(np.isfinite(table.rates), axis=1)
+    rates = table.rates[known] - bias
+    count = int(np.clip((end - begin) * np.linalg.norm(rates, axis=1).max() / _FINE, 1, _MOST_POINTS))
+    middles = begin + (end - begin) * (np.arange(count) + 0.5) / count
+    turns = np.stack([np.interp(middles, table.times[known], rates[:, i]) for i in range(3)], axis=1)
+    for turn in Rotation.from_rotvec(turns[::-1] * (end - begin) / count):
+        vector = turn.apply(vector)
+    return vector
 
 
 def _moments(logs: np.ndarray) -> np.ndarray:

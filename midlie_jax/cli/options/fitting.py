@@ -35,6 +35,20 @@ def fit(parser: argparse.ArgumentParser) -> None:
         help="the columns of a magnetometer, along the same axes, in any unit; the field must be constant in space",
     )
     parser.add_argument(
+        "--magnetometer-data",
+        metavar="FILE.csv",
+        help="the magnetometer's own file, with times of its own; without it, its columns are in DATA.csv",
+    )
+    parser.add_argument("--magnetometer-time", metavar="NAME", help="the column of time in that file")
+    parser.add_argument(
+        "--magnetometer-time-unit", choices=("s", "ms", "us", "ns"), help="the unit of that column (default: s)"
+    )
+    parser.add_argument(
+        "--magnetometer-clock",
+        choices=("same", "fitted"),
+        help="whether the times in both files are of one clock, or also find how far the magnetometer's is ahead",
+    )
+    parser.add_argument(
         "--magnetometer-sigma", type=positive, metavar="DEG", help="the standard deviation of its direction, degrees"
     )
     parser.add_argument("--hard-iron", action="store_true", help="also find what the magnetometer adds to the field")

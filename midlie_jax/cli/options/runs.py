@@ -119,5 +119,23 @@ def export(parser: argparse.ArgumentParser) -> None:
         "ZYX is yaw, pitch and roll, ZXZ precession, nutation and spin",
     )
     parser.add_argument("--radians", action="store_true", help="angles in radians (default: degrees)")
-    parser.add_argument("--csv", action="store_true", help="write CSV; there is no other format yet")
-    parser.add_argument("--out", type=file(".csv"), metavar="FILE", help="the .csv to write (default: the terminal)")
+    parser.add_argument("--csv", action="store_true", help="write CSV, as without this option")
+    parser.add_argument(
+        "--format",
+        choices=("csv", "aem"),
+        default="csv",
+        help="csv (default), or aem: CCSDS Attitude Ephemeris Message",
+    )
+    parser.add_argument("--out", type=file(".csv", ".aem"), metavar="FILE", help="the file (default: the terminal)")
+    message = parser.add_argument_group("--format aem", "What such a file must say, and a run does not know.")
+    message.add_argument("--epoch", metavar="DATE", help="what t = 0 is, such as 2026-04-13T21:45:00")
+    message.add_argument("--time-system", metavar="NAME", help="that of the epoch: UTC, TAI, GPS, TT, ...")
+    message.add_argument("--time-unit", metavar="UNIT", help="that of the run: ns, us, ms, s, min, h or d")
+    message.add_argument("--object-name", metavar="NAME", help="the name of the spacecraft")
+    message.add_argument("--object-id", metavar="ID", help="its international designator, such as 2006-224A")
+    message.add_argument("--originator", metavar="NAME", help="who makes the file")
+    message.add_argument("--frame-a", metavar="NAME", help="the frame of space, such as EME2000")
+    message.add_argument("--frame-b", metavar="NAME", help="the frame of the body, such as SC_BODY_1")
+    message.add_argument("--center-name", metavar="NAME", help="the body at the origin of frame A; may be left out")
+    message.add_argument("--spin", action="store_true", help="direction of the z axis, angle and rate about it instead")
+    message.add_argument("--aem-version", choices=("1.0", "2.0"), help="of the standard (default: 2.0)")

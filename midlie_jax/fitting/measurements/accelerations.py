@@ -1,0 +1,76 @@
+"""`Accelerations`: what an accelerometer measures."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._math import components as cp
+from ...model.states import TravellingState
+from ...model.torques import TorqueLike, on_body, without_gravity
+from ...model.wrench import Wrench
+from .base import Expected
+from .source import Part, Source, source
+
+
+class Accelerations(Expected):
+    """Specific forces in the body frame, as an accelerometer measures them: its acceleration without that of gravity.
+
+    The model is R^T (a - g) + Omega' x r + Omega x (Omega x r), with the acceleration a of the centre of mass of a body
+    that travels, zero for one that turns about a fixed point; r is the place of the instrument, and Omega' is from
+    Euler's equations with the torque of the model.
+
+    Args:
+        times: (n,), ascending.
+        values: (n, 3), length/time^2; NaN where missing.
+        sigma: standard deviation in the same unit: one number, (3,), or (n, 3).
+        lever: the place r of the instrument, from the centre of mass or the fixed point, body frame, (3,): a known
+            array, the name of a parameter, or a function of the values of the parameters.
+        gravity: the acceleration g of gravity, space frame, (3,), in the same three forms. None if terms of the torque
+            on a body that travels are gravity: `UniformGravity`, `PointMass` and `Oblateness`, and no others.
+        bias: what the instrument adds, (3,), in the same three forms. None means no bias.
+        clock: as for `Rates`.
+
+    Raises:
+        ValueError: as for `Rates`.
+    """
+
+    lever: Source
+    gravity: Source | None
+    bias: Source | None
+    run: tuple[TorqueLike | None] | None  # the torque of the model, when it is known
+
+    def __init__(
+        self,
+        times: Any,
+        values: Any,
+        sigma: Any,
+        *,
+        lever: Part | Any,
+        gravity: Part | Any = None,
+        bias: Part | Any = None,
+        clock: Part | float | None = None,
+    ):
+        self._record(times, values, sigma, (3,), clock)
+        self.lever, self.gravity = Source.of("lever", lever, (3,)), source("gravity", gravity, (3,))
+        self.bias, self.run = source("bias", bias, (3,)), None
+
+    def of_run(self, torque: TorqueLike | None, times: Float[Array, " n"]) -> "Accelerations":
+        del times
+        return eqx.tree_at(lambda m: m.run, self, (torque,), is_leaf=lambda x: x is None)
+
+    def expected(self, t: Array, state: Any, body: Any, parameters: Any) -> Array:
+        assert self.run is not None
+        (torque,) = self.run
+        bound, pushing = on_body(torque, body), on_body(without_gravity(torque), body)
+        zeros, rates, lever = jnp.zeros_like(state.momentum), body.velocity(state.momentum), self.lever(parameters)
+        moment = zeros if bound is None else Wrench.of(bound(t, state)).torque
+        change = body.velocity(jnp.cross(state.momentum, rates) + moment)
+        felt = zeros if self.gravity is None else -self.gravity(parameters).reshape(3)
+        if isinstance(state, TravellingState) and pushing is not None:
+            felt = felt + Wrench.of(pushing(t, state)).force / body.mass
+        of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
+        measured = cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning
+        return measured if self.bias is None else measured + self.bias(parameters)
