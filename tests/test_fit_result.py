@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pytest
 from test_fit_calls import spin, still
 
 import midlie_jax as ml
@@ -46,6 +47,21 @@ def test_what_is_not_determined_is_named():
     found = ml.fit(blind, {"rate": Free([0.1, 0.2, 0.3])}, spin(), method="RK4", dt=1.0, require_rank=False)
     assert found.result is Result.UNDETERMINED
     assert "rate[2] has no effect" in found.message
+    with pytest.raises(ValueError, match="the data determine 2 of 3 unknowns"):
+        found.draws(10)
+
+
+def test_draws_scatter_as_the_covariance_says():
+    """Mean and covariance of 20,000 draws, each to five of its standard deviations."""
+    found, n = fitted(spin()), 20_000
+    rates = np.asarray(found.draws(n, seed=1)["rate"])
+    deviations = np.sqrt(np.diagonal(found.covariance))
+    off = (rates - found.values["rate"]) / deviations
+    assert rates.shape == (n, 3)
+    assert np.all(np.abs(off.mean(axis=0)) < 5 / np.sqrt(n))
+    correlations = found.covariance / np.outer(deviations, deviations)
+    assert np.all(np.abs(off.T @ off / n - correlations) < 5 * np.sqrt((1 + correlations**2) / n))
+    np.testing.assert_array_equal(found.draws(5, seed=1)["rate"], found.draws(5, seed=1)["rate"])
 
 
 def test_known_sigmas_that_the_residuals_exceed_are_a_misfit():

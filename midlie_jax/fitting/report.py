@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._checks.arguments import as_count
 from .doubts import doubts
 from .estimate import CONFIDENCE, Estimate
 from .layout import Layout
@@ -103,6 +104,34 @@ class Fit:
             the quantity; they may determine a ratio of moments and not the moments.
         """
         return derived(self.estimate, self._layout, function)
+
+    def draws(self, count: int, seed: int = 0) -> Any:
+        """Values that the data allow, for what is predicted from them: `jax.vmap(predicted)(result.draws(1000))`.
+
+        They are drawn from a normal distribution of the unconstrained numbers about the estimate, with the covariance
+        of the fit: right to first order, as the intervals are. Where sigmas are estimated from few data, the intervals,
+        by Student's t, are wider than these draws.
+
+        Args:
+            count: how many are drawn.
+            seed: of NumPy's generator.
+
+        Returns:
+            The values, of the structure of the guess, with a leading axis (count,).
+
+        Raises:
+            ValueError: count is no positive int, or the data do not determine all parameters.
+        """
+        if self.rank < self._layout.size:
+            raise ValueError(
+                f"the data determine {self.rank} of {self._layout.size} unknowns, so the others could be anything; fix "
+                "some, or use `derived` for what is determined."
+            )
+        estimate = self.estimate
+        root = np.linalg.cholesky(np.asarray(estimate.unconstrained))
+        offsets = np.random.default_rng(seed).standard_normal((as_count("count", count), len(root))) @ root.T
+        vectors = estimate.vector + jax.numpy.asarray(offsets, estimate.vector.dtype)
+        return jax.jit(jax.vmap(self._layout.values))(vectors)
 
     def __str__(self) -> str:
         deviations = np.sqrt(np.diagonal(self.covariance))
