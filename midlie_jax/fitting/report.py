@@ -130,7 +130,7 @@ class Fit:
         estimate = self.estimate
         root = np.linalg.cholesky(np.asarray(estimate.unconstrained))
         offsets = np.random.default_rng(seed).standard_normal((as_count("count", count), len(root))) @ root.T
-        vectors = estimate.vector + jax.numpy.asarray(offsets, estimate.vector.dtype)
+        vectors = estimate.vector[None] + jax.numpy.asarray(offsets, estimate.vector.dtype)
         return jax.jit(jax.vmap(self._layout.values))(vectors)
 
     def __str__(self) -> str:
