@@ -56,7 +56,7 @@ def test_draws_scatter_as_the_covariance_says():
     found, n = fitted(spin()), 20_000
     rates = np.asarray(found.draws(n, seed=1)["rate"])
     deviations = np.sqrt(np.diagonal(found.covariance))
-    off = (rates - found.values["rate"]) / deviations
+    off = (rates - np.asarray(found.values["rate"])) / deviations
     assert rates.shape == (n, 3)
     assert np.all(np.abs(off.mean(axis=0)) < 5 / np.sqrt(n))
     correlations = found.covariance / np.outer(deviations, deviations)
