@@ -7,7 +7,7 @@ components in B to components in A: for A fixed in space and B in the body it is
 Euler angles are turns of frame A about its axes, one after the other as they are by then. For spin, the axis is z of B,
 given by right ascension and declination in A; the turns are ZXZ by 90 deg + alpha, 90 deg - delta, and the spin angle;
 the rate is the z component of the angular velocity. So does Orekit 12; and the rates of the standard's example of SPIN
-follow from its angles in this way, to 2e-4.
+follow from its angles in this way, to 3e-4.
 """
 
 from typing import NamedTuple
