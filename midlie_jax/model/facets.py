@@ -1,7 +1,7 @@
 """What the forces on facets and their brightness share: directions, numbers for each facet, and sums over all."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -63,7 +63,7 @@ def of_facets(name: str, value: Array, surface: Surface) -> Array:
 def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
     """A number that is not negative, or a function of time unchanged."""
     if callable(value):
-        return value
+        return cast(Callable[[Any], Array], value)
     amount = as_floats(name, value)
     require(name, amount, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its units.")
     return amount

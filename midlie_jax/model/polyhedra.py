@@ -100,7 +100,9 @@ def require_area(areas: np.ndarray) -> None:
     """Raises a ValueError if a face has no area."""
     flat = np.flatnonzero(~(areas > 0))
     if len(flat):
-        raise ValueError(f"faces must have an area, but {len(flat)} have none: {_named(flat.tolist())}; leave them out.")
+        raise ValueError(
+            f"faces must have an area, but {len(flat)} have none: {_named(flat.tolist())}; leave them out."
+        )
 
 
 def _named(items: list[Any]) -> str:
@@ -109,7 +111,7 @@ def _named(items: list[Any]) -> str:
 
 @cache
 def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions spread over the unit sphere, (n, 3), and the solid angle of each, (n,); n = 20 k^2 is at least `least`.
+    """Directions spread over the unit sphere, (n, 3), and their solid angles, (n,); n = 20 k^2 is at least `least`.
 
     Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere. The directions are
     those of their centres, and the solid angles add up to 4 pi. With each direction the opposite one is there.

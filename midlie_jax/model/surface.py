@@ -9,7 +9,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, described, is_unit, require, require_finite, require_rows, same_dtype
+from .._checks.arguments import (
+    as_count,
+    as_floats,
+    described,
+    is_unit,
+    require,
+    require_finite,
+    require_rows,
+    same_dtype,
+)
 from .._math import components as cp
 from . import so3
 from .bodies import RigidBody, TensorBody
@@ -112,7 +121,7 @@ class Surface(eqx.Module):
             import trimesh
         except ImportError as error:
             raise ImportError("reading a surface needs trimesh: pip install 'midlie_jax[surfaces]'.") from error
-        mesh: Any = trimesh.load(str(path), force="mesh")
+        mesh: Any = trimesh.load_mesh(str(path))
         if not len(getattr(mesh, "faces", ())):
             raise ValueError(f"{path} holds no triangles, got {described(mesh)}; give a file of a surface.")
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
@@ -137,9 +146,7 @@ class Surface(eqx.Module):
             ValueError: semi-axes not positive and of shape (3,), or `facets` no positive integer.
         """
         axes = _lengths("semi_axes", semi_axes)
-        if type(facets) is not int or facets < 1:
-            raise ValueError(f"facets must be a positive Python int, got {facets!r}.")
-        directions, angles = (jnp.asarray(x, axes.dtype) for x in sphere(facets))
+        directions, angles = (jnp.asarray(x, axes.dtype) for x in sphere(as_count("facets", facets)))
         product = axes[0] * axes[1] * axes[2]
         vectors = product * angles[:, None] * directions / axes[None, :]
         areas = jnp.linalg.norm(vectors, axis=-1)
@@ -234,11 +241,12 @@ class Surface(eqx.Module):
         """Both surfaces together, which must not overlap; closed if both are."""
         if not isinstance(other, Surface):
             return NotImplemented
-        facets = [
-            jnp.concatenate([getattr(s, name) for s in (self, other)]) for name in ("areas", "normals", "centroids")
-        ]
+
+        def joined(name: str) -> Array:
+            return jnp.concatenate([getattr(self, name), getattr(other, name)])
+
         both = None if self.solid is None or other.solid is None else self.solid.joined(other.solid)
-        return self._of(*facets, both)
+        return self._of(joined("areas"), joined("normals"), joined("centroids"), both)
 
     def _in_axes(self, axes: Array) -> "Surface":
         """The surface in the frame whose axes are the columns."""

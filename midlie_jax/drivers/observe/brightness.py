@@ -14,7 +14,7 @@ from ..._checks.arguments import as_floats, require, require_function
 from ..._math import components as cp
 from ..._xla.rows import sum_over_rows
 from ...model.bodies import Body
-from ...model.facets import Direction, as_direction, as_surface, of_facets, seen_from_body
+from ...model.facets import as_direction, as_surface, of_facets, seen_from_body
 from ...model.state import AnyState, Time
 from ...model.surface import Surface
 from ...model.torques import TorqueLike
@@ -103,13 +103,13 @@ class Brightness(Observable):
 
     def __init__(
         self,
-        surface: Surface,
-        sun: Direction,
-        observer: Direction,
-        law: Callable[[Array, Array], Array],
+        surface: Any,
+        sun: Any,
+        observer: Any,
+        law: Any,
         *,
         albedo: Any = 1.0,
-        phase: Callable[[Array], Array] | None = None,
+        phase: Any = None,
         magnitude: bool = False,
     ):
         self.surface = as_surface(surface)

@@ -1,9 +1,9 @@
 """Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); here are common ones.
 
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `fields` has torques that
-depend on the attitude, `spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light and thin
-gas on the facets of a surface, and `travel` what acts on bodies that travel: these return a `midlie_jax.Wrench`, a
-torque and a force.
+depend on the attitude, `spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light
+and thin gas on the facets of a surface, and `travel` what acts on bodies that travel: these return a
+`midlie_jax.Wrench`, a torque and a force.
 """
 
 from .base import BodyTorque as BodyTorque

@@ -33,13 +33,15 @@ class FreeMolecularDrag(ReadsBody):
         m = c exp(-x^2) / sqrt(pi) + w Z,   Z = 1 + erf(x),   v_r^2 = (1 - a) v^2 / 2 + a v_w^2
 
     (L. H. Sentman, LMSC-448514 (1961), with the accommodation of K. Moe, M. M. Moe, Planet. Space Sci. 53 (2005) 793;
-    so in E. Doornbos, Thermospheric Density and Wind Determination (2012), section 3.3). For a cold gas (c = 0) m is 2 w on the facets that move
-    forward and zero on the others. No facet shields another one, and the turning of the body adds no velocity.
+    so in E. Doornbos, Thermospheric Density and Wind Determination (2012), section 3.3). For a cold gas (c = 0) m is
+    2 w on the facets that move forward and zero on the others. No facet shields another one, and the turning of the
+    body adds no velocity.
 
     Attributes:
         surface: the facets, in the frame of the body.
         density: rho of the gas, (), mass/length^3, or a function `density(t) -> ()`.
-        velocity: v, space frame, (3,), or a function `velocity(t) -> (3,)`, length/time; None for that of a `FreeState`.
+        velocity: v, space frame, (3,), or a function `velocity(t) -> (3,)`, length/time; None for that of a
+            `FreeState`.
         wind: with `velocity` None, the velocity of the gas, in the same forms; None for a gas at rest.
         accommodation: a, () or one for each facet, (n,): the part of the energy, beyond that at the temperature of the
             wall, that molecules leave there. 1 is usual below 300 km, .8 to .9 at 500 km.
@@ -63,7 +65,7 @@ class FreeMolecularDrag(ReadsBody):
 
     def __init__(
         self,
-        surface: Surface,
+        surface: Any,
         density: Any,
         velocity: Any = None,
         *,
@@ -84,9 +86,7 @@ class FreeMolecularDrag(ReadsBody):
         self.thermal_speed = None if thermal_speed is None else as_floats("thermal_speed", thermal_speed)
         if self.thermal_speed is not None:
             cure = "for a cold gas leave it out."
-            require(
-                "thermal_speed", self.thermal_speed, lambda c: np.isfinite(c) & (c > 0), "must be positive", cure
-            )
+            require("thermal_speed", self.thermal_speed, lambda c: np.isfinite(c) & (c > 0), "must be positive", cure)
 
     @property
     def velocity_dependent(self) -> bool:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, require
 from ..._math import components as cp
 from ..._xla.rows import sum_over_rows
-from ..facets import Direction, as_amount, as_direction, as_fractions, as_surface, lit, of_facets, seen_from_body
+from ..facets import as_amount, as_direction, as_fractions, as_surface, lit, of_facets, seen_from_body
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..surface import Surface
@@ -61,8 +61,8 @@ class Sunlight(Torque):
 
     def __init__(
         self,
-        surface: Surface,
-        direction: Direction,
+        surface: Any,
+        direction: Any,
         flux: Any,
         specular: Any = 0.0,
         diffuse: Any = 0.0,
