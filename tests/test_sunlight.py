@@ -141,22 +141,21 @@ def test_a_run_with_blocks_of_facets_is_a_run_with_their_torque():
 @pytest.mark.sample(0)
 def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
     """In a run and its gradient: the sum is a loop over blocks of facets, one fused loop over the bodies in each."""
-    bodies, facets, body = 517, 320, ml.RigidBody([1.0, 1.8, 2.3])
+    bodies, facets, body = 517, 1280, ml.RigidBody([1.0, 1.8, 2.3])
     torque = light(ml.Surface.ellipsoid([3.0, 2.0, 1.0], facets).moved([0.1, 0.2, -0.3]), SUN, 0.3, 0.3, 0.2, 0.6)
 
     def end(momentum):
         start = ml.RigidState(momentum, STATE.attitude)
         return ml.integrate("JACOBI[EA]", body, torque, start, dt=0.05, steps=7, save_every=7).states.attitude[-1, 1]
 
-    for function in (jax.vmap(end), jax.grad(lambda momenta: jnp.sum(jax.vmap(end)(momenta)))):
+    for function, most in ((jax.vmap(end), 1), (jax.grad(lambda momenta: jnp.sum(jax.vmap(end)(momenta))), 5)):
         program = real(function).lower(jnp.ones((bodies, 3))).compile()
         text = program.as_text()
         shapes = {tuple(map(int, found.split(","))) for found in re.findall(r"\w\d\d\[([\d,]+)\]", text)}
         assert not [shape for shape in shapes if bodies in shape and np.prod(shape) > 24 * bodies]
-        assert program.memory_analysis().temp_size_in_bytes < 8 * bodies * 320
-        sums = [body for body in loop_bodies(text) if "[16,12]" in body or "[16,11]" in body]
-        assert sums
-        assert min(len(re.findall(rf"\[{bodies}\].* fusion\(", body)) for body in sums) == 1
+        assert program.memory_analysis().temp_size_in_bytes < 4 * bodies * facets
+        loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,11]" in b]
+        assert max(loops) == most
 
 
 @pytest.mark.sample(0)

@@ -42,14 +42,14 @@ def sum_over_rows(term: Callable[[Any, Any], Any], columns: Sequence[Array], arg
     blocks = jnp.pad(table, ((0, -n % BLOCK), (0, 0))).reshape(-1, BLOCK, len(columns))
 
     def block(rows: Array, argument: Any) -> Any:
-        return _sum([term(tuple(rows[k, i] for i in range(len(columns))), argument) for k in range(BLOCK)])
+        within = begin(argument)
+        return _sum([term(tuple(rows[k, i] for i in range(len(columns))), within) for k in range(BLOCK)])
 
     # Without it, a reverse derivative would keep the intermediate results of each row.
     again = jax.checkpoint(block, prevent_cse=False)
 
     def turn(total: Any, rows: Array) -> tuple[Any, None]:
-        begun, within = begin((total, argument))
-        return fuse(_sum([begun, again(rows, within)])), None
+        return fuse(_sum([begin(total), again(rows, argument)])), None
 
     shapes = jax.eval_shape(block, blocks[0], argument)
     zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)

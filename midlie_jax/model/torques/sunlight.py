@@ -89,7 +89,7 @@ class Sunlight(Torque):
         pressure = -jnp.asarray(flux, sun[0].dtype) / self.speed_of_light
         columns = self._columns()
         if not isinstance(state, TravellingState):
-            pushed, turned = sum_over_rows(_torques, columns, sun)
+            pushed, turned = sum_over_rows(_torques, columns[:-1], sun)
             return cp.pack(cp.scale(pressure, cp.add(cp.cross(pushed, sun), turned)))
         (pushed, turned), along, across = sum_over_rows(_loads, columns, sun)
         torque = cp.scale(pressure, cp.add(cp.cross(pushed, sun), turned))
