@@ -53,7 +53,7 @@ def in_c(facets: int, dtype: str) -> Callable[[], float]:
         for vectors in (1, 2, 4):
             program = folder / f"facets-{len(programs)}"
             names = dict(zip(("REAL", "INTEGER"), _TYPES[dtype], strict=True)) | {"VECTORS": vectors}
-            flags = [*limit.FLAGS, *limit._extra_flags(compiler), *(f"-D{k}={v}" for k, v in names.items())]
+            flags = [*limit.FLAGS, *limit.extra_flags(compiler), *(f"-D{k}={v}" for k, v in names.items())]
             subprocess.run([compiler, *flags, "-o", str(program), str(SOURCE)], check=True)
             programs.append(program)
 
