@@ -9,15 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import loop_bodies, real
+from laboratory.surfaces import cost
 from scipy.special import erf
-from test_surface import TETRAHEDRON, unit
+from test_surface import STILL, TETRAHEDRON, unit
 
 import midlie_jax as ml
 from midlie_jax.model import so3, torques
 
 STATE = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
 FREE = ml.FreeState(STATE.momentum, STATE.attitude, jnp.array([3.0, -2.0, 1.0]), jnp.zeros(3))
-STILL = ml.RigidState(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
 SPHERE = ml.Surface.ellipsoid([2.0, 2.0, 2.0], 1280)
 SUN = jnp.array([0.48, 0.6, 0.64])
 BOX = ml.Surface.box([1.0, 2.0, 3.0])
@@ -93,7 +93,8 @@ def loads_by_hand(surface, sun, flux, s, d, h):
     return turn, force
 
 
-@pytest.mark.parametrize("facets", [4, 180])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("facets", [180, 4])
 def test_the_sum_is_that_of_the_formula_and_the_same_in_a_run(facets):
     """Facets written out and in blocks, on arrays, in an ensemble, in other frames, on a body that travels."""
     surface = ml.Surface(*TETRAHEDRON).centred() if facets == 4 else ml.Surface.ellipsoid([3.0, 2.0, 1.0], facets)
@@ -156,6 +157,13 @@ def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
         assert program.memory_analysis().temp_size_in_bytes < 4 * bodies * facets
         loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,11]" in b]
         assert max(loops) == most
+
+
+@pytest.mark.sample(0)
+@pytest.mark.skipif(not cost.limit.compilers(), reason="this machine has no C compiler")
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_the_loop_in_c_beside_which_it_is_measured_gives_the_same_torque(dtype):
+    assert cost.in_c(80, dtype)() > 0  # it compares them
 
 
 @pytest.mark.sample(0)

@@ -13,6 +13,7 @@ from midlie_jax.model import so3
 
 observe = ml.observe
 STATE = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
+STILL = ml.RigidState(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
 TETRAHEDRON = (
     np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]]),
     np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
@@ -63,6 +64,16 @@ def test_boxes_of_triangles_of_rectangles_and_of_two_halves_are_one():
     np.testing.assert_allclose(far.centre_of_mass, offset, rtol=1e-14)
     np.testing.assert_allclose(far.inertia(0.5), inertia, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(far.centred().centroids, ml.Surface(*cuboid(lengths)).centroids, atol=1e-13)
+
+
+def test_the_volume_changes_with_a_vertex_as_the_areas_beside_it():
+    """dV/dv of a corner is a third of the vector area of the faces around it."""
+    vertices, faces = TETRAHEDRON
+    slope = jax.grad(lambda v: ml.Surface(v, faces).volume)(jnp.asarray(vertices))
+    surface = ml.Surface(vertices, faces)
+    vectors = np.asarray(surface.areas[:, None] * surface.normals)
+    exact = [vectors[np.any(faces == i, axis=1)].sum(0) / 3 for i in range(4)]
+    np.testing.assert_allclose(slope, exact, atol=1e-13)
 
 
 def test_an_ellipsoid_has_its_own_volume_and_inertia_whatever_the_facets():
@@ -150,6 +161,30 @@ def test_a_sphere_has_the_phase_functions_of_the_books(angle):
 
 
 @pytest.mark.sample(0)
+def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_form():
+    """K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23, from forty places of Sun and observer."""
+    axes = np.array([1.5, 1.2, 0.8])
+    surface = ml.Surface.ellipsoid(axes, 5120)
+    directions = np.random.default_rng(1).normal(size=(40, 2, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+
+    def at(pair):
+        return observe.Brightness(surface, pair[0], pair[1], observe.LommelSeeliger())(0.0, STILL)
+
+    found = np.asarray(jax.vmap(at)(jnp.asarray(directions)))
+    sun, observer = np.moveaxis(directions / axes, 1, 0)
+    s0, s1 = np.linalg.norm(sun, axis=1), np.linalg.norm(observer, axis=1)
+    cosine = np.sum(sun * observer, axis=1) / (s0 * s1)
+    angle, s = np.arccos(cosine), np.sqrt(s0**2 + s1**2 + 2 * s0 * s1 * cosine)
+    lag = np.arctan2(s1 * np.sin(angle), s0 + s1 * cosine)
+    bright = np.log(1 / np.tan(lag / 2) / np.tan((angle - lag) / 2))
+    bracket = np.cos(lag - angle) + np.cos(lag) + np.sin(lag) * np.sin(lag - angle) * bright
+    exact = np.pi / 2 * axes.prod() * s0 * s1 / s * bracket
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3)
+    assert np.ptp(exact) > 1
+
+
+@pytest.mark.sample(0)
 def test_a_tumbling_ellipsoid_seen_in_a_run_is_seen_in_its_states():
     """The observable of an ensemble, magnitudes, moving directions, a `TensorBody` and float32."""
     surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
@@ -176,8 +211,7 @@ def test_the_brightness_of_a_facet_in_the_dark_has_a_derivative():
 
     def seen(angle):
         towards = jnp.stack([jnp.cos(angle), jnp.zeros_like(angle), jnp.sin(angle)])
-        still = ml.RigidState(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
-        return observe.Brightness(panel, towards, towards, observe.LommelSeeliger(0.1))(0.0, still)
+        return observe.Brightness(panel, towards, towards, observe.LommelSeeliger(0.1))(0.0, STILL)
 
     value, slope = jax.vmap(jax.value_and_grad(seen))(jnp.array([-0.1, 0.0, 1e-3, 0.4]))
     sine, cosine = np.sin([1e-3, 0.4]), np.cos([1e-3, 0.4])

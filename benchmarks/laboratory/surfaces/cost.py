@@ -18,7 +18,7 @@ from midlie_jax._xla.compiler import compiler_options
 from midlie_jax.advice.timing import timed_in_turn
 
 SOURCE = Path(limit.__file__).parent / "facets.c"
-FACETS, BODIES, CHUNK = 980, 10_000, 1000
+FACETS, BODIES, CHUNK = 980, 10_000, 2000
 HEADS = (
     "facets", "dtype", "C, ps", "a step more, ps", "ratio", "loops over bodies", "memory, bytes a body",
     "gradient / step", "its memory",
