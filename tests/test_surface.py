@@ -117,6 +117,9 @@ def test_a_surface_from_a_file_is_that_of_its_vertices(ending, tmp_path):
     trimesh.Trimesh(vertices, faces[1:], process=False).export(tmp_path / f"open.{ending}")
     with pytest.raises(ValueError, match="close the surface, but 3 edges"):
         ml.Surface.from_file(tmp_path / f"open.{ending}")
+    (tmp_path / "box.txt").write_text("1 2 3")
+    with pytest.raises(ValueError, match="give an OBJ, STL or PLY file"):
+        ml.Surface.from_file(tmp_path / "box.txt")
 
 
 # What is seen.

@@ -115,15 +115,18 @@ class Surface(eqx.Module):
 
         Raises:
             ImportError: trimesh is not installed: pip install 'midlie_jax[surfaces]'.
-            ValueError: the file holds no triangles, or as for the class.
+            ValueError: there is no such file, trimesh does not read it, it holds no triangles, or as for the class.
         """
         try:
             import trimesh
         except ImportError as error:
             raise ImportError("reading a surface needs trimesh: pip install 'midlie_jax[surfaces]'.") from error
-        mesh: Any = trimesh.load_mesh(str(path))
+        try:
+            mesh: Any = trimesh.load_mesh(str(path))
+        except NotImplementedError as error:
+            raise ValueError(f"trimesh does not read {path}: {error}; give an OBJ, STL or PLY file.") from error
         if not len(getattr(mesh, "faces", ())):
-            raise ValueError(f"{path} holds no triangles, got {described(mesh)}; give a file of a surface.")
+            raise ValueError(f"{path} holds no triangles; give the file of a surface.")
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         factor = as_floats("scale", scale)
         require("scale", factor, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
