@@ -12,7 +12,6 @@ from jaxtyping import Float
 from .._checks.arguments import (
     as_count,
     as_floats,
-    described,
     is_unit,
     require,
     require_finite,
