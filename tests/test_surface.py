@@ -241,6 +241,27 @@ def test_brightness_has_derivatives_with_respect_to_shape_and_attitude():
     np.testing.assert_allclose(gradient, (values[:6] - values[6:]) / (2 * h), rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.sample(0)
+def test_brightness_has_derivatives_with_respect_to_law_and_albedo():
+    """Both enter linearly; a law of one's own may close over what is differentiated."""
+    surface, albedo = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80), jnp.linspace(0.2, 0.8, 80)
+    directions = unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3)
+
+    def own(c):
+        return observe.Brightness(surface, *directions, lambda mu, mu0: mu * mu0 * (1 / (mu + mu0) + c))(0.0, STATE)
+
+    def mixed(c):
+        return observe.Brightness(surface, *directions, observe.LommelSeeliger(c))(0.0, STATE)
+
+    def painted(albedo):
+        return observe.Brightness(surface, *directions, observe.Lambert(), albedo=albedo)(0.0, STATE)
+
+    lambert = painted(jnp.ones(80))
+    c = jnp.asarray(0.1)
+    np.testing.assert_allclose([jax.grad(own)(c), jax.grad(mixed)(c), jax.jvp(own, (c,), (c,))[1] / c], lambert)
+    assert jnp.vdot(jax.grad(painted)(albedo), albedo) == pytest.approx(float(painted(albedo)))
+
+
 # Input that is wrong.
 
 VERTICES, FACES = cuboid([1.0, 2.0, 3.0])
