@@ -31,7 +31,7 @@ def light(surface, direction=SUN, flux=1.0, *fractions, c=1.0, **named):
 # Sunlight.
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("fractions", "factor"),
     [((0.0, 0.0, 0.0), 1), ((1.0, 0.0, 0.0), 1), ((0.0, 1.0, 0.0), 13 / 9), ((0.0, 0.0, 1.0), 13 / 9),
@@ -54,16 +54,17 @@ def test_a_centrally_symmetric_body_is_not_turned_by_what_it_absorbs(dtype):
     of the Sun that the mirror planes of an ellipsoid or a box give, the torques add up to zero.
     """
     mirrored = jnp.asarray(np.array([0.36, 0.48, 0.8]) * np.array(list(product((1, -1), repeat=3))), dtype)
-    for surface in (ml.Surface.ellipsoid([3.0, 2.0, 1.0], 500), BOX):
+    for surface in (ml.Surface.ellipsoid([3.0, 2.0, 1.0], 180), BOX):
         own, still = jax.tree.map(lambda x: x.astype(dtype), (surface, STILL))
 
         def at(direction, fractions, own=own, still=still):
             return light(own, direction, 1.0, *fractions)(0.0, still)
 
-        leaving, absorbed = (jax.vmap(partial(at, fractions=f))(mirrored) for f in (ONE_THIRD, BLACK))
+        each = jax.vmap(jax.vmap(at, (0, None)), (None, 0))
+        leaving, absorbed = np.asarray(each(mirrored, jnp.array([ONE_THIRD, BLACK], dtype)))
         assert absorbed.dtype == dtype
         assert np.abs(absorbed).max() < 60 * jnp.finfo(dtype).eps
-        assert np.abs(np.asarray(leaving).sum(0)).max() < 200 * jnp.finfo(dtype).eps
+        assert np.abs(leaving.sum(0)).max() < 200 * jnp.finfo(dtype).eps
         assert surface is BOX or np.abs(leaving).max() > 0.1  # the faces of a box push through its centre
 
 
@@ -183,6 +184,7 @@ def test_a_gradient_across_the_terminator_is_that_of_differences():
     np.testing.assert_allclose(jax.jit(jax.jacrev(torque))(numbers), slopes.T, atol=3e-5)
 
 
+@pytest.mark.sample(0)
 def test_the_torque_begins_at_the_terminator_with_its_own_slope():
     """Zero in the dark and at mu = 0; from there on a Lambertian panel is pushed back by A mu (mu + 2/3)."""
     panel = ml.Surface.of_facets([2.0], [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
@@ -257,7 +259,8 @@ def test_a_plate_across_the_flow_has_the_drag_of_the_books():
     np.testing.assert_allclose(still, [0, 3.0 * rho * 1.5**2 / 2, 0], rtol=1e-14)
 
 
-@pytest.mark.parametrize("s", [0.5, 2.0, None])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("s", [2.0, 0.5, None])
 def test_a_sphere_in_thin_gas_has_the_drag_of_schaaf_and_chambre(s):
     """(2 s^2 + 1) e^(-s^2) / (sqrt(pi) s^3) + (4 s^4 + 4 s^2 - 1) erf(s) / (2 s^4) + 2 sqrt(pi) / 3 v_r / v."""
     v, rho, a, wall = 2.0, 0.1, 0.8, 0.6

@@ -66,6 +66,7 @@ def test_boxes_of_triangles_of_rectangles_and_of_two_halves_are_one():
     np.testing.assert_allclose(far.centred().centroids, ml.Surface(*cuboid(lengths)).centroids, atol=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_the_volume_changes_with_a_vertex_as_the_areas_beside_it():
     """dV/dv of a corner is a third of the vector area of the faces around it."""
     vertices, faces = TETRAHEDRON
