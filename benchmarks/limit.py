@@ -69,7 +69,7 @@ def compilers() -> tuple[str, ...]:
 
 
 @cache
-def _extra_flags(compiler: str) -> tuple[str, ...]:
+def extra_flags(compiler: str) -> tuple[str, ...]:
     """Flags without which the compiler would leave half of a vector register empty."""
     command = [compiler, *FLAGS, "-dM", "-E", "-x", "c", "-"]
     macros = subprocess.run(command, input="", capture_output=True, text=True, check=True).stdout
@@ -146,7 +146,7 @@ def built(method: str, dtype: str, form: Form, compiler: str) -> Path:
         "HARDWARE_ROOTS": int(form.hardware_roots),
     }
     order = () if form.reorders_sums else ("-fno-associative-math",)
-    options = [*FLAGS, *order, *_extra_flags(compiler), *(f"-D{name}={value}" for name, value in names.items())]
+    options = [*FLAGS, *order, *extra_flags(compiler), *(f"-D{name}={value}" for name, value in names.items())]
     command = [compiler, *options, "-o", "limit", "limit.c", "-lm"]
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if result.returncode:

@@ -65,6 +65,7 @@ from .model.states import ParticleState as ParticleState
 from .model.states import RigidState as RigidState
 from .model.straight_rod import StraightRod as StraightRod
 from .model.straight_rod import straight_rod as straight_rod
+from .model.surface import Surface as Surface
 from .model.wrench import Wrench as Wrench
 from .scattering import distributions as distributions
 from .scattering import scatter as scatter

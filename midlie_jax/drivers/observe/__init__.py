@@ -5,7 +5,8 @@ the device: any function of (t, state), one of the classes of this module, or a 
 `Histogram`) combines these values over all bodies that can be trusted at that time; a statistic of time
 (`Autocorrelation`, `Spectrum`) combines all values of each body, and then the bodies.
 
-Modules: `observables` (what an observable is), `quantities` (those that most runs want), `statistics` (over bodies at
+Modules: `observables` (what an observable is), `quantities` (those that most runs want), `brightness` (of a surface in
+the Sun), `statistics` (over bodies at
 one time), `series` (over times), `autocorrelation` and `spectrum` (the two of these), `spread` (means over bodies and
 their errors), `of_arrays` (the same of values in memory), `arguments` (the argument of the drivers).
 """
@@ -16,6 +17,10 @@ from .arguments import as_observe_of_one as as_observe_of_one
 from .arguments import observe_state as observe_state
 from .autocorrelation import Autocorrelation as Autocorrelation
 from .autocorrelation import Correlation as Correlation
+from .brightness import Brightness as Brightness
+from .brightness import Lambert as Lambert
+from .brightness import LommelSeeliger as LommelSeeliger
+from .brightness import Scattering as Scattering
 from .observables import Function as Function
 from .observables import Observable as Observable
 from .observables import Together as Together

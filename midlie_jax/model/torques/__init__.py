@@ -1,8 +1,9 @@
 """Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); here are common ones.
 
 `base` defines the interface (potential energy, dependence on the body) and sums of torques. `fields` has torques that
-depend on the attitude, `spacecraft` torques that control or disturb a satellite, and `travel` what acts on bodies that
-travel: these return a `midlie_jax.Wrench`, a torque and a force.
+depend on the attitude, `spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light
+and thin gas on the facets of a surface, and `travel` what acts on bodies that travel: these return a
+`midlie_jax.Wrench`, a torque and a force.
 """
 
 from .base import BodyTorque as BodyTorque
@@ -19,17 +20,20 @@ from .base import without_gravity as without_gravity
 from .bath import Langevin as Langevin
 from .bath import baths_in as baths_in
 from .bath import without_bath as without_bath
+from .eddy import EddyCurrents as EddyCurrents
 from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop
 from .mutual import MutualGravity as MutualGravity
 from .on_each import OnEach as OnEach
+from .rarefied import FreeMolecularDrag as FreeMolecularDrag
 from .rod import Rod as Rod
 from .spacecraft import Damping as Damping
 from .spacecraft import Drag as Drag
 from .spacecraft import PDControl as PDControl
 from .spacecraft import ReactionWheels as ReactionWheels
 from .spacecraft import Rotors as Rotors
+from .sunlight import Sunlight as Sunlight
 from .travel import Magnus as Magnus
 from .travel import Oblateness as Oblateness
 from .travel import PointMass as PointMass

@@ -1,0 +1,148 @@
+"""`Brightness`: how bright a surface is that the Sun lights, and laws of scattering."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, require, require_function
+from ..._math import components as cp
+from ..._xla.rows import sum_over_rows
+from ...model.bodies import Body
+from ...model.facets import as_direction, as_surface, of_facets, seen_from_body
+from ...model.state import AnyState, Time
+from ...model.surface import Surface
+from ...model.torques import TorqueLike
+from .observables import Observable
+
+
+class Scattering(eqx.Module):
+    """A law of scattering: the brightness of a facet for each area and albedo, `law(mu, mu0) -> ()`.
+
+    A law of your own is a subclass. It must be zero where mu or mu0 is, without a jump; it is called where both are
+    positive.
+    """
+
+    @abstractmethod
+    def __call__(self, mu: Array, mu0: Array) -> Array:
+        """The law.
+
+        Args:
+            mu: the cosine between the normal and the observer, ().
+            mu0: the cosine between the normal and the Sun, ().
+        """
+
+
+class Lambert(Scattering):
+    """Lambert's law, mu mu0: a white, rough surface. The intensity is pi times that of a surface of this albedo."""
+
+    def __call__(self, mu: Array, mu0: Array) -> Array:
+        return mu * mu0
+
+
+class LommelSeeliger(Scattering):
+    """The law of Lommel and Seeliger with a part of Lambert's, mu mu0 (1 / (mu + mu0) + lambert).
+
+    It is that of a dark surface, such as of most asteroids, and with lambert = .1 that of light curve inversion
+    (M. Kaasalainen, J. Torppa, Icarus 153 (2001) 24; K. Muinonen et al., Astron. Astrophys. 642 (2020) A138).
+
+    Attributes:
+        lambert: the factor of Lambert's law, (), not negative; 0 for Lommel and Seeliger alone.
+
+    Raises:
+        ValueError: a factor that is negative or not finite.
+    """
+
+    lambert: Float[Array, "*batch"]
+
+    def __init__(self, lambert: Any = 0.0):
+        self.lambert = as_floats("lambert", lambert)
+        require(
+            "lambert", self.lambert, lambda c: np.isfinite(c) & (c >= 0), "must be finite and not negative", "as in .1."
+        )
+
+    def __call__(self, mu: Array, mu0: Array) -> Array:
+        return mu * mu0 * (1 / (mu + mu0) + self.lambert.astype(mu.dtype))
+
+
+class Brightness(Observable):
+    """How bright a surface is: the sum over facets that the Sun lights and the observer sees of area albedo law.
+
+    It is in units of area for an albedo of one, up to the flux of the Sun and the distances; or a magnitude,
+    -2.5 log10 of it. No facet shadows or hides another one: exact for convex surfaces. It is called as
+    `brightness(t, state)`, and is an `observe` of a run. Its derivatives are right where facets turn into the dark.
+
+    Attributes:
+        surface: the facets, in the frame of the body.
+        sun: direction from the body to the Sun, space frame, a unit vector (3,); or a function `sun(t) -> (3,)`, whose
+            vector is normalised: a place seen from the body.
+        observer: direction to the observer, in the same forms. With light that takes time, the time is that of the
+            body.
+        law: a `Scattering`, such as `Lambert()` or `LommelSeeliger(lambert=0.1)`.
+        albedo: () or one for each facet, (n,), not negative.
+        phase: None, or a factor as a function of the phase angle in radians, `phase(angle) -> ()`.
+        magnitude: whether it is in magnitudes; then infinite where nothing is seen.
+
+    Raises:
+        ValueError: another thing than a `Surface`, a direction that is no unit vector, a law that cannot be called, or
+            a negative albedo. When called: as many albedos as facets are not there, or a state without an attitude.
+    """
+
+    surface: Surface
+    sun: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    observer: Float[Array, "*batch 3"] | Callable[[Any], Array]
+    law: Callable[[Array, Array], Array]
+    albedo: Float[Array, "*batch"]
+    phase: Callable[[Array], Array] | None
+    magnitude: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        surface: Any,
+        sun: Any,
+        observer: Any,
+        law: Any,
+        *,
+        albedo: Any = 1.0,
+        phase: Any = None,
+        magnitude: bool = False,
+    ):
+        self.surface = as_surface(surface)
+        self.sun, self.observer = as_direction("sun", sun), as_direction("observer", observer)
+        if isinstance(law, type):
+            raise ValueError(f"law must be a law and not its class: write {law.__name__}().")
+        require_function("law", law, "mu, mu0")
+        self.law, self.albedo = law, as_floats("albedo", albedo)
+        not_negative = "must be finite and not negative"
+        require("albedo", self.albedo, lambda a: np.isfinite(a) & (a >= 0), not_negative, "0 is black.")
+        if phase is not None:
+            require_function("phase", phase, "angle")
+        self.phase, self.magnitude = phase, magnitude
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
+        return self(t, state)
+
+    def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
+        """The intensity or magnitude (), of one state."""
+        sun, observer = (seen_from_body(direction, t, state) for direction in (self.sun, self.observer))
+        surface = self.surface
+        weights = surface.areas * of_facets("albedo", self.albedo, surface).astype(surface.areas.dtype)
+        columns = *cp.vector(surface.normals), weights
+        total = sum_over_rows(lambda row, directions: _seen(self.law, row, *directions), columns, (sun, observer))
+        if self.phase is not None:
+            total = total * self.phase(jnp.arctan2(cp.norm(cp.cross(sun, observer)), cp.dot(sun, observer)))
+        return -2.5 * jnp.log10(total) if self.magnitude else total
+
+
+def _seen(law: Callable[[Array, Array], Array], row: Any, sun: cp.Vector, observer: cp.Vector) -> Array:
+    mu0, mu = cp.dot(row[0:3], sun), cp.dot(row[0:3], observer)
+    seen = (mu > 0) & (mu0 > 0)
+    # The law is not called in the dark: there it may be 0/0, and the derivative of `where` would be NaN.
+    one = jnp.ones_like(mu)
+    value = law(jnp.where(seen, mu, one), jnp.where(seen, mu0, one))
+    return jnp.where(seen, row[3] * value, jnp.zeros_like(value))

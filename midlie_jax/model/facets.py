@@ -1,0 +1,74 @@
+"""What the forces on facets and their brightness share: directions, numbers for each facet, and sums over all."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._checks.arguments import as_floats, as_function_of_time, described, is_unit, require
+from .._math import components as cp
+from .state import AnyState, Time
+from .surface import Surface
+
+Direction = Array | Callable[[Any], Array]
+
+
+def as_surface(value: Any) -> Surface:
+    """The argument `surface`; a ValueError for anything else."""
+    if not isinstance(value, Surface):
+        raise ValueError(f"surface must be a midlie_jax.Surface, got {described(value)}.")
+    return value
+
+
+def as_direction(name: str, value: Any) -> Direction:
+    """A unit vector (..., 3), or a function of time unchanged."""
+    direction = as_function_of_time(name, value)
+    if not callable(direction):
+        cure = "divide it by its norm; a place is given as a function of time."
+        require(name, direction, is_unit, "must be a unit vector", cure)
+    return direction
+
+
+def directed(direction: Direction, t: Time) -> cp.Vector:
+    """The unit vector in space, as components; that of a function is normalised."""
+    if not callable(direction):
+        return cp.vector(direction)
+    vector = cp.vector(direction(t))
+    return cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector)
+
+
+def seen_from_body(direction: Direction, t: Time, state: AnyState) -> cp.Vector:
+    """The unit vector in body components; a ValueError if the state does not know it."""
+    if callable(direction) and state.fixed_direction() is not None:
+        raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
+    return state.seen_from_body(directed(direction, t))
+
+
+def as_fractions(name: str, value: Any) -> Array:
+    """A number between 0 and 1, or one for each facet."""
+    fraction = as_floats(name, value)
+    require(name, fraction, lambda x: (x >= 0) & (x <= 1), "must be between 0 and 1", "it is a part of the whole.")
+    return fraction
+
+
+def of_facets(name: str, value: Array, surface: Surface) -> Array:
+    """A number for each facet, (n,), from one for all or one for each."""
+    if value.shape not in ((), (surface.count,)):
+        raise ValueError(f"{name} must be () or ({surface.count},), one for each facet, got {value.shape}.")
+    return jnp.broadcast_to(value, (surface.count,))
+
+
+def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
+    """A number that is not negative, or a function of time unchanged."""
+    if callable(value):
+        return cast(Callable[[Any], Array], value)
+    amount = as_floats(name, value)
+    require(name, amount, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its units.")
+    return amount
+
+
+def lit(cosine: Array) -> Array:
+    """The cosine where it is positive, else zero; so is its derivative."""
+    return jnp.where(cosine > 0, cosine, jnp.zeros_like(cosine))

@@ -1,0 +1,145 @@
+"""Polyhedra: what is integrated over their volume, checks of their faces, and directions spread over the sphere."""
+
+from collections import Counter
+from functools import cache
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._checks.arguments import described
+
+_NAMED = 3  # the most edges or faces that a message names
+
+
+class Solid(NamedTuple):
+    """What is inside of a closed surface, of density one.
+
+    Attributes:
+        volume: (), length^3.
+        centre: the centre of mass, (3,), length.
+        second: the integral of y y^T over the volume, with y from the centre of mass, (3, 3), length^5.
+    """
+
+    volume: Array
+    centre: Array
+    second: Array
+
+    @property
+    def inertia(self) -> Array:
+        """The inertia tensor about the centre of mass, (3, 3)."""
+        return jnp.trace(self.second) * jnp.eye(3, dtype=self.second.dtype) - self.second
+
+    def joined(self, other: "Solid") -> "Solid":
+        """Both together."""
+        volume = self.volume + other.volume
+        centre = (self.volume * self.centre + other.volume * other.centre) / volume
+        seconds = (s.second + s.volume * _outer(s.centre - centre) for s in (self, other))
+        return Solid(volume, centre, sum(seconds, start=jnp.zeros_like(self.second)))
+
+
+def _outer(v: Array) -> Array:
+    return v[:, None] * v[None, :]
+
+
+def solid_of(corners: Array) -> Solid:
+    """What is inside of triangles (n, 3 corners, 3) that are counterclockwise from outside.
+
+    Sums over the tetrahedra from one point to each triangle, whose volumes have the sign of their orientation; that
+    point is within the body, so that little cancels.
+    """
+    inside = jnp.mean(corners, axis=(0, 1))
+    x = corners - inside[None, None, :]
+    six = jnp.sum(x[:, 0] * jnp.cross(x[:, 1], x[:, 2]), axis=-1)  # times the volume of a tetrahedron
+    total = jnp.sum(x, axis=1)
+    volume = jnp.sum(six) / 6
+    centre = jnp.sum(six[:, None] * total, axis=0) / (24 * volume)
+    squares = jnp.einsum("nki,nkj->nij", x, x) + total[:, :, None] * total[:, None, :]
+    second = jnp.sum(six[:, None, None] * squares, axis=0) / 120
+    return Solid(volume, inside + centre, second - volume * _outer(centre))
+
+
+def as_faces(value: Any, vertices: int) -> np.ndarray:
+    """The faces as integers (n, 3), of a surface that is closed and whose faces are all oriented alike.
+
+    Raises:
+        ValueError: they are traced or no integers (n, 3), name no vertex, or are not closed or not oriented alike.
+    """
+    try:
+        faces = np.asarray(value)
+    except Exception as error:  # of JAX, for a tracer
+        raise ValueError("faces must be known integers; only vertices may be traced by jit or grad.") from error
+    if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
+        raise ValueError(
+            f"faces must be integers (n, 3), three vertices for each, got {described(value)} of {faces.dtype}; divide "
+            "faces of more corners into triangles."
+        )
+    if faces.min() < 0 or faces.max() >= vertices:
+        raise ValueError(
+            f"faces must name vertices 0 to {vertices - 1}, got {faces.min()} to {faces.max()}; OBJ files count from 1."
+        )
+    edges = Counter((int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True))
+    twice = [edge for edge, count in edges.items() if count > 1]
+    if twice:
+        raise ValueError(
+            f"faces must be oriented alike, but {len(twice)} edges are run through twice in the same direction: "
+            f"{_named(twice)}; turn some faces round (b, a, c), or leave out those that are there twice."
+        )
+    alone = [(a, b) for a, b in edges if (b, a) not in edges]
+    if alone:
+        raise ValueError(
+            f"faces must close the surface, but {len(alone)} edges belong to one face alone: {_named(alone)}; fill the "
+            "holes and merge vertices in one place, or take Surface.of_facets for open panels."
+        )
+    return faces
+
+
+def require_area(areas: np.ndarray) -> None:
+    """Raises a ValueError if a face has no area."""
+    flat = np.flatnonzero(~(areas > 0))
+    if len(flat):
+        raise ValueError(
+            f"faces must have an area, but {len(flat)} have none: {_named(flat.tolist())}; leave them out."
+        )
+
+
+def _named(items: list[Any]) -> str:
+    return ", ".join(map(str, items[:_NAMED])) + (", ..." if len(items) > _NAMED else "")
+
+
+@cache
+def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions spread over the unit sphere, (n, 3), and their solid angles, (n,); n = 20 k^2 is at least `least`.
+
+    Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere. The directions are
+    those of their centres, and the solid angles add up to 4 pi. With each direction the opposite one is there.
+    """
+    k = 1
+    while 20 * k * k < least:
+        k += 1
+    golden = (1 + 5**0.5) / 2
+    points = [np.roll([0, a, b * golden], i) for i in range(3) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+    found = []
+    for a, b, c in combinations(points, 3):
+        if all(abs(np.linalg.norm(x - y) - 2) < 1e-9 for x, y in ((a, b), (b, c), (c, a))):
+            found.extend(_divided(a, b, c, k))
+    corners = np.array(found)
+    corners /= np.linalg.norm(corners, axis=-1, keepdims=True)
+    centres = corners.sum(1)
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    # The solid angle of a triangle (A. van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125).
+    volume = np.abs(np.sum(a * np.cross(b, c), axis=-1))
+    angles = 2 * np.arctan2(volume, 1 + np.sum(a * b + b * c + c * a, axis=-1))
+    return centres / np.linalg.norm(centres, axis=-1, keepdims=True), angles
+
+
+def _divided(a: np.ndarray, b: np.ndarray, c: np.ndarray, k: int) -> list[list[np.ndarray]]:
+    """A triangle in k^2 triangles."""
+
+    def at(i: int, j: int) -> np.ndarray:
+        return a + (b - a) * (i / k) + (c - a) * (j / k)
+
+    upright = [[at(i, j), at(i + 1, j), at(i, j + 1)] for i in range(k) for j in range(k - i)]
+    return upright + [[at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)] for i in range(k) for j in range(k - i - 1)]

@@ -1,0 +1,288 @@
+"""`Surface`: the facets of a body, on which light and air act, and the solid within them."""
+
+from os import PathLike
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from .._checks.arguments import (
+    as_count,
+    as_floats,
+    is_unit,
+    require,
+    require_finite,
+    require_rows,
+    same_dtype,
+)
+from .._math import components as cp
+from . import so3
+from .bodies import RigidBody, TensorBody
+from .polyhedra import Solid, as_faces, require_area, solid_of, sphere
+
+_FACES_OF_BOX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+_CENTRED = 1e-5  # how far from the centre of mass the origin may be, in radii of gyration
+_OPEN = "the facets of a closed surface: make it of vertices and faces, or of a file, an ellipsoid or a box"
+
+
+class Surface(eqx.Module):
+    """Flat facets of a body, convex or not: for light curves, for sunlight and for air on it.
+
+    No facet shadows another one, and light is scattered once. Facets may be mapped and differentiated: vertices,
+    semi-axes and lengths may be traced.
+
+    Attributes:
+        areas: of the facets, (n,), length^2.
+        normals: unit vectors outwards, body frame, (n, 3). A facet has one side.
+        centroids: the places of their centres of area, body frame, (n, 3), length.
+        solid: volume, centre of mass and second moments of what is inside; None for open panels (`of_facets`).
+
+    Args:
+        vertices: body frame, (v, 3), length.
+        faces: the triangles, (n, 3) integers that count vertices from 0, counterclockwise from outside.
+
+    Raises:
+        ValueError: wrong shapes, numbers that are not finite, a face without area, a surface that is not closed, not
+            oriented alike everywhere, or inside out. That it does not cut itself is not checked.
+    """
+
+    areas: Float[Array, " n"]
+    normals: Float[Array, "n 3"]
+    centroids: Float[Array, "n 3"]
+    solid: Solid | None
+
+    def __init__(self, vertices: Any, faces: Any):
+        vertices = as_floats("vertices", vertices, (3,))
+        if vertices.ndim != 2:
+            raise ValueError(f"vertices must be (v, 3), got {vertices.shape}; map over several surfaces with jax.vmap.")
+        require_finite("vertices", vertices)
+        corners = vertices[as_faces(faces, len(vertices))]
+        doubled = jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = jnp.linalg.norm(doubled, axis=-1)
+        if not cp.is_traced(length):
+            require_area(np.asarray(length))
+        self.areas, self.normals = length / 2, doubled / length[:, None]
+        self.centroids = jnp.mean(corners, axis=1)
+        self.solid = solid_of(corners)
+        cure = "turn every face round: faces[:, ::-1]."
+        require("faces", self.solid.volume, lambda v: v > 0, "must be counterclockwise from outside: the volume", cure)
+
+    @classmethod
+    def _of(cls, areas: Any, normals: Any, centroids: Any, solid: Solid | None) -> "Surface":
+        surface = object.__new__(cls)
+        for name, value in (("areas", areas), ("normals", normals), ("centroids", centroids), ("solid", solid)):
+            object.__setattr__(surface, name, value)
+        return surface
+
+    @classmethod
+    def of_facets(cls, areas: Any, normals: Any, centroids: Any) -> "Surface":
+        """Facets that need not be closed, such as the panels of a satellite; each has the side of its normal.
+
+        Args:
+            areas: (n,), length^2, not negative.
+            normals: unit vectors, body frame, (n, 3).
+            centroids: body frame, (n, 3), length.
+
+        Raises:
+            ValueError: wrong shapes or dtypes, a negative area, a normal that is no unit vector, or numbers that are
+                not finite.
+        """
+        areas = as_floats("areas", areas)
+        normals, centroids = as_floats("normals", normals, (3,)), as_floats("centroids", centroids, (3,))
+        if areas.ndim != 1 or not len(areas) or not normals.shape == centroids.shape == (*areas.shape, 3):
+            raise ValueError(
+                f"areas must be (n,), normals and centroids (n, 3), got {areas.shape}, {normals.shape} and "
+                f"{centroids.shape}."
+            )
+        same_dtype("areas", areas, normals=normals, centroids=centroids)
+        not_negative = "must be finite and not negative"
+        require("areas", areas, lambda a: np.isfinite(a) & (a >= 0), not_negative, "a normal has the sign of a facet.")
+        require_rows("normals", normals, is_unit, "must be unit vectors", "divide them by their norms.")
+        require_finite("centroids", centroids)
+        return cls._of(areas, normals, centroids, None)
+
+    @classmethod
+    def from_file(cls, path: str | PathLike[str], scale: Any = 1.0) -> "Surface":
+        """A closed surface of triangles from a file: OBJ, STL, PLY and what else trimesh reads.
+
+        Args:
+            path: of the file. Vertices in one place are merged.
+            scale: by which lengths are multiplied, such as 1e3 for a file in kilometres.
+
+        Raises:
+            ImportError: trimesh is not installed: pip install 'midlie_jax[surfaces]'.
+            ValueError: there is no such file, trimesh does not read it, it holds no triangles, or as for the class.
+        """
+        try:
+            import trimesh
+        except ImportError as error:
+            raise ImportError("reading a surface needs trimesh: pip install 'midlie_jax[surfaces]'.") from error
+        try:
+            mesh: Any = trimesh.load_mesh(str(path))
+        except NotImplementedError as error:
+            raise ValueError(f"trimesh does not read {path}: {error}; give an OBJ, STL or PLY file.") from error
+        if not len(getattr(mesh, "faces", ())):
+            raise ValueError(f"{path} holds no triangles; give the file of a surface.")
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        factor = as_floats("scale", scale)
+        require("scale", factor, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+        return cls(factor * jnp.asarray(mesh.vertices, factor.dtype), np.asarray(mesh.faces))
+
+    @classmethod
+    def ellipsoid(cls, semi_axes: Any, facets: int = 1280) -> "Surface":
+        """An ellipsoid along the axes of the frame, of tangent facets.
+
+        The facets divide the unit sphere nearly evenly (an icosahedron, divided), and are stretched with it: to each
+        belongs the vector area of its part of the ellipsoid. So volume, centre and inertia are those of the ellipsoid,
+        the vector areas add up to zero, what is seen converges with the number of facets, and all is smooth in the
+        semi-axes. A polyhedron with its corners on the ellipsoid would be too small in every direction.
+
+        Args:
+            semi_axes: (3,), length.
+            facets: at least as many are made: 20 k^2 for the smallest k.
+
+        Raises:
+            ValueError: semi-axes not positive and of shape (3,), or `facets` no positive integer.
+        """
+        axes = _lengths("semi_axes", semi_axes)
+        directions, angles = (jnp.asarray(x, axes.dtype) for x in sphere(as_count("facets", facets)))
+        product = axes[0] * axes[1] * axes[2]
+        vectors = product * angles[:, None] * directions / axes[None, :]
+        areas = jnp.linalg.norm(vectors, axis=-1)
+        volume = 4 / 3 * np.pi * product
+        solid = Solid(volume, jnp.zeros_like(axes), jnp.diag(volume / 5 * axes**2))
+        return cls._of(areas, vectors / areas[:, None], directions * axes[None, :], solid)
+
+    @classmethod
+    def box(cls, lengths: Any) -> "Surface":
+        """A box about the origin along the axes of the frame, of 6 facets: those at +x, -x, +y, -y, +z and -z.
+
+        Args:
+            lengths: of its edges, (3,).
+
+        Raises:
+            ValueError: lengths not positive and of shape (3,).
+        """
+        edges = _lengths("lengths", lengths)
+        x, y, z = edges
+        normals = jnp.asarray(_FACES_OF_BOX, edges.dtype)
+        areas = jnp.repeat(jnp.stack([y * z, z * x, x * y]), 2)
+        solid = Solid(x * y * z, jnp.zeros_like(edges), jnp.diag(x * y * z / 12 * edges**2))
+        return cls._of(areas, normals, normals * edges[None, :] / 2, solid)
+
+    @property
+    def count(self) -> int:
+        """The number of facets; a ValueError if the surface is one of a batch."""
+        if self.areas.ndim != 1 or self.normals.shape != (len(self.areas), 3) or self.centroids.ndim != 2:
+            raise ValueError(f"a surface has areas (n,), got {self.areas.shape}; map over several with jax.vmap.")
+        return len(self.areas)
+
+    @property
+    def volume(self) -> Float[Array, ""]:
+        """The volume of the solid; a ValueError for open panels, as from all that follows."""
+        return self._inside().volume
+
+    @property
+    def centre_of_mass(self) -> Float[Array, "3"]:
+        """The centre of mass of the homogeneous solid, (3,)."""
+        return self._inside().centre
+
+    def mass(self, density: Any) -> Float[Array, ""]:
+        """Density times volume."""
+        return _density(density) * self.volume
+
+    def inertia(self, density: Any) -> Float[Array, "3 3"]:
+        """The inertia tensor of the homogeneous solid about its centre of mass, (3, 3), mass length^2."""
+        return _density(density) * self._inside().inertia
+
+    def body(self, density: Any) -> TensorBody:
+        """The homogeneous body in the frame of the surface, whose origin must be the centre of mass.
+
+        Raises:
+            ValueError: the density is not positive, the panels are open, or the origin is elsewhere.
+        """
+        self._require_centred()
+        return TensorBody(self.inertia(density))
+
+    def principal(self, density: Any) -> tuple[RigidBody, "Surface"]:
+        """The homogeneous body in its principal axes, moments ascending, and the surface in the same frame.
+
+        The largest component of the first and the second axis in the old frame is positive, and the axes are
+        right-handed. The origin is moved to the centre of mass. Where moments are equal, the axes have no derivative.
+
+        Raises:
+            ValueError: the density is not positive, or the panels are open.
+        """
+        body, axes = RigidBody.from_tensor(self.inertia(density))
+        largest = jnp.argmax(jnp.abs(axes), axis=0)
+        signs = jnp.sign(axes[largest, jnp.arange(3)])
+        signs = jnp.stack([signs[0], signs[1], signs[0] * signs[1]])  # `axes` is right-handed already
+        return body, self.centred()._in_axes(axes * signs[None, :])
+
+    def centred(self) -> "Surface":
+        """The surface with the origin at its centre of mass."""
+        return self.moved(-self.centre_of_mass)
+
+    def moved(self, offset: Any) -> "Surface":
+        """The surface moved by a vector, (3,)."""
+        offset = as_floats("offset", offset, (3,))
+        require_finite("offset", offset)
+        solid = None if self.solid is None else self.solid._replace(centre=self.solid.centre + offset)
+        return self._of(self.areas, self.normals, self.centroids + offset[None, :], solid)
+
+    def turned(self, rotation: Any) -> "Surface":
+        """The surface turned about the origin by a unit quaternion (w, x, y, z), (4,)."""
+        rotation = as_floats("rotation", rotation, (4,))
+        require("rotation", rotation, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
+        return self._in_axes(so3.to_matrix(rotation).T)
+
+    def __add__(self, other: "Surface") -> "Surface":
+        """Both surfaces together, which must not overlap; closed if both are."""
+        if not isinstance(other, Surface):
+            return NotImplemented
+
+        def joined(name: str) -> Array:
+            return jnp.concatenate([getattr(self, name), getattr(other, name)])
+
+        both = None if self.solid is None or other.solid is None else self.solid.joined(other.solid)
+        return self._of(joined("areas"), joined("normals"), joined("centroids"), both)
+
+    def _in_axes(self, axes: Array) -> "Surface":
+        """The surface in the frame whose axes are the columns."""
+        solid = self.solid
+        if solid is not None:
+            solid = Solid(solid.volume, solid.centre @ axes, axes.T @ solid.second @ axes)
+        return self._of(self.areas, self.normals @ axes, self.centroids @ axes, solid)
+
+    def _inside(self) -> Solid:
+        if self.solid is None:
+            raise ValueError(f"this surface has no inside; volume and inertia need {_OPEN}.")
+        return self.solid
+
+    def _require_centred(self) -> None:
+        solid = self._inside()
+        if cp.is_traced(solid):
+            return
+        radius = np.sqrt(np.trace(np.asarray(solid.second)) / float(solid.volume))
+        if np.linalg.norm(np.asarray(solid.centre)) > _CENTRED * radius:
+            raise ValueError(
+                f"the origin must be the centre of mass, which is at {np.asarray(solid.centre)}; take "
+                "surface.centred(), also for the torques on the body."
+            )
+
+
+def _lengths(name: str, value: Any) -> Array:
+    lengths = as_floats(name, value)
+    if lengths.shape != (3,):
+        raise ValueError(f"{name} must be (3,), got {lengths.shape}; map over several with jax.vmap.")
+    require(name, lengths, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+    return lengths
+
+
+def _density(value: Any) -> Array:
+    density = as_floats("density", value)
+    require("density", density, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+    return density

@@ -1,0 +1,362 @@
+"""Sunlight, thin gas and eddy currents on a body: by hand, by closed forms, and what symmetry says."""
+
+import re
+from functools import partial
+from itertools import product
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import loop_bodies, real
+from laboratory.surfaces import cost
+from scipy.special import erf
+from test_surface import STILL, TETRAHEDRON, unit
+
+import midlie_jax as ml
+from midlie_jax.model import so3, torques
+
+STATE = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
+FREE = ml.FreeState(STATE.momentum, STATE.attitude, jnp.array([3.0, -2.0, 1.0]), jnp.zeros(3))
+SPHERE = ml.Surface.ellipsoid([2.0, 2.0, 2.0], 1280)
+SUN = jnp.array([0.48, 0.6, 0.64])
+BOX = ml.Surface.box([1.0, 2.0, 3.0])
+BLACK, ONE_THIRD = (0.0, 0.0, 0.0), (1 / 3, 1 / 3, 1.0)
+
+
+def light(surface, direction=SUN, flux=1.0, *fractions, c=1.0, **named):
+    return torques.Sunlight(surface, direction, flux, *fractions, speed_of_light=c, **named)
+
+
+# Sunlight.
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(
+    ("fractions", "factor"),
+    [((0.0, 0.0, 0.0), 1), ((1.0, 0.0, 0.0), 1), ((0.0, 1.0, 0.0), 13 / 9), ((0.0, 0.0, 1.0), 13 / 9),
+     ((0.2, 0.3, 0.5), 1 + 4 / 9 * 0.55)],
+)  # fmt: skip
+def test_a_sphere_is_pushed_away_from_the_sun_and_not_turned(fractions, factor):
+    """A black sphere and a mirror by pi r^2 flux/c, one that scatters or radiates by 13/9 of it."""
+    wrench = light(SPHERE, SUN, 1361.0, *fractions, c=299792458.0)(0.0, FREE)
+    push = 4 * np.pi * 1361.0 / 299792458.0
+    np.testing.assert_allclose(wrench.force / push, -factor * SUN, atol=3e-4)
+    np.testing.assert_allclose(wrench.torque / push, 0, atol=1e-14)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_centrally_symmetric_body_is_not_turned_by_what_it_absorbs(dtype):
+    """From anywhere, to the rounding of both dtypes: what is lit has its centre on the ray through that of the body.
+
+    Light that leaves along the normals does turn it, but the other way from the mirrored side: over the eight places
+    of the Sun that the mirror planes of an ellipsoid or a box give, the torques add up to zero.
+    """
+    mirrored = jnp.asarray(np.array([0.36, 0.48, 0.8]) * np.array(list(product((1, -1), repeat=3))), dtype)
+    for surface in (ml.Surface.ellipsoid([3.0, 2.0, 1.0], 180), BOX):
+        own, still = jax.tree.map(lambda x: x.astype(dtype), (surface, STILL))
+
+        def at(direction, fractions, own=own, still=still):
+            return light(own, direction, 1.0, *fractions)(0.0, still)
+
+        each = jax.vmap(jax.vmap(at, (0, None)), (None, 0))
+        leaving, absorbed = np.asarray(each(mirrored, jnp.array([ONE_THIRD, BLACK], dtype)))
+        assert absorbed.dtype == dtype
+        assert np.abs(absorbed).max() < 60 * jnp.finfo(dtype).eps
+        assert np.abs(leaving.sum(0)).max() < 200 * jnp.finfo(dtype).eps
+        assert surface is BOX or np.abs(leaving).max() > 0.1  # the faces of a box push through its centre
+
+
+def test_a_box_with_one_shiny_panel_is_turned_as_by_hand():
+    """Light along (1, 0, 1)/sqrt 2 on the panels at +x, a mirror, and +z, black, of a box of edges 1, 2, 3.
+
+    The mirror is pushed by -2 A mu^2 along x at its centre, on the axis: no torque. The black one at z = 3/2 by -A mu u
+    = -(2/2) (1, 0, 1), and z e3 x that is a torque about y. Moved along y, the mirror turns the box about z.
+    """
+    specular = jnp.array([1.0, 0, 0, 0, 0, 0])
+    sun = unit(1.0, 0.0, 1.0)
+    torque = light(BOX, sun, 1.0, specular)(0.0, STILL)
+    np.testing.assert_allclose(torque, [0, -1.5, 0], atol=1e-15)
+    wrench = light(BOX, sun, 2.0, specular)(0.0, ml.FreeState(*jax.tree.leaves(STILL), jnp.ones(3), jnp.ones(3)))
+    np.testing.assert_allclose(wrench.force, 2 * np.array([-6.0 - 1, 0, -1]), rtol=1e-14)
+    moved = light(BOX.moved([0.0, 0.25, 0.0]), sun, 1.0, specular)(0.0, STILL)
+    np.testing.assert_allclose(moved, [-0.25, -1.5, 0.25 * 7], rtol=1e-14)  # y e2 x (-7, 0, -1)
+
+
+def loads_by_hand(surface, sun, flux, s, d, h):
+    """Facet after facet, by the formula."""
+    turn = force = 0
+    for area, n, r in zip(*map(np.asarray, (surface.areas, surface.normals, surface.centroids)), strict=True):
+        mu = max(n @ sun, 0)
+        push = -flux * area * mu * ((1 - s) * sun + (2 * s * mu + 2 / 3 * (d + h * (1 - s - d))) * n)
+        turn, force = turn + np.cross(r, push), force + push
+    return turn, force
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("facets", [180, 4])
+def test_the_sum_is_that_of_the_formula_and_the_same_in_a_run(facets):
+    """Facets written out and in blocks, on arrays, in an ensemble, in other frames, on a body that travels."""
+    surface = ml.Surface(*TETRAHEDRON).centred() if facets == 4 else ml.Surface.ellipsoid([3.0, 2.0, 1.0], facets)
+    surface = surface.moved([0.1, 0.2, -0.3])
+    torque = light(surface, SUN, lambda t: 2.0 + 0 * t, 0.3, 0.2, 0.6)
+    sun = np.asarray(so3.rotate(so3.conjugate(STATE.attitude), SUN))
+    turn, force = loads_by_hand(surface, sun, 2.0, 0.3, 0.2, 0.6)
+    np.testing.assert_allclose(torque(0.0, STATE), turn, rtol=1e-12)
+    wrench = torque(0.0, FREE)
+    np.testing.assert_allclose(wrench.torque, turn, rtol=1e-12)
+    np.testing.assert_allclose(wrench.force, so3.rotate(STATE.attitude, jnp.asarray(force)), rtol=1e-12)
+
+
+@pytest.mark.sample(0)
+def test_a_run_with_blocks_of_facets_is_a_run_with_their_torque():
+    """Against the torque of a function on arrays that knows nothing of blocks; one body, many, and the gradient."""
+    surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80).moved([0.1, 0.2, -0.3])
+    torque, body = light(surface, SUN, 0.3, 0.3, 0.2, 0.6), ml.RigidBody([1.0, 1.8, 2.3])
+
+    def on_arrays(t, state):
+        sun = so3.rotate(so3.conjugate(state.attitude), SUN)
+        mu = jnp.maximum(surface.normals @ sun, 0)
+        across = 2 * 0.3 * mu + 2 / 3 * (0.2 + 0.6 * 0.5)
+        push = (surface.areas * mu)[:, None] * (0.7 * sun[None] + across[:, None] * surface.normals)
+        return -0.3 * jnp.sum(jnp.cross(surface.centroids, push), axis=0)
+
+    run = {"dt": 0.05, "steps": 20}
+    one = ml.integrate("JACOBI[EA]", body, torque, STATE, **run).states
+    exact = ml.integrate("JACOBI[EA]", body, on_arrays, STATE, **run).states
+    np.testing.assert_allclose(one.momentum, exact.momentum, rtol=1e-11)
+    many = ml.RigidState(jnp.stack([STATE.momentum, 1.1 * STATE.momentum]), jnp.stack([STATE.attitude] * 2))
+    both = ml.ensemble("JACOBI[EA]", body, torque, many, **run).states
+    np.testing.assert_allclose(both.momentum[0], exact.momentum[-1], rtol=1e-11)
+
+    def end(momentum, torque, **options):
+        start = ml.RigidState(momentum, STATE.attitude)
+        return ml.integrate("JACOBI[EA]", body, torque, start, **run, **options).states.attitude[-1, 1]
+
+    slope = jax.grad(end)(STATE.momentum, on_arrays)
+    for adjoint in (ml.Checkpointed(), ml.Reversible()):
+        own = jax.grad(partial(end, torque=torque, adjoint=adjoint))(STATE.momentum)
+        np.testing.assert_allclose(own, slope, rtol=1e-9)
+
+
+@pytest.mark.sample(0)
+def test_a_step_holds_nothing_of_the_size_of_facets_times_bodies():
+    """In a run and its gradient: the sum is a loop over blocks of facets, one fused loop over the bodies in each."""
+    bodies, facets, body = 517, 1280, ml.RigidBody([1.0, 1.8, 2.3])
+    torque = light(ml.Surface.ellipsoid([3.0, 2.0, 1.0], facets).moved([0.1, 0.2, -0.3]), SUN, 0.3, 0.3, 0.2, 0.6)
+
+    def end(momentum):
+        start = ml.RigidState(momentum, STATE.attitude)
+        return ml.integrate("JACOBI[EA]", body, torque, start, dt=0.05, steps=7, save_every=7).states.attitude[-1, 1]
+
+    for function, most in ((jax.vmap(end), 1), (jax.grad(lambda momenta: jnp.sum(jax.vmap(end)(momenta))), 5)):
+        program = real(function).lower(jnp.ones((bodies, 3))).compile()
+        text = program.as_text()
+        shapes = {tuple(map(int, found.split(","))) for found in re.findall(r"\w\d\d\[([\d,]+)\]", text)}
+        assert not [shape for shape in shapes if bodies in shape and np.prod(shape) > 24 * bodies]
+        assert program.memory_analysis().temp_size_in_bytes < 4 * bodies * facets
+        loops = [len(re.findall(rf"\[{bodies}\].* fusion\(", b)) for b in loop_bodies(text) if "[16,11]" in b]
+        assert max(loops) == most
+
+
+@pytest.mark.sample(0)
+@pytest.mark.skipif(not cost.limit.compilers(), reason="this machine has no C compiler")
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_the_loop_in_c_beside_which_it_is_measured_gives_the_same_torque(dtype):
+    assert cost.in_c(80, dtype)() > 0  # it compares them
+
+
+@pytest.mark.sample(0)
+def test_a_gradient_across_the_terminator_is_that_of_differences():
+    """Of the torque on a body with facets at every angle, with respect to its turn, its shape and its fractions."""
+
+    def torque(numbers):
+        surface = ml.Surface.ellipsoid(numbers[:3], 80).moved(numbers[3:6])
+        state = ml.RigidState(jnp.zeros(3), so3.exp(numbers[6:9]))
+        return light(surface, SUN, 1.0, numbers[9], numbers[10], numbers[11])(0.0, state)
+
+    numbers = jnp.array([3.0, 2.0, 1.0, 0.1, 0.2, -0.3, 0.2, 0.3, -0.4, 0.3, 0.2, 0.4])
+    h = 1e-6
+    moved = numbers[None] + h * jnp.concatenate([jnp.eye(12), -jnp.eye(12)])
+    values = np.asarray(jax.jit(jax.vmap(torque))(moved))
+    slopes = (values[:12] - values[12:]) / (2 * h)
+    np.testing.assert_allclose(jax.jit(jax.jacrev(torque))(numbers), slopes.T, atol=3e-5)
+
+
+@pytest.mark.sample(0)
+def test_the_torque_begins_at_the_terminator_with_its_own_slope():
+    """Zero in the dark and at mu = 0; from there on a Lambertian panel is pushed back by A mu (mu + 2/3)."""
+    panel = ml.Surface.of_facets([2.0], [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+
+    def turn(angle):
+        sun = jnp.stack([jnp.cos(angle), jnp.zeros_like(angle), jnp.sin(angle)])
+        return light(panel, sun, 1.0, 0.0, 1.0)(0.0, STILL)[1]
+
+    slopes = jax.vmap(jax.grad(turn))(jnp.array([-0.1, 0.0, 1e-6]))
+    np.testing.assert_allclose(slopes, [0, 0, 2 * 2 / 3], atol=1e-5)  # y: -x F_z, F_z = -A mu (mu + 2/3)
+
+
+def windmill(tilt):
+    """Two wedges, opposite each other at a distance of 1 from the axis z; the tangent is y for the first one.
+
+    An upright face of area .1 looks back along the tangent; another one looks ahead and is tilted to the north by
+    pi/2 - tilt. Their areas across the tangent are equal, as those of a closed surface are.
+    """
+    normals = [[0.0, -1.0, 0.0], [0.0, np.sin(tilt), np.cos(tilt)]]
+    wedge = ml.Surface.of_facets([0.1, 0.1 / np.sin(tilt)], normals, [[1.0, 0.0, 0.0]] * 2)
+    return wedge + wedge.turned(so3.exp(jnp.array([0.0, 0.0, np.pi])))
+
+
+@pytest.mark.sample(0)
+def test_a_windmill_is_spun_up_by_the_heat_of_its_upright_faces():
+    """With the Sun in the equator (Rubincam 2000). Over a turn the mean of mu is that of a normal's part there over pi.
+
+    So heat pushes the upright faces ahead by 2/3 .1/pi each, and the tilted ones back by as much times sin(tilt). The
+    light itself pushes both by the mean of mu times the tangent part of u, 1/4 of .1, in opposite directions.
+    """
+    turns = jnp.linspace(0, 2 * np.pi, 400, endpoint=False)
+    for mill, tilt in [(windmill(tilt), tilt) for tilt in (0.3, 1.2, np.pi / 2)]:
+
+        def at(angle, mill=mill):
+            zero = jnp.zeros_like(angle)
+            state = ml.RigidState(jnp.zeros(3), so3.exp(jnp.stack([zero, zero, angle])))
+            return light(mill, jnp.array([1.0, 0, 0]), 1.0, 0.0, 0.0, 1.0)(0.0, state)
+
+        mean = np.asarray(jax.vmap(at)(turns)).mean(0)
+        np.testing.assert_allclose(mean, [0, 0, 2 * 2 / 3 * 0.1 / np.pi * (1 - np.sin(tilt))], atol=2e-5)
+
+
+@pytest.mark.sample(0)
+def test_the_windmill_of_a_run_turns_faster():
+    """By the mean torque times the time, about a turn a unit of time, for ten turns."""
+    torque, body = light(windmill(0.3), jnp.array([1.0, 0, 0]), 0.01, 0.0, 0.0, 1.0), ml.RigidBody([1.0, 1.0, 1.0])
+    start = ml.RigidState(jnp.array([0.0, 0.0, 2 * np.pi]), jnp.array([1.0, 0, 0, 0]))
+    path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.005, steps=2000, save_every=2000)
+    gained = float(path.states.momentum[-1, 2] - start.momentum[2])
+    assert gained == pytest.approx(10 * 0.01 * 2 * 2 / 3 * 0.1 / np.pi * (1 - np.sin(0.3)), rel=5e-3)
+
+
+# Thin gas.
+
+
+def test_a_plate_across_the_flow_has_the_drag_of_the_books():
+    """Cold gas: rho A v^2 and, fully accommodated at a warm wall, sqrt(pi)/2 rho A v v_w more; behind it nothing."""
+    plate = ml.Surface.of_facets([3.0], [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    v, rho, wall = 2.0, 0.1, 0.7
+    ahead, behind = jnp.array([0.0, 0.0, v]), jnp.array([0.0, 0.0, -v])
+    force = rho * 3.0 * v * (v + np.sqrt(np.pi) / 2 * wall)
+    np.testing.assert_allclose(
+        torques.FreeMolecularDrag(plate, rho, ahead, wall_speed=wall)(0.0, STILL), [0, force, 0], rtol=1e-14
+    )
+    np.testing.assert_allclose(torques.FreeMolecularDrag(plate, rho, behind)(0.0, STILL), 0)
+    # At an angle: what is met is less by its cosine, and pushes along the velocity.
+    slanted = jnp.array([0.0, 1.2, 1.6])
+    exact = np.cross([1.0, 0, 0], -rho * 3.0 * 1.6 * slanted)
+    np.testing.assert_allclose(torques.FreeMolecularDrag(plate, rho, slanted)(0.0, STILL), exact, rtol=1e-14)
+    # At rest in warm gas, a plate fully accommodated to it is pushed by the pressure rho c^2/2, on its one side.
+    still = torques.FreeMolecularDrag(plate, rho, jnp.zeros(3), thermal_speed=1.5, wall_speed=1.5)(0.0, STILL)
+    np.testing.assert_allclose(still, [0, 3.0 * rho * 1.5**2 / 2, 0], rtol=1e-14)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("s", [2.0, 0.5, None])
+def test_a_sphere_in_thin_gas_has_the_drag_of_schaaf_and_chambre(s):
+    """(2 s^2 + 1) e^(-s^2) / (sqrt(pi) s^3) + (4 s^4 + 4 s^2 - 1) erf(s) / (2 s^4) + 2 sqrt(pi) / 3 v_r / v."""
+    v, rho, a, wall = 2.0, 0.1, 0.8, 0.6
+    flow = {} if s is None else {"thermal_speed": v / s}
+    body = ml.FreeBody(ml.RigidBody([1.0, 1.0, 1.0]), 2.0)
+    state = ml.FreeState(STATE.momentum, STATE.attitude, 2.0 * (v * SUN + jnp.array([1.0, 0, 0])), jnp.zeros(3))
+    drag = torques.FreeMolecularDrag(
+        SPHERE, lambda t: rho + 0 * t, wind=jnp.array([1.0, 0, 0]), accommodation=a, wall_speed=wall, **flow
+    )
+    wrench = drag.on(body)(0.0, state)
+    cold = 2.0
+    if s is not None:
+        cold = (2 * s * s + 1) * np.exp(-s * s) / (np.sqrt(np.pi) * s**3)
+        cold += (4 * s**4 + 4 * s**2 - 1) * erf(s) / (2 * s**4)
+    away = np.sqrt((1 - a) * v * v / 2 + a * wall**2)
+    coefficient = cold + 2 * np.sqrt(np.pi) / 3 * away / v
+    np.testing.assert_allclose(wrench.force, -0.5 * rho * v * v * 4 * np.pi * coefficient * SUN, rtol=0, atol=3e-3)
+    np.testing.assert_allclose(wrench.torque, 0, atol=1e-13)
+
+
+@pytest.mark.sample(0)
+def test_a_box_in_thin_gas_settles_with_its_centre_of_pressure_behind():
+    """Moved forward of its facets, the centre of mass leads; and the run is differentiable through drag at rest."""
+    surface = ml.Surface.box([1.0, 1.0, 1.0]).moved([0.0, 0.0, -0.3])
+    drag = torques.FreeMolecularDrag(surface, 0.5, jnp.array([0.0, 0.0, 2.0]), accommodation=0.9)
+    body, start = ml.RigidBody([1.0, 1.0, 1.0]), ml.RigidState(jnp.zeros(3), so3.exp(jnp.array([0.6, 0.3, 0.0])))
+    path = ml.integrate("JACOBI[EA]", body, drag + torques.Damping(0.5), start, dt=0.02, steps=3000, save_every=3000)
+    np.testing.assert_allclose(so3.to_matrix(path.states.attitude[-1])[2, 2], 1, atol=1e-6)
+    slope = jax.grad(lambda v: torques.FreeMolecularDrag(surface, 0.5, v)(0.0, STILL)[0])(jnp.zeros(3))
+    np.testing.assert_allclose(slope, 0)
+
+
+# Eddy currents.
+
+
+@pytest.mark.sample(0)
+def test_eddy_currents_stop_the_turn_across_the_field_and_leave_that_along_it():
+    """A sphere: I Omega' = -M B^2 Omega across, so that what is across decays as exp(-M B^2 t / I)."""
+    body, field, m = ml.RigidBody([2.0, 2.0, 2.0]), jnp.array([0.0, 0.0, 1.5]), 0.3
+    start = ml.RigidState(jnp.array([0.6, 0.8, 0.5]), STATE.attitude)
+    path = ml.integrate("JACOBI[SRKN6b]", body, torques.EddyCurrents(m, field), start, dt=0.05, steps=100)
+    spin = np.asarray(so3.rotate(path.states.attitude, path.states.momentum))
+    decay = np.exp(-m * 1.5**2 / 2 * np.asarray(path.times))
+    np.testing.assert_allclose(spin[:, :2], decay[:, None] * spin[0, :2], atol=2e-4)
+    np.testing.assert_allclose(spin[:, 2], spin[0, 2], atol=1e-6)
+
+
+def test_eddy_currents_take_the_energy_that_they_say():
+    """The power is -(Omega x B) . M (Omega x B), for a number, a diagonal and a tensor; none along the field."""
+    body = ml.TensorBody([[2.0, 0.1, 0.2], [0.1, 1.6, 0.0], [0.2, 0.0, 1.9]])
+    field = jnp.array([0.4, -0.3, 1.2])
+    tensor = jnp.array([[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 1.5]])
+    velocity = np.asarray(body.velocity(STATE.momentum))
+    here = np.asarray(so3.rotate(so3.conjugate(STATE.attitude), field))
+    for m in (0.7, jnp.array([0.7, 0.2, 1.1]), tensor):
+        full = np.asarray(m) * np.eye(3) if jnp.ndim(m) < 2 else np.asarray(m)
+        torque = np.asarray(torques.EddyCurrents(m, lambda t: field * (1 + t)).on(body)(1.0, STATE))
+        across = np.cross(velocity, 2 * here)
+        np.testing.assert_allclose(torque, np.cross(full @ across, 2 * here), rtol=1e-12)
+        assert torque @ velocity == pytest.approx(-across @ full @ across)
+        assert torque @ velocity < 0
+    along = ml.RigidState(body.momentum(jnp.asarray(here)), STATE.attitude)
+    np.testing.assert_allclose(torques.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
+
+
+# Input that is wrong.
+
+ONE = [1.0, 0.0, 0.0]
+WRONG = [
+    (lambda: light(BOX, [1.0, 1.0, 0.0]), "direction must be a unit vector"),
+    (lambda: light(BOX, ONE, -1.0), "flux must be finite and not negative"),
+    (lambda: light(BOX, ONE, 1.0, 1.2), "specular must be between 0 and 1"),
+    (lambda: light(BOX, ONE, 1.0, 0.6, 0.5), "specular . diffuse must be at most 1, got 1.1"),
+    (lambda: light(BOX, ONE, 1.0, [0.6] * 6, [0.3] * 5 + [0.5]), "specular . diffuse must be at most 1, got 1.1"),
+    (lambda: light(BOX, ONE, 1.0, [0.6] * 5)(0.0, STATE), "specular must be .. or .6,., one for each facet"),
+    (lambda: light(BOX, ONE, c=0.0), "speed_of_light must be positive"),
+    (lambda: light("box", ONE), "surface must be a midlie_jax.Surface, got str"),
+    (lambda: light(BOX, ONE)(0.0, ml.MomentumState(ONE)), "no direction"),
+    (lambda: light(BOX, ONE)(0.0, ml.AxisState(ONE, ONE)), "needs the attitude"),
+    (lambda: torques.FreeMolecularDrag(BOX, -1.0, ONE), "density must be finite and not negative"),
+    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, wind=ONE), "give velocity or wind, not both"),
+    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, accommodation=1.1), "accommodation must be between 0 and 1"),
+    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, thermal_speed=0.0), "thermal_speed must be positive.*leave it"),
+    (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, wall_speed=-1.0), "wall_speed must be finite and not neg"),
+    (
+        lambda: torques.FreeMolecularDrag(BOX, 1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE),
+        "acts on a body that travels",
+    ),
+    (lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE), "tensor must be symmetric"),
+    (lambda: torques.EddyCurrents([1.0, -1.0, 0.0], ONE), "tensor must have no negative eigenvalue"),
+    (lambda: torques.EddyCurrents(np.diag([1.0, -1.0, 0.0]), ONE), "tensor must have no negative eigenvalue"),
+    (lambda: torques.EddyCurrents([1.0, 2.0], ONE), "tensor must be"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "message"), WRONG)
+def test_what_is_wrong_is_named_with_its_cure(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        wrong()

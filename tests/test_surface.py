@@ -1,0 +1,321 @@
+"""Surfaces: volume and inertia by closed forms, what is seen of an ellipsoid, light curves, and input that is wrong."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import midlie_jax as ml
+from midlie_jax.model import so3
+
+observe = ml.observe
+STATE = ml.RigidState(jnp.array([0.3, -0.8, 0.5]), so3.exp(jnp.array([0.2, 0.9, -0.4])))
+STILL = ml.RigidState(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]))
+TETRAHEDRON = (
+    np.array([[0.0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 5]]),
+    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+)
+
+
+def cuboid(lengths, offset=(0.0, 0.0, 0.0)):
+    """Vertices and the twelve triangles of a box."""
+    corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    hull = ConvexHull(corners)
+    inwards = np.sum(np.cross(*(corners[hull.simplices[:, k]] - corners[hull.simplices[:, 0]] for k in (1, 2))) *
+                     hull.equations[:, :3], axis=1) < 0  # fmt: skip
+    faces = np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
+    return corners * lengths + offset, faces
+
+
+def unit(*numbers):
+    return jnp.array(numbers) / np.linalg.norm(numbers)
+
+
+def test_a_tetrahedron_has_its_volume_centre_and_inertia():
+    """A right-angled one with legs a, b, c: volume abc/6, centre (a, b, c)/4, products of inertia abc/6 ab/20."""
+    surface = ml.Surface(*TETRAHEDRON)
+    a, b, c = 2.0, 3.0, 5.0
+    mass = 7.0 * a * b * c / 6
+    assert surface.volume == pytest.approx(a * b * c / 6, rel=1e-14)
+    assert surface.mass(7.0) == pytest.approx(mass, rel=1e-14)
+    np.testing.assert_allclose(surface.centre_of_mass, [a / 4, b / 4, c / 4], rtol=1e-14)
+    # About the corner, int x^2 = m a^2/10 and int x y = m a b/20; about the centre less m times the products of a/4.
+    legs = np.array([a, b, c])
+    second = mass * (np.outer(legs, legs) / 20 + np.diag(legs**2) / 20 - np.outer(legs, legs) / 16)
+    np.testing.assert_allclose(surface.inertia(7.0), np.trace(second) * np.eye(3) - second, rtol=1e-13)
+    np.testing.assert_allclose(surface.areas[:3], [3.0, 5.0, 7.5])
+    np.testing.assert_allclose(surface.normals[:3], [[0, 0, -1], [0, -1, 0], [-1, 0, 0]], atol=1e-15)
+
+
+def test_boxes_of_triangles_of_rectangles_and_of_two_halves_are_one():
+    lengths, offset = np.array([1.0, 2.0, 3.0]), np.array([50.0, -20.0, 9.0])
+    squares = lengths**2
+    inertia = 0.5 * 6.0 / 12 * np.diag(squares.sum() - squares)
+    half = ml.Surface(*cuboid([0.5, 2.0, 3.0]))
+    halves = half.moved([0.25, 0.0, 0.0]) + half.moved([-0.25, 0.0, 0.0])
+    for surface in (ml.Surface(*cuboid(lengths)), ml.Surface.box(lengths), halves):
+        assert surface.volume == pytest.approx(6.0, rel=1e-14)
+        np.testing.assert_allclose(surface.inertia(0.5), inertia, rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(surface.body(0.5).tensor, inertia, rtol=1e-13, atol=1e-13)
+    far = ml.Surface(*cuboid(lengths, offset))
+    np.testing.assert_allclose(far.centre_of_mass, offset, rtol=1e-14)
+    np.testing.assert_allclose(far.inertia(0.5), inertia, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(far.centred().centroids, ml.Surface(*cuboid(lengths)).centroids, atol=1e-13)
+
+
+@pytest.mark.sample(0)
+def test_the_volume_changes_with_a_vertex_as_the_areas_beside_it():
+    """dV/dv of a corner is a third of the vector area of the faces around it."""
+    vertices, faces = TETRAHEDRON
+    slope = jax.grad(lambda v: ml.Surface(v, faces).volume)(jnp.asarray(vertices))
+    surface = ml.Surface(vertices, faces)
+    vectors = np.asarray(surface.areas[:, None] * surface.normals)
+    exact = [vectors[np.any(faces == i, axis=1)].sum(0) / 3 for i in range(4)]
+    np.testing.assert_allclose(slope, exact, atol=1e-13)
+
+
+def test_an_ellipsoid_has_its_own_volume_and_inertia_whatever_the_facets():
+    """And its area vectors add up to zero; the volume by its facets, int n . x dA / 3, is that volume, too."""
+    a, b, c = 3.0, 2.0, 1.0
+    for facets in (20, 300):
+        surface = ml.Surface.ellipsoid([a, b, c], facets)
+        assert surface.count == {20: 20, 300: 320}[facets]
+        volume = 4 / 3 * np.pi * a * b * c
+        by_facets = np.sum(surface.areas * np.sum(surface.normals * surface.centroids, axis=1)) / 3
+        np.testing.assert_allclose([surface.volume, by_facets], volume, rtol=1e-13)
+        inertia = 2.0 * volume / 5 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b])
+        np.testing.assert_allclose(surface.inertia(2.0), inertia, rtol=1e-13)
+        np.testing.assert_allclose(surface.areas @ surface.normals, 0, atol=1e-12)
+
+
+@pytest.mark.sample(0)
+def test_principal_axes_of_a_turned_surface_are_those_of_the_surface():
+    """Moments ascend, the surface turns along, and what light does to both is the same."""
+    surface = ml.Surface(*TETRAHEDRON).turned(so3.exp(jnp.array([0.3, 1.2, -0.5])))
+    body, own = surface.principal(2.0)
+    np.testing.assert_allclose(np.linalg.eigvalsh(surface.inertia(2.0)), body.moments, rtol=1e-12)
+    np.testing.assert_allclose(own.inertia(2.0), np.diag(body.moments), atol=1e-12 * float(body.trace))
+    np.testing.assert_allclose(own.centre_of_mass, 0, atol=1e-14)
+    np.testing.assert_allclose(own.areas, surface.areas)
+    turn = np.linalg.lstsq(own.normals, surface.normals, rcond=None)[0]  # own frame to the old one: no mirror
+    assert np.linalg.det(turn) == pytest.approx(1)
+    np.testing.assert_allclose(own.centroids @ turn, surface.centred().centroids, atol=1e-13)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("ending", ["obj", "stl", "ply"])
+def test_a_surface_from_a_file_is_that_of_its_vertices(ending, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    vertices, faces = cuboid([1.0, 2.0, 3.0])
+    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / f"box.{ending}")
+    read, own = ml.Surface.from_file(tmp_path / f"box.{ending}", scale=10.0), ml.Surface(10 * vertices, faces)
+    assert read.count == 12
+    np.testing.assert_allclose([read.volume, own.volume], 6000.0, rtol=1e-6)
+    np.testing.assert_allclose(read.inertia(1.0), own.inertia(1.0), rtol=1e-5, atol=1e-2)
+    trimesh.Trimesh(vertices, faces[1:], process=False).export(tmp_path / f"open.{ending}")
+    with pytest.raises(ValueError, match="close the surface, but 3 edges"):
+        ml.Surface.from_file(tmp_path / f"open.{ending}")
+    (tmp_path / "box.txt").write_text("1 2 3")
+    with pytest.raises(ValueError, match="give an OBJ, STL or PLY file"):
+        ml.Surface.from_file(tmp_path / "box.txt")
+
+
+# What is seen.
+
+
+@pytest.mark.sample(0)
+def test_the_projected_area_of_an_ellipsoid_converges_with_its_facets():
+    """At opposition Lommel and Seeliger show half of it: pi sqrt(b^2 c^2 x^2 + a^2 c^2 y^2 + a^2 b^2 z^2) / 2."""
+    a, b, c = 3.0, 2.0, 1.0
+    directions = np.random.default_rng(0).normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    seen = np.asarray(jax.vmap(STATE.seen_from_body)(tuple(jnp.asarray(directions.T))))
+    x, y, z = seen
+    exact = np.pi * np.sqrt((b * c * x) ** 2 + (a * c * y) ** 2 + (a * b * z) ** 2)
+    errors = []
+    for facets in (80, 1280):
+        surface = ml.Surface.ellipsoid([a, b, c], facets)
+
+        def at(d, surface=surface):
+            return observe.Brightness(surface, d, d, observe.LommelSeeliger())(0.0, STATE)
+
+        errors.append(np.sqrt(np.mean((2 * np.asarray(jax.vmap(at)(jnp.asarray(directions))) / exact - 1) ** 2)))
+    assert errors[0] < 0.02
+    assert errors[1] < min(4e-4, errors[0] / 8)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("angle", [0.3, 1.2, 2.4])
+def test_a_sphere_has_the_phase_functions_of_the_books(angle):
+    """Lambert's, (sin a + (pi - a) cos a) / pi of 2 pi / 3; Lommel and Seeliger's of pi / 2."""
+    sphere = ml.Surface.ellipsoid([1.0, 1.0, 1.0], 5120)
+    sun, observer = [0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)]
+    lambert = observe.Brightness(sphere, sun, observer, observe.Lambert(), albedo=0.5)(0.0, STATE)
+    grey = observe.Brightness(sphere, sun, observer, observe.LommelSeeliger())(0.0, STATE)
+    law = observe.LommelSeeliger(0.1)
+    mixed = observe.Brightness(sphere, sun, observer, law, phase=lambda a: jnp.exp(-a))(0.0, STATE)
+    exact = (np.sin(angle) + (np.pi - angle) * np.cos(angle)) / np.pi
+    assert lambert == pytest.approx(0.5 * 2 * np.pi / 3 * exact, rel=3e-4)
+    half = angle / 2
+    assert grey == pytest.approx(np.pi / 2 * (1 - np.sin(half) * np.tan(half) * np.log(1 / np.tan(half / 2))), rel=4e-4)
+    assert mixed == pytest.approx(float(np.exp(-angle) * (grey + 0.2 * lambert)), rel=1e-11)
+
+
+@pytest.mark.sample(0)
+def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_form():
+    """K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23, from forty places of Sun and observer."""
+    axes = np.array([1.5, 1.2, 0.8])
+    surface = ml.Surface.ellipsoid(axes, 5120)
+    directions = np.random.default_rng(1).normal(size=(40, 2, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+
+    def at(pair):
+        return observe.Brightness(surface, pair[0], pair[1], observe.LommelSeeliger())(0.0, STILL)
+
+    found = np.asarray(jax.vmap(at)(jnp.asarray(directions)))
+    sun, observer = np.moveaxis(directions / axes, 1, 0)
+    s0, s1 = np.linalg.norm(sun, axis=1), np.linalg.norm(observer, axis=1)
+    cosine = np.sum(sun * observer, axis=1) / (s0 * s1)
+    angle, s = np.arccos(cosine), np.sqrt(s0**2 + s1**2 + 2 * s0 * s1 * cosine)
+    lag = np.arctan2(s1 * np.sin(angle), s0 + s1 * cosine)
+    bright = np.log(1 / np.tan(lag / 2) / np.tan((angle - lag) / 2))
+    bracket = np.cos(lag - angle) + np.cos(lag) + np.sin(lag) * np.sin(lag - angle) * bright
+    exact = np.pi / 2 * axes.prod() * s0 * s1 / s * bracket
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3)
+    assert np.ptp(exact) > 1
+
+
+@pytest.mark.sample(0)
+def test_a_tumbling_ellipsoid_seen_in_a_run_is_seen_in_its_states():
+    """The observable of an ensemble, magnitudes, moving directions, a `TensorBody` and float32."""
+    surface = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
+    sun = lambda t: jnp.stack([jnp.cos(0.1 * t), jnp.sin(0.1 * t), 0 * t]) * 4  # noqa: E731
+    seen = observe.Brightness(surface, sun, unit(1.0, 2.0, 2.0), observe.LommelSeeliger(0.1), magnitude=True)
+    body = surface.body(1.0)
+    run = {"dt": 0.1, "steps": 6, "save_every": 2}
+    path = ml.integrate("JACOBI[EA]", body, None, STATE, **run)
+    found = ml.integrate("JACOBI[EA]", body, None, STATE, **run, observe=seen).states
+    brightness = observe.Brightness(surface, sun, unit(1.0, 2.0, 2.0), observe.LommelSeeliger(0.1))
+    exact = -2.5 * np.log10(
+        [brightness(t, jax.tree.map(lambda x, i=i: x[i], path.states)) for i, t in enumerate(path.times)]
+    )
+    np.testing.assert_allclose(found, exact, rtol=1e-12)
+    surface, state = jax.tree.map(lambda x: x.astype(jnp.float32), (surface, STATE))
+    single = observe.Brightness(surface, jnp.array([1, 0, 0], jnp.float32), jnp.array([0, 1, 0], jnp.float32),
+                                observe.LommelSeeliger(0.1))  # fmt: skip
+    assert single(0.0, state).dtype == jnp.float32
+
+
+def test_the_brightness_of_a_facet_in_the_dark_has_a_derivative():
+    """Zero beyond the edge and that of the law before it, also where Sun and observer both graze: mu = mu0 = 0."""
+    panel = ml.Surface.of_facets([2.0], [[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]])
+
+    def seen(angle):
+        towards = jnp.stack([jnp.cos(angle), jnp.zeros_like(angle), jnp.sin(angle)])
+        return observe.Brightness(panel, towards, towards, observe.LommelSeeliger(0.1))(0.0, STILL)
+
+    value, slope = jax.vmap(jax.value_and_grad(seen))(jnp.array([-0.1, 0.0, 1e-3, 0.4]))
+    sine, cosine = np.sin([1e-3, 0.4]), np.cos([1e-3, 0.4])
+    np.testing.assert_allclose(value, [0, 0, *(sine + 0.2 * sine**2)], rtol=1e-12)
+    np.testing.assert_allclose(slope, [0, 0, *(cosine * (1 + 0.4 * sine))], rtol=1e-12)
+
+
+@pytest.mark.sample(0)
+def test_brightness_has_derivatives_with_respect_to_shape_and_attitude():
+    """Against differences over a step in which facets cross the terminator, on the loop over blocks of facets too."""
+
+    def magnitude(numbers):
+        surface = ml.Surface.ellipsoid(numbers[:3], 80)
+        state = ml.RigidState(jnp.zeros(3), so3.exp(numbers[3:]))
+        return observe.Brightness(
+            surface, unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3), observe.LommelSeeliger(0.1), magnitude=True
+        )(0.0, state)
+
+    numbers = jnp.array([3.0, 2.0, 1.0, 0.3, -0.2, 0.4])
+    gradient = jax.jit(jax.grad(magnitude))(numbers)
+    h = 1e-5
+    moved = numbers[None] + h * jnp.concatenate([jnp.eye(6), -jnp.eye(6)])
+    values = np.asarray(jax.jit(jax.vmap(magnitude))(moved))
+    np.testing.assert_allclose(gradient, (values[:6] - values[6:]) / (2 * h), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.sample(0)
+def test_brightness_has_derivatives_with_respect_to_law_and_albedo():
+    """Both enter linearly; a law of one's own may close over what is differentiated."""
+    surface, albedo = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80), jnp.linspace(0.2, 0.8, 80)
+    directions = unit(1.0, 0.2, 0.1), unit(0.1, 1.0, 0.3)
+
+    def own(c):
+        return observe.Brightness(surface, *directions, lambda mu, mu0: mu * mu0 * (1 / (mu + mu0) + c))(0.0, STATE)
+
+    def mixed(c):
+        return observe.Brightness(surface, *directions, observe.LommelSeeliger(c))(0.0, STATE)
+
+    def painted(albedo):
+        return observe.Brightness(surface, *directions, observe.Lambert(), albedo=albedo)(0.0, STATE)
+
+    lambert = painted(jnp.ones(80))
+    c = jnp.asarray(0.1)
+    np.testing.assert_allclose([jax.grad(own)(c), jax.grad(mixed)(c), jax.jvp(own, (c,), (c,))[1] / c], lambert)
+    assert jnp.vdot(jax.grad(painted)(albedo), albedo) == pytest.approx(float(painted(albedo)))
+
+
+# Input that is wrong.
+
+VERTICES, FACES = cuboid([1.0, 2.0, 3.0])
+PANEL = ([1.0], [[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]])
+WRONG = [
+    (lambda: ml.Surface(VERTICES, FACES[:-1]), "faces must close the surface, but 3 edges"),
+    (lambda: ml.Surface(VERTICES, FACES[:, ::-1]), "faces must be counterclockwise from outside.*faces\\[:, ::-1\\]"),
+    (lambda: ml.Surface(VERTICES, np.vstack([FACES[:1, ::-1], FACES[1:]])), "faces must be oriented alike, but 3"),
+    (lambda: ml.Surface(VERTICES, FACES + 1), "vertices 0 to 7, got 1 to 8; OBJ files count from 1"),
+    (lambda: ml.Surface(VERTICES, FACES.astype(float)), "faces must be integers"),
+    (lambda: ml.Surface(VERTICES, np.zeros((6, 4), int)), "divide faces of more corners into triangles"),
+    (lambda: ml.Surface(VERTICES * np.array([1.0, 1, np.nan]), FACES), "vertices must be finite"),
+    (lambda: ml.Surface(VERTICES * np.array([1.0, 1, 0]), FACES), "faces must have an area, but 8 have none"),
+    (lambda: ml.Surface(VERTICES[None], FACES), "vertices must be .v, 3."),
+    (lambda: jax.jit(lambda f: ml.Surface(VERTICES, f).volume)(FACES), "faces must be known integers"),
+    (lambda: ml.Surface.of_facets(PANEL[0], [[0.0, 0.0, 2.0]], PANEL[2]), "normals must be unit vectors"),
+    (lambda: ml.Surface.of_facets([-1.0], *PANEL[1:]), "areas must be finite and not negative"),
+    (lambda: ml.Surface.of_facets([1.0, 1.0], *PANEL[1:]), "areas must be .n,., normals and centroids .n, 3."),
+    (lambda: ml.Surface.of_facets(*PANEL).volume, "no inside"),
+    (lambda: ml.Surface.ellipsoid([1.0, -1.0, 1.0]), "semi_axes must be positive"),
+    (lambda: ml.Surface.ellipsoid([1.0, 1.0, 1.0], 0), "facets must be a positive Python int"),
+    (lambda: ml.Surface.box(2.0), "lengths must be .3,."),
+    (lambda: ml.Surface(*TETRAHEDRON).body(1.0), "origin must be the centre of mass.*surface.centred"),
+    (lambda: ml.Surface.box([1.0, 1, 1]).body(0.0), "density must be positive"),
+    (
+        lambda: observe.Brightness(VERTICES, [1.0, 0, 0], [1.0, 0, 0], observe.Lambert()),
+        "surface must be a midlie_jax.S",
+    ),
+]
+BOX = ml.Surface.box([1.0, 2.0, 3.0])
+X, Z = unit(1.0, 0, 0), unit(0, 0, 1.0)
+WRONG += [
+    (lambda: observe.Brightness(BOX, 2 * Z, Z, observe.Lambert()), "sun must be a unit vector"),
+    (lambda: observe.Brightness(BOX, Z, 2 * Z, observe.Lambert()), "observer must be a unit vector"),
+    (lambda: observe.Brightness(BOX, Z, Z, observe.Lambert), "law must be a law and not its class: write Lambert"),
+    (lambda: observe.Brightness(BOX, Z, Z, "lambert"), "law must be a function of .mu, mu0."),
+    (lambda: observe.Brightness(BOX, Z, Z, observe.Lambert(), albedo=-1.0), "albedo must be finite and not neg"),
+    (
+        lambda: observe.Brightness(BOX, Z, Z, observe.Lambert(), albedo=[1.0, 1])(0.0, STATE),
+        "albedo must be .. or .6,.",
+    ),
+    (lambda: observe.LommelSeeliger(-0.1), "lambert must be finite and not negative"),
+    (lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, ml.MomentumState([1.0, 0, 0])), "no direction"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "message"), WRONG)
+def test_what_is_wrong_is_named_with_its_cure(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        wrong()
+
+
+def test_a_missing_trimesh_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
+    with pytest.raises(ImportError, match=r"midlie_jax\[surfaces\]"):
+        ml.Surface.from_file(tmp_path / "none.obj")
