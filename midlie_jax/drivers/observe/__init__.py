@@ -21,6 +21,7 @@ from .brightness import Brightness as Brightness
 from .brightness import Lambert as Lambert
 from .brightness import LommelSeeliger as LommelSeeliger
 from .brightness import Scattering as Scattering
+from .ellipsoid import EllipsoidBrightness as EllipsoidBrightness
 from .observables import Function as Function
 from .observables import Observable as Observable
 from .observables import Together as Together
