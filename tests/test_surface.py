@@ -186,6 +186,35 @@ def test_an_ellipsoid_of_lommel_and_seeliger_has_the_brightness_of_the_closed_fo
     exact = np.pi / 2 * axes.prod() * s0 * s1 / s * bracket
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3)
     assert np.ptp(exact) > 1
+    closed = [float(observe.EllipsoidBrightness(axes, *pair)(0.0, STILL)) for pair in directions]
+    np.testing.assert_allclose(closed, exact, rtol=0, atol=1e-14 * exact.max())
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_the_closed_form_holds_from_the_sun_and_opposite_to_it(dtype):
+    """A sphere's phase function, 1 - sin(a/2) tan(a/2) ln cot(a/4), and derivatives that are finite and right."""
+    eps = float(jnp.finfo(dtype).eps)
+    still = ml.RigidState(jnp.zeros(3, dtype), jnp.asarray([1.0, 0.0, 0.0, 0.0], dtype))
+    axes = jnp.asarray([1.5, 1.2, 0.8], dtype)
+
+    @jax.jit
+    def at(axes, angle):
+        directions = (jnp.stack([jnp.cos(a), jnp.sin(a), 0 * a]) for a in (0 * angle, angle))
+        return observe.EllipsoidBrightness(axes, *directions)(0.0, still)
+
+    for angle in (0.0, 1e-6, 0.01, 1.0, 3.0, np.pi - 1e-3, np.pi):
+        phase = 1.0 if angle == 0 else 1 + np.sin(angle / 2) * np.tan(angle / 2) * np.log(np.tan(angle / 4))
+        found = at(jnp.ones(3, dtype), jnp.asarray(angle, dtype))
+        bound = 100 * eps if angle < 3.1 else 10 * eps ** (2 / 3)
+        np.testing.assert_allclose(found, np.pi / 2 * (phase if angle < np.pi else 0), rtol=0, atol=bound)
+        slope = jax.jit(jax.grad(at))(axes, jnp.asarray(angle, dtype))
+        assert np.all(np.isfinite(slope))
+        if dtype == "float64" and angle < 3.1:
+            steps = 1e-6 * np.eye(3)
+            expected = [(at(axes + d, jnp.asarray(angle)) - at(axes - d, jnp.asarray(angle))) / 2e-6 for d in steps]
+            np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8)
+    with pytest.raises(ValueError, match="semi_axes must be positive"):
+        observe.EllipsoidBrightness([1.0, 2.0, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0])
 
 
 @pytest.mark.sample(0)

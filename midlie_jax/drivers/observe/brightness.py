@@ -13,12 +13,9 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, require, require_function
 from ..._math import components as cp
 from ..._xla.rows import sum_over_rows
-from ...model.bodies import Body
-from ...model.facets import as_direction, as_surface, of_facets, seen_from_body
-from ...model.state import AnyState, Time
+from ...model.facets import as_surface, of_facets
 from ...model.surface import Surface
-from ...model.torques import TorqueLike
-from .observables import Observable
+from .light import Light
 
 
 class Scattering(eqx.Module):
@@ -70,7 +67,7 @@ class LommelSeeliger(Scattering):
         return mu * mu0 * (1 / (mu + mu0) + self.lambert.astype(mu.dtype))
 
 
-class Brightness(Observable):
+class Brightness(Light):
     """How bright a surface is: the sum over facets that the Sun lights and the observer sees of area albedo law.
 
     It is in units of area for an albedo of one, up to the flux of the Sun and the distances; or a magnitude,
@@ -94,12 +91,8 @@ class Brightness(Observable):
     """
 
     surface: Surface
-    sun: Float[Array, "*batch 3"] | Callable[[Any], Array]
-    observer: Float[Array, "*batch 3"] | Callable[[Any], Array]
     law: Callable[[Array, Array], Array]
     albedo: Float[Array, "*batch"]
-    phase: Callable[[Array], Array] | None
-    magnitude: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -113,30 +106,19 @@ class Brightness(Observable):
         magnitude: bool = False,
     ):
         self.surface = as_surface(surface)
-        self.sun, self.observer = as_direction("sun", sun), as_direction("observer", observer)
+        self._view(sun, observer, phase, magnitude)
         if isinstance(law, type):
             raise ValueError(f"law must be a law and not its class: write {law.__name__}().")
         require_function("law", law, "mu, mu0")
         self.law, self.albedo = law, as_floats("albedo", albedo)
         not_negative = "must be finite and not negative"
         require("albedo", self.albedo, lambda a: np.isfinite(a) & (a >= 0), not_negative, "0 is black.")
-        if phase is not None:
-            require_function("phase", phase, "angle")
-        self.phase, self.magnitude = phase, magnitude
 
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return self(t, state)
-
-    def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
-        """The intensity or magnitude (), of one state."""
-        sun, observer = (seen_from_body(direction, t, state) for direction in (self.sun, self.observer))
+    def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
         surface = self.surface
         weights = surface.areas * of_facets("albedo", self.albedo, surface).astype(surface.areas.dtype)
         columns = *cp.vector(surface.normals), weights
-        total = sum_over_rows(lambda row, directions: _seen(self.law, row, *directions), columns, (sun, observer))
-        if self.phase is not None:
-            total = total * self.phase(jnp.arctan2(cp.norm(cp.cross(sun, observer)), cp.dot(sun, observer)))
-        return -2.5 * jnp.log10(total) if self.magnitude else total
+        return sum_over_rows(lambda row, directions: _seen(self.law, row, *directions), columns, (sun, observer))
 
 
 def _seen(law: Callable[[Array, Array], Array], row: Any, sun: cp.Vector, observer: cp.Vector) -> Array:

@@ -1,26 +1,20 @@
 """`EllipsoidBrightness`: how bright an ellipsoid is, in closed form."""
 
-from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require, require_function
+from ..._checks.arguments import as_floats, require
 from ..._math import components as cp
-from ...model.bodies import Body
-from ...model.facets import as_direction, seen_from_body
-from ...model.state import AnyState, Time
-from ...model.torques import TorqueLike
-from .observables import Observable
+from .light import Light
 
 _NONE = 1e-30  # a square of a sine below this counts as zero
 
 
-class EllipsoidBrightness(Observable):
+class EllipsoidBrightness(Light):
     """How bright an ellipsoid is that the Sun lights, by the law of Lommel and Seeliger, in closed form.
 
     It is what `Brightness(Surface.ellipsoid(semi_axes), sun, observer, LommelSeeliger())` tends to with the number of
@@ -29,8 +23,8 @@ class EllipsoidBrightness(Observable):
 
     With s and o, the directions of Sun and observer divided by the semi-axes, component by component, and v = s + o, it
     is pi/2 a b c |s| |o| / |v| (cos l + cos m + sin l sin m ln(tan(l/2) tan(m/2))), where l and m are the angles from v
-    to s and to o (K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23). Relative to what is
-    seen from the Sun it is right to rounding; opposite to the Sun, to the power 2/3 of that.
+    to s and to o (K. Muinonen, K. Lumme, Astron. Astrophys. 584 (2015) A23). Relative to what is seen from the Sun it
+    is right to rounding; opposite to the Sun, to the power 2/3 of that.
 
     Attributes:
         semi_axes: along the axes of the body frame, (3,), length, positive.
@@ -41,30 +35,15 @@ class EllipsoidBrightness(Observable):
     """
 
     semi_axes: Float[Array, "*batch 3"]
-    sun: Float[Array, "*batch 3"] | Callable[[Any], Array]
-    observer: Float[Array, "*batch 3"] | Callable[[Any], Array]
-    phase: Callable[[Array], Array] | None
-    magnitude: bool = eqx.field(static=True)
 
     def __init__(self, semi_axes: Any, sun: Any, observer: Any, *, phase: Any = None, magnitude: bool = False):
         self.semi_axes = as_floats("semi_axes", semi_axes, (3,))
         positive = "must be positive and finite"
         require("semi_axes", self.semi_axes, lambda x: np.isfinite(x) & (x > 0), positive, "check their units.")
-        self.sun, self.observer = as_direction("sun", sun), as_direction("observer", observer)
-        if phase is not None:
-            require_function("phase", phase, "angle")
-        self.phase, self.magnitude = phase, magnitude
+        self._view(sun, observer, phase, magnitude)
 
-    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
-        return self(t, state)
-
-    def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
-        """The intensity or magnitude (), of one state."""
-        sun, observer = (seen_from_body(direction, t, state) for direction in (self.sun, self.observer))
-        total = _intensity(cp.vector(self.semi_axes), sun, observer)
-        if self.phase is not None:
-            total = total * self.phase(jnp.arctan2(cp.norm(cp.cross(sun, observer)), cp.dot(sun, observer)))
-        return -2.5 * jnp.log10(total) if self.magnitude else total
+    def intensity(self, sun: cp.Vector, observer: cp.Vector) -> Array:
+        return _intensity(cp.vector(self.semi_axes), sun, observer)
 
 
 def _intensity(axes: cp.Vector, sun: cp.Vector, observer: cp.Vector) -> Array:
