@@ -4,6 +4,8 @@ Lengths are in units of the distance of the periapsis q, times in units of sqrt(
 is negative on a hyperbola, the universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k c_k(alpha
 s^2), with Stumpff's c_k, are cos and sin, or cosh and sinh, or powers of s. An ellipse has s = E / sqrt(alpha).
 
+There is no division after the first guess, where XLA would end a loop and repeat the series in the next.
+
 R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), sections 4.5 and 4.6; K. Stumpff,
 Himmelsmechanik I (1959), chapter 5.
 """
@@ -72,9 +74,9 @@ class Place(NamedTuple):
         """The change of s by a step of fourth order (Householder's), for an s that may be 15 % off."""
         first, second, third = self.slopes(u)
         lack = time - self.time(u)
-        d = lack / first
-        d = lack / (first + d * second / 2)
-        return lack / (first + d * (second / 2 + d * third / 6))
+        d = lack * cp.reciprocal(first)
+        d = lack * cp.reciprocal(first + d * second / 2)
+        return lack * cp.reciprocal(first + d * (second / 2 + d * third / 6))
 
     def last_correction(self, u: Powers, time: Array) -> Array:
         """The change of s by a step of fourth order, for an s that is nearly the root: the reversed series.
@@ -82,7 +84,7 @@ class Place(NamedTuple):
         If s is the root with its derivatives left out, then the result has them, up to the third.
         """
         first, second, third = self.slopes(u)
-        inverse = 1 / first
+        inverse = cp.reciprocal(first)
         d = (time - self.time(u)) * inverse
         a, b = second * inverse / 2, third * inverse / 6
         return d * (1 - d * (a - d * (2 * a * a - b)))

@@ -18,13 +18,17 @@ def of_elements(
 ) -> tuple[Array, Array, Array]:
     """Position and velocity, and the time at which the orbit has them; the arguments of `KeplerOrbit.from_elements`."""
     e = eccentricity
-    require("eccentricity", e, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
+    require(
+        "eccentricity", e, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign."
+    )
     size_name, size = _only_one(_SIZES, sizes, "the size of the orbit")
     place_name, place = _only_one(_PLACES, places, "where the body is")
     if size_name == "semi_major_axis":
         fits = _pair(lambda a, e: (a * (1 - e) > 0) & (e != 1), e)
         cure = "give periapsis, which every orbit has."
-        require(size_name, size, fits, "must be positive on an ellipse, negative on a hyperbola; a parabola has none", cure)
+        require(
+            size_name, size, fits, "must be positive on an ellipse, negative on a hyperbola; a parabola has none", cure
+        )
         q = size * (1 - e)
     else:
         require(size_name, size, lambda x: x > 0, "must be positive", "give a length.")

@@ -12,6 +12,7 @@ from ..._checks.arguments import as_floats, require, require_finite
 from ..._math import components as cp
 from ..._math import universal
 from ..._math.universal import Place
+from ..._xla.fusion import split
 from .base import Orbit
 from .elements import of_elements
 
@@ -112,8 +113,9 @@ class KeplerOrbit(Orbit):
         return cls(position, velocity, mu, time)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        orbit = _Orbit.of(cp.vector(self.position), cp.vector(self.velocity), self.mu)
-        return cp.pack(orbit.at(t - self.epoch))
+        # Three loops, of what does not change, of the root and of the position: in one XLA would repeat parts of it.
+        orbit = split(_Orbit.of(cp.vector(self.position), cp.vector(self.velocity), self.mu))
+        return cp.pack(split(orbit.at(t - self.epoch)))
 
 
 class _Orbit(NamedTuple):
@@ -126,6 +128,7 @@ class _Orbit(NamedTuple):
     position: cp.Vector
     velocity: cp.Vector
     since: Array  # time of the epoch since that place
+    per_r: Array
     rate: Array  # sqrt(mu / q^3), of a constant q
     q: Array  # constants: these only choose the units and the first guess
     eccentricity: Array
@@ -139,15 +142,16 @@ class _Orbit(NamedTuple):
         rate = jnp.sqrt(mu / q) / q
         r, v = cp.scale(1 / q, position), cp.scale(1 / (rate * q), velocity)
         square = cp.dot(r, r)
-        distance, sigma = jnp.sqrt(square), cp.dot(r, v)
-        alpha = 2 / distance - cp.dot(v, v)
+        per_distance = cp.inverse_root(square)
+        distance, sigma = square * per_distance, cp.dot(r, v)
+        alpha = 2 * per_distance - cp.dot(v, v)
         # The way back to the periapsis, with derivatives, as if s were a constant there; Lagrange's functions allow any.
-        s = _from_periapsis(*stop((alpha, eccentricity, distance, sigma)))
+        s = split(_from_periapsis(*stop((alpha, eccentricity, distance, sigma))))
         u = universal.powers(alpha, -s)
         epoch = Place(alpha, distance, sigma)
-        near = epoch.slopes(u)[0]
-        f, g = 1 - u.u2 / distance, distance * u.u1 + sigma * u.u2
-        f_rate, g_rate = -u.u1 / (distance * near), 1 - u.u2 / near
+        per_near = cp.reciprocal(epoch.slopes(u)[0])
+        f, g = 1 - u.u2 * per_distance, distance * u.u1 + sigma * u.u2
+        f_rate, g_rate = -u.u1 * per_distance * per_near, 1 - u.u2 * per_near
         back = (
             cp.add(cp.scale(f, r), cp.scale(g, v)),
             cp.add(cp.scale(f_rate, r), cp.scale(g_rate, v)),
@@ -162,8 +166,10 @@ class _Orbit(NamedTuple):
             return jnp.where(far, value + (formula - stop(formula)), formula)
 
         place, speed, since = jax.tree.map(valued, back, exact)
-        units = Place(alpha, cp.norm(place), cp.dot(place, speed))
-        return cls(units, place, speed, since, rate, q, eccentricity, stop(alpha))
+        square = cp.dot(place, place)
+        per_r = cp.inverse_root(square)
+        units = Place(alpha, square * per_r, cp.dot(place, speed))
+        return cls(units, place, speed, since, per_r, rate, q, eccentricity, stop(alpha))
 
     def at(self, t: Array) -> cp.Vector:
         """The position at a time since the epoch."""
@@ -173,10 +179,11 @@ class _Orbit(NamedTuple):
         s = universal.first_guess(self.alpha, self.eccentricity, constant)
         s = s + known.first_correction(universal.powers(self.alpha, s), constant)
         s = s + known.last_correction(universal.powers(self.alpha, s), constant)
+        s = split(s)
         # The root; only the next step is differentiated (see `last_correction`).
         u = universal.powers(place.alpha, s)
         u = universal.moved(place.alpha, u, place.last_correction(u, time))
-        f, g = self.q * (1 - u.u2 / place.r), self.q * (place.r * u.u1 + place.sigma * u.u2)
+        f, g = self.q * (1 - u.u2 * self.per_r), self.q * (place.r * u.u1 + place.sigma * u.u2)
         return cp.add(cp.scale(f, self.position), cp.scale(g, self.velocity))
 
     def _within_a_turn(self, time: Array) -> Array:
