@@ -15,6 +15,7 @@ pair may mean another axis; the energy ratio tells.
 from math import pi
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -114,7 +115,7 @@ def tumbling(
     precession_period: Any,
     rotation_period: Any,
     pole: Any,
-    phases: tuple[Any, Any],
+    phases: Any,
     mode: str | None = None,
 ) -> RigidState:
     """The state of a free body that tumbles with given periods: a start from what light curves give.
@@ -158,9 +159,17 @@ def tumbling(
         raise ValueError(f"phases must be a tuple (s, phi), got {shown(phases)}.")
     s, phi = as_floats("phases[0]", phases[0]), as_floats("phases[1]", phases[1])
     wanted = rotation / precession
+    mode = _mode_of(_sorted(principal)[0], wanted, mode)
+    momentum, attitude = _start_of(principal, body.frame_of_user(), wanted, rotation, pole, s, phi, mode == "short")
+    return RigidState(momentum, attitude)
+
+
+@eqx.filter_jit
+def _start_of(
+    principal: RigidBody, frame: Any, wanted: Array, rotation: Array, pole: Array, s: Array, phi: Array, short: bool
+) -> tuple[Array, Array]:
+    """The momentum and the attitude of `tumbling`, of checked arguments; `short` is static."""
     moments, order, sign = _sorted(principal)
-    mode = _mode_of(moments, wanted, mode)
-    short = mode == "short"
     i1, i2, i3 = moments if short else moments[::-1]
     shape = _shape_with((i1, i2, i3), wanted, jnp.asarray(short))
     size = shape.period / rotation
@@ -175,11 +184,10 @@ def tumbling(
     about = jnp.stack(jnp.broadcast_arrays(jnp.cos(phi / 2), 0 * phi, 0 * phi, jnp.sin(phi / 2)), axis=-1)
     to_pole = _smallest_turn(jnp.broadcast_to(up, (*pole.shape[:-1], 3)), pole)
     attitude = _product(_product(to_pole, about), _smallest_turn(momentum, up))
-    frame = body.frame_of_user()
     if frame is not None:
         momentum = cp.pack(cp.rotate(frame, cp.vector(momentum)))
         attitude = cp.pack(cp.multiply(cp.quaternion(attitude), cp.conjugate(frame)))
-    return RigidState(momentum, attitude)
+    return momentum, attitude
 
 
 def tumble(body: Body, state: AnyState) -> Tumble:
@@ -203,8 +211,12 @@ def tumble(body: Body, state: AnyState) -> Tumble:
     principal = principal_of(body).turning
     if not isinstance(principal, RigidBody):
         raise ValueError(f"body must be a RigidBody, a TensorBody or a FreeBody of one, got {type(body).__name__}.")
-    frame = body.frame_of_user()
-    momentum, attitude = state.momentum, getattr(state, "attitude", None)
+    return _tumble_of(principal, body.frame_of_user(), state.momentum, getattr(state, "attitude", None))
+
+
+@eqx.filter_jit
+def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any) -> Tumble:
+    """`tumble` of checked arguments."""
     if frame is not None:
         momentum = cp.pack(cp.rotate_back(frame, cp.vector(momentum)))
         attitude = None if attitude is None else cp.pack(cp.multiply(cp.quaternion(attitude), frame))
@@ -251,7 +263,7 @@ def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array]:
     return moments, order, jnp.sign((b - a) * (c - a) * (c - b)).astype(body.moments.dtype)
 
 
-def _least_ratio(moments: cp.Vector, short: bool) -> np.ndarray:
+def _least_ratio(moments: cp.Vector, short: bool) -> Any:
     """The rotation period over the precession period near the steady rotation; infinity if there is no such mode."""
     a, b, c = (np.asarray(x, np.float64) for x in (moments if short else moments[::-1]))
     with np.errstate(divide="ignore"):
@@ -290,7 +302,7 @@ def _shape_with(moments: cp.Vector, wanted: Array, short: Array) -> _Shape:
     constants = jax.lax.stop_gradient((moments, wanted))
     zero = jnp.zeros_like(sum(jax.tree.leaves(constants)))
 
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+    def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = (low + high) / 2
         above = _ratio(constants[0], middle, short) > constants[1]
