@@ -230,9 +230,10 @@ def test_a_table_is_of_fourth_order(even, velocities):
         errors.append(np.abs(positions(table, between) - positions(HYPERBOLA, between))[rows].max())
         np.testing.assert_allclose(positions(table, times), table.positions, rtol=1e-14, atol=1e-15)
     assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - 4) < 0.35)
-    if velocities and even:
-        h, fourth = 3 / 160, jax.jacfwd(jax.jacfwd(jax.jacfwd(jax.jacfwd(HYPERBOLA))))
-        assert errors[-1] <= h**4 / 384 * np.abs(jax.vmap(fourth)(TIMES)).max() * 1.01
+    if velocities and even:  # on a circle the bound is (angle a row)^4 / 384
+        circle = orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0)
+        table, between = tabled(jnp.linspace(0.0, 2 * jnp.pi, 101), True, circle), jnp.linspace(0.0, 6.0, 997)
+        assert np.abs(positions(table, between) - positions(circle, between)).max() < 4.1e-8
 
 
 def test_a_table_keeps_cubics_and_its_slopes_quartics():
@@ -257,7 +258,7 @@ def test_a_table_keeps_cubics_and_its_slopes_quartics():
 RUN = {"dt": 0.05, "steps": 60, "t0": -1.0}
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["JACOBI[CHIN4A]", "JACOBI[EA]", "GBS12"])
 def test_a_run_takes_a_table_from_its_first_time_to_its_last(name):
     """Also methods that ask within a step, and those that keep the force of the step before."""

@@ -92,7 +92,7 @@ def starts(count: int) -> ml.RigidState:
     return jax.vmap(start)(*jnp.asarray(phases.T))
 
 
-def distance(found: Any, right: Any) -> np.ndarray:
+def distance(found: Any, right: Any) -> Any:
     """The angle between attitudes, radians."""
     found, right = (np.asarray(x) for x in (found, right))
     apart = np.minimum(np.linalg.norm(found - right, axis=-1), np.linalg.norm(found + right, axis=-1))

@@ -315,7 +315,7 @@ def _shape_with(moments: cp.Vector, wanted: Array, short: Array) -> _Shape:
         ratio, slope = jax.jvp(lambda u: _ratio(moments, u, short), (u,), (jnp.ones_like(u),))
         u = u - (ratio - wanted) / slope
     possible = _ratio(constants[0], zero, short) <= constants[1] * (1 + 1e-6)
-    return _at(moments, jnp.where(possible, u, jnp.nan * u), short)
+    return _at(moments, jnp.where(possible, u, jnp.full_like(u, jnp.nan)), short)
 
 
 def _unit(vector: Array) -> tuple[Array, Array]:
