@@ -79,7 +79,9 @@ def test_frames_of_astropy():
         table = page()["from_tle"](FIRST, SECOND, SECONDS)
         turned = page()["to_celestial"](table, time.Time("2019-12-09T16:38:29.36", scale="utc"))
     np.testing.assert_allclose(*(np.linalg.norm(x.positions, axis=-1) for x in (table, turned)), rtol=1e-9)
-    before, after = (np.asarray(x.positions / jnp.linalg.norm(x.positions, axis=-1, keepdims=True)) for x in (table, turned))
+    before, after = (
+        np.asarray(x.positions / jnp.linalg.norm(x.positions, axis=-1, keepdims=True)) for x in (table, turned)
+    )
     angle = np.arccos(np.clip((before * after).sum(-1), -1, 1)).max()
     assert angle == pytest.approx(np.radians(5029 / 3600 * 0.1994), rel=0.05)  # 5029 arc seconds a century
     # Velocities are the slopes of the positions.

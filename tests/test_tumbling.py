@@ -1,4 +1,4 @@
-"""Two periods, a pole and two phases, and what they make: each the inverse of the other, and against runs and limits."""
+"""Two periods, a pole and two phases, and what they make: inverse to each other, against runs and limits."""
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ def test_a_start_has_what_was_asked_for(mode, axes):
 
 
 def test_the_energy_of_the_other_axis_is_not_this_one():
-    """27.374 h of the long axis is another motion: its short axis precesses faster, by one turn in a rotation period."""
+    """27.374 h of the long axis is another motion: its short axis precesses faster, by a turn a period."""
     body = ml.RigidBody(MOMENTS)
     both = 1 / (1 / 27.374 + 1 / 262.2)
     start = ml.tumbling(body, precession_period=both, rotation_period=262.2, pole=POLE, phases=(0.0, 0.0), mode="short")

@@ -1,10 +1,10 @@
-"""Complete elliptic integrals, the amplitude and its inverse, by arithmetic-geometric means with a fixed number of steps.
+"""Complete elliptic integrals, the amplitude and its inverse, by arithmetic-geometric means in a fixed number of steps.
 
 All take the complement m1 = 1 - m of the parameter, which keeps its digits near m = 1. They can be differentiated, and
 work element by element.
 
-NIST Digital Library of Mathematical Functions, 19.8 and 22.20; R. Bulirsch, "Numerical calculation of elliptic integrals
-and elliptic functions III", Numer. Math. 13 (1969) 305.
+NIST Digital Library of Mathematical Functions, 19.8 and 22.20; R. Bulirsch, "Numerical calculation of elliptic
+integrals and elliptic functions III", Numer. Math. 13 (1969) 305.
 """
 
 from math import pi
@@ -18,7 +18,9 @@ _STEPS = 10  # enough for m1 down to 1e-60
 
 
 def complete(m1: Array, p: Array) -> Array:
-    """The integral of 1 / ((cos^2 + p sin^2) sqrt(cos^2 + m1 sin^2)) over a quarter turn: K for p = 1, for 1 - n Pi(n, m).
+    """The integral of 1 / ((cos^2 + p sin^2) sqrt(cos^2 + m1 sin^2)) over a quarter turn.
+
+    It is K for p = 1, and Pi(n, m) for p = 1 - n.
 
     Args:
         m1: above 0.

@@ -1,8 +1,9 @@
 """Kepler's equation in universal variables: one formula for ellipses, parabolas and hyperbolas, without branches.
 
-Lengths are in units of the distance of the periapsis q, times in units of sqrt(q^3 / mu). With alpha = 1/a = 1 - e, which
-is negative on a hyperbola, the universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k c_k(alpha
-s^2), with Stumpff's c_k, are cos and sin, or cosh and sinh, or powers of s. An ellipse has s = E / sqrt(alpha).
+Lengths are in units of the distance of the periapsis q, times in units of sqrt(q^3 / mu). With alpha = 1/a = 1 - e,
+which is negative on a hyperbola, the universal variable s replaces the anomaly: dt = r ds. The functions U_k(s) = s^k
+c_k(alpha s^2), with Stumpff's c_k, are cos and sin, or cosh and sinh, or powers of s. An ellipse has s = E /
+sqrt(alpha).
 
 There is no division after the first guess, where XLA would end a loop and repeat the series in the next.
 
@@ -35,8 +36,8 @@ class Powers(NamedTuple):
 def powers(alpha: Array, s: Array) -> Powers:
     """The functions U_k at s: short series for s / 16, doubled four times.
 
-    The doubling formulas contain no division, and no difference where alpha is negative. So the relative error is that of
-    s there, and a few eps of 1 / sqrt(alpha)^k on an ellipse.
+    The doubling formulas contain no division, and no difference where alpha is negative. So the relative error is that
+    of s there, and a few eps of 1 / sqrt(alpha)^k on an ellipse.
     """
     short = s / 2**_HALVINGS
     square = short * short

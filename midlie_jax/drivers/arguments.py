@@ -132,8 +132,8 @@ def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
         slack = 16 * np.finfo(np.asarray(span[0]).dtype).eps * max(np.abs(first).max(), np.abs(last).max())
         if low < first.max() - slack or high > last.min() + slack:
             raise ValueError(
-                f"{name} holds a {type(orbit).__name__} from t = {first.max():.12g} to {last.min():.12g}, but the run asks for "
-                f"times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
+                f"{name} holds a {type(orbit).__name__} from t = {first.max():.12g} to {last.min():.12g}, but the run asks "
+                f"for times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
             )
 
 

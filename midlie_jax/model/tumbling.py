@@ -3,13 +3,13 @@
 A free body whose momentum is not along a principal axis turns with two periods. Seen from the body, the momentum goes
 round the axis of the largest moment, the short one, or round that of the smallest, the long one: the short-axis mode
 (SAM) and the long-axis mode (LAM). One turn of it is the *rotation period*. Seen from space, that axis goes round the
-momentum, in the *precession period* on average. (L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha, M.
-A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen, Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173 (2005)
-108 and 233 (2014) 48.)
+momentum, in the *precession period* on average. (L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha,
+M. A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen, Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173
+(2005) 108 and 233 (2014) 48.)
 
 Other definitions follow: the axis about which the momentum does not go has the mean precession rate of the one about
-which it goes, less 2 pi / rotation period in the short-axis mode, and more by that in the long-axis mode. So a published
-pair may mean another axis; the energy ratio tells.
+which it goes, less 2 pi / rotation period in the short-axis mode, and more by that in the long-axis mode. So a
+published pair may mean another axis; the energy ratio tells.
 """
 
 from math import pi
@@ -48,9 +48,9 @@ class Tumble(NamedTuple):
         effective_rate: 2 E / |L|, the mean angular velocity along the momentum, radians/time.
         momentum: |L|.
         pole: the direction of L in space, (3,); None for a state without attitude.
-        phases: (s, phi) as for `tumbling`, s in (-1/2, 1/2], phi in (-2 pi, 2 pi]; of a state without attitude phi is 0.
-            A momentum on the negative side of the axis round which it goes is no start of `tumbling`; its s is that of
-            the body with two axes reversed.
+        phases: (s, phi) as for `tumbling`, s in (-1/2, 1/2], phi in (-2 pi, 2 pi]; of a state without attitude phi is
+            0. A momentum on the negative side of the axis round which it goes is no start of `tumbling`; its s is that
+            of the body with two axes reversed.
     """
 
     short_axis: Bool[Array, "*batch"]
@@ -82,8 +82,8 @@ class _Shape(NamedTuple):
             jnp.sqrt(i2 * above / (i3 - i2)),
             jnp.sqrt(i3 * below / (i3 - i1)),
         )
-        # The first axis turns about L by elliptic integrals of the third kind without a pole (E. T. Whittaker, Analytical
-        # Dynamics, section 69); the third by one turn more or less in each period of the momentum.
+        # The first axis turns about L by elliptic integrals of the third kind without a pole (E. T. Whittaker,
+        # Analytical Dynamics, section 69); the third by one turn more or less in each period of the momentum.
         quarter = complete(m1, jnp.ones_like(m1))
         third = complete(m1, 1 + i1 * above / (i3 * below))
         first = 1 / i1 + (1 / i3 - 1 / i1) * third / quarter
@@ -120,10 +120,10 @@ def tumbling(
 ) -> RigidState:
     """The state of a free body that tumbles with given periods: a start from what light curves give.
 
-    The module `tumbling` defines the periods. The start is found in two rotations. In the body, the momentum is where free
-    motion takes it in the time s times the rotation period from the place where its component along the axis of the
-    middle moment is zero and the other two are positive. In space, the smallest rotation takes this direction to z, a
-    rotation by phi about z follows, and the smallest rotation that takes z to the pole.
+    The module `tumbling` defines the periods. The start is found in two rotations. In the body, the momentum is where
+    free motion takes it in the time s times the rotation period from the place where its component along the axis of
+    the middle moment is zero and the other two are positive. In space, the smallest rotation takes this direction to z,
+    a rotation by phi about z follows, and the smallest rotation that takes z to the pole.
 
     Differentiable with respect to all numbers, also those of the body; `midlie_jax.tumble` is the inverse.
 
@@ -193,8 +193,9 @@ def _start_of(
 def tumble(body: Body, state: AnyState) -> Tumble:
     """How a body tumbles, if no torque acted from now on: mode, energy ratio, periods, effective rate, pole and phases.
 
-    Differentiable; `short_axis` changes where the energy crosses that of the separatrix, where both periods are infinite.
-    Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball they are NaN.
+    Differentiable; `short_axis` changes where the energy crosses that of the separatrix, where both periods are
+    infinite. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball they are
+    NaN.
 
     Args:
         body: a `RigidBody`, `TensorBody`, or `FreeBody` of one; or n bodies, whose states have a leading axis n.
@@ -232,7 +233,8 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
     below = b * b * (1 - i1 / ib) + p3 * p3 * (1 - i1 / i3)
     shape = _Shape.of((i1, ib, i3), above, below, near, short)
     energy = a * a / ia + b * b / ib + c * c / ic  # 2 E / |L|^2
-    # Where the momentum is on the negative side of the third axis, as if the first and third axis pointed the other way.
+    # Where the momentum is on the negative side of the third axis, as if the first and third axis pointed the other
+    # way.
     side = jnp.where(p3 < 0, -1.0, 1.0).astype(p3.dtype)
     angle = jnp.arctan2(sign * b * jnp.sqrt(jnp.abs(i3 - ib) / ib), side * p1 * jnp.sqrt(jnp.abs(i3 - i1) / i1))
     pole, phi = None, jnp.zeros_like(size)
@@ -256,7 +258,7 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
 
 
 def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array]:
-    """The moments in ascending order, the indices of their axes, and 1 if these are right-handed in this order, else -1."""
+    """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1."""
     order = jnp.argsort(body.moments, axis=-1)
     moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))
     a, b, c = cp.vector(order)
@@ -285,14 +287,14 @@ def _mode_of(moments: cp.Vector, wanted: Array, mode: str | None) -> str:
     able = [name for name in _MODES if can[name]]
     if mode is None and len(able) == 2:
         raise ValueError(
-            'both modes have these periods: give mode="short" if the momentum goes round the axis of the largest moment, '
-            'or "long" if round that of the smallest; midlie_jax.tumble tells their energy ratios.'
+            'both modes have these periods: give mode="short" if the momentum goes round the axis of the largest '
+            'moment, or "long" if round that of the smallest; midlie_jax.tumble tells their energy ratios.'
         )
     if not able or (mode is not None and not can[mode]):
         limits = " and ".join(f"{np.max(least[name]):.6g} in the {name}-axis mode" for name in _MODES)
         raise ValueError(
-            f"rotation_period must be at least {limits} times precession_period for this body, got {shown(wanted)} times; "
-            "check which axis the precession period is of."
+            f"rotation_period must be at least {limits} times precession_period for this body, got {shown(wanted)} "
+            "times; check which axis the precession period is of."
         )
     return mode or able[0]
 
@@ -325,7 +327,7 @@ def _unit(vector: Array) -> tuple[Array, Array]:
 
 
 def _smallest_turn(a: Array, b: Array) -> Array:
-    """The quaternion of the smallest rotation from one direction to another; of opposite ones half a turn about x or y."""
+    """The quaternion of the smallest rotation from one direction to another; half a turn for opposite ones."""
     (a, _), (b, _) = _unit(a), _unit(b)
     ca, cb = cp.vector(a), cp.vector(b)
     w = 1 + cp.dot(ca, cb)
@@ -334,7 +336,8 @@ def _smallest_turn(a: Array, b: Array) -> Array:
     along_x = jnp.abs(ca[0]) > 0.7
     other = (zero, jnp.where(along_x, zero, one), jnp.where(along_x, one, zero), zero)
     parts = (w, *cp.cross(ca, cb))
-    return cp.pack(cp.normalised(tuple(jnp.where(opposite, y, x) for x, y in zip(parts, other, strict=True))))
+    w, x, y, z = (jnp.where(opposite, b, a) for a, b in zip(parts, other, strict=True))
+    return cp.pack(cp.normalised((w, x, y, z)))
 
 
 def _product(a: Array, b: Array) -> Array:

@@ -58,7 +58,7 @@ class AngularVelocity(Observable):
 
 
 class Tumbling(Observable):
-    """How the body tumbles, a `midlie_jax.Tumble`: mode, energy ratio, both periods, effective rate, pole and phases."""
+    """How the body tumbles, a `midlie_jax.Tumble`: mode, energy ratio, periods, effective rate, pole and phases."""
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Tumble:
         return tumble(body, state)

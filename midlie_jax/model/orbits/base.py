@@ -23,7 +23,8 @@ class Orbit(eqx.Module):
     def velocity_at(self, t: Any) -> Float[Array, "*batch 3"]:
         """The velocity at time t, (..., 3), length/time: the exact derivative of the position.
 
-        A torque that reads a velocity takes it as a function: `midlie_jax.torques.Drag(..., velocity=orbit.velocity_at)`.
+        A torque that reads a velocity takes it as a function: `midlie_jax.torques.Drag(...,
+        velocity=orbit.velocity_at)`.
         """
         t = jnp.asarray(t, jnp.result_type(float, t))
         return jax.jvp(self, (t,), (jnp.ones_like(t),))[1]

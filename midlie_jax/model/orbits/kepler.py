@@ -22,13 +22,13 @@ _NEARLY_ROUND = 0.5  # below this eccentricity nothing is computed from the dire
 class KeplerOrbit(Orbit):
     """An orbit about a focus at the origin, from a position and a velocity: ellipse, parabola or hyperbola.
 
-    Computed from Lagrange's f and g functions in universal variables, from the periapsis, by a fixed number of operations
-    without branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), section 4.5).
-    The result is the orbit of a position, a velocity, a mu and a time that differ from those given by a few eps: the
-    error relative to the distance is a few eps times how strongly these numbers change it. From the periapsis, where
-    `from_elements` starts, that is a few eps out to 1e4 distances of the periapsis, and on an ellipse some eps for each
-    turn. The first three derivatives with respect to time are as exact, and so are those with respect to the numbers
-    given, on a circle and on a parabola, too.
+    Computed from Lagrange's f and g functions in universal variables, from the periapsis, by a fixed number of
+    operations without branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999),
+    section 4.5). The result is the orbit of a position, a velocity, a mu and a time that differ from those given by a
+    few eps: the error relative to the distance is a few eps times how strongly these numbers change it. From the
+    periapsis, where `from_elements` starts, that is a few eps out to 1e4 distances of the periapsis, and on an ellipse
+    some eps for each turn. The first three derivatives with respect to time are as exact, and so are those with respect
+    to the numbers given, on a circle and on a parabola, too.
 
     Attributes:
         position: the position at the epoch, (3,), length.
@@ -145,7 +145,8 @@ class _Orbit(NamedTuple):
         per_distance = cp.inverse_root(square)
         distance, sigma = square * per_distance, cp.dot(r, v)
         alpha = 2 * per_distance - cp.dot(v, v)
-        # The way back to the periapsis, with derivatives, as if s were a constant there; Lagrange's functions allow any.
+        # The way back to the periapsis, with derivatives, as if s were a constant there; Lagrange's functions allow
+        # any.
         s = split(_from_periapsis(*stop((alpha, eccentricity, distance, sigma))))
         u = universal.powers(alpha, -s)
         epoch = Place(alpha, distance, sigma)
@@ -157,8 +158,8 @@ class _Orbit(NamedTuple):
             cp.add(cp.scale(f_rate, r), cp.scale(g_rate, v)),
             -epoch.time(u),
         )
-        # Far out these are small differences of large numbers. The vectors of the periapsis, which are conserved, have no
-        # such differences, but a circle has none.
+        # Far out these are small differences of large numbers. The vectors of the periapsis, which are conserved, have
+        # no such differences, but a circle has none.
         exact = _periapsis(*stop((r, v, distance, sigma, alpha, eccentricity, s)))
         far = eccentricity > _NEARLY_ROUND
 
