@@ -14,7 +14,7 @@ from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
-from ..model.orbits import orbits_in
+from ..model.orbits.base import orbits_in
 from ..model.torques import Torque, baths_in, without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
@@ -132,8 +132,8 @@ def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
         slack = 16 * np.finfo(np.asarray(span[0]).dtype).eps * max(np.abs(first).max(), np.abs(last).max())
         if low < first.max() - slack or high > last.min() + slack:
             raise ValueError(
-                f"{name} holds a {type(orbit).__name__} from t = {first.max():.12g} to {last.min():.12g}, but the run asks "
-                f"for times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
+                f"{name} holds a {type(orbit).__name__} from t = {first.max():.12g} to {last.min():.12g}, but the run "
+                f"asks for times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
             )
 
 

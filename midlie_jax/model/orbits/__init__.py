@@ -4,7 +4,6 @@
 """
 
 from .base import Orbit as Orbit
-from .base import orbits_in as orbits_in
 from .circular import CircularOrbit as CircularOrbit
 from .dipole import DipoleField as DipoleField
 from .kepler import KeplerOrbit as KeplerOrbit
