@@ -31,6 +31,7 @@ def distances(table, right):
     return np.linalg.norm(np.asarray(jax.vmap(table)(jnp.asarray(BETWEEN))) - right, axis=-1)
 
 
+@pytest.mark.sample(0)
 def test_two_line_elements_through_sgp4():
     """Between the rows of the table as sgp4 says; and a run of a day's length is refused before it starts."""
     from sgp4.api import Satrec
@@ -51,6 +52,7 @@ def test_a_wrong_checksum_is_named():
         page()["from_tle"](FIRST[:-1] + "3", SECOND, SECONDS)
 
 
+@pytest.mark.sample(0)
 def test_a_kernel_through_spice(tmp_path):
     """A small kernel of type 9, by spkw09, of a hyperbola past the Earth."""
     spice = pytest.importorskip("spiceypy")
@@ -70,6 +72,7 @@ def test_a_kernel_through_spice(tmp_path):
     assert distances(table, np.asarray(jax.vmap(orbit)(jnp.asarray(BETWEEN)))).max() < 1e-3
 
 
+@pytest.mark.sample(0)
 def test_frames_of_astropy():
     """TEME to GCRS is a rotation: of sizes nothing changes, of directions what precession is since 2000."""
     time = pytest.importorskip("astropy.time")

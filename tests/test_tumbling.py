@@ -17,6 +17,7 @@ def near(value, least):
     return value - np.round(value / least) * least
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("mode", ["short", "long"])
 @pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 0, 2)])
 def test_a_start_has_what_was_asked_for(mode, axes):
@@ -46,6 +47,7 @@ def test_the_energy_of_the_other_axis_is_not_this_one():
     assert ml.tumble(body, start).energy_ratio == pytest.approx(1.0284, abs=1e-4)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("mode", ["short", "long"])
 def test_periods_are_those_of_a_free_body(mode):
     """After a rotation period the momentum is back; the axis has then precessed by that many turns."""
@@ -127,6 +129,7 @@ def test_derivatives_of_both_are_inverse():
     np.testing.assert_allclose(slope, wanted, rtol=1e-6)
 
 
+@pytest.mark.sample(0)
 def test_an_observable_of_the_same():
     body = ml.RigidBody(MOMENTS)
     start = ml.tumbling(body, **PERIODS, pole=POLE, phases=(0.1, 0.7), mode="short")
@@ -135,6 +138,7 @@ def test_an_observable_of_the_same():
     np.testing.assert_allclose(path.states.phases[0], 0.1 + path.times / 262.2, atol=1e-11)
 
 
+@pytest.mark.sample(0)
 def test_single_precision():
     body = ml.RigidBody(jnp.array(MOMENTS, jnp.float32))
     given = {name: jnp.float32(value) for name, value in PERIODS.items()}
