@@ -66,6 +66,9 @@ from .model.states import RigidState as RigidState
 from .model.straight_rod import StraightRod as StraightRod
 from .model.straight_rod import straight_rod as straight_rod
 from .model.surface import Surface as Surface
+from .model.tumbling import Tumble as Tumble
+from .model.tumbling import tumble as tumble
+from .model.tumbling import tumbling as tumbling
 from .model.wrench import Wrench as Wrench
 from .scattering import distributions as distributions
 from .scattering import scatter as scatter

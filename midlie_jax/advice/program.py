@@ -148,7 +148,7 @@ def loop_of_steps(
         for k in range(unroll):
             n = first + i * unroll + k
             if inputs is None:
-                progress = method.advance(system, clock, partial(ends_of_step, n), dt, progress)[0]
+                progress = method.advance(system, clock, partial(ends_of_step, n, dt), dt, progress)[0]
             else:
                 row = jax.tree.map(lambda x, k=k: x[i * unroll + k], rows)
                 progress = inputs.advance(system, t0, dt, dt, progress, n, row)

@@ -46,7 +46,7 @@ from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
-from .arguments import as_method, as_saving, as_scalar, check_step, check_system
+from .arguments import as_method, as_saving, as_scalar, check_span, check_step, check_system
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
@@ -191,6 +191,9 @@ def integrate_adaptive(
         t1 = as_scalar("t1", t1, dtype)
         if not any(cp.is_traced(x) for x in (t0, t1, dt)) and (t1 - t0) * dt < 0:
             raise ValueError(f"dt must point from t0 = {t0} to t1 = {t1}, got {dt}; change its sign.")
+        if not cp.is_traced(t0, t1):
+            check_span("torque", torque, t0, t1)
+            check_span("density", density, t0, t1)
     all_steps = t1 is None or isinstance(adjoint, Checkpointed)
     return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, all_steps, observe)
 

@@ -14,6 +14,7 @@ from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
+from ..model.orbits.base import orbits_in
 from ..model.torques import Torque, baths_in, without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
@@ -108,6 +109,32 @@ def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     array = array.astype(dtype)
     require_finite(name, array)  # after the cast, because a narrower dtype may turn the number into infinity
     return array
+
+
+def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps: int) -> None:
+    """Raises if the run asks for the torque at times that a table in it does not hold; traced times are not checked."""
+    if is_traced(t0, dt, first):
+        return
+    before, after = method.asks
+    t0, dt, first = (np.asarray(x, np.float64) for x in (t0, dt, first))
+    ends = t0 + (first + before) * dt, t0 + (first + steps - 1 + after) * dt
+    check_span("torque", torque, *ends)
+
+
+def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
+    """Raises unless the orbits in a torque or density are known at all times between these two."""
+    for orbit in orbits_in(tree):
+        span = orbit.span
+        if span is None or is_traced(span):
+            continue
+        first, last = (np.asarray(x, np.float64) for x in span)
+        low, high = np.min(np.minimum(begin, end)), np.max(np.maximum(begin, end))
+        slack = 16 * np.finfo(np.asarray(span[0]).dtype).eps * max(np.abs(first).max(), np.abs(last).max())
+        if low < first.max() - slack or high > last.min() + slack:
+            raise ValueError(
+                f"{name} holds a {type(orbit).__name__} from t = {first.max():.12g} to {last.min():.12g}, but the run "
+                f"asks for times from {low:.12g} to {high:.12g}; change t0, dt or steps, or make the table longer."
+            )
 
 
 def check_step(method: Method, dt: Array) -> None:

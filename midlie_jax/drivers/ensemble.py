@@ -14,7 +14,7 @@ from ..model.compatibility import check_state
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
-from .arguments import as_first_step, as_method, as_saving, check_step, check_system
+from .arguments import as_first_step, as_method, as_saving, check_step, check_system, check_times
 from .chunks import chunk_size, run_ensemble, shared_tables
 from .observe import Observe, Statistic, as_observe
 from .path import Path
@@ -116,6 +116,7 @@ def ensemble(
     save_every = as_saving(save_every, steps)
     first = as_first_step(first_step, steps)
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
+    check_times_of_batch(batch, first, steps)
     observe = as_observe(observe)
     check_spread(batch, observe, mesh)
     if isinstance(observe, Statistic):
@@ -183,6 +184,12 @@ def as_batch(
     arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     return Batch(method, count, *eqx.partition(arguments, rows))
+
+
+def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
+    """`check_times` of the bodies of an ensemble."""
+    _, torque, _, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    check_times(batch.method, torque, t0, dt, first, steps)
 
 
 def check_spread(batch: Batch, observe: Observe | None, mesh: Any) -> None:

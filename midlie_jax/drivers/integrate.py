@@ -20,7 +20,7 @@ from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Steps, as_adjoint
-from .arguments import as_first_step, as_method, as_saving, as_scalar, check_step, check_system, counts
+from .arguments import as_first_step, as_method, as_saving, as_scalar, check_step, check_system, check_times, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
@@ -116,6 +116,7 @@ def integrate(
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
     check_step(method, dt)
+    check_times(method, torque, t0, dt, first, steps)
     run = as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every or steps
     path = _run(method, *run, observe=observe)
     return path if save_every else end_alone(path)
@@ -162,7 +163,7 @@ def run_of_body(
         n, row = step
         if shared is not None:
             return shared.advance(system, t0, dt, h, progress, n, row)
-        return method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n), h, progress, axes)[0]
+        return method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n, h), h, progress, axes)[0]
 
     def take_back(progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
         ends = partial(ends_of_step_back, step[0])
@@ -173,7 +174,7 @@ def run_of_body(
         if shared is not None:
             return advance(dt, progress, step)
         again = partial(method.step_again, known=known)
-        return method.advance(system, (t0, dt), partial(ends_of_step, step[0]), dt, progress, axes, again)[0]
+        return method.advance(system, (t0, dt), partial(ends_of_step, step[0], dt), dt, progress, axes, again)[0]
 
     def begin() -> Progress:
         progress = Progress(system.motion(start), None, promoted(jnp.where(counted, FINE, UNCOUNTED), axes))

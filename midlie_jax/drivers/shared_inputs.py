@@ -94,7 +94,7 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
         count = len(leaves) - structure.num_leaves
         system = eqx.combine(jax.tree.unflatten(jax.tree.structure(constants), leaves[:count]), other)
         before = structure.unflatten(leaves[count:])
-        after, _ = method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n), h, before)
+        after, _ = method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n, h), h, before)
         return jax.tree.leaves(after)
 
     inputs = [dt, jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]

@@ -95,6 +95,11 @@ class Method(eqx.Module):
         """The largest angle of a step, h times `turn_rate`, in radians: `ok` is False above; infinity if unknown."""
         return math.inf
 
+    @property
+    def asks(self) -> tuple[float, float]:
+        """The earliest and the latest time at which a step asks for the torque, in steps after its begin."""
+        return 0.0, 1.0
+
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         """The angle per unit of time to which `reach` refers: by default the angular speed |Omega| of a rigid body."""
         return cp.root(inertia.square_of_turn(1.0, momentum))

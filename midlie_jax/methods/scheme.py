@@ -174,6 +174,12 @@ class Scheme:
         return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
 
     @property
+    def times_of_kicks(self) -> list[float]:
+        """The time of each kick, in steps after the begin of the step."""
+        before = accumulate(c if kind == FLIGHT else 0.0 for kind, c in self.stages)
+        return [time for time, (kind, _) in zip(before, self.stages, strict=True) if kind == KICK]
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations per step after the first step."""
         return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force

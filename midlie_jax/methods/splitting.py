@@ -76,6 +76,11 @@ class Splitting(Method):
     def reach(self) -> float:
         return self.flight.reach / max(abs(c) for kind, c in self.scheme.stages if kind == FLIGHT)
 
+    @property
+    def asks(self) -> tuple[float, float]:
+        times = self.scheme.times_of_kicks
+        return min(0.0, *times), max(1.0, *times)
+
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         if isinstance(inertia, FreeInertia):
             return self.turn_rate(inertia.rotation, momentum.angular)

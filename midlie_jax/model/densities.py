@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -30,33 +31,40 @@ def _positive(name: str, value: Any) -> Array:
 
 
 class OrbitalDistance(eqx.Module):
-    """(reference / r)^power, where r is the distance of an orbit from its centre.
+    """((reference / r)^(4 power) + 1 / longest^4)^(1/4), where r is the distance of an orbit from its centre.
 
     With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of
-    rotation by the gravity gradient.
+    rotation by the gravity gradient. Far out on an eccentric orbit or a hyperbola the body's own rotation sets the time
+    scale, and steps in proportion to r^(3/2) would be longer than it; so no step is longer than `longest` steps at the
+    reference. Where (reference / r)^power is twice 1 / longest, this changes the step by 2 %.
 
     Attributes:
         orbit: `orbit(t) -> (3,)`, length, such as `midlie_jax.orbits.KeplerOrbit`.
         reference: the distance at which the density is 1, (), length.
         power: exponent, a static Python float.
+        longest: the longest step, in steps at the reference, (): the step far out is at most `longest * dt`.
 
     Raises:
-        ValueError: the reference is not positive and finite.
+        ValueError: the reference or `longest` is not positive and finite.
     """
 
     orbit: Callable[[Any], Array]
     reference: Float[Array, "*batch"]
     power: float = eqx.field(static=True)
+    longest: Float[Array, "*batch"]
 
-    def __init__(self, orbit: Callable[[Any], Array], reference: Any, power: float = 1.5):
+    def __init__(self, orbit: Callable[[Any], Array], reference: Any, power: float = 1.5, longest: Any = 16.0):
         self.orbit = orbit
         self.reference = _positive("reference", reference)
         self.power = float(power)
+        self.longest = _positive("longest", longest)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
         del state
         position = cp.vector(self.orbit(t))
-        return _power(self.reference * self.reference / cp.dot(position, position), self.power / 2)
+        nearness = self.reference * self.reference / cp.dot(position, position)
+        slowest = 1 / (self.longest * self.longest)
+        return _power(_power(nearness, 2 * self.power) + slowest * slowest, 0.25)
 
 
 class TorqueSize(eqx.Module):
@@ -121,7 +129,9 @@ class Spin(eqx.Module):
 
 
 def _power(x: Array, exponent: float) -> Array:
-    """x^exponent for x > 0; quarters up to 3/4 use square roots, which are several times cheaper than a power."""
+    """x^exponent for x > 0; by products or square roots where they do, which are several times cheaper than a power."""
+    if exponent in (1, 2, 3, 4):
+        return jax.lax.integer_pow(x, int(exponent))
     quarters = 4 * exponent
     if quarters not in (1, 2, 3):
         return x**exponent

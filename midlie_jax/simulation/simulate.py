@@ -15,7 +15,7 @@ from jax.sharding import Mesh
 from .._checks.arguments import as_count, described
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
-from ..drivers.ensemble import Batch, as_batch, check_spread
+from ..drivers.ensemble import Batch, as_batch, check_spread, check_times_of_batch
 from ..drivers.observe import Observe, Statistic, as_observe
 from ..drivers.observe.series import Series
 from ..methods.base import Method
@@ -111,6 +111,7 @@ def simulate(
         raise ValueError("span must be at least 2 saved states, got 1.")
     path = _checked_path(out, resume)
     batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
+    check_times_of_batch(batch, begin, steps)
     check_spread(batch, observe, mesh)
     if isinstance(observe, Statistic):
         observe.check(1 + steps // save_every)

@@ -33,6 +33,7 @@ from .quantities import Axis as Axis
 from .quantities import Energy as Energy
 from .quantities import Position as Position
 from .quantities import SpatialMomentum as SpatialMomentum
+from .quantities import Tumbling as Tumbling
 from .quantities import Velocity as Velocity
 from .spectrum import Density as Density
 from .spectrum import Spectrum as Spectrum

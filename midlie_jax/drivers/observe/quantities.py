@@ -13,6 +13,7 @@ from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.states import AxisState, FreeAxisState, attitude_of
 from ...model.torques import TorqueLike
+from ...model.tumbling import Tumble, tumble
 from .observables import Observable
 
 
@@ -54,6 +55,13 @@ class AngularVelocity(Observable):
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         return observables.angular_velocity(body, state)
+
+
+class Tumbling(Observable):
+    """How the body tumbles, a `midlie_jax.Tumble`: mode, energy ratio, periods, effective rate, pole and phases."""
+
+    def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Tumble:
+        return tumble(body, state)
 
 
 class Position(Observable):

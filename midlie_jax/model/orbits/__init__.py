@@ -1,0 +1,10 @@
+"""Orbits, and a magnetic field along an orbit: inputs of torques and step densities.
+
+`base` defines the interface, `circular`, `kepler` (with `elements`) and `table` are orbits, `dipole` is the field.
+"""
+
+from .base import Orbit as Orbit
+from .circular import CircularOrbit as CircularOrbit
+from .dipole import DipoleField as DipoleField
+from .kepler import KeplerOrbit as KeplerOrbit
+from .table import TableOrbit as TableOrbit

@@ -1,0 +1,48 @@
+"""A circular orbit."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, require_finite
+from ..._math import components as cp
+from .base import Orbit
+
+
+class CircularOrbit(Orbit):
+    """A circular orbit about the origin.
+
+    Attributes:
+        position: the position at t = 0, (3,), length.
+        across: the position a quarter of a turn later, (3,), length.
+        rate: angular velocity sqrt(mu/r^3), (), radians per unit of time.
+
+    Args:
+        position: as above.
+        direction: the direction of motion at t = 0, (3,); only its part perpendicular to `position` counts.
+        mu: gravitational parameter, (), length^3/time^2.
+
+    Raises:
+        ValueError: position or direction not of shape (..., 3) or not finite.
+    """
+
+    position: Float[Array, "*batch 3"]
+    across: Float[Array, "*batch 3"]
+    rate: Float[Array, "*batch"]
+
+    def __init__(self, position: Any, direction: Any, mu: Any):
+        self.position = as_floats("position", position, (3,))
+        direction = as_floats("direction", direction, (3,))
+        require_finite("position", self.position)
+        require_finite("direction", direction)
+        square = jnp.sum(self.position**2, axis=-1, keepdims=True)
+        along = direction - self.position * (jnp.sum(direction * self.position, axis=-1, keepdims=True) / square)
+        self.across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
+        self.rate = jnp.sqrt(as_floats("mu", mu) / square[..., 0] ** 1.5)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        angle = self.rate * t
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        return cp.pack(cp.add(cp.scale(c, cp.vector(self.position)), cp.scale(s, cp.vector(self.across))))

@@ -1,0 +1,63 @@
+"""The magnetic field of a dipole along an orbit."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, require_finite
+from ..._math import components as cp
+
+
+class DipoleField(eqx.Module):
+    """The field of a magnetic dipole at the origin, along an orbit: B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r/|r|.
+
+    The moment may turn about z with the planet. A first approximation to the Earth's field has a moment of
+    7.7e22 A m^2, tilted by 9.4 degrees, towards the south. In a frame that is fixed in the Earth it is
+    (g11, h11, g10) 4 pi a^3 / mu_0 = (-3.75e21, 1.203e22, -7.605e22) A m^2, with a = 6371.2 km and the coefficients of
+    2020 (P. Alken and others, International Geomagnetic Reference Field: the thirteenth generation, Earth Planets Space
+    73 (2021) 49). The Earth turns at 7.292115e-5 rad/s.
+
+    Attributes:
+        orbit: the position in the space frame, `orbit(t) -> (3,)`, length.
+        moment: dipole moment m in the space frame, at t = 0 if it turns, (3,).
+        constant: mu_0 / 4 pi in the units of the problem, (); 1e-7 T m/A in SI units.
+        turning: the rate at which the moment turns about the z axis of space, (), radians per unit of time, positive
+            to the east; None for a moment that is fixed in space.
+
+    Raises:
+        ValueError: moment not of shape (..., 3), or moment, constant or turning not finite.
+    """
+
+    orbit: Callable[[Any], Array]
+    moment: Float[Array, "*batch 3"]
+    constant: Float[Array, "*batch"]
+    turning: Float[Array, "*batch"] | None
+
+    def __init__(self, orbit: Callable[[Any], Array], moment: Any, constant: Any = 1e-7, turning: Any = None):
+        self.orbit = orbit
+        self.moment = as_floats("moment", moment, (3,))
+        self.constant = as_floats("constant", constant)
+        self.turning = None if turning is None else as_floats("turning", turning)
+        require_finite("moment", self.moment)
+        require_finite("constant", self.constant)
+        if self.turning is not None:
+            require_finite("turning", self.turning)
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        position, moment = cp.vector(self.orbit(t)), self._moment_at(t)
+        square = cp.dot(position, position)
+        inverse = 1 / jnp.sqrt(square)
+        e = cp.scale(inverse, position)
+        field = cp.subtract(cp.scale(3 * cp.dot(moment, e), e), moment)
+        return cp.pack(cp.scale(self.constant * inverse / square, field))
+
+    def _moment_at(self, t: Any) -> cp.Vector:
+        x, y, z = cp.vector(self.moment)
+        if self.turning is None:
+            return x, y, z
+        c, s = jnp.cos(self.turning * t), jnp.sin(self.turning * t)
+        return c * x - s * y, s * x + c * y, z

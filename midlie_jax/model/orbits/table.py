@@ -1,0 +1,127 @@
+"""An orbit from a table of positions at given times: an ephemeris of any source."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, require_finite
+from ..._math import components as cp
+from .base import Orbit
+
+_EVEN = 1e-5  # times that differ from even ones by less than this fraction of an interval are found by arithmetic
+_SLACK = 16  # units in the last place by which a time computed as t0 + n dt may leave the table
+_NEIGHBOURS = 5  # positions from which a slope is computed
+
+
+class TableOrbit(Orbit):
+    """An orbit by cubic Hermite interpolation of positions, and velocities, at given times.
+
+    The error is that of Hermite's cubic, h^4 |r''''| / 384 with h the time between two rows, and velocities h^3: on a
+    circle, 100 rows a turn give the position to 4e-8 of the radius. Without velocities the slopes are those of the
+    polynomial of fourth degree through the five nearest positions, of order 4 too, with a constant some times as large.
+    Position and velocity are continuous, accelerations jump at the rows; so a method of high order needs rows so close
+    that it does not see the jumps.
+
+    Outside its times the position is NaN. A run says so before it starts, where its times are known.
+
+    A position costs two rows of the table, and their index: by arithmetic where the times are even, else by a binary
+    search. An ensemble with one table for all computes it once a step.
+
+    Attributes:
+        times: ascending, (k,), at least 2.
+        positions: (k, 3), length; with leading axes for several orbits at the same times.
+        velocities: of the same shape, length/time: those given, or the slopes.
+
+    Raises:
+        ValueError: times not ascending, fewer than 2, or wrong shapes; or a value that is not finite.
+    """
+
+    times: Float[Array, " k"]
+    positions: Float[Array, "*batch k 3"]
+    velocities: Float[Array, "*batch k 3"]
+    even: bool = eqx.field(static=True)
+
+    def __init__(self, times: Any, positions: Any, velocities: Any = None):
+        self.times = as_floats("times", times)
+        if self.times.ndim != 1 or self.times.size < 2:
+            raise ValueError(f"times must have shape (k,) with k at least 2, got {self.times.shape}.")
+        require_finite("times", self.times)
+        self.even = False
+        if not cp.is_traced(self.times):
+            self.even = _are_even(np.asarray(self.times, np.float64))
+        shape = (self.times.size, 3)
+        self.positions = as_floats("positions", positions, shape)
+        require_finite("positions", self.positions)
+        if velocities is None:
+            self.velocities = _slopes(self.times, self.positions)
+        else:
+            self.velocities = as_floats("velocities", velocities, shape)
+            require_finite("velocities", self.velocities)
+            if self.velocities.shape != self.positions.shape:
+                raise ValueError(
+                    f"velocities must have the shape of positions, {self.positions.shape}, got {self.velocities.shape}."
+                )
+
+    @property
+    def span(self) -> tuple[Array, Array]:
+        """The first and the last time."""
+        return self.times[0], self.times[-1]
+
+    def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
+        first, last = self.span
+        count = self.times.shape[0]
+        if self.even:
+            row = jnp.floor((t - first) * ((count - 1) / (last - first))).astype(jnp.int32)
+        else:
+            row = jnp.searchsorted(self.times, t, side="right").astype(jnp.int32) - 1
+        row = jnp.clip(row, 0, count - 2)
+        begin, end = self.times[row], self.times[row + 1]
+        h = end - begin
+        x = (t - begin) / h
+        y = 1 - x
+        a, b = (cp.vector(self.positions[..., n, :]) for n in (row, row + 1))
+        va, vb = (cp.vector(self.velocities[..., n, :]) for n in (row, row + 1))
+        slack = _SLACK * cp.epsilon(first) * jnp.maximum(jnp.abs(first), jnp.abs(last))
+        outside = (t < first - slack) | (t > last + slack)
+        x = jnp.where(outside, jnp.full_like(x, jnp.nan), x)
+        rise = cp.subtract(b, a)
+        place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
+        bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
+        return cp.pack(cp.add(place, cp.scale(h * x * y, bend)))
+
+
+def _are_even(times: np.ndarray) -> bool:
+    """Whether the times are evenly spaced; a ValueError if they do not ascend."""
+    steps = np.diff(times)
+    if not np.all(steps > 0):
+        n = int(np.argmin(steps > 0))
+        raise ValueError(
+            f"times must ascend, but times[{n + 1}] = {times[n + 1]} follows {times[n]}; sort the rows, and leave out "
+            "repeated ones."
+        )
+    even = np.linspace(times[0], times[-1], len(times))
+    return bool(np.all(np.abs(times - even) < _EVEN * steps.min()))
+
+
+def _slopes(times: Array, positions: Array) -> Array:
+    """The derivative at each row of the polynomial through the five rows nearest to it, or all if there are fewer."""
+    count = times.shape[0]
+    width = min(_NEIGHBOURS, count)
+    begin = np.clip(np.arange(count) - width // 2, 0, count - width)
+    rows = begin[:, None] + np.arange(width)
+    here = np.arange(count) - begin  # the index of the row among its neighbours
+    near = times[rows]
+    # Lagrange's polynomials in barycentric form (J.-P. Berrut, L. N. Trefethen, SIAM Rev. 46 (2004) 501, section 9.3).
+    gaps = near[:, :, None] - near[:, None, :] + jnp.eye(width, dtype=times.dtype)[None]
+    weight = 1 / jnp.prod(gaps, axis=-1)
+    own = np.arange(width)[None] == here[:, None]
+    distance = jnp.where(own, jnp.ones_like(near), times[:, None] - near)
+    factor = jnp.where(own, jnp.zeros_like(near), weight / (weight[np.arange(count), here][:, None] * distance))
+    # Differences from the row itself, whose factor is minus the sum of the others.
+    steps = positions[..., rows, :] - positions[..., :, None, :]
+    factor = jnp.expand_dims(factor, (*range(steps.ndim - 3), -1))
+    return jnp.sum(factor * steps, axis=-2)

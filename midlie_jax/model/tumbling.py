@@ -1,0 +1,344 @@
+"""Tumbling bodies in the words of light curves: two periods, a pole and two phases for a start, and these of a state.
+
+A free body whose momentum is not along a principal axis turns with two periods. Seen from the body, the momentum goes
+round the axis of the largest moment, the short one, or round that of the smallest, the long one: the short-axis mode
+(SAM) and the long-axis mode (LAM). One turn of it is the *rotation period*. Seen from space, that axis goes round the
+momentum, in the *precession period* on average. (L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha,
+M. A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen, Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173
+(2005) 108 and 233 (2014) 48.)
+
+Other definitions follow: the axis about which the momentum does not go has the mean precession rate of the one about
+which it goes, less 2 pi / rotation period in the short-axis mode, and more by that in the long-axis mode. So a
+published pair may mean another axis; the energy ratio tells.
+"""
+
+from math import pi
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float
+
+from .._checks.arguments import as_floats, require, require_finite, shown
+from .._math import components as cp
+from .._math.complete import amplitude, complete, fraction_of
+from . import so3
+from .bodies import Body, RigidBody, principal_of
+from .compatibility import check_body, check_state
+from .state import AnyState
+from .states import RigidState
+
+_BISECTIONS = 60
+_NEAREST = 80.0  # -log of the smallest distance from the separatrix, as a fraction of the mode's energies
+_MODES = ("short", "long")
+
+
+class Tumble(NamedTuple):
+    """What `tumble` returns: how a body tumbles at a state.
+
+    Attributes:
+        short_axis: whether the momentum goes round the axis of the largest moment; else round that of the smallest.
+        energy_ratio: 2 E Ic / |L|^2, the energy over that of a rotation about the short axis with the same momentum, at
+            least 1.
+        precession_period: of that axis about the momentum, on average, time.
+        rotation_period: of the momentum about that axis, in the body, time.
+        effective_rate: 2 E / |L|, the mean angular velocity along the momentum, radians/time.
+        momentum: |L|.
+        pole: the direction of L in space, (3,); None for a state without attitude.
+        phases: (s, phi) as for `tumbling`, s in (-1/2, 1/2], phi in (-2 pi, 2 pi]; of a state without attitude phi is
+            0. A momentum on the negative side of the axis round which it goes is no start of `tumbling`; its s is that
+            of the body with two axes reversed.
+    """
+
+    short_axis: Bool[Array, "*batch"]
+    energy_ratio: Float[Array, "*batch"]
+    precession_period: Float[Array, "*batch"]
+    rotation_period: Float[Array, "*batch"]
+    effective_rate: Float[Array, "*batch"]
+    momentum: Float[Array, "*batch"]
+    pole: Float[Array, "*batch 3"] | None
+    phases: tuple[Float[Array, "*batch"], Float[Array, "*batch"]]
+
+
+class _Shape(NamedTuple):
+    """The free motion with the smallest momentum |L| = 1, about the axis of I3: Pi = (A1 cn, sgn A2 sn, A3 dn)."""
+
+    m1: Array  # 1 - m of the elliptic functions
+    rate: Array  # of their argument
+    amplitudes: tuple[Array, Array, Array]
+    precession: Array  # the mean rate of the third axis about L
+
+    @classmethod
+    def of(cls, moments: cp.Vector, above: Array, below: Array, near: Array, short: Array) -> "_Shape":
+        """The motion about the third axis, from 2 E I3 - 1, 1 - 2 E I1 and 1 - 2 E I2 for |L| = 1."""
+        i1, i2, i3 = moments
+        m1 = near * (i3 - i1) / (below * (i3 - i2))
+        rate = jnp.sqrt(below * (i3 - i2) / (i1 * i2 * i3))
+        amplitudes = (
+            jnp.sqrt(i1 * above / (i3 - i1)),
+            jnp.sqrt(i2 * above / (i3 - i2)),
+            jnp.sqrt(i3 * below / (i3 - i1)),
+        )
+        # The first axis turns about L by elliptic integrals of the third kind without a pole (E. T. Whittaker,
+        # Analytical Dynamics, section 69); the third by one turn more or less in each period of the momentum.
+        quarter = complete(m1, jnp.ones_like(m1))
+        third = complete(m1, 1 + i1 * above / (i3 * below))
+        first = 1 / i1 + (1 / i3 - 1 / i1) * third / quarter
+        return cls(m1, rate, amplitudes, first + jnp.where(short, 1.0, -1.0) * (pi / 2) * rate / quarter)
+
+    @property
+    def period(self) -> Array:
+        """The period of the momentum in the body, for |L| = 1."""
+        return 4 * complete(self.m1, jnp.ones_like(self.m1)) / self.rate
+
+
+def _at(moments: cp.Vector, u: Array, short: Array) -> _Shape:
+    """The motion whose energy is a fraction 1 - exp(-u) of the way from the steady rotation to the separatrix."""
+    i1, i2, i3 = moments
+    d, left = -jnp.expm1(-u), jnp.exp(-u)
+    above, near = d * (i3 / i2 - 1), left * (1 - i2 / i3)
+    return _Shape.of(moments, above, 1 - i1 / i3 - d * (i1 / i2 - i1 / i3), near, short)
+
+
+def _ratio(moments: cp.Vector, u: Array, short: Array) -> Array:
+    """The rotation period over the precession period."""
+    shape = _at(moments, u, short)
+    return shape.precession * shape.period / (2 * pi)
+
+
+def tumbling(
+    body: Body,
+    *,
+    precession_period: Any,
+    rotation_period: Any,
+    pole: Any,
+    phases: Any,
+    mode: str | None = None,
+) -> RigidState:
+    """The state of a free body that tumbles with given periods: a start from what light curves give.
+
+    The module `tumbling` defines the periods. The start is found in two rotations. In the body, the momentum is where
+    free motion takes it in the time s times the rotation period from the place where its component along the axis of
+    the middle moment is zero and the other two are positive. In space, the smallest rotation takes this direction to z,
+    a rotation by phi about z follows, and the smallest rotation that takes z to the pole.
+
+    Differentiable with respect to all numbers, also those of the body; `midlie_jax.tumble` is the inverse.
+
+    Args:
+        body: a `RigidBody`, or a `TensorBody` in a frame of your own (then the axes above are the principal ones).
+        precession_period: of the axis round which the momentum goes, about the momentum in space, (), time.
+        rotation_period: of the momentum in the body, (), time.
+        pole: the direction of the angular momentum in space, (3,), of any length but 0.
+        phases: (s, phi), s as a fraction of the rotation period, phi in radians.
+        mode: "short" if the momentum goes round the axis of the largest moment, "long" if round that of the smallest;
+            None if only one of them can have these periods. Traced numbers need it.
+
+    Returns:
+        The state. Where the numbers are traced and no motion has these periods, it is NaN.
+
+    Raises:
+        ValueError: no motion of the body, or none in this mode, has these periods; both modes have one, and `mode` is
+            None; or a number is not positive or not finite, or of a wrong shape.
+    """
+    principal = principal_of(body)
+    if not isinstance(principal, RigidBody):
+        raise ValueError(f"body must be a RigidBody or a TensorBody, got {type(body).__name__}.")
+    precession, rotation = (
+        as_floats(name, value)
+        for name, value in (("precession_period", precession_period), ("rotation_period", rotation_period))
+    )
+    for name, value in (("precession_period", precession), ("rotation_period", rotation)):
+        require(name, value, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "give its magnitude.")
+    pole = as_floats("pole", pole, (3,))
+    require_finite("pole", pole)
+    require("pole", jnp.sum(pole**2, axis=-1), lambda x: x > 0, "must not be zero", "give a direction.")
+    if not isinstance(phases, tuple) or len(phases) != 2:
+        raise ValueError(f"phases must be a tuple (s, phi), got {shown(phases)}.")
+    s, phi = as_floats("phases[0]", phases[0]), as_floats("phases[1]", phases[1])
+    wanted = rotation / precession
+    mode = _mode_of(_sorted(principal)[0], wanted, mode)
+    momentum, attitude = _start_of(principal, body.frame_of_user(), wanted, rotation, pole, s, phi, mode == "short")
+    return RigidState(momentum, attitude)
+
+
+@eqx.filter_jit
+def _start_of(
+    principal: RigidBody, frame: Any, wanted: Array, rotation: Array, pole: Array, s: Array, phi: Array, short: bool
+) -> tuple[Array, Array]:
+    """The momentum and the attitude of `tumbling`, of checked arguments; `short` is static."""
+    moments, order, sign = _sorted(principal)
+    i1, i2, i3 = moments if short else moments[::-1]
+    shape = _shape_with((i1, i2, i3), wanted, jnp.asarray(short))
+    size = shape.period / rotation
+    angle = amplitude(shape.m1, s - jnp.round(s))
+    c, n = jnp.cos(angle), jnp.sin(angle)
+    first, second, third = shape.amplitudes
+    third = third * jnp.sqrt(shape.m1 * n * n + c * c)
+    along, across = (first * c, third) if short else (third, first * c)
+    by_size = jnp.stack(jnp.broadcast_arrays(size * along, size * sign * second * n, size * across), axis=-1)
+    momentum = jnp.take_along_axis(by_size, jnp.broadcast_to(jnp.argsort(order, axis=-1), by_size.shape), axis=-1)
+    up = jnp.zeros_like(momentum).at[..., 2].set(1)
+    about = jnp.stack(jnp.broadcast_arrays(jnp.cos(phi / 2), 0 * phi, 0 * phi, jnp.sin(phi / 2)), axis=-1)
+    to_pole = _smallest_turn(jnp.broadcast_to(up, (*pole.shape[:-1], 3)), pole)
+    attitude = _product(_product(to_pole, about), _smallest_turn(momentum, up))
+    if frame is not None:
+        momentum = cp.pack(cp.rotate(frame, cp.vector(momentum)))
+        attitude = cp.pack(cp.multiply(cp.quaternion(attitude), cp.conjugate(frame)))
+    return momentum, attitude
+
+
+def tumble(body: Body, state: AnyState) -> Tumble:
+    """How a body tumbles, if no torque acted from now on: mode, energy ratio, periods, effective rate, pole and phases.
+
+    Differentiable; `short_axis` changes where the energy crosses that of the separatrix, where both periods are
+    infinite. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball they are
+    NaN.
+
+    Args:
+        body: a `RigidBody`, `TensorBody`, or `FreeBody` of one; or n bodies, whose states have a leading axis n.
+        state: one with a momentum (..., 3) in the body frame; of a path its `states`.
+
+    Returns:
+        A `Tumble`, with the leading axes of the state.
+
+    Raises:
+        ValueError: the state does not belong to the body, or the body is a `Rotor`.
+    """
+    check_state("state", state)
+    check_body(body, state)
+    principal = principal_of(body).turning
+    if not isinstance(principal, RigidBody):
+        raise ValueError(f"body must be a RigidBody, a TensorBody or a FreeBody of one, got {type(body).__name__}.")
+    return _tumble_of(principal, body.frame_of_user(), state.momentum, getattr(state, "attitude", None))
+
+
+@eqx.filter_jit
+def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any) -> Tumble:
+    """`tumble` of checked arguments."""
+    if frame is not None:
+        momentum = cp.pack(cp.rotate_back(frame, cp.vector(momentum)))
+        attitude = None if attitude is None else cp.pack(cp.multiply(cp.quaternion(attitude), frame))
+    moments, order, sign = _sorted(principal)
+    unit, size = _unit(momentum)
+    a, b, c = cp.vector(jnp.take_along_axis(unit, jnp.broadcast_to(order, unit.shape), axis=-1))
+    ia, ib, ic = moments
+    near = a * a * (1 - ib / ia) + c * c * (1 - ib / ic)  # 1 - 2 E Ib
+    short = near > 0
+    i1, i3 = jnp.where(short, ia, ic), jnp.where(short, ic, ia)
+    p1, p3 = jnp.where(short, a, c), jnp.where(short, c, a)
+    above = p1 * p1 * (i3 / i1 - 1) + b * b * (i3 / ib - 1)
+    below = b * b * (1 - i1 / ib) + p3 * p3 * (1 - i1 / i3)
+    shape = _Shape.of((i1, ib, i3), above, below, near, short)
+    energy = a * a / ia + b * b / ib + c * c / ic  # 2 E / |L|^2
+    # Where the momentum is on the negative side of the third axis, as if the first and third axis pointed the other
+    # way.
+    side = jnp.where(p3 < 0, -1.0, 1.0).astype(p3.dtype)
+    angle = jnp.arctan2(sign * b * jnp.sqrt(jnp.abs(i3 - ib) / ib), side * p1 * jnp.sqrt(jnp.abs(i3 - i1) / i1))
+    pole, phi = None, jnp.zeros_like(size)
+    if attitude is not None:
+        pole = so3.rotate(attitude, unit)
+        up = jnp.zeros_like(unit).at[..., 2].set(1)
+        about = _product(
+            _product(so3.conjugate(_smallest_turn(up, pole)), attitude), so3.conjugate(_smallest_turn(unit, up))
+        )
+        phi = 2 * jnp.arctan2(about[..., 3], about[..., 0])
+    return Tumble(
+        short,
+        energy * ic,
+        2 * pi / (shape.precession * size),
+        shape.period / size,
+        energy * size,
+        size,
+        pole,
+        (fraction_of(shape.m1, angle), phi),
+    )
+
+
+def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array]:
+    """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1."""
+    order = jnp.argsort(body.moments, axis=-1)
+    moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))
+    a, b, c = cp.vector(order)
+    return moments, order, jnp.sign((b - a) * (c - a) * (c - b)).astype(body.moments.dtype)
+
+
+def _least_ratio(moments: cp.Vector, short: bool) -> Any:
+    """The rotation period over the precession period near the steady rotation; infinity if there is no such mode."""
+    a, b, c = (np.asarray(x, np.float64) for x in (moments if short else moments[::-1]))
+    with np.errstate(divide="ignore"):
+        ratio = 1 / np.sqrt((c - a) * (c - b) / (a * b))
+    return ratio + 1 if short else ratio - 1
+
+
+def _mode_of(moments: cp.Vector, wanted: Array, mode: str | None) -> str:
+    """The mode; a ValueError if it is not one that has these periods, or if both have them and none is named."""
+    if mode is not None and mode not in _MODES:
+        raise ValueError(f'mode must be "short", "long" or None, got {shown(mode)}.')
+    if cp.is_traced(moments, wanted):
+        if mode is None:
+            raise ValueError('mode must be "short" or "long" where body or periods are traced.')
+        return mode
+    ratio = np.asarray(wanted, np.float64)
+    least = {name: _least_ratio(moments, name == "short") for name in _MODES}
+    can = {name: bool(np.all(ratio >= least[name])) for name in _MODES}
+    able = [name for name in _MODES if can[name]]
+    if mode is None and len(able) == 2:
+        raise ValueError(
+            'both modes have these periods: give mode="short" if the momentum goes round the axis of the largest '
+            'moment, or "long" if round that of the smallest; midlie_jax.tumble tells their energy ratios.'
+        )
+    if not able or (mode is not None and not can[mode]):
+        limits = " and ".join(f"{np.max(least[name]):.6g} in the {name}-axis mode" for name in _MODES)
+        raise ValueError(
+            f"rotation_period must be at least {limits} times precession_period for this body, got {shown(wanted)} "
+            "times; check which axis the precession period is of."
+        )
+    return mode or able[0]
+
+
+def _shape_with(moments: cp.Vector, wanted: Array, short: Array) -> _Shape:
+    """The motion whose rotation period is so many times its precession period; NaN if there is none."""
+    constants = jax.lax.stop_gradient((moments, wanted))
+    zero = jnp.zeros_like(sum(jax.tree.leaves(constants)))
+
+    def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = (low + high) / 2
+        above = _ratio(constants[0], middle, short) > constants[1]
+        return jnp.where(above, low, middle), jnp.where(above, middle, high)
+
+    low, high = jax.lax.fori_loop(0, _BISECTIONS, halve, (zero, zero + _NEAREST))
+    u = jax.lax.stop_gradient((low + high) / 2)
+    # Two differentiated Newton steps from the root have its first three derivatives.
+    for _ in range(2):
+        ratio, slope = jax.jvp(lambda u: _ratio(moments, u, short), (u,), (jnp.ones_like(u),))
+        u = u - (ratio - wanted) / slope
+    possible = _ratio(constants[0], zero, short) <= constants[1] * (1 + 1e-6)
+    return _at(moments, jnp.where(possible, u, jnp.full_like(u, jnp.nan)), short)
+
+
+def _unit(vector: Array) -> tuple[Array, Array]:
+    """The direction and the length of a vector."""
+    length = jnp.linalg.norm(vector, axis=-1)
+    return vector / length[..., None], length
+
+
+def _smallest_turn(a: Array, b: Array) -> Array:
+    """The quaternion of the smallest rotation from one direction to another; half a turn for opposite ones."""
+    (a, _), (b, _) = _unit(a), _unit(b)
+    ca, cb = cp.vector(a), cp.vector(b)
+    w = 1 + cp.dot(ca, cb)
+    opposite = w < 4 * cp.epsilon(w)
+    zero, one = jnp.zeros_like(w), jnp.ones_like(w)
+    along_x = jnp.abs(ca[0]) > 0.7
+    other = (zero, jnp.where(along_x, zero, one), jnp.where(along_x, one, zero), zero)
+    parts = (w, *cp.cross(ca, cb))
+    w, x, y, z = (jnp.where(opposite, b, a) for a, b in zip(parts, other, strict=True))
+    return cp.pack(cp.normalised((w, x, y, z)))
+
+
+def _product(a: Array, b: Array) -> Array:
+    return cp.pack(cp.multiply(cp.quaternion(a), cp.quaternion(b)))

@@ -1,0 +1,92 @@
+"""The functions of docs/orbits.md that read the ephemerides of other programs, against these programs."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_docs import ROOT, blocks
+
+import midlie_jax as ml
+
+FIRST = "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991"
+SECOND = "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482"
+SECONDS = np.arange(0.0, 6001.0, 20.0)
+BETWEEN = np.arange(3.0, 5990.0, 7.0)
+
+
+@cache
+def page():
+    """The names that the blocks of the page from which the ephemerides are read define."""
+    pytest.importorskip("sgp4")
+    names = {"ml": ml, "np": np}
+    for block in blocks(ROOT / "docs" / "orbits.md"):
+        if "def from_tle" in block or "def from_spice" in block or "def to_celestial" in block:
+            exec(block, names)
+    return names
+
+
+def distances(table, right):
+    return np.linalg.norm(np.asarray(jax.vmap(table)(jnp.asarray(BETWEEN))) - right, axis=-1)
+
+
+@pytest.mark.sample(0)
+def test_two_line_elements_through_sgp4():
+    """Between the rows of the table as sgp4 says; and a run of a day's length is refused before it starts."""
+    from sgp4.api import Satrec
+
+    table = page()["from_tle"](FIRST, SECOND, SECONDS)
+    satellite = Satrec.twoline2rv(FIRST, SECOND)
+    days = satellite.jdsatepochF + BETWEEN / 86400
+    right = 1e3 * satellite.sgp4_array(np.full(len(days), satellite.jdsatepoch), days)[1]
+    assert distances(table, right).max() < 0.5
+    torque = ml.torques.GravityGradient(None, table, 3.986004418e14)
+    body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState(jnp.array([0.0, 0.0, 1e-3]), jnp.eye(4)[0])
+    with pytest.raises(ValueError, match="holds a TableOrbit from t = 0 to 6000, but the run asks for times from 0 to"):
+        ml.integrate("JACOBI[EA]", body, torque, start, dt=10.0, steps=8640)
+
+
+def test_a_wrong_checksum_is_named():
+    with pytest.raises(ValueError, match="TLE line gives its checksum as 3 but in fact tallies to 1"):
+        page()["from_tle"](FIRST[:-1] + "3", SECOND, SECONDS)
+
+
+@pytest.mark.sample(0)
+def test_a_kernel_through_spice(tmp_path):
+    """A small kernel of type 9, by spkw09, of a hyperbola past the Earth."""
+    spice = pytest.importorskip("spiceypy")
+    orbit = ml.orbits.KeplerOrbit([4.0e7, 0.0, 0.0], [0.0, 7000.0, 1000.0], 3.986004418e14, epoch=3000.0)
+    times = np.linspace(-1000.0, 8000.0, 181)
+    states = [np.asarray(jax.vmap(f)(jnp.asarray(times))) / 1e3 for f in (orbit, orbit.velocity_at)]
+    kernel = str(tmp_path / "flyby.bsp")
+    handle = spice.spkopn(kernel, "flyby", 0)
+    rows = np.ascontiguousarray(np.concatenate(states, axis=1))
+    spice.spkw09(handle, 2099942, 399, "J2000", times[0], times[-1], "flyby", 9, len(times), rows, times)
+    spice.spkcls(handle)
+    spice.furnsh(kernel)
+    try:
+        table = page()["from_spice"]("2099942", SECONDS, observer="399")
+    finally:
+        spice.kclear()
+    assert distances(table, np.asarray(jax.vmap(orbit)(jnp.asarray(BETWEEN)))).max() < 1e-3
+
+
+@pytest.mark.sample(0)
+def test_frames_of_astropy():
+    """TEME to GCRS is a rotation: of sizes nothing changes, of directions what precession is since 2000."""
+    time = pytest.importorskip("astropy.time")
+    from astropy.utils import iers
+
+    with iers.conf.set_temp("auto_download", False):
+        table = page()["from_tle"](FIRST, SECOND, SECONDS)
+        turned = page()["to_celestial"](table, time.Time("2019-12-09T16:38:29.36", scale="utc"))
+    np.testing.assert_allclose(*(np.linalg.norm(x.positions, axis=-1) for x in (table, turned)), rtol=1e-9)
+    before, after = (
+        np.asarray(x.positions / jnp.linalg.norm(x.positions, axis=-1, keepdims=True)) for x in (table, turned)
+    )
+    angle = np.arccos(np.clip((before * after).sum(-1), -1, 1)).max()
+    assert angle == pytest.approx(np.radians(5029 / 3600 * 0.1994), rel=0.05)  # 5029 arc seconds a century
+    # Velocities are the slopes of the positions.
+    slopes = ml.orbits.TableOrbit(turned.times, turned.positions).velocities
+    assert np.abs(slopes - turned.velocities)[2:-2].max() < 1e-1

@@ -1,0 +1,181 @@
+"""Two periods, a pole and two phases, and what they make: inverse to each other, against runs and limits."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+import midlie_jax as ml
+
+MOMENTS = [0.61, 0.965, 1.0]
+POLE = [-0.3320328728817035, -0.4230418832197608, 0.8430834693954098]
+PERIODS = {"precession_period": 27.374, "rotation_period": 262.2}
+
+
+def near(value, least):
+    return value - np.round(value / least) * least
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("mode", ["short", "long"])
+@pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 0, 2)])
+def test_a_start_has_what_was_asked_for(mode, axes):
+    """Also where the moments come in another order, and for bodies in a frame of your own."""
+    body = ml.RigidBody(jnp.array(MOMENTS)[jnp.array(axes)])
+    turned = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.5, 0.9])))
+    tensor = ml.TensorBody(turned @ jnp.diag(body.moments) @ turned.T)
+    for phases in ((0.0, 0.0), (0.3, 2.0), (-0.2, -1.0), (0.49, 3.0)):
+        start = ml.tumbling(body, **PERIODS, pole=POLE, phases=phases, mode=mode)
+        other = ml.tumbling(tensor, **PERIODS, pole=POLE, phases=phases, mode=mode)
+        for tumble in (ml.tumble(body, start), ml.tumble(tensor, other)):
+            assert bool(tumble.short_axis) is (mode == "short")
+            found = [tumble.precession_period, tumble.rotation_period, *tumble.pole, tumble.energy_ratio]
+            ratio = 1.02346487405869 if mode == "short" else 1.0426849053717553
+            np.testing.assert_allclose(found, [*PERIODS.values(), *POLE, ratio], rtol=1e-12)
+            effective = 2 * ml.kinetic_energy(body, start) / tumble.momentum
+            assert tumble.effective_rate == pytest.approx(float(effective), rel=1e-13)
+        np.testing.assert_allclose(ml.tumble(body, start).phases[0], phases[0], atol=1e-13)
+        np.testing.assert_allclose(near(ml.tumble(body, start).phases[1] - phases[1], 2 * np.pi), 0, atol=1e-12)
+
+
+def test_the_energy_of_the_other_axis_is_not_this_one():
+    """27.374 h of the long axis is another motion: its short axis precesses faster, by a turn a period."""
+    body = ml.RigidBody(MOMENTS)
+    both = 1 / (1 / 27.374 + 1 / 262.2)
+    start = ml.tumbling(body, precession_period=both, rotation_period=262.2, pole=POLE, phases=(0.0, 0.0), mode="short")
+    assert ml.tumble(body, start).energy_ratio == pytest.approx(1.0284, abs=1e-4)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("mode", ["short", "long"])
+def test_periods_are_those_of_a_free_body(mode):
+    """After a rotation period the momentum is back; the axis has then precessed by that many turns."""
+    body = ml.RigidBody(MOMENTS)
+    start = ml.tumbling(body, **PERIODS, pole=POLE, phases=(0.1, 0.7), mode=mode)
+    count = 2000
+    path = ml.free_motion(body, start, jnp.linspace(0.0, 262.2, count + 1))
+    assert path.ok
+    np.testing.assert_allclose(path.states.momentum[-1], start.momentum, atol=1e-13)
+    momentum = np.asarray(path.states.momentum)
+    assert np.linalg.norm(momentum - momentum[0], axis=-1)[100:-100].min() > 0.01 * np.linalg.norm(momentum[0])
+    axis = ml.so3.rotate(path.states.attitude, jnp.eye(3)[2 if mode == "short" else 0][None])
+    x = np.cross(POLE, [1.0, 0, 0])
+    x /= np.linalg.norm(x)
+    angle = np.unwrap(np.arctan2(axis @ np.cross(POLE, x), axis @ x))
+    assert (angle[-1] - angle[0]) / (2 * np.pi) == pytest.approx(262.2 / 27.374, rel=1e-10)
+
+
+def test_slow_nutation_has_its_closed_forms():
+    """Near a steady rotation W: the momentum goes round at W sqrt((C-A)(C-B)/AB), the axis of C at W more."""
+    a, b, c = MOMENTS
+    body = ml.RigidBody(MOMENTS)
+    for axis, (i, j, k), sign in ((2, (a, b, c), 1), (0, (b, c, a), -1)):
+        rate = 0.7 / k
+        round_it = rate * np.sqrt((k - i) * (k - j) / (i * j))
+        momentum = jnp.zeros(3).at[axis].set(0.7).at[1].set(1e-9)
+        tumble = ml.tumble(body, ml.MomentumState(momentum))
+        assert tumble.pole is None
+        assert tumble.rotation_period == pytest.approx(2 * np.pi / round_it, rel=1e-14)
+        assert tumble.precession_period == pytest.approx(2 * np.pi / (rate + sign * round_it), rel=1e-14)
+        assert tumble.energy_ratio == pytest.approx(c / k, rel=1e-14)
+    # Two equal moments: Landau and Lifshitz, section 33; precession at |L| / A for any nutation.
+    for moments, k in (([1.0, 1.0, 1.6], 2), ([0.4, 1.0, 1.0], 0)):
+        momentum = jnp.roll(jnp.array([0.3, 0.4, 1.2]), k - 2)
+        tumble = ml.tumble(ml.RigidBody(moments), ml.MomentumState(momentum))
+        assert tumble.precession_period == pytest.approx(2 * np.pi / 1.3, rel=1e-14)
+        assert tumble.rotation_period == pytest.approx(2 * np.pi / (1.2 * abs(1 - 1 / moments[k])), rel=1e-14)
+
+
+def test_the_rotation_period_is_a_complete_integral():
+    """4 K / rate, with SciPy's K (Landau and Lifshitz, equation 37.12)."""
+    a, b, c = MOMENTS
+    p = np.array([0.1, 0.1, 0.9])
+    energy, square = (p**2 / MOMENTS).sum(), (p**2).sum()
+    m = (b - a) * (energy * c - square) / ((c - b) * (square - energy * a))
+    right = 4 * ellipk(m) * np.sqrt(a * b * c / ((c - b) * (square - energy * a)))
+    found = ml.tumble(ml.RigidBody(MOMENTS), ml.MomentumState(jnp.array(p)))
+    assert found.rotation_period == pytest.approx(right, rel=1e-13)
+
+
+@pytest.mark.sample(0)
+def test_derivatives_of_both_are_inverse():
+    """The chain of `tumbling` and `tumble` has the identity as Jacobian, under vmap and jit, also in the moments."""
+
+    def through(numbers):
+        precession, rotation, s, phi = numbers
+        start = ml.tumbling(
+            ml.RigidBody(MOMENTS),
+            precession_period=precession, rotation_period=rotation, pole=jnp.array(POLE), phases=(s, phi), mode="short",
+        )  # fmt: skip
+        t = ml.tumble(ml.RigidBody(MOMENTS), start)
+        return jnp.stack([t.precession_period, t.rotation_period, *t.phases])
+
+    numbers = jnp.array([[27.374, 262.2, 0.3, 2.0], [20.0, 180.0, -0.1, 1.0]])
+    jacobian = jax.jit(jax.vmap(jax.jacfwd(through)))(numbers)
+    np.testing.assert_allclose(jacobian, np.broadcast_to(np.eye(4), (2, 4, 4)), atol=1e-9)
+
+    def ratio(moments, periods):
+        body = ml.RigidBody(moments)
+        start = ml.tumbling(
+            body, precession_period=periods[0], rotation_period=periods[1], pole=POLE, phases=(0.3, 2.0), mode="short"
+        )
+        return ml.tumble(body, start).energy_ratio
+
+    moments, periods = jnp.array(MOMENTS), jnp.array([27.374, 262.2])
+    slope = jax.jit(jax.grad(ratio))(moments, periods)
+    step = 1e-5 * jnp.eye(3)
+    wanted = [(ratio(moments + e, periods) - ratio(moments - e, periods)) / 2e-5 for e in step]
+    np.testing.assert_allclose(slope, wanted, rtol=1e-6)
+
+
+@pytest.mark.sample(0)
+def test_an_observable_of_the_same():
+    body = ml.RigidBody(MOMENTS)
+    start = ml.tumbling(body, **PERIODS, pole=POLE, phases=(0.1, 0.7), mode="short")
+    path = ml.integrate("JACOBI[EA]", body, None, start, dt=3.0, steps=20, observe=ml.observe.Tumbling())
+    np.testing.assert_allclose(path.states.precession_period, 27.374, rtol=1e-11)
+    np.testing.assert_allclose(path.states.phases[0], 0.1 + path.times / 262.2, atol=1e-11)
+
+
+@pytest.mark.sample(0)
+def test_single_precision():
+    body = ml.RigidBody(jnp.array(MOMENTS, jnp.float32))
+    given = {name: jnp.float32(value) for name, value in PERIODS.items()}
+    phases = jnp.float32(0.3), jnp.float32(2.0)
+    start = ml.tumbling(body, **given, pole=jnp.array(POLE, jnp.float32), phases=phases, mode="short")
+    tumble = ml.tumble(body, start)
+    assert tumble.rotation_period.dtype == jnp.float32
+    np.testing.assert_allclose([tumble.precession_period, tumble.rotation_period], [*PERIODS.values()], rtol=2e-5)
+
+
+BODY = ml.RigidBody(MOMENTS)
+
+
+def asked(**more):
+    return ml.tumbling(**{"body": BODY, **PERIODS, "pole": POLE, "phases": (0.0, 0.0), "mode": "short"} | more)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: asked(mode=None), 'both modes have these periods: give mode="short"'),
+        (lambda: asked(mode="SAM"), 'mode must be "short", "long" or None'),
+        (lambda: asked(rotation_period=100.0), "rotation_period must be at least 7.56693 in the short-axis mode"),
+        (lambda: asked(rotation_period=-1.0), "rotation_period must be positive and finite"),
+        (lambda: asked(pole=[0.0, 0, 0]), "pole must not be zero"),
+        (lambda: asked(phases=0.3), r"phases must be a tuple \(s, phi\)"),
+        (lambda: asked(body=ml.Rotor(1.0)), "body must be a RigidBody or a TensorBody, got Rotor"),
+        (lambda: asked(body=ml.RigidBody([0.5, 1.0, 1.0])), "rotation_period must be at least inf"),
+        (lambda: jax.jit(lambda p: asked(mode=None, rotation_period=p))(262.2), "where body or periods are traced"),
+    ],
+)
+def test_mistakes_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_a_mode_that_alone_has_the_periods_need_not_be_named():
+    start = asked(mode=None, rotation_period=100.0)
+    assert not ml.tumble(BODY, start).short_axis
+    assert np.isnan(jax.jit(lambda p: asked(rotation_period=p))(100.0).momentum).all()
