@@ -2,14 +2,12 @@
 
 A free body whose momentum is not along a principal axis turns with two periods. Seen from the body, the momentum goes
 round the axis of the largest moment, the short one, or round that of the smallest, the long one: the short-axis mode
-(SAM) and the long-axis mode (LAM). One turn of it is the *rotation period*. Seen from space, that axis goes round the
-momentum, in the *precession period* on average. (L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha,
-M. A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen, Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173
-(2005) 108 and 233 (2014) 48.)
+(SAM) and the long-axis mode (LAM). One turn of it is the *rotation period*. Seen from space, both axes go round the
+momentum, each in a *precession period* of its own on average: in a rotation period the short axis makes one turn more
+than the long one, in either mode. A published pair of periods may mean either.
 
-Other definitions follow: the axis about which the momentum does not go has the mean precession rate of the one about
-which it goes, less 2 pi / rotation period in the short-axis mode, and more by that in the long-axis mode. So a
-published pair may mean another axis; the energy ratio tells.
+L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha, M. A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen,
+Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173 (2005) 108 and 233 (2014) 48.
 """
 
 from math import pi
@@ -43,8 +41,9 @@ class Tumble(NamedTuple):
         short_axis: whether the momentum goes round the axis of the largest moment; else round that of the smallest.
         energy_ratio: 2 E Ic / |L|^2, the energy over that of a rotation about the short axis with the same momentum, at
             least 1.
-        precession_period: of that axis about the momentum, on average, time.
-        rotation_period: of the momentum about that axis, in the body, time.
+        short_axis_period, long_axis_period: of precession about the momentum, on average, time: of the axis of the
+            largest moment, and of that of the smallest.
+        rotation_period: of the momentum in the body, time.
         effective_rate: 2 E / |L|, the mean angular velocity along the momentum, radians/time.
         momentum: |L|.
         pole: the direction of L in space, (3,); None for a state without attitude.
@@ -55,7 +54,8 @@ class Tumble(NamedTuple):
 
     short_axis: Bool[Array, "*batch"]
     energy_ratio: Float[Array, "*batch"]
-    precession_period: Float[Array, "*batch"]
+    short_axis_period: Float[Array, "*batch"]
+    long_axis_period: Float[Array, "*batch"]
     rotation_period: Float[Array, "*batch"]
     effective_rate: Float[Array, "*batch"]
     momentum: Float[Array, "*batch"]
@@ -114,6 +114,7 @@ def tumbling(
     *,
     precession_period: Any,
     rotation_period: Any,
+    axis: str,
     pole: Any,
     phases: Any,
     mode: str | None = None,
@@ -129,8 +130,9 @@ def tumbling(
 
     Args:
         body: a `RigidBody`, or a `TensorBody` in a frame of your own (then the axes above are the principal ones).
-        precession_period: of the axis round which the momentum goes, about the momentum in space, (), time.
+        precession_period: in which `axis` goes round the momentum in space, on average, (), time.
         rotation_period: of the momentum in the body, (), time.
+        axis: whose precession this is: "short", the axis of the largest moment, or "long", that of the smallest.
         pole: the direction of the angular momentum in space, (3,), of any length but 0.
         phases: (s, phi), s as a fraction of the rotation period, phi in radians.
         mode: "short" if the momentum goes round the axis of the largest moment, "long" if round that of the smallest;
@@ -141,11 +143,13 @@ def tumbling(
 
     Raises:
         ValueError: no motion of the body, or none in this mode, has these periods; both modes have one, and `mode` is
-            None; or a number is not positive or not finite, or of a wrong shape.
+            None; axis or mode is another word; or a number is not positive or not finite, or of a wrong shape.
     """
     principal = principal_of(body)
     if not isinstance(principal, RigidBody):
         raise ValueError(f"body must be a RigidBody or a TensorBody, got {type(body).__name__}.")
+    if axis not in _MODES:
+        raise ValueError(f'axis must be "short" or "long", got {shown(axis)}.')
     precession, rotation = (
         as_floats(name, value)
         for name, value in (("precession_period", precession_period), ("rotation_period", rotation_period))
@@ -158,9 +162,10 @@ def tumbling(
     if not isinstance(phases, tuple) or len(phases) != 2:
         raise ValueError(f"phases must be a tuple (s, phi), got {shown(phases)}.")
     s, phi = as_floats("phases[0]", phases[0]), as_floats("phases[1]", phases[1])
-    wanted = rotation / precession
-    mode = _mode_of(_sorted(principal)[0], wanted, mode)
-    momentum, attitude = _start_of(principal, body.frame_of_user(), wanted, rotation, pole, s, phi, mode == "short")
+    turns = rotation / precession
+    mode = _mode_of(_sorted(principal)[0], turns, axis, mode)
+    turns = turns + _further_turns(axis, mode)
+    momentum, attitude = _start_of(principal, body.frame_of_user(), turns, rotation, pole, s, phi, mode == "short")
     return RigidState(momentum, attitude)
 
 
@@ -245,10 +250,13 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
             _product(so3.conjugate(_smallest_turn(up, pole)), attitude), so3.conjugate(_smallest_turn(unit, up))
         )
         phi = 2 * jnp.arctan2(about[..., 3], about[..., 0])
+    by_turn = 2 * pi / shape.period  # the short axis goes round faster by this than the long one
+    slower = jnp.where(short, shape.precession - by_turn, shape.precession)
     return Tumble(
         short,
         energy * ic,
-        2 * pi / (shape.precession * size),
+        2 * pi / ((slower + by_turn) * size),
+        2 * pi / (slower * size),
         shape.period / size,
         energy * size,
         size,
@@ -265,24 +273,29 @@ def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array]:
     return moments, order, jnp.sign((b - a) * (c - a) * (c - b)).astype(body.moments.dtype)
 
 
-def _least_ratio(moments: cp.Vector, short: bool) -> Any:
-    """The rotation period over the precession period near the steady rotation; infinity if there is no such mode."""
+def _further_turns(axis: str, mode: str) -> int:
+    """The turns in a rotation period of the axis round which the momentum goes, less those of another axis."""
+    return (mode == "short") - (axis == "short")
+
+
+def _least_turns(moments: cp.Vector, short: bool) -> Any:
+    """The turns of this axis in a rotation period near the steady rotation; infinity if there is no such mode."""
     a, b, c = (np.asarray(x, np.float64) for x in (moments if short else moments[::-1]))
     with np.errstate(divide="ignore"):
         ratio = 1 / np.sqrt((c - a) * (c - b) / (a * b))
     return ratio + 1 if short else ratio - 1
 
 
-def _mode_of(moments: cp.Vector, wanted: Array, mode: str | None) -> str:
+def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> str:
     """The mode; a ValueError if it is not one that has these periods, or if both have them and none is named."""
     if mode is not None and mode not in _MODES:
         raise ValueError(f'mode must be "short", "long" or None, got {shown(mode)}.')
-    if cp.is_traced(moments, wanted):
+    if cp.is_traced(moments, turns):
         if mode is None:
             raise ValueError('mode must be "short" or "long" where body or periods are traced.')
         return mode
-    ratio = np.asarray(wanted, np.float64)
-    least = {name: _least_ratio(moments, name == "short") for name in _MODES}
+    ratio = np.asarray(turns, np.float64)
+    least = {name: _least_turns(moments, name == "short") - _further_turns(axis, name) for name in _MODES}
     can = {name: bool(np.all(ratio >= least[name])) for name in _MODES}
     able = [name for name in _MODES if can[name]]
     if mode is None and len(able) == 2:
@@ -293,8 +306,8 @@ def _mode_of(moments: cp.Vector, wanted: Array, mode: str | None) -> str:
     if not able or (mode is not None and not can[mode]):
         limits = " and ".join(f"{np.max(least[name]):.6g} in the {name}-axis mode" for name in _MODES)
         raise ValueError(
-            f"rotation_period must be at least {limits} times precession_period for this body, got {shown(wanted)} "
-            "times; check which axis the precession period is of."
+            f"rotation_period must be at least {limits} times the precession_period of the {axis} axis for this "
+            f"body, got {shown(turns)} times; check the moments, and of which axis the precession is."
         )
     return mode or able[0]
 
