@@ -131,6 +131,7 @@ def test_no_two_lines_look_alike(figure):
     assert len(lines(figure.axes[0])) > 12
 
 
+@pytest.mark.sample(5)
 def test_every_line_is_named_once(figure):
     """In its panel; on a chart of frontiers in the panel of the rivals or in that of our methods, each in one style."""
     if not is_frontier(figure):

@@ -95,7 +95,7 @@ def test_spatial_momentum_of_a_free_body(name, dtype):
         assert changes.max() <= np.sqrt(turns) * WALK * epsilon(dtype), changes / epsilon(dtype)
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "dtype"), by_turns(few=FREE))
 def test_attitude_stays_a_unit_quaternion(name, dtype):
     """To the rounding of one step, however many came before."""

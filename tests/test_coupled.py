@@ -41,7 +41,7 @@ def test_order(kind, name):
     assert slope > order - 0.35 or errors[2] < 1e-12, (slope, errors)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind, name, dtype):
     found = paths(kind, name, dtype)
@@ -224,6 +224,7 @@ def test_a_step_of_two_bodies_is_four_loops(torque):
     assert loops == 4 * ml.method("JACOBI[EA]").unroll
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("own_times", [False, True])
 def test_the_function_of_many_bodies_is_compiled_apart_once_a_step(own_times):
     """In a branch of a conditional, also of replicas with times of their own: a select would be fused with the step."""

@@ -23,6 +23,7 @@ SOURCES = {
 TRAVELLING = ["free", "free tensor", "free axis"]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", TRAVELLING)
 @pytest.mark.parametrize("source", list(SOURCES))
 def test_force_and_torque_are_those_of_one_potential(source, kind):

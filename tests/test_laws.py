@@ -127,6 +127,7 @@ def test_first_order_methods_are_adjoint(dtype):
         assert max(gaps) <= STEPS * epsilon(dtype), np.array(gaps) / epsilon(dtype)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize(("name", "dtype"), TAKEN)
 def test_a_step_of_no_length_changes_no_bit(name, dtype):
     states = paths(name, dtype).states

@@ -107,6 +107,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", DRAW)
 def test_every_function_draws_every_kind_of_state_or_says_what_is_missing(cases, tmp_path, name, kind):

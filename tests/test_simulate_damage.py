@@ -131,6 +131,7 @@ def inspected(path):
         return None, str(error)
 
 
+@pytest.mark.sample(3)
 def test_resuming_mends_descriptions_names_and_spare_states(stored, tmp_path):
     path, expected, observed = stored
     copy = tmp_path / "run.zarr"

@@ -34,6 +34,7 @@ def same(one, other):
         np.testing.assert_allclose(x, jnp.where(sign == 0, 1, sign) * y, atol=2e-14)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("batch", [(), (6,), (2, 3)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_increment_leads_from_one_state_to_the_other(kind, batch):

@@ -51,7 +51,7 @@ class KeplerOrbit(Orbit):
         self.position = as_floats("position", position, (3,))
         self.velocity = as_floats("velocity", velocity, (3,))
         self.mu = as_floats("mu", mu)
-        self.epoch = as_floats("epoch", epoch)
+        self.epoch = as_floats("epoch", epoch).astype(self.position.dtype)
         for name in ("position", "velocity", "epoch"):
             require_finite(name, getattr(self, name))
         require("mu", self.mu, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its units.")
