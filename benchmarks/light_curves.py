@@ -99,9 +99,10 @@ def words(values):
 
 
 def by_scipy(measured, start):
-    """The sum of squares that SciPy's Levenberg-Marquardt reaches around the same compiled model, and the seconds.
+    """The sum of squares that SciPy's trust region reaches around the same compiled model, and the seconds.
 
-    Its Jacobian is by differences, its tolerance the default; start and spans of time are the same.
+    Its Jacobian is by differences, its unknowns are scaled by it, its tolerance is the default; start and spans of time
+    are the same.
     """
     layout = Layout(start)
 
@@ -116,7 +117,7 @@ def by_scipy(measured, start):
     residuals(vector, span)  # compiles
     began = time.perf_counter()
     while True:
-        solution = least_squares(lambda x, end=span: np.asarray(residuals(x, end)), vector, method="lm")
+        solution = least_squares(lambda x, end=span: np.asarray(residuals(x, end)), vector, x_scale="jac")
         vector = solution.x
         if span >= HOURS:
             return 2 * solution.cost, time.perf_counter() - began

@@ -78,15 +78,13 @@ figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
 angle = np.linspace(0, 2 * np.pi, 200)
 axes.fill(np.cos(angle), np.sin(angle), color=COLOURS[0])
 axes.plot(6.611 * np.cos(angle), 6.611 * np.sin(angle), color="#999999", linewidth=1)
-axes.annotate(
-    "geostationary ring", (0, -6.6), (0, -4), textcoords="offset points", ha="center", va="top", color="#777777"
-)
+axes.annotate("geostationary ring", (4.7, -4.7), (6, -4), textcoords="offset points", color="#777777")
 axes.annotate("Earth", (0, -1), (0, -4), textcoords="offset points", ha="center", va="top", color=COLOURS[0])
 axes.plot(places[:, 1], places[:, 0], color=COLOURS[1])
 axes.plot(marks[:, 1], marks[:, 0], "o", color=COLOURS[1])
 for hours, place in zip(range(-6, 7, 2), marks, strict=True):
     axes.annotate(
-        f"{hours:+d} h", (place[1], place[0]), (0, 7), textcoords="offset points", ha="center", color=COLOURS[1]
+        f"{hours:+d} h", (place[1], place[0]), (0, 8), textcoords="offset points", ha="center", color=COLOURS[1]
     )
 axes.set_aspect("equal")
 tidy(axes, "Past the Earth", "along the motion at perigee  [Earth radii]", "towards the perigee  [Earth radii]")
@@ -327,8 +325,8 @@ plt.show()
 # %% [markdown]
 # Two years are 640 turns of the short axis, and a small error of a period becomes a large one of a phase. Thirty nights
 # of 2027 leave nearly everything possible. Sixty make the clock finer, and a forecast begins to show. Thirty nights
-# five months before the pass are worth more than both. Sunlight, which changes the rate a little in two years (YORP), is not
-# in this model.
+# five months before the pass tell more than either. Sunlight, which changes the rate a little in two years (YORP), is
+# not in this model.
 #
 # ## What to remember
 #

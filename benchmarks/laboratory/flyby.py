@@ -20,7 +20,7 @@ HALF = 172800.0  # two days before the perigee, and after
 HOUR = 3600.0
 MOMENTS = (0.61, 0.965, 1.0)
 POLE = (-0.3320328728817035, -0.4230418832197608, 0.8430834693954098)
-PERIODS = {"precession_period": 27.374 * HOUR, "rotation_period": 262.2 * HOUR, "axis": "short"}  # arXiv 2604.24566
+PERIODS = {"precession_period": 27.374 * HOUR, "rotation_period": 262.2 * HOUR}  # arXiv 2604.24566
 
 
 class End(NamedTuple):
@@ -83,7 +83,7 @@ def torque() -> ml.torques.GravityGradient:
 
 def start(s: Any, phi: Any) -> ml.RigidState:
     """The state two days before the perigee."""
-    return ml.tumbling(body(), **PERIODS, pole=jnp.array(POLE), phases=(s, phi), mode="short")
+    return ml.tumbling(body(), **PERIODS, axis="short", pole=jnp.array(POLE), phases=(s, phi), mode="short")
 
 
 def starts(count: int) -> ml.RigidState:
