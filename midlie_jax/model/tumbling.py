@@ -188,7 +188,7 @@ def _start_of(
     up = jnp.zeros_like(momentum).at[..., 2].set(1)
     about = jnp.stack(jnp.broadcast_arrays(jnp.cos(phi / 2), 0 * phi, 0 * phi, jnp.sin(phi / 2)), axis=-1)
     to_pole = _smallest_turn(jnp.broadcast_to(up, (*pole.shape[:-1], 3)), pole)
-    attitude = _product(_product(to_pole, about), _smallest_turn(momentum, up))
+    attitude = so3.multiply(so3.multiply(to_pole, about), _smallest_turn(momentum, up))
     if frame is not None:
         momentum = cp.pack(cp.rotate(frame, cp.vector(momentum)))
         attitude = cp.pack(cp.multiply(cp.quaternion(attitude), cp.conjugate(frame)))
@@ -246,8 +246,8 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
     if attitude is not None:
         pole = so3.rotate(attitude, unit)
         up = jnp.zeros_like(unit).at[..., 2].set(1)
-        about = _product(
-            _product(so3.conjugate(_smallest_turn(up, pole)), attitude), so3.conjugate(_smallest_turn(unit, up))
+        about = so3.multiply(
+            so3.multiply(so3.conjugate(_smallest_turn(up, pole)), attitude), so3.conjugate(_smallest_turn(unit, up))
         )
         phi = 2 * jnp.arctan2(about[..., 3], about[..., 0])
     by_turn = 2 * pi / shape.period  # the short axis goes round faster by this than the long one
@@ -351,7 +351,3 @@ def _smallest_turn(a: Array, b: Array) -> Array:
     parts = (w, *cp.cross(ca, cb))
     w, x, y, z = (jnp.where(opposite, b, a) for a, b in zip(parts, other, strict=True))
     return cp.pack(cp.normalised((w, x, y, z)))
-
-
-def _product(a: Array, b: Array) -> Array:
-    return cp.pack(cp.multiply(cp.quaternion(a), cp.quaternion(b)))

@@ -274,6 +274,14 @@ class ReadsBody(Torque):
         raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body).potential(t, state).")
 
 
+class ReadsVelocity(ReadsBody):
+    """A torque that depends on the angular velocity, which it computes from the momentum and the body."""
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
+
+
 class OnBody(Torque):
     """A torque that reads the body, bound to a body: a callable of (t, state).
 

@@ -11,11 +11,11 @@ from ..._checks.arguments import as_floats, as_function_of_time, require, requir
 from ..._math import components as cp
 from ..bodies import is_symmetric
 from ..state import AnyState, Time
-from .base import ReadsBody
+from .base import ReadsVelocity
 from .fields import to_body_components
 
 
-class EddyCurrents(ReadsBody):
+class EddyCurrents(ReadsVelocity):
     """The torque of eddy currents, T = (M (Omega x B)) x B, which takes energy and never gives any.
 
     M is the magnetic tensor of the body (N. Ortiz Gomez, S. J. I. Walker, Acta Astronaut. 114 (2015) 34), which is
@@ -49,10 +49,6 @@ class EddyCurrents(ReadsBody):
             require("tensor", self.tensor, _not_negative, not_negative, cure)
         else:
             require("tensor", self.tensor, lambda m: m >= 0, not_negative, cure)
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return True
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         field = to_body_components(self.field, t, state)

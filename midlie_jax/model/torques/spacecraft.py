@@ -20,7 +20,7 @@ from .. import so3
 from ..state import AnyState, Time
 from ..states import TravellingState, attitude_of
 from ..wrench import Wrench
-from .base import ReadsBody, Torque
+from .base import ReadsBody, ReadsVelocity, Torque
 from .fields import to_body_components
 from .travel import through_air, travelling
 
@@ -34,15 +34,7 @@ def _gain(name: str, value: Any) -> Array:
     return gain
 
 
-class _ReadsVelocity(ReadsBody):
-    """A torque that depends on the angular velocity, which it computes from the momentum and the body."""
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return True
-
-
-class Damping(_ReadsVelocity):
+class Damping(ReadsVelocity):
     """Viscous friction, -coefficient * Omega.
 
     Attributes:
@@ -62,7 +54,7 @@ class Damping(_ReadsVelocity):
         return -self.coefficient * body.velocity(state.momentum)
 
 
-class PDControl(_ReadsVelocity):
+class PDControl(ReadsVelocity):
     """Proportional and derivative feedback towards an attitude, -proportional * 2 sgn(w) v - derivative * Omega.
 
     (w, v) is the quaternion of the rotation from the target to the attitude. For small errors 2 v is the rotation
@@ -97,7 +89,7 @@ class PDControl(_ReadsVelocity):
         return -self.proportional * (factor * error[..., 1:]) - self.derivative * body.velocity(state.momentum)
 
 
-class Rotors(_ReadsVelocity):
+class Rotors(ReadsVelocity):
     """Rotors that spin at constant speed relative to the body, torque h x Omega: a gyrostat (Hughes, section 6.3).
 
     The momentum of the state is I Omega, without the spin of the rotors. If no other torque acts, R (Pi + h) is
@@ -126,7 +118,7 @@ class Rotors(_ReadsVelocity):
         return jnp.zeros_like(state.momentum[..., 0])
 
 
-class ReactionWheels(_ReadsVelocity):
+class ReactionWheels(ReadsVelocity):
     """Wheels whose speed is changed by motors, torque -h' - Omega x h.
 
     Attributes:
