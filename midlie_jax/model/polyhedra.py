@@ -5,6 +5,7 @@ from functools import cache
 from itertools import combinations
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -69,7 +70,7 @@ def as_faces(value: Any, vertices: int) -> np.ndarray:
     """
     try:
         faces = np.asarray(value)
-    except Exception as error:  # of JAX, for a tracer
+    except jax.errors.TracerArrayConversionError as error:
         raise ValueError("faces must be known integers; only vertices may be traced by jit or grad.") from error
     if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
         raise ValueError(
