@@ -13,16 +13,20 @@ The forms of a program:
 - `ours`: as the package compiles it, with several steps an iteration of the loop.
 - `one step a turn`: the same with one step a turn.
 - `graph`: as `ours`, with XLA's option to record the loop as a CUDA graph.
+- `one kernel`: no program of JAX, but CUDA by hand (`limit.cu`), built by nvcc where there is one: the same arithmetic,
+  and the whole run of a top in one thread of one kernel. What could be gained by leaving XLA's loop of launches.
 """
 
 import argparse
 import contextlib
+import itertools
 import os
+import shutil
 import statistics
 import sys
 import time
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
@@ -34,6 +38,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
+import limit  # noqa: E402
 from laboratory.kinds.rigid import rates  # noqa: E402
 from pages import put  # noqa: E402
 
@@ -47,20 +52,14 @@ BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
 DRAWN = "Drawn by `python benchmarks/gpu.py --write`."
 DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
-OURS, SINGLE, GRAPH = "ours", "one step a turn", "graph"
+COMPARED_AT = (
+    10**6
+)  # bodies of the runs that are compared, which have 384 steps: in more, differences grow in the motion
+OURS, SINGLE, GRAPH, KERNEL = "ours", "one step a turn", "graph", "one kernel"
 TSIT5, SOLVER = "diffrax Tsit5", "LIEMID[EA] by diffrax"
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12")
 FORMS: dict[str, dict[str, Any]] = {
     GRAPH: {"xla_gpu_enable_command_buffer": "FUSION,WHILE", "xla_gpu_graph_min_graph_size": 1},
-}
-# Body-steps a second that the arithmetic of an H200 allows (132 multiprocessors at 1.98 GHz), from the instructions of
-# the same step compiled by nvcc 13.0 for sm_90, with fused multiply-adds, which XLA does not make.
-CEILINGS = {
-    ("SYMMETRIC[EA]", "float32"): 2.4e11,
-    ("SYMMETRIC[EA]", "float64"): 1.2e11,
-    ("JACOBI[EA]", "float32"): 8.1e10,
-    ("JACOBI[EA]", "float64"): 3.4e10,
-    ("LIEMID[EA]", "float32"): 3.8e10,
 }
 
 
@@ -88,22 +87,22 @@ class Figure(NamedTuple):
 
 def jobs(quick: bool) -> Iterator[Job]:
     """All jobs, the most informative first."""
+    by_nvcc = METHODS[:3] if shutil.which("nvcc") and jax.default_backend() == "gpu" else ()
     if quick:
+        yield from (Job(method, "float32", 1000, KERNEL) for method in by_nvcc)
         yield from (Job(method, "float32", 1000) for method in METHODS)
         yield Job("SYMMETRIC[EA]", "float32", 1000, SINGLE)
         yield from (Job(form, "float32", 1000, form) for form in (TSIT5, SOLVER))
         return
-    for dtype in ("float32", "float64"):
-        yield from (Job(method, dtype, 10**n) for n in (6, 4, 2, 5, 3, 7) for method in METHODS[:3])
-        if dtype == "float32":
-            yield from (
-                Job(method, dtype, n, form)
-                for n in (10**4, 10**6, 100)
-                for form in (SINGLE, GRAPH)
-                for method in METHODS[:2]
-            )
-        yield from (Job(form, dtype, 10**n, form) for n in (6, 4, 2, 5, 3) for form in (TSIT5, SOLVER))
-        yield from (Job(method, dtype, 10**n) for n in (6, 4, 2, 5, 3) for method in METHODS[3:])
+    sizes, dtypes = (6, 4, 2, 5, 3, 7), ("float32", "float64")
+    yield from (Job(method, dtype, 10**n) for n in sizes for dtype in dtypes for method in METHODS[:3])
+    yield from (Job(method, dtype, 10**n, KERNEL) for n in sizes for dtype in dtypes for method in by_nvcc)
+    yield from (Job(form, dtype, 10**n, form) for dtype in dtypes for n in (6, 4, 2) for form in (TSIT5, SOLVER))
+    yield from (Job(method, dtype, 10**n) for dtype in dtypes for n in (6, 4, 2) for method in METHODS[3:])
+    forms = [(method, form) for form in (GRAPH, SINGLE) for method in METHODS[:2]]
+    yield from (Job(method, "float32", 10**n, form) for n in (4, 6, 2) for method, form in forms)
+    yield from (Job(form, dtype, 10**n, form) for dtype in dtypes for n in (5, 3) for form in (TSIT5, SOLVER))
+    yield from (Job(method, dtype, 10**n) for dtype in dtypes for n in (5, 3) for method in METHODS[3:])
 
 
 def run_of(job: Job):
@@ -132,7 +131,7 @@ def run_of(job: Job):
 
 
 def scene_of(job: Job):
-    asymmetric = job.method.startswith(("JACOBI", "GBS"))
+    asymmetric = job.method.startswith(("JACOBI", "GBS")) and job.form != KERNEL
     return scenes.scene("asymmetric-top" if asymmetric else "P1", jnp.dtype(job.dtype))
 
 
@@ -151,8 +150,8 @@ def lowered(job: Job, starts: ml.RigidState):
 
 
 def difference(job: Job, starts: ml.RigidState, momentum) -> float:
-    """Of the first bodies from the same run on the CPU, in units of eps |Pi|; NaN for a program of diffrax."""
-    if job.form in (TSIT5, SOLVER):
+    """Of the first bodies from the same run on the CPU, in units of eps |Pi|; NaN where that is not compared."""
+    if job.form in (TSIT5, SOLVER) or job.bodies != COMPARED_AT:
         return float("nan")
     few = jax.tree.map(lambda x: np.asarray(x[:COMPARED]), starts)
     with jax.default_device(jax.devices("cpu")[0]):
@@ -161,27 +160,52 @@ def difference(job: Job, starts: ml.RigidState, momentum) -> float:
     return float(gap.max() / np.finfo(job.dtype).eps)
 
 
-def measured(queue: list[Job], seconds: float, compare: bool) -> Iterator[Figure]:
+def attempted(measure: Callable[..., Figure], job: Job, *others: Any) -> Iterator[Figure]:
+    """The figure, or none: one program that fails must not cost the figures of the others."""
+    try:
+        yield measure(job, *others)
+    except Exception as error:
+        print(f"{job}: {type(error).__name__}: {str(error)[:200]}", flush=True)
+
+
+def measured(queue: list[Job], seconds: float) -> Iterator[Figure]:
     """The figures of the jobs, as they are found; failures are printed and left out."""
     began = time.perf_counter()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
+        by_nvcc = dict.fromkeys((job.method, job.dtype) for job in queue if job.form == KERNEL)
+        builds = [pool.submit(kernels, *kind) for kind in by_nvcc]
         for part in range(0, len(queue), 12):
             programs: list[tuple[Job, ml.RigidState, Future[Any]]] = []
             for job in queue[part : part + 12]:
                 if time.perf_counter() - began > seconds:
                     print(f"out of time before {job}", flush=True)
                     break
+                if job.form == KERNEL:
+                    wait(builds)
+                    yield from attempted(by_hand, job)
+                    continue
                 starts = starts_of(job)
                 options = FORMS.get(job.form, {}) if jax.default_backend() != "cpu" else {}
                 programs.append((job, starts, pool.submit(lowered(job, starts).compile, options)))
             for job, starts, future in programs:
-                try:
-                    yield timed(job, future.result(), starts, compare)
-                except Exception as error:  # one program that fails must not cost the figures of the others
-                    print(f"{job}: {type(error).__name__}: {str(error)[:200]}", flush=True)
+                yield from attempted(timed, job, future, starts)
 
 
-def timed(job: Job, program, starts: ml.RigidState, compare: bool) -> Figure:
+def kernels(method: str, dtype: str) -> list[Path]:
+    """The programs of `limit.cu` with exact and with rough roots and divisions."""
+    return [limit.built_for_gpu(method.partition("[")[0], dtype, rough) for rough in (False, True)]
+
+
+def by_hand(job: Job) -> Figure:
+    """The one kernel of `limit.cu` for all steps, in the faster of its two forms."""
+    runs = [limit.measured(program, job.bodies, job.steps) for program in kernels(job.method, job.dtype)]
+    cost, momentum = min(runs)
+    start = jax.tree.map(lambda x: x[None], scene_of(job).start)
+    return Figure(job, 1 / cost, difference(job, start, [momentum]))
+
+
+def timed(job: Job, compiled: Future[Any], starts: ml.RigidState) -> Figure:
+    program = compiled.result()
     momentum = jax.block_until_ready(program(starts))
     laps = []
     for _ in range(5):
@@ -189,7 +213,7 @@ def timed(job: Job, program, starts: ml.RigidState, compare: bool) -> Figure:
         jax.block_until_ready(program(starts))
         laps.append(time.perf_counter() - began)
     speed = job.bodies * job.steps / statistics.median(laps)
-    return Figure(job, speed, difference(job, starts, momentum) if compare else float("nan"))
+    return Figure(job, speed, difference(job, starts, momentum))
 
 
 def table(figures: list[Figure]) -> list[str]:
@@ -197,26 +221,26 @@ def table(figures: list[Figure]) -> list[str]:
     sizes = sorted({figure.job.bodies for figure in figures})
     found = {figure.job: figure for figure in figures}
     kinds = sorted(dict.fromkeys((f.job.dtype, f.job.form, f.job.method) for f in figures), key=lambda kind: kind[0])
-    heads = ["body-steps a second", "", "", *(f"{n:.0e} bodies" for n in sizes), "ceiling", "difference from the CPU"]
+    heads = ["body-steps a second", "", "", *(f"{n:.0e} bodies" for n in sizes), "difference from the CPU"]
     lines = [heads, ["---"] * len(heads)]
     for dtype, form, method in kinds:
         row = [found.get(Job(method, dtype, n, form)) for n in sizes]
         gaps = [f.difference for f in row if f and np.isfinite(f.difference)]
         gap = f"{max(gaps):.0f} eps" if gaps else ""
         cells = [f"{f.speed:.2g}" if f else "" for f in row]
-        lines.append([method, dtype, "" if form == method else form, *cells, ceiling(method, dtype, "{:.2g}"), gap])
-    for dtype, form, method in kinds:
+        lines.append([method, dtype, "" if form == method else form, *cells, gap])
+    others = {
+        "Tsit5": lambda job: job._replace(method=TSIT5, form=TSIT5),
+        KERNEL: lambda job: job._replace(form=KERNEL),
+    }
+    for (name, other), (dtype, form, method) in itertools.product(others.items(), kinds):
         if form == OURS:
-            pairs = [(found.get(Job(method, dtype, n)), found.get(Job(TSIT5, dtype, n, TSIT5))) for n in sizes]
-            cells = [f"{mine.speed / its.speed:.3g}" if mine and its else "" for mine, its in pairs]
-            lines.append([f"{method} over Tsit5", dtype, "ratio of speeds", *cells, "", ""])
+            mine = [Job(method, dtype, n) for n in sizes]
+            pairs = [(found.get(job), found.get(other(job))) for job in mine]
+            cells = [f"{mine.speed / its.speed:.2g}" if mine and its else "" for mine, its in pairs]
+            if any(cells):
+                lines.append([f"{method} over {name}", dtype, "ratio of speeds", *cells, ""])
     return [f"| {' | '.join(line)} |" for line in lines]
-
-
-def ceiling(method: str, dtype: str, form: str) -> str:
-    """What the arithmetic of the card allows, in words; "" where that is not known."""
-    known = "H200" in jax.devices()[0].device_kind and (method, dtype) in CEILINGS
-    return form.format(CEILINGS[method, dtype]) if known else ""
 
 
 def chart(figures: list[Figure], path: Path) -> None:
@@ -241,17 +265,18 @@ def chart(figures: list[Figure], path: Path) -> None:
             points = sorted((f.job.bodies, f.speed) for f in chosen if f.job.method == name)
             axes.plot(*zip(*points, strict=True), **look[name].drawn(1.8, 6))
             ends.append(End(name, look[name].colour, *points[-1], bold=name in METHODS))
-            if height := ceiling(name, dtype, "{}"):
-                axes.axhline(float(height), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
+            if kernels := sorted(
+                (f.job.bodies, f.speed) for f in figures if f.job == Job(name, dtype, f.job.bodies, KERNEL)
+            ):
+                axes.plot(*zip(*kernels, strict=True), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
         label_ends(axes, ends)
     write(figure, str(path))
 
 
 def where() -> str:
     device = jax.devices()[0].device_kind
-    return (
-        f"{device}, JAX {jax.__version__}, {time.strftime('%Y-%m-%d')}. Dotted: what the arithmetic of the card allows"
-    )
+    day = time.strftime("%Y-%m-%d")
+    return f"{device}, JAX {jax.__version__}, {day}. Dotted: one kernel for the whole run, CUDA by hand"
 
 
 def main() -> None:
@@ -263,7 +288,7 @@ def main() -> None:
     if jax.default_backend() == "cpu" and not options.quick:
         sys.exit("JAX sees no accelerator here; `--quick` runs a few programs on the CPU.")
     figures: list[Figure] = []
-    for figure in measured(list(jobs(options.quick)), options.seconds, compare=True):
+    for figure in measured(list(jobs(options.quick)), options.seconds):
         figures.append(figure)
         print(f"{figure.job}: {figure.speed:.3g} body-steps a second, {figure.difference:.0f} eps", flush=True)
     lines = [f"{where()}.", "", *table(figures)]

@@ -23,7 +23,7 @@ from midlie_jax._math import components, short_series, weierstrass
 from midlie_jax.methods.flights import jacobi, lie_midpoint
 from midlie_jax.methods.tableau import DOP853
 
-SOURCES = tuple(Path(__file__).parent.glob("limit*.[ch]"))
+SOURCES = tuple(Path(__file__).parent.glob("limit*.[ch]*"))
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=gnu11", "-Wno-psabi")
 METHODS = ("LIEMID", "LIEMID_EARLY", "JACOBI", "SYMMETRIC", "DOP853")
 MOMENTS, WEIGHT, DT = (5.0, 5.0, 1.0), 20.0, 0.005
@@ -112,9 +112,9 @@ def header(dtype: str) -> str:
     for name, row in {**rows, "STEP": DOP853.weights}.items():
         defined[f"{name}(k)"] = _sum(f"(REAL){weight!r} * k({n})" for n, weight in row.items())
     lines = [f"#define {name} {value}" for name, value in defined.items()]
-    lines.append(f"static const int MORE[] = {{{', '.join(map(str, more))}}};")
+    lines.append(f"TABLE int MORE[] = {{{', '.join(map(str, more))}}};")
     for name, table in tables.items():
-        lines.append(f"static const REAL {name}[] = {{{', '.join(map(repr, table))}}};")
+        lines.append(f"TABLE REAL {name}[] = {{{', '.join(map(repr, table))}}};")
     return "\n".join(lines) + "\n"
 
 
@@ -135,10 +135,6 @@ def _horner(table: Any, variables: tuple[str, ...]) -> str:
 @cache
 def built(method: str, dtype: str, form: Form, compiler: str) -> Path:
     """The path of the compiled program; if compiling fails, a RuntimeError with the compiler's message."""
-    folder = Path(tempfile.mkdtemp(prefix="midlie-limit-"))
-    (folder / "limit.h").write_text(header(dtype))
-    for source in SOURCES:
-        shutil.copy(source, folder)
     names = {
         "METHOD": method,
         "VECTORS": form.vectors,
@@ -147,11 +143,31 @@ def built(method: str, dtype: str, form: Form, compiler: str) -> Path:
     }
     order = () if form.reorders_sums else ("-fno-associative-math",)
     options = [*FLAGS, *order, *extra_flags(compiler), *(f"-D{name}={value}" for name, value in names.items())]
-    command = [compiler, *options, "-o", "limit", "limit.c", "-lm"]
+    return _compiled([compiler, *options, "-o", "limit", "limit.c", "-lm"], _sources(dtype))
+
+
+def _sources(dtype: str) -> Path:
+    """A new folder with the C and CUDA files and their header in this precision."""
+    folder = Path(tempfile.mkdtemp(prefix="midlie-limit-"))
+    (folder / "limit.h").write_text(header(dtype))
+    for source in SOURCES:
+        shutil.copy(source, folder)
+    return folder
+
+
+def _compiled(command: list[str], folder: Path) -> Path:
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if result.returncode:
-        raise RuntimeError(f"{compiler} failed to compile limit.c: {result.stderr.strip()}")
+        raise RuntimeError(f"{command[0]} failed to compile {command[-1]}: {result.stderr.strip()}")
     return folder / "limit"
+
+
+@cache
+def built_for_gpu(method: str, dtype: str, rough: bool) -> Path:
+    """The path of `limit.cu` compiled by nvcc for the GPU of this machine; `rough`: with inexact roots."""
+    folder = _sources(dtype)
+    options = ["-O3", "-arch=native", "-std=c++20", f"-DMETHOD={method}", *(["--use_fast_math"] if rough else [])]
+    return _compiled(["nvcc", *options, "-o", "limit", "limit.cu"], folder)
 
 
 def measured(program: Path, bodies: int, steps: int, moments=MOMENTS, weight=WEIGHT) -> tuple[float, list[float]]:

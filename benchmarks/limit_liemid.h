@@ -50,7 +50,7 @@ INLINE void fly_liemid(const body *b, REAL h, top *s, int early) {
         for (int pair = 0; pair < 6; pair++) {
             m = jacobian(four, y, u);
             vec before = improve(m, four, y, &u, 1), between = improve(m, four, y, &u, 1);
-            if (!any(between * between > limit * limit * before * dot(y, y))) break;
+            if (!any_lane(between * between > limit * limit * before * dot(y, y))) break;
         }
     else
         for (int round = 0; round < COUNT(MORE); round++) {

@@ -1,9 +1,22 @@
-/* Numbers of many tops at once, in the vector extensions of GCC and Clang; vectors and quaternions of such numbers. */
+/* Numbers of many tops at once, in the vector extensions of GCC and Clang, or of one top for each thread of a GPU; vectors
+   and quaternions of such numbers. */
 
 #include <math.h>
 
+#if defined(__CUDACC__)
+#define TABLE static __constant__ const
+#else
+#define TABLE static const
+#endif
 #include "limit.h" /* written by limit.py: REAL, INTEGER and the constants of midlie_jax in this precision */
 
+#if defined(__CUDACC__)
+typedef REAL vec;
+typedef INTEGER mask;
+#define LANES 1
+#define LANE(x, i) (x)
+#define INLINE static __device__ __host__ __forceinline__
+#else
 #if defined(__AVX512F__)
 #define WIDTH 64 /* the bytes of one vector register */
 #elif defined(__AVX2__)
@@ -16,7 +29,9 @@
 typedef REAL vec __attribute__((vector_size(WIDTH * VECTORS)));
 typedef INTEGER mask __attribute__((vector_size(WIDTH * VECTORS)));
 #define LANES ((int)(sizeof(vec) / sizeof(REAL)))
+#define LANE(x, i) ((x)[i])
 #define INLINE static inline __attribute__((always_inline))
+#endif
 
 typedef struct { REAL x, y, z; } real3; /* the same for all tops */
 typedef struct { vec x, y, z; } vec3;
@@ -62,9 +77,9 @@ INLINE vec polynomial(const REAL *c, int n, vec x) { /* Estrin: pairs, then pair
 #define COUNT(table) ((int)(sizeof(table) / sizeof(*table)))
 #define POLYNOMIAL(table, x) polynomial(table, COUNT(table), x)
 
-INLINE int any(mask m) {
+INLINE int any_lane(mask m) {
     INTEGER total = 0;
-    for (int i = 0; i < LANES; i++) total |= m[i];
+    for (int i = 0; i < LANES; i++) total |= LANE(m, i);
     return total != 0;
 }
 
@@ -74,7 +89,7 @@ INLINE int any(mask m) {
 #if HARDWARE_ROOTS
 INLINE vec root(vec x) {
     vec r;
-    for (int i = 0; i < LANES; i++) r[i] = sizeof(REAL) == 8 ? (REAL)sqrt(x[i]) : (REAL)sqrtf(x[i]);
+    for (int i = 0; i < LANES; i++) LANE(r, i) = sizeof(REAL) == 8 ? (REAL)sqrt(LANE(x, i)) : (REAL)sqrtf(LANE(x, i));
     return r;
 }
 INLINE vec inverse_root(vec x) { return 1 / root(x); }
