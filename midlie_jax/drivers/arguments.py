@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count, as_floats, described, require_finite, same_dtype, shown
+from .._checks.structure import once, once_for_numbers
 from .._math.components import is_traced
 from ..methods.base import Method
 from ..methods.registry import method as find_method
@@ -40,6 +41,22 @@ def check_system(
     Returns:
         The method, fitted to the body.
     """
+    once(_check_structure, method, body, torque, start, batch, bath)
+    if isinstance(torque, Torque):
+        torque.check(start)
+    for name, value in (("body", body), ("start", start), ("torque", torque)):
+        for leaf in jax.tree.leaves(value):
+            if eqx.is_inexact_array(leaf) or isinstance(leaf, np.floating):
+                require_finite(name, leaf)
+    return once_for_numbers(_fitted, method, body)
+
+
+def _fitted(method: Method, body: Any) -> Method:
+    return method.fitted(body)
+
+
+def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: int, bath: str | None) -> None:
+    """What `check_system` finds without looking at numbers."""
     check_state("start", start)
     check_body(body, start)
     check_moves(method, body, start)
@@ -47,8 +64,6 @@ def check_system(
     check_bath(method, torque, bath)
     for heat in baths_in(torque) if batch == 0 else ():
         heat.check_on(start, body)
-    if isinstance(torque, Torque):
-        torque.check(start)
     check_batch("start", body, start, batch)
     for leaf in jax.tree.leaves(start):
         if leaf.dtype != start.momentum.dtype:
@@ -56,10 +71,6 @@ def check_system(
                 f"all of start must have one dtype, got {leaf.dtype} and {start.momentum.dtype}; cast one of them."
             )
     same_dtype("start.momentum", start.momentum, body=body, torque=torque)
-    for name, value in (("body", body), ("start", start), ("torque", torque)):
-        for leaf in jax.tree.leaves(eqx.filter(value, eqx.is_inexact_array)):
-            require_finite(name, leaf)
-    return method.fitted(body)
 
 
 def check_moves(method: Method, body: Any, start: Any) -> None:
@@ -111,6 +122,16 @@ def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     return array
 
 
+def as_argument(name: str, value: Any, dtype: Any) -> Any:
+    """`as_scalar` for a program that is called at once: of a Python number an array of NumPy, which is made faster."""
+    if isinstance(value, bool) or not isinstance(value, float | int):
+        return as_scalar(name, value, dtype)
+    with np.errstate(over="ignore"):  # infinity is refused below
+        array = np.asarray(value, dtype)
+    require_finite(name, array)
+    return array
+
+
 def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps: int) -> None:
     """Raises if the run asks for the torque at times that a table in it does not hold; traced times are not checked."""
     if is_traced(t0, dt, first):
@@ -137,7 +158,7 @@ def check_span(name: str, tree: Any, begin: Any, end: Any) -> None:
             )
 
 
-def check_step(method: Method, dt: Array) -> None:
+def check_step(method: Method, dt: Any) -> None:
     """Raises if a step that is not traced is zero or not finite in the dtype of the run, or negative in a heat bath."""
     if is_traced(dt):
         return
@@ -157,7 +178,7 @@ def as_saving(save_every: Any, steps: int) -> int | None:
     return every
 
 
-def as_first_step(first_step: Any, steps: int) -> Array:
+def as_first_step(first_step: Any, steps: int) -> Any:
     """The index of the first step, (); a ValueError if it is not an integer, or if the last index exceeds 32 bits."""
     if isinstance(first_step, (bool, np.bool_)) or not isinstance(first_step, (int, np.integer, np.ndarray, Array)):
         raise ValueError(f"first_step must be an integer, got {shown(first_step)}.")
@@ -166,13 +187,15 @@ def as_first_step(first_step: Any, steps: int) -> Array:
             f"first_step ({first_step}) and steps ({steps}) count beyond {LAST_STEP}; start a new run from the last "
             "state, with its time as t0 and first_step 0."
         )
+    if isinstance(first_step, int):
+        return np.asarray(first_step, np.int32)
     index = jnp.asarray(first_step)
     if index.ndim or not jnp.issubdtype(index.dtype, jnp.integer):
         raise ValueError(f"first_step must be one integer, got {index.dtype}{list(index.shape)}.")
     return index.astype(jnp.int32) if index.dtype.itemsize < 4 else index
 
 
-def counts(first_step: Any, steps: int) -> Any:
+def counts(first_step: Any, steps: int | Array) -> Any:
     """Whether 32 bits hold every step index of the run."""
     above_least = True if jnp.issubdtype(first_step.dtype, jnp.unsignedinteger) else first_step > -LAST_STEP
     return (first_step <= LAST_STEP - steps) & above_least

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from .._checks.structure import structure_of
 from .._xla.compiler import tuned_jit
 from .._xla.platform import cores, on_cpu
 from ..methods.base import Method
@@ -34,6 +35,7 @@ _CHUNK = 256  # bodies moved at once on one core
 _CHUNK_OF_MANY, _MANY = 376, 12
 _NUMBERS = 26 * _CHUNK_OF_MANY  # of states moved at once; of many coupled bodies only a few replicas are
 _VECTOR = 8  # bodies: chunks whose size is no multiple of this were measured to take up to four times as long
+_nothing_shared: set[Any] = set()  # structures of arguments
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
 
@@ -50,8 +52,9 @@ def run_ensemble(
     mapped: Any,
     shared: Any,
     first: Array,
-    steps: int,
-    save_every: int | None,
+    intervals: int,
+    save_every: int | Array,
+    at_end: bool,
     chunk: int,
     observe: Observe | None = None,
     mesh: Mesh | None = None,
@@ -62,7 +65,9 @@ def run_ensemble(
     """`ensemble` without the checks: the path of all bodies, and their states at its end; for a leg also the progress.
 
     Args:
-        method, adjoint, first, steps, save_every, chunk, observe, mesh: as for `ensemble`; `method` fitted.
+        method, adjoint, first, chunk, observe, mesh: as for `ensemble`; `method` fitted.
+        intervals, save_every: as for `run_of_body`.
+        at_end: whether the path has only the states at the end, those after one interval.
         mapped: body, torque, start, dt and t0, with None for each leaf without a leading axis (n,).
         shared: the same, with None for each leaf that has the axis.
         counted: (n,), whether a statistic may count a body; by default it counts all bodies that can be trusted.
@@ -75,17 +80,19 @@ def run_ensemble(
     count = mapped[2].momentum.shape[0]
     may_count = jnp.ones(count, bool) if counted is None else counted
 
-    def run_of_one(own: Any, shared: Any, first: Array, rows: Any, ends: Any) -> tuple[Path[Any], Any]:
-        mapped, carried = own
+    fixed = save_every if isinstance(save_every, int) else None
+
+    def run_of_one(own: Any, shared: Any, first: Array, given: Any, rows: Any, ends: Any) -> tuple[Path[Any], Any]:
+        (mapped, carried), every = own, given if fixed is None else fixed
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
-        every, own_leg = save_every or steps, None if leg is None else Leg(ends[0], ends[1], carried)
+        own_leg = None if leg is None else Leg(ends[0], ends[1], carried)
         path, end, progress = run_of_body(
-            method, adjoint, body, torque, start, dt, t0, first, steps, every, inputs, rows, observe, own_leg
+            method, adjoint, body, torque, start, dt, t0, first, intervals, every, inputs, rows, observe, own_leg
         )
-        return path if save_every else end_alone(path), end if leg is None else (end, progress)
+        return end_alone(path) if at_end else path, end if leg is None else (end, progress)
 
     out_axes: Any = (Path(0 if own_times else None, 0, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
-    run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None, None), out_axes=out_axes)
+    run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None, None, None), out_axes=out_axes)
     ends = None if leg is None else (leg.begin, leg.end)
     mapped = mapped, None if leg is None else leg.carried
 
@@ -124,13 +131,14 @@ def run_ensemble(
 
     if mesh is not None:
         run = _on_mesh(run, mesh, own_times)
-    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, tables, ends)
+    given = save_every if fixed is None else None
+    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, given, tables, ends)
     if isinstance(observe, Statistic):
         parts = path.states
         if mesh is not None:  # every device merges the parts of all chunks, in the same order
             everywhere = NamedSharding(Mesh(mesh.devices, mesh.axis_names), PartitionSpec())
             parts = jax.lax.with_sharding_constraint(parts, everywhere)
-        interval = shared[3] * (save_every or steps)  # a statistic needs one dt
+        interval = shared[3] * save_every  # a statistic needs one dt
         path = path._replace(states=observe.result(observe.merged(parts), interval))
     if chunks * size == count:
         return path, end
@@ -147,7 +155,9 @@ def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
     mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
     # The specifications say what varies from device to device, so JAX need not check it. Its check would refuse the
     # step that was traced before the bodies were spread, to prepare the shared inputs.
-    return jax.shard_map(run, mesh=mesh, in_specs=(each, each, all_, all_, all_, all_), out_specs=out, check_vma=False)
+    return jax.shard_map(
+        run, mesh=mesh, in_specs=(each, each, all_, all_, all_, all_, all_), out_specs=out, check_vma=False
+    )
 
 
 def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
@@ -165,16 +175,31 @@ def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
 
+def prepared(
+    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int, idle: Any
+) -> tuple[Rows, Rows] | None:
+    """`shared_tables`, whose program is not called where it is known to have no result."""
+    decision = structure_of((method, adjoint, mapped, shared, steps, idle))
+    if decision is not None and decision in _nothing_shared:
+        return None
+    tables = shared_tables(method, adjoint, mapped, shared, first, steps, idle)
+    if decision is not None and tables is None:
+        _nothing_shared.add(decision)
+    return tables
+
+
 @tuned_jit
 def shared_tables(
-    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int
+    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int, idle: Array | None = None
 ) -> tuple[Rows, Rows] | None:
-    """The prepared inputs of the steps before a run, and of those in it; None if nothing is worth preparing.
+    """The prepared inputs of steps of zero length, and of the steps of a run; None if nothing is worth preparing.
 
     They are computed by a program of their own, because XLA rounds some of them differently in one for several devices.
 
     Args:
-        method, adjoint, mapped, shared, first, steps: as for `run_ensemble`.
+        method, adjoint, mapped, shared, first: as for `run_ensemble`.
+        steps: how many steps are prepared, at least those of the run.
+        idle: the indices of the steps of zero length; by default that before the run alone.
     """
     # A step backwards needs other inputs than a step forwards.
     inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
@@ -185,14 +210,14 @@ def shared_tables(
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
     if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
         return None
-    # The first row is for the steps of length zero before the run; the last block is filled up.
-    padded = -(-(steps + 1) // shared_inputs.BLOCK) * shared_inputs.BLOCK
-    indices = first - 1 + jnp.arange(padded, dtype=jnp.int32)
-    lengths = jnp.where(jnp.arange(padded) == 0, 0 * dt, dt)
+    idle = first[None] - 1 if idle is None else idle
+    indices = jnp.concatenate([idle, first + jnp.arange(steps, dtype=jnp.int32)])
+    lengths = jnp.concatenate([jnp.broadcast_to(0 * dt, idle.shape), jnp.broadcast_to(dt, (steps,))])
+    indices, lengths = (jnp.pad(x, (0, -len(x) % shared_inputs.BLOCK), mode="edge") for x in (indices, lengths))
     table = inputs.table(system, t0, dt, lengths, indices)
     return (
-        jax.tree.map(lambda x: x[jnp.array([0, 0])], table),
-        jax.tree.map(lambda x: x[1 : steps + 1], table),
+        jax.tree.map(lambda x: x[: len(idle)], table),
+        jax.tree.map(lambda x: x[len(idle) : len(idle) + steps], table),
     )
 
 

@@ -8,14 +8,16 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, as_floats, described, require_finite
+from .._checks.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
-from .arguments import as_first_step, as_method, as_saving, check_step, check_system, check_times
-from .chunks import chunk_size, run_ensemble, shared_tables
+from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
+from .chunks import chunk_size, prepared, run_ensemble
+from .counted import count_as_argument, prepared_steps
 from .observe import Observe, Statistic, as_observe
 from .path import Path
 from .rows import AUTO, count_rows, torque_rows
@@ -75,8 +77,9 @@ def ensemble(
 ) -> Path[StateT]:
     """Integrates n bodies; the results are those of `integrate` for each body, up to a few units in the last place.
 
-    Can be jitted and differentiated. Compiled once for each method, torque function and shape. What a torque computes
-    from the time and from parameters that all bodies share, such as the place on an orbit, is computed once for all.
+    Can be jitted and differentiated. Compiled once for each method, torque function and shape, and anew for another
+    number of steps only where `integrate` is. What a torque computes from the time and from parameters that all bodies
+    share, such as the place on an orbit, is computed once for all.
 
     Args:
         method, steps, first_step: as for `integrate`.
@@ -122,8 +125,11 @@ def ensemble(
     if isinstance(observe, Statistic):
         observe.check(save_every and 1 + steps // save_every)
     size = chunk or chunk_size(batch.bodies if mesh is None else -(-batch.bodies // mesh.size), batch.mapped[2])
-    run = batch.method, as_adjoint(adjoint), batch.mapped, batch.shared, first, steps
-    return run_ensemble(*run, save_every, size, observe, mesh, tables=shared_tables(*run))[0]
+    adjoint, intervals = as_adjoint(adjoint), 1 if save_every is None else steps // save_every
+    every = count_as_argument(steps // intervals, steps, adjoint)
+    run = batch.method, adjoint, batch.mapped, batch.shared, first
+    tables = prepared(*run, *prepared_steps(first, intervals, every))
+    return run_ensemble(*run, intervals, every, save_every is None, size, observe, mesh, tables=tables)[0]
 
 
 class Batch(NamedTuple):
@@ -167,7 +173,15 @@ def as_batch(
         )
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(method, dt)
-    own_body = bool(start.batch_of(body))
+    arguments = (body, torque, start, dt, t0)
+    rows = once(_rows, arguments, torque_axes)
+    return Batch(method, count, *eqx.partition(arguments, rows))
+
+
+def _rows(arguments: Any, torque_axes: Any) -> Any:
+    """The tree of the arguments with True for each array that has one row for each body."""
+    body, torque, start, dt, t0 = arguments
+    own_body, count = bool(start.batch_of(body)), start.momentum.shape[0]
     rows = (
         jax.tree.map(lambda _: own_body, body),
         torque_rows(torque, torque_axes, body, own_body, start, count),
@@ -181,9 +195,8 @@ def as_batch(
             f"jax.random.split(key, {count}). If they are to have the same noise, say so by torque_axes, which names "
             "the parameters that have rows, or is None."
         )
-    arguments = (body, torque, start, dt, t0)
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
-    return Batch(method, count, *eqx.partition(arguments, rows))
+    return rows
 
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
@@ -201,7 +214,9 @@ def check_spread(batch: Batch, observe: Observe | None, mesh: Any) -> None:
         raise ValueError("a statistic combines bodies at the same times; give one dt and one t0 for all bodies.")
 
 
-def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Array:
+def _scalar_or_row(name: str, value: Any, count: int, dtype: Any) -> Any:
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return as_argument(name, value, dtype)
     array = as_floats(name, value).astype(dtype)
     require_finite(name, array)
     if array.ndim > 1:

@@ -20,8 +20,9 @@ from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Steps, as_adjoint
-from .arguments import as_first_step, as_method, as_saving, as_scalar, check_step, check_system, check_times, counts
+from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
+from .counted import count_as_argument, take_counted
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
@@ -75,8 +76,10 @@ def integrate(
 ) -> Path[StateT]:
     """Integrates one body with a constant step; map over bodies, torques, states and steps with `jax.vmap`.
 
-    Compiled on the first call for each method, torque function, shape and step count. Differentiable, forward and
-    reverse, in every array; `adjoint` chooses how. All arithmetic is in the dtype of `start`.
+    Compiled on the first call for each method, torque function, shape and number of saved states. On a CPU, outside of
+    `jax.jit` and derivatives, one program serves every number of steps between saved states from 32 on, and every
+    number of steps with `save_every=None`. Differentiable, forward and reverse, in every array; `adjoint` chooses how.
+    All arithmetic is in the dtype of `start`.
 
     Args:
         method: from `midlie_jax.method`, or its name.
@@ -114,12 +117,12 @@ def integrate(
     first = as_first_step(first_step, steps)
     method = check_system(as_method(method), body, torque, start)
     dtype = start.momentum.dtype
-    dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
-    check_step(method, dt)
-    check_times(method, torque, t0, dt, first, steps)
-    run = as_adjoint(adjoint), body, torque, start, dt, t0, first, steps, save_every or steps
-    path = _run(method, *run, observe=observe)
-    return path if save_every else end_alone(path)
+    h, begin = as_argument("dt", dt, dtype), as_argument("t0", t0, dtype)
+    check_step(method, h)
+    check_times(method, torque, begin, h, first, steps)
+    adjoint, every = as_adjoint(adjoint), save_every or steps
+    run = adjoint, body, torque, start, h, begin, first, steps // every, count_as_argument(every, steps, adjoint)
+    return _run(method, *run, at_end=save_every is None, observe=observe)
 
 
 def run_of_body(
@@ -131,8 +134,8 @@ def run_of_body(
     dt: Array,
     t0: Array,
     first: Array,
-    steps: int,
-    save_every: int,
+    intervals: int,
+    save_every: int | Array,
     shared: SharedInputs | None = None,
     rows: tuple[Rows, Rows] | None = None,
     observe: Observe | None = None,
@@ -141,9 +144,13 @@ def run_of_body(
     """`integrate` without the checks: the path, and the state and progress at its end, from which a run can go on.
 
     Args:
-        method, adjoint, body, torque, start, dt, t0, first, steps, save_every: as for `integrate`.
+        method, adjoint, body, torque, start, dt, t0, first: as for `integrate`.
+        intervals: the number of saved states after the start.
+        save_every: the steps between two of them; an array if it is an argument of the program (`counted.py`). Then
+            `adjoint` is ignored.
         shared: the step with prepared inputs, or None for the step of the method.
-        rows: the prepared inputs of the steps of zero length before the run, and of the steps of the run.
+        rows: the prepared inputs of steps of zero length, one before the run and one after each interval, and of the
+            steps of the run.
         observe: what the path holds in place of the states.
         leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg and the
             failures there are valid. `adjoint` is ignored.
@@ -152,12 +159,14 @@ def run_of_body(
     uniform = t0, dt
     body, torque, start, dt, t0 = all_promoted((body, torque, start, dt, t0), axes)
     system = method.system(body, torque, start, t0, dt)
-    adjoint.check(method, system, save_every)
-    counted, first = leg is not None or counts(first, steps), first.astype(jnp.int32)
+    if isinstance(save_every, int):
+        adjoint.check(method, system, save_every)
+    counted, first = leg is not None or counts(first, intervals * save_every), first.astype(jnp.int32)
 
     if shared is not None:
         system = system._replace(costly=shared.costly)
-    rows_before, rows_of_steps = (None, None) if rows is None else rows
+    rows_idle, rows_of_steps = (None, None) if rows is None else rows
+    keeps_force = method.keeps_force(system)
 
     def advance(h: Array, progress: Progress, step: tuple[Array, Any]) -> Progress:
         n, row = step
@@ -178,12 +187,28 @@ def run_of_body(
 
     def begin() -> Progress:
         progress = Progress(system.motion(start), None, promoted(jnp.where(counted, FINE, UNCOUNTED), axes))
-        if method.keeps_force(system):
-            progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, rows_before)
+        if (
+            keeps_force and not isinstance(save_every, int) and not system.kind.apart
+        ):  # an idle step of the loop will compute it
+            return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
+        if keeps_force:
+            before = jax.tree.map(lambda x: x[jnp.array([0, 0])], rows_idle)
+            progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, before)
         return progress
 
-    def move(progress: Progress, n: Array, rows: Any) -> Progress:
-        """The progress after the interval that begins with step n."""
+    unroll = 1 if system.kind.apart else method.unroll  # so that a torque is compiled once
+
+    def move(progress: Progress, i: Array, n: Array, rows: Any) -> Progress:
+        """The progress after interval i, which begins with step n."""
+        if not isinstance(save_every, int):
+
+            def take_or_wait(progress: Progress, k: Array, taken: Array) -> Progress:
+                row, idle = jax.tree.map(lambda x: x[n - first + k], rows_of_steps), (k >= 0).astype(jnp.int32)
+                row = jax.tree.map(lambda x, y: jnp.where(taken, x, y[i + idle]), row, rows_idle)
+                return advance(jnp.where(taken, dt, 0), progress, (n + k, row))
+
+            idle = (i == 0) & keeps_force & (not system.kind.apart)
+            return take_counted(take_or_wait, progress, jnp.asarray(save_every), unroll, idle.astype(jnp.int32))
         if leg is not None:
 
             def take(progress: Progress, k: Array) -> Progress:
@@ -191,25 +216,26 @@ def run_of_body(
 
             return in_leg(leg, n - first, save_every, method, take, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        unroll = 1 if system.kind.apart else method.unroll  # so that a torque is compiled once
         inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, unroll)
         return adjoint.run(inputs, progress)
 
     progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
 
-    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
-        n, rows = interval
-        progress = move(progress, n, rows)
+    def save_interval(progress: Progress, interval: tuple[Array, Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
+        i, n, rows = interval
+        progress = move(progress, i, n, rows)
         state = system.state(progress.motion)
         if observe is None:
             return progress, (state, progress.ok)
         seen = observe_state(observe, time_of(*uniform, n + save_every), state, body, torque)
         return progress, (seen, progress.ok & cp.all_finite(state))
 
-    intervals = steps // save_every
-    interval_starts = first + save_every * jnp.arange(intervals, dtype=jnp.int32)
-    rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
-    progress, (seen, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
+    numbers = jnp.arange(intervals, dtype=jnp.int32)
+    interval_starts = first + save_every * numbers
+    rows_of_intervals = None
+    if isinstance(save_every, int):
+        rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
+    progress, (seen, solved) = jax.lax.scan(save_interval, progress, (numbers, interval_starts, rows_of_intervals))
     # Outside the loop over steps, which does not need this result.
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
     if leg is not None:  # a failure in the leg does not concern what was saved before it
@@ -223,15 +249,20 @@ def run_of_body(
     return path, system.state(progress.motion), progress
 
 
-def path_of_body(*arguments: Any, observe: Observe | None = None, **options: Any) -> Path[Any]:
-    """The first result of `run_of_body`, the path; a statistic of time takes the place of the values."""
+def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
+    """The first result of `run_of_body`, the path; a statistic of time takes the place of the values.
+
+    Args:
+        at_end: whether the path has only the state at the end.
+    """
     path = run_of_body(*arguments, observe=observe, **options)[0]
     if not isinstance(observe, Series):
-        return path
+        return end_alone(path) if at_end else path
     dt, save_every = arguments[5], arguments[9]
     good = jnp.arange(len(path.times), dtype=jnp.int32) < path.first_bad
     values = jax.tree.map(lambda x: x[None], path.states)
-    return path._replace(states=observe.of_bodies(values, good[None], dt * save_every))
+    path = path._replace(states=observe.of_bodies(values, good[None], dt * save_every))
+    return end_alone(path) if at_end else path
 
 
 def _side_by_side(

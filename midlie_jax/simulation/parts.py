@@ -211,7 +211,7 @@ def _compute(
     """
     counted = real & (first_bad == plan.saves)
     every, last = plan.save_every, plan.intervals
-    run = method, as_adjoint(None), mapped, shared, first, last * every, every, plan.chunk
+    run = method, as_adjoint(None), mapped, shared, first, last, every, False, plan.chunk
     path, (end, carried) = run_ensemble(*run, observe, mesh, counted, tables, leg)
     local = jnp.where(path.ok, path.first_bad, jnp.minimum(path.first_bad, last))
     found = jnp.where(local <= last, (first - plan.begin) // every + local, plan.saves)

@@ -1,0 +1,74 @@
+"""What the structure of arguments decides, decided once: looking at shapes and classes takes longer than a short run.
+
+The structure is everything but the numbers: classes, functions, shapes and dtypes. What depends on numbers, such as
+whether they are finite, must be looked at in every call.
+"""
+
+import weakref
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+R = TypeVar("R")
+_KEPT = 512  # decisions; beyond, all are forgotten
+_decisions: dict[Hashable, Any] = {}
+_known: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
+
+
+def structure_of(tree: Any) -> Hashable:
+    """All of a tree but the numbers in its arrays; None where a part of it cannot be compared."""
+    leaves, structure = jax.tree.flatten(tree)
+    found = structure, tuple(map(kind_of, leaves))
+    try:
+        hash(found)
+    except TypeError:
+        return None
+    return found
+
+
+def is_array(leaf: Any) -> bool:
+    """Whether a leaf is an array of JAX, which may be traced, or of NumPy."""
+    return isinstance(leaf, jax.Array | np.ndarray | np.generic)
+
+
+def kind_of(leaf: Any) -> Any:
+    """The type of an array, also of one that is being traced; anything else unchanged."""
+    if isinstance(leaf, jax.Array):
+        return jax.typeof(leaf), isinstance(leaf, Tracer)
+    if isinstance(leaf, np.ndarray | np.generic):
+        return leaf.shape, leaf.dtype
+    return type(leaf), leaf
+
+
+def once(decide: Callable[..., R], *arguments: Any) -> R:
+    """`decide(*arguments)`, remembered for all arguments of this structure; an exception is not remembered."""
+    structure = structure_of(arguments)
+    if structure is None:
+        return decide(*arguments)
+    key = decide, structure
+    if key not in _decisions:
+        result = decide(*arguments)
+        if len(_decisions) >= _KEPT:
+            _decisions.clear()
+        _decisions[key] = result
+    return _decisions[key]
+
+
+def once_for_numbers(decide: Callable[..., R], *arguments: Any) -> R:
+    """`decide(*arguments)`, remembered for the same arrays, which must be of JAX, because those of NumPy can change."""
+    leaves = [leaf for leaf in jax.tree.leaves(arguments) if is_array(leaf)]
+    structure = structure_of(arguments)
+    if structure is None or any(isinstance(leaf, Tracer) or not isinstance(leaf, jax.Array) for leaf in leaves):
+        return decide(*arguments)
+    key = decide, structure, tuple(map(id, leaves))
+    references, result = _known.get(key, ((), None))
+    if len(references) == len(leaves) and all(ref() is leaf for ref, leaf in zip(references, leaves, strict=True)):
+        return result
+    result = decide(*arguments)
+    if len(_known) >= _KEPT:
+        _known.clear()
+    _known[key] = tuple(map(weakref.ref, leaves)), result
+    return result
