@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from .internals import bind, context_of
 from .mesh import is_number
+from .rules import body_of
 
 
 class Operation(NamedTuple):
@@ -59,10 +60,14 @@ def packed(numbers: Sequence[int], values: dict[int, Any], columns: Columns) -> 
 
 
 def _in_order(operations: Sequence[Operation]) -> Iterator[list[Operation]]:
-    """The operations, each after those whose results it reads; those of one equation are together if they can be."""
+    """The operations, each after those whose results it reads.
+
+    Those of one equation, and the calls of one function, are together if they can be.
+    """
     groups: dict[Any, list[Operation]] = {}
     for operation in operations:
-        groups.setdefault((id(operation.equation), len(operation.inputs)), []).append(operation)
+        function = body_of(operation.equation) or operation.equation
+        groups.setdefault((id(function), len(operation.inputs)), []).append(operation)
     missing = {i for operation in operations for i in operation.outputs}
 
     def performed(group: list[Operation]) -> list[Operation]:
