@@ -131,7 +131,7 @@ def test_no_two_lines_look_alike(figure):
     assert len(lines(figure.axes[0])) > 12
 
 
-@pytest.mark.sample(5)
+@pytest.mark.sample(3)
 def test_every_line_is_named_once(figure):
     """In its panel; on a chart of frontiers in the panel of the rivals or in that of our methods, each in one style."""
     if not is_frontier(figure):
@@ -149,6 +149,7 @@ def test_every_line_is_named_once(figure):
         assert looks(line) == styles[line.get_label()]
 
 
+@pytest.mark.sample(3)
 def test_the_frontiers_stand_out_and_their_names_cover_no_line(figure):
     """Each is wider than any single line, and each narrower than the one below: where they coincide, all are seen."""
     if not is_frontier(figure):
@@ -184,6 +185,7 @@ def test_a_chart_of_few_lines_is_drawn(ours, others):
     assert shown == {p.method for p in ours + others} | (set(FAMILIES[:1]) if ours else set())
 
 
+@pytest.mark.sample(3)
 def test_no_name_overlaps_another_or_leaves_the_picture(figure):
     for panel in figure.axes:
         texts = names_in(panel)
@@ -221,6 +223,7 @@ def test_the_crossing_of_a_box():
     assert not crosses(((-1, 0.5), (0.5, 2.1)), unit)
 
 
+@pytest.mark.sample(3)
 def test_no_leader_crosses_a_name(figure):
     for panel in figure.axes:
         texts = names_in(panel)

@@ -89,6 +89,7 @@ def test_a_batch_is_judged_by_its_worst_body():
     assert all(alone(i, together.suggested * (1 - 1e-6)).sane for i in range(3))
 
 
+@pytest.mark.sample(0)
 def test_decay_and_what_is_not_finite():
     damped = ml.check(EA, BODY, Damping(jnp.array(6.0)), SPINNING, dt=0.05)
     assert damped.rate == pytest.approx(6.0)
@@ -146,6 +147,7 @@ def test_what_a_motion_meets_later_counts():
     assert (short.steps, short.lasted) == (1, 1)
 
 
+@pytest.mark.sample(0)
 def test_a_step_that_loses_the_energy_is_not_sane():
     """RK4 below its stability limit damps a motion, a little in each step."""
     body, torque, start = FALLING

@@ -103,6 +103,7 @@ def test_check_finds_a_step(kind):
     assert DT[3] < found.suggested < 10
 
 
+@pytest.mark.sample(0)
 def test_a_bad_number_of_one_replica_costs_no_other():
     body, torque, one = setup("five")
     many = replicas(one)

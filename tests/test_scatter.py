@@ -239,6 +239,7 @@ def test_a_distribution_of_ones_own():
     assert abs(found.mean()) < SIGMAS / np.sqrt(MANY)
 
 
+@pytest.mark.sample(0)
 def test_scattered_tops_run():
     drawn = ml.scatter(
         KEY, 5, weight=d.Normal(20.0, 0.5), moments=d.LogNormal([5.0, 5.0, 2.0], 0.01), start=d.Rotation()

@@ -47,6 +47,7 @@ def test_what_is_recommended_stays_within_the_tolerance(few, tolerance, duration
     assert all(not t.ok or t.error > tolerance for t in coarser if t.steps < found.steps / 1.5)
 
 
+@pytest.mark.sample(0)
 def test_a_free_body_takes_the_largest_step_that_its_flight_reaches():
     found = ml.recommend(BODY, None, START, tolerance=1e-6, duration=30.0)
     assert found.method == "JACOBI[EA]"

@@ -5,14 +5,16 @@ chunk of bodies. `hoist` splits the traced function of a step in two. `prepare` 
 from what all bodies share, the values that are expensive and change from step to step. `rest` is the step that takes
 these values as an argument. Cheap values, such as the time, stay in the step; so does everything that depends on one
 body. A loop within the step is split in the same way, and its values get an axis of iterations.
+
+What the step asks for many times is prepared in one (`calls.py`).
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 
+from .calls import Operation, packed, perform
 from .internals import ClosedJaxpr, Literal, bind, context_of, loop_counts
 from .rules import body_of, is_expensive
 
@@ -35,6 +37,9 @@ def hoist(closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]) -
 
 def _is_slow(equation: Any) -> bool:
     """Whether an operation takes much longer than an addition. XLA repeats a sine or cosine all the same."""
+    body = body_of(equation)
+    if body is not None:
+        return any(map(_is_slow, body.jaxpr.eqns))
     return equation.primitive.name in ("sin", "cos") or is_expensive(equation)
 
 
@@ -64,14 +69,6 @@ def depends(closed: ClosedJaxpr, marked: Sequence[bool]) -> tuple[list[bool], bo
     return outputs, within, without
 
 
-class _Operation(NamedTuple):
-    """An operation of the function; it refers to values by their numbers."""
-
-    equation: Any
-    inputs: list[int]
-    outputs: list[int]
-
-
 class Hoisted:
     """A function split in two: function(*inputs) = rest(prepare(*inputs), *inputs).
 
@@ -81,17 +78,16 @@ class Hoisted:
     """
 
     def __init__(self, closed: ClosedJaxpr, known: Sequence[bool], varying: Sequence[bool]):
-        self._operations: list[_Operation] = []
+        self._operations: list[Operation] = []
         self._constants: dict[int, Any] = {}
+        self._numbers: dict[int, int] = {}  # of the constants, by their ids
         self._count = 0
         self._inputs = [self._new() for _ in closed.jaxpr.invars]
-        self._outputs = self._flatten(closed, self._inputs)
-        self._known = dict.fromkeys(self._constants, True) | dict(zip(self._inputs, known, strict=True))
-        self._varying = dict.fromkeys(self._constants, False) | dict(zip(self._inputs, varying, strict=True))
-        self._prepares = dict.fromkeys((*self._constants, *self._inputs), False)
+        self._known = dict(zip(self._inputs, known, strict=True))
+        self._varying = dict(zip(self._inputs, varying, strict=True))
+        self._prepares = dict.fromkeys(self._inputs, False)
         self.loops: dict[int, Hoisted] = {}
-        for position, operation in enumerate(self._operations):
-            self._classify(position, operation)
+        self._outputs = self._flatten(closed, self._inputs)
         wanted = {i for operation in self._operations for i in self._read_by_step(operation)} | set(self._outputs)
         self.prepared = sorted(i for i in wanted if self._prepares[i])
         types = {
@@ -112,12 +108,18 @@ class Hoisted:
         return self._count - 1
 
     def _constant(self, value: Any) -> int:
-        number = self._new()
+        if id(value) in self._numbers:
+            return self._numbers[id(value)]
+        number = self._numbers[id(value)] = self._new()
         self._constants[number] = value
+        self._known[number], self._varying[number], self._prepares[number] = True, False, False
         return number
 
     def _flatten(self, closed: ClosedJaxpr, inputs: Iterable[int]) -> list[int]:
-        """Lists the operations, with those of a plain `jit` call in place of the call, and returns the outputs."""
+        """Lists and classifies the operations, and returns the outputs.
+
+        Those of a plain `jit` call stand in place of the call, unless all its operands are known.
+        """
         numbers = dict(zip(closed.jaxpr.invars, inputs, strict=True))
         numbers |= {
             variable: self._constant(c) for variable, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)
@@ -129,15 +131,16 @@ class Hoisted:
         for equation in closed.jaxpr.eqns:
             operands = [number(atom) for atom in equation.invars]
             body = body_of(equation)
-            if body is not None:
+            if body is not None and not all(self._known[i] for i in operands):
                 results = self._flatten(body, operands)
             else:
                 results = [self._new() for _ in equation.outvars]
-                self._operations.append(_Operation(equation, operands, results))
+                self._operations.append(Operation(equation, operands, results))
+                self._classify(len(self._operations) - 1, self._operations[-1])
             numbers |= dict(zip(equation.outvars, results, strict=True))
         return [number(atom) for atom in closed.jaxpr.outvars]
 
-    def _classify(self, position: int, operation: _Operation) -> None:
+    def _classify(self, position: int, operation: Operation) -> None:
         equation, inputs, outputs = operation
         if equation.primitive.name == _FUSE:  # its outputs equal its inputs
             for i, o in zip(inputs, outputs, strict=True):
@@ -164,7 +167,7 @@ class Hoisted:
         split = Hoisted(equation.params["jaxpr"], known, [self._varying[i] for i in inputs])
         return split if split.worthwhile else None
 
-    def _read_by_step(self, operation: _Operation) -> list[int]:
+    def _read_by_step(self, operation: Operation) -> list[int]:
         """The inputs of an operation that the step still performs."""
         if operation.equation.primitive.name == _FUSE:
             return [i for i in operation.inputs if not self._known[i]]
@@ -175,9 +178,10 @@ class Hoisted:
         needed = set(self.prepared)
         for position in self.loops:
             needed.update(i for i in self._operations[position].inputs if self._known[i])
-        values = self._evaluated(needed, inputs, {}, {})
-        packed = (values[g[0]] if len(g) == 1 else jnp.stack([values[i] for i in g]) for g in self._groups.values())
-        return [*packed, *(self._prepared_by_loop(position, values) for position in self.loops)]
+        values = self._constants | dict(zip(self._inputs, inputs, strict=True))
+        columns = perform([operation for _, operation in self._needed(needed, values)], values)
+        own = (values[g[0]] if len(g) == 1 else packed(g, values, columns) for g in self._groups.values())
+        return [*own, *(self._prepared_by_loop(position, values) for position in self.loops)]
 
     def _prepared_by_loop(self, position: int, values: dict[int, Any]) -> Any:
         """The prepared values of a loop within the step, with an axis of iterations."""
@@ -201,19 +205,24 @@ class Hoisted:
         """The outputs of the function, from the prepared values and the inputs."""
         given: dict[int, Any] = {}
         prepared = jax.lax.optimization_barrier(list(prepared))
-        for group, packed in zip(self._groups.values(), prepared, strict=False):
-            given |= {group[0]: packed} if len(group) == 1 else {i: packed[k] for k, i in enumerate(group)}
+        for group, array in zip(self._groups.values(), prepared, strict=False):
+            given |= {group[0]: array} if len(group) == 1 else {i: array[k] for k, i in enumerate(group)}
         rows = dict(zip(self.loops, prepared[len(self._groups) :], strict=True))
-        values = self._evaluated(set(self._outputs), inputs, rows, given)
+        values = self._constants | dict(zip(self._inputs, inputs, strict=True)) | given
+        for position, (equation, operands, outputs) in self._needed(set(self._outputs), values):
+            arguments = [values[i] for i in operands]
+            with context_of(equation):
+                if position in rows:
+                    results = self._loop_with_rows(position, equation, arguments, rows[position])
+                else:
+                    results = bind(equation, arguments)
+            values.update(zip(outputs, results, strict=True))
         return [values[i] for i in self._outputs]
 
-    def _evaluated(
-        self, needed: set[int], inputs: Sequence[Any], rows: dict[int, Any], given: dict[int, Any]
-    ) -> dict[int, Any]:
-        """The needed values and all values that they depend on; `rows` holds the prepared values of loops."""
-        values = self._constants | dict(zip(self._inputs, inputs, strict=True)) | given
+    def _needed(self, needed: set[int], values: dict[int, Any]) -> list[tuple[int, Operation]]:
+        """The operations that lead from these values to the needed ones, with their positions."""
         wanted = set(needed) - values.keys()
-        performed: list[tuple[int, _Operation]] = []
+        performed: list[tuple[int, Operation]] = []
         for position in reversed(range(len(self._operations))):
             operation = self._operations[position]
             if wanted.isdisjoint(operation.outputs):
@@ -223,15 +232,7 @@ class Hoisted:
                 operation = operation._replace(inputs=[i for i, _ in pairs], outputs=[o for _, o in pairs])
             performed.append((position, operation))
             wanted = (wanted - set(operation.outputs)) | (set(operation.inputs) - values.keys())
-        for position, (equation, operands, outputs) in reversed(performed):
-            arguments = [values[i] for i in operands]
-            with context_of(equation):
-                if position in rows:
-                    results = self._loop_with_rows(position, equation, arguments, rows[position])
-                else:
-                    results = bind(equation, arguments)
-            values.update(zip(outputs, results, strict=True))
-        return values
+        return performed[::-1]
 
     def _loop_with_rows(self, position: int, equation: Any, arguments: list[Any], rows: Any) -> list[Any]:
         consts, carry = loop_counts(equation) or (0, 0)

@@ -24,7 +24,17 @@ from jax import Array
 from .fusion import split
 from .internals import ClosedJaxpr, Literal, Tracer, bind, context_of, traced, used_inputs
 from .mesh import axes_of, promoted
-from .rules import Pool, body_of, count_operations, count_scalar_operations, fits, has_rules, is_expensive, rule_for
+from .rules import (
+    Pool,
+    body_of,
+    count_operations,
+    count_scalar_operations,
+    fits,
+    has_rules,
+    is_expensive,
+    is_on_scalars,
+    rule_for,
+)
 
 # Pairs (operations, ratio). A function is evaluated on arrays if, for one pair, it has more operations on scalars than
 # the first number and more of them per operation on arrays than the second.
@@ -173,7 +183,7 @@ def _replay(pool: Pool, closed: ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]
 def _apply(pool: Pool, equation: Any, values: list[Any]) -> list[Any]:
     """The results of one operation: replayed by its rule if it has one, otherwise executed on arrays."""
     body = body_of(equation)
-    if body is not None:
+    if body is not None and not is_on_scalars(equation):
         return _replay(pool, body, values)
     with context_of(equation):
         if all(isinstance(v, _Entries) for v in values) and all(fits(atom.aval) for atom in equation.outvars):

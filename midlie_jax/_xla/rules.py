@@ -105,10 +105,17 @@ def has_rules(closed: ClosedJaxpr) -> bool:
             if not has_rules(body):
                 return False
             continue
-        alone = all(getattr(atom.aval, "shape", None) == () for atom in (*equation.invars, *equation.outvars))
-        if not alone and (rule_for(equation) is None or not _all_fit(equation)):
+        if not is_on_scalars(equation) and (rule_for(equation) is None or not _all_fit(equation)):
             return False
     return True
+
+
+def is_on_scalars(equation: Any) -> bool:
+    """Whether an operation, and for a plain `jit` call every operation in it, has scalars alone for operands."""
+    body = body_of(equation)
+    if body is not None:
+        return all(map(is_on_scalars, body.jaxpr.eqns))
+    return all(getattr(atom.aval, "shape", None) == () for atom in (*equation.invars, *equation.outvars))
 
 
 def count_operations(closed: ClosedJaxpr) -> int:

@@ -196,7 +196,7 @@ def run_of_body(
             progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, before)
         return progress
 
-    unroll = 1 if system.kind.apart else method.unroll  # so that a torque is compiled once
+    unroll = 1 if system.kind.apart or system.separate else method.unroll  # so that a torque is compiled once
 
     def move(progress: Progress, i: Array, n: Array, rows: Any) -> Progress:
         """The progress after interval i, which begins with step n."""
@@ -295,6 +295,15 @@ def _with_force(
     zero_step = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
     before = jax.lax.stop_gradient(progress._replace(force=zeros))
     after, _ = jax.lax.scan(lambda p, step: (advance(zero_step, p, step), None), before, (indices, rows))
-    direct = system.force(t, motion)
-    stop = jax.lax.stop_gradient
-    return progress._replace(force=jax.tree.map(lambda f, d: stop(f) + (d - stop(d)), after.force, direct))
+    value = jax.lax.stop_gradient(after.force)
+    return progress._replace(force=_with_derivative_of(system.force(t, motion), value))
+
+
+@jax.custom_jvp
+def _with_derivative_of(direct: Any, value: Any) -> Any:
+    """The value, with the derivative of `direct`, which a run without derivatives does not compute."""
+    del direct
+    return value
+
+
+_with_derivative_of.defjvp(lambda primals, tangents: (_with_derivative_of(*primals), tangents[0]))

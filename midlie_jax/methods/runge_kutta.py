@@ -109,7 +109,7 @@ class RungeKutta(Method):
             return cut(tree) if ends else tree
 
         turn = system.inertia.square_of_turn(h, motion.momentum)
-        if system.kind.several and isinstance(self.formula, Extrapolation):  # the rates are long: one copy is enough
+        if isinstance(self.formula, Extrapolation) and (system.kind.several or system.separate):  # one copy is enough
             change = self.formula.change_in_loop(rates, motion, h)
         else:
             change = self.formula.change(rates, pause, motion)

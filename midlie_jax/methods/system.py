@@ -104,6 +104,14 @@ class System(NamedTuple):
         inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
         return cls(inertia, torque, kind, reads, costly, long and not kind.apart, frame)
 
+    @property
+    def separate(self) -> bool:
+        """Whether the torque is long and has loops of its own.
+
+        A step then takes no longer if it is a loop that holds one copy of the torque, and compiles much faster.
+        """
+        return self.costly and self.long
+
     def at_step(self, n: Array) -> "System":
         """The system in the step of this index, on which the random numbers of a bath depend."""
         return self if self.bath is None else self._replace(bath=self.bath._replace(step=n))

@@ -113,9 +113,16 @@ class KeplerOrbit(Orbit):
         return cls(position, velocity, mu, time)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        # Three loops, of what does not change, of the root and of the position: in one XLA would repeat parts of it.
-        orbit = split(_Orbit.of(cp.vector(self.position), cp.vector(self.velocity), self.mu))
-        return cp.pack(split(orbit.at(t - self.epoch)))
+        return cp.pack(_place(cp.vector(self.position), cp.vector(self.velocity), self.mu, t - self.epoch))
+
+
+@jax.jit
+def _place(position: cp.Vector, velocity: cp.Vector, mu: Array, t: Array) -> cp.Vector:
+    """The position at a time since the epoch: a thousand operations, traced once for all calls.
+
+    Three loops, of what does not change, of the root and of the position: in one XLA would repeat parts of it.
+    """
+    return split(split(_Orbit.of(position, velocity, mu)).at(t))
 
 
 class _Orbit(NamedTuple):
