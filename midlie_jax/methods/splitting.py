@@ -180,7 +180,7 @@ class Splitting(Method):
         """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
 
         If the step begins with a kick, this kick precedes the loop, and the last kick follows the last flight. So no
-        iteration hands a force to the next one, which would write and read it: a fifth of the time of a short flight.
+        iteration hands a force to the next one, whose passes over memory would cost a short flight much of its time.
         """
         kicks, flights, times = self.scheme.columns()
         if kicks_first := self.scheme.stages[0][0] == KICK:
