@@ -220,7 +220,7 @@ RKN8 = _alternating(
     _repeated(_rkn8.RKN8_FLIGHTS),
     _about_the_last(_rkn8.RKN8_KICKS),
     _FOUND,
-    use="nine digits and more, any torque that does not read the momentum",
+    use="seven digits and more, any torque that does not read the momentum",
     leading=True,
 )
 RKN8G = _alternating(
@@ -230,7 +230,7 @@ RKN8G = _alternating(
     _repeated(_rkn8.RKN8G_FLIGHTS),
     _about_the_last(_rkn8.RKN8G_KICKS),
     _FOUND,
-    use="fast tops, eight digits and more; RKN8 has the smaller error on others",
+    use="fast tops, nine digits and more; RKN8 has the smaller error on others",
     leading=True,
 )
 # TI and CHIN4A use the gradient of T . I^-1 T, which costs one directional derivative of the torque.
