@@ -18,7 +18,7 @@ from midlie_jax.methods.scheme_order import pendulums
 
 def effective_error(scheme):
     """Evaluations in a unit of time for an error of 1, extrapolated with the order of the scheme."""
-    for count in (24, 48, 96, 192, 384):
+    for count in (12, 24, 48, 96, 192, 384):
         ends = [pendulums(scheme, count * factor) for factor in (1, 2, 4)]
         coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends))
         if abs(np.log2(coarse / fine) - scheme.order) < 0.1:

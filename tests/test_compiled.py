@@ -24,11 +24,13 @@ def loops_of(method):
     """How many loops over the batch a step should be.
 
     The implicit methods have a loop over Newton's steps in the middle (see midlie_jax/_math/newton.py): one loop over
-    the batch before it and one after it. A splitting that loops over its stages has one for the last kick or flight.
-    With the projection after it, the longest extrapolation is too long for one loop.
+    the batch before it and one after it. A splitting that loops over its stages sets the verdict before this loop, and
+    has the last flight after it; if it begins with a kick, that comes before the loop, and after a long flight the last
+    kick is a loop of its own. With the projection after it, the longest extrapolation is too long for one loop.
     """
     if isinstance(method, Splitting):
-        return 2 if method.loops else 1
+        ends = 0 if method.scheme.stages[0][0] == ml.schemes.FLIGHT else 1 if method.flight.per_loop > 2 else 2
+        return 2 + ends if method.loops else 1
     if isinstance(method, RungeKutta):
         return 2 if method.projects and method.order > 8 else 1
     return 1 if isinstance(method, NewmarkBody) else 2

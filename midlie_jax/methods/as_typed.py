@@ -59,6 +59,8 @@ class schemes(metaclass=_Schemes):  # noqa: N801  (the name of the module)
     from .schemes import KAHAN_LI8 as KAHAN_LI8
     from .schemes import KICK as KICK
     from .schemes import OBABO as OBABO
+    from .schemes import RKN8 as RKN8
+    from .schemes import RKN8G as RKN8G
     from .schemes import SCHEMES as SCHEMES
     from .schemes import SRKN6B as SRKN6B
     from .schemes import SRKN11B as SRKN11B

@@ -50,6 +50,7 @@ ENTRIES: dict[str, Entry] = {
         _entry(flights.Jacobi(), schemes.EA, "any body, any torque, up to three digits: start here"),
         _entry(flights.Jacobi(), schemes.SRKN6B, "any body, four to six digits"),
         _entry(flights.Jacobi(), schemes.SRKN14A, "any body, six digits and more, also over long runs"),
+        _entry(flights.Jacobi(), schemes.RKN8, "any body, seven digits and more, also over long runs"),
         _entry(flights.Jacobi(), schemes.CHIN4A, "any body, three to five digits, torque from a potential"),
         _entry(
             flights.Symmetric(),
@@ -58,6 +59,7 @@ ENTRIES: dict[str, Entry] = {
         ),
         _entry(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
         _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
+        _entry(flights.Symmetric(), schemes.RKN8G, "fast tops, nine digits and more"),
         _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),
         Entry(GBS12, "short runs under a strong torque, any accuracy; preserves no structure", chart=True),
         Entry(PGBS12, "GBS12 that keeps the energy to rounding, torque from a potential", chart=True),

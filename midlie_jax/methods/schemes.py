@@ -8,6 +8,7 @@ from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
+from . import rkn8 as _rkn8
 from .listing import Listing
 from .scheme import Scheme as Scheme
 from .scheme import own_scheme
@@ -71,6 +72,18 @@ def _even_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
     """`half`, two equal central entries that make the sum 1, and `half` reversed."""
     first_half = (*half, 0.5 - sum(half))
     return (*first_half, *reversed(first_half))
+
+
+def _repeated(half: tuple[str, ...]) -> tuple[float, ...]:
+    """These numbers, and then the same backwards."""
+    first_half = tuple(map(float, half))
+    return (*first_half, *reversed(first_half))
+
+
+def _about_the_last(half: tuple[str, ...]) -> tuple[float, ...]:
+    """These numbers, and then all but the last backwards."""
+    *first_half, centre = map(float, half)
+    return _mirrored(tuple(first_half), centre)
 
 
 _CUBE = 2 ** (1 / 3)
@@ -199,6 +212,27 @@ SRKN14A = _alternating(
     use="six digits and more, smaller error than SRKN11b",
     leading=True,
 )
+_FOUND = "found by a search for this package: midlie_jax/methods/rkn8.py"
+RKN8 = _alternating(
+    "RKN8",
+    8,
+    FLIGHT,
+    _repeated(_rkn8.RKN8_FLIGHTS),
+    _about_the_last(_rkn8.RKN8_KICKS),
+    _FOUND,
+    use="seven digits and more, any torque that does not read the momentum",
+    leading=True,
+)
+RKN8G = _alternating(
+    "RKN8G",
+    8,
+    FLIGHT,
+    _repeated(_rkn8.RKN8G_FLIGHTS),
+    _about_the_last(_rkn8.RKN8G_KICKS),
+    _FOUND,
+    use="fast tops, nine digits and more; RKN8 has the smaller error on others",
+    leading=True,
+)
 # TI and CHIN4A use the gradient of T . I^-1 T, which costs one directional derivative of the torque.
 TAKAHASHI_IMADA = own_scheme(
     "TI",
@@ -279,7 +313,7 @@ ABOBA = own_scheme(
 SCHEMES = {
     scheme.name: scheme
     for scheme in (  # best first
-        *(EA, CHIN4A, SRKN6B, SRKN14A, SRKN11B, ABA1064, ABA82, BM4),
+        *(EA, CHIN4A, SRKN6B, SRKN14A, RKN8, RKN8G, SRKN11B, ABA1064, ABA82, BM4),
         *(SUZUKI, TRIPLE, KAHAN_LI6, YOSHIDA6, KAHAN_LI8, SUZUKI_UMENO8),
         *(EA_STAR, TAKAHASHI_IMADA, E2, E1),
         *(BAOAB, OBABO, ABOBA),

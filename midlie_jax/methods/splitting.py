@@ -177,37 +177,69 @@ class Splitting(Method):
         return motion, force, ok
 
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
-        """The step as a loop, with one flight and one kick per iteration; the scheme decides which comes first."""
-        kicks, flights, times = self.scheme.columns()
-        kicks_first = self.scheme.stages[0][0] == KICK
-        if kicks_first and force is None:
-            force = stages.evaluate(0.0, 0.0, motion)
+        """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
 
-        short_flight = self.flight.per_loop > 2
-        unroll = (2 if short_flight else 1) if on_cpu() else self.flight.per_kernel
-        after_flight = stages.system.loop_boundary if short_flight else split
+        If the step begins with a kick, this kick precedes the loop, and the last kick follows the last flight. So no
+        iteration hands a force to the next one, whose passes over memory would cost a short flight much of its time.
+        """
+        kicks, flights, times = self.scheme.columns()
+        if kicks_first := self.scheme.stages[0][0] == KICK:
+            if stages.system.kind.apart:
+                return self._step_in_one_loop(stages, motion, force)
+            force = stages.evaluate(0.0, 0.0, motion) if force is None else force
+            motion = fuse(stages.kick(kicks[0], 0.0, motion, force))
+            kicks = kicks[1:]
+
+        def fly_and_kick(row: Any, motion: AnyMotion, ok: Array | bool) -> tuple[AnyMotion, Any, Array | bool]:
+            flight, end_time, kick = row
+            motion, flight_ok = stages.fly(flight, motion)
+            motion = self._after_flight(stages, motion)
+            force = stages.evaluate(end_time, 0.0, motion)
+            return stages.kick(kick, end_time, motion, force), force, earlier(ok, flight_ok)
+
+        def iteration(carry: Any, row: Any) -> tuple[Any, None]:
+            motion, _, ok = fly_and_kick(row, *begin(carry))
+            return fuse((motion, ok)), None
+
+        columns = flights[:-1], times[1:-1], kicks[: len(flights) - 1]
+        rows = tuple(jnp.asarray(column, stages.h.dtype) for column in columns)
+        start = motion, jnp.full_like(stages.h, FINE, FINE.dtype)
+        (motion, ok), _ = jax.lax.scan(iteration, start, rows, unroll=self._flights_per_iteration)
+        if kicks_first:
+            return fly_and_kick((flights[-1], 1.0, kicks[-1]), motion, ok)
+        motion, flight_ok = stages.fly(flights[-1], motion)
+        return motion, None, earlier(ok, flight_ok)
+
+    def _step_in_one_loop(
+        self, stages: "_Stages", motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
+        """The same for a step that begins with a kick, with all flights in the loop, which holds the only torque."""
+        kicks, flights, times = self.scheme.columns()
+        force = stages.evaluate(0.0, 0.0, motion) if force is None else force
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
             motion, force, ok = begin(carry)
             kick, flight, start_time, end_time = row
-            if kicks_first:
-                motion = stages.kick(kick, start_time, motion, force)
+            motion = stages.kick(kick, start_time, motion, force)
             motion, flight_ok = stages.fly(flight, motion)
-            motion = after_flight(motion)
+            motion = self._after_flight(stages, motion)
             force = stages.evaluate(end_time, 0.0, motion)
-            if not kicks_first:
-                motion, force = stages.kick(kick, end_time, motion, force), None
             return fuse((motion, force, earlier(ok, flight_ok))), None
 
-        rows = [kicks, flights, times[:-1], times[1:]]
-        count = min(len(kicks), len(flights))
-        rows = tuple(jnp.asarray(column[:count], stages.h.dtype) for column in rows)
+        rows = tuple(jnp.asarray(x, stages.h.dtype) for x in (kicks[:-1], flights, times[:-1], times[1:]))
         start = motion, force, jnp.full_like(stages.h, FINE, FINE.dtype)
-        (motion, force, ok), _ = jax.lax.scan(iteration, start, rows, unroll=unroll)
-        if kicks_first:
-            return stages.kick(kicks[-1], 1.0, motion, force), force, ok
-        motion, flight_ok = stages.fly(flights[-1], motion)
-        return motion, None, earlier(ok, flight_ok)
+        (motion, force, ok), _ = jax.lax.scan(iteration, start, rows, unroll=self._flights_per_iteration)
+        return stages.kick(kicks[-1], 1.0, motion, force), force, ok
+
+    @property
+    def _flights_per_iteration(self) -> int:
+        if not on_cpu():
+            return self.flight.per_kernel
+        return 2 if self.flight.per_loop > 2 else 1
+
+    def _after_flight(self, stages: "_Stages", motion: AnyMotion) -> AnyMotion:
+        """The motion after a flight of a loop, of which a long flight fills one alone."""
+        return stages.system.loop_boundary(motion) if self.flight.per_loop > 2 else split(motion)
 
 
 class _Stages(NamedTuple):
