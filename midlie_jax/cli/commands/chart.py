@@ -85,7 +85,7 @@ def _measure_and_draw(options: argparse.Namespace) -> None:
 
 
 def _usual(body: Any) -> list[Method]:
-    """The methods of the paper and later rivals; for a body that travels or is only an axis, a few of each kind that can move it."""
+    """The methods of the paper and its later rivals; for a body that travels or is an axis, a few that can move it."""
     if isinstance(body, RigidBody):
         return methods_of_figure_1()
     found = list[Method]()
