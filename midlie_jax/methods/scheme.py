@@ -55,10 +55,10 @@ class Scheme:
     source: str = ""
     composed: bool = False
     gradients: tuple[float, ...] = ()
-    displaced: bool = False
     small: int | None = None
     use: str = ""
     leading: bool = False
+    displaced: bool = False
     known: InitVar[bool] = False
 
     def __post_init__(self, known: bool) -> None:
