@@ -31,7 +31,7 @@ PAGE = "reports/kinds-of-state.md"
 BEGIN, END = "<!-- kinds -->", "<!-- /kinds -->"
 THROW_BEGIN, THROW_END = "<!-- throw -->", "<!-- /throw -->"
 BODIES, DT, ROUNDS = 4096, 0.005, 9
-STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80}
+STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80, "GBS12": 80, "DOP853": 160}  # by scheme or method
 DTYPES = ("float64", "float32")
 HEADS = ("method", "state", "float64, ns", "by `RigidState`", "float32, ns", "by `RigidState`", "first call, s")
 
@@ -56,12 +56,27 @@ def axis() -> tuple[Any, Any, Any]:
     return ml.Rotor(body.moments[0]), torque, ml.AxisState.of(starts)
 
 
-# By flight the state that is compared with `RigidState`: what makes body, torque and starts.
+def direction() -> tuple[Any, Any, Any]:
+    """The asymmetric top, of whose attitude only the vertical is kept."""
+    body, torque, starts = rigid("asymmetric-top")
+    return body, torque, ml.DirectionState(starts.momentum, ml.so3.to_matrix(starts.attitude)[:, 2])
+
+
+# By flight or method the states that are compared with `RigidState`: what makes body, torque and starts.
 SYSTEMS: dict[str, dict[str, Callable[[], tuple[Any, Any, Any]]]] = {
-    "JACOBI": {"RigidState": partial(rigid, "asymmetric-top"), "FreeState": travelling},
+    "JACOBI": {
+        "RigidState": partial(rigid, "asymmetric-top"),
+        "DirectionState": direction,
+        "FreeState": travelling,
+    },
     "SYMMETRIC": {"RigidState": partial(rigid, "P1-tilted"), "AxisState": axis},
+    **{
+        name: {"RigidState": partial(rigid, "asymmetric-top"), "DirectionState": direction}
+        for name in ("GBS12", "DOP853")
+    },
 }
-CASES = [(flight, scheme, state) for flight in SYSTEMS for scheme in STEPS for state in SYSTEMS[flight]]
+METHODS = [f"{flight}[{scheme}]" for flight in ("JACOBI", "SYMMETRIC") for scheme in ("EA", "SRKN6b", "SRKN14a")]
+CASES = [(name, state) for name in (*METHODS, "GBS12", "DOP853") for state in SYSTEMS[name.partition("[")[0]]]
 
 
 def cast(tree: Any, dtype: str) -> Any:
@@ -69,11 +84,15 @@ def cast(tree: Any, dtype: str) -> Any:
     return jax.tree.map(lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x, tree)
 
 
-def ensemble(flight: str, scheme: str, state: str, dtype: str) -> tuple[Callable[[Any], Any], Any]:
+def steps_of(method: str) -> int:
+    """How many steps are timed."""
+    return STEPS[method.removesuffix("]").rpartition("[")[2]]
+
+
+def ensemble(method: str, state: str, dtype: str) -> tuple[Callable[[Any], Any], Any]:
     """A run as a function of the starts, and the starts."""
-    body, torque, starts = cast(SYSTEMS[flight][state](), dtype)
-    steps = STEPS[scheme]
-    return lambda start: ml.ensemble(f"{flight}[{scheme}]", body, torque, start, dt=DT, steps=steps), starts
+    body, torque, starts = cast(SYSTEMS[method.partition("[")[0]][state](), dtype)
+    return lambda start: ml.ensemble(method, body, torque, start, dt=DT, steps=steps_of(method)), starts
 
 
 def compiled(*case: str) -> Callable[[], Any]:
@@ -95,23 +114,23 @@ def rows() -> Iterator[list[str]]:
     """For each method and state the time of a body-step, in both dtypes, and of a first call."""
     keys = [(*case, dtype) for case in CASES for dtype in DTYPES]
     timings = timed_in_turn([compiled(*key) for key in keys], least=ROUNDS, most=ROUNDS)
-    costs = {key: 1e9 * t.seconds / (BODIES * STEPS[key[1]]) for key, (_, t) in zip(keys, timings, strict=True)}
-    for flight, scheme, state in CASES:
-        own = [costs[flight, scheme, state, dtype] for dtype in DTYPES]
-        whole = [costs[flight, scheme, "RigidState", dtype] for dtype in DTYPES]
+    costs = {key: 1e9 * t.seconds / (BODIES * steps_of(key[0])) for key, (_, t) in zip(keys, timings, strict=True)}
+    for method, state in CASES:
+        own = [costs[method, state, dtype] for dtype in DTYPES]
+        whole = [costs[method, "RigidState", dtype] for dtype in DTYPES]
         cells = [text for mine, its in zip(own, whole, strict=True) for text in (f"{mine:.3g}", f"{mine / its:.2f}")]
         yield [
-            f"`{flight}[{scheme}]`",
+            f"`{method}`",
             f"`{state}`",
             *cells,
-            f"{first_call.seconds(__file__, flight, scheme, state, 'float64'):.1f}",
+            f"{first_call.seconds(__file__, method, state, 'float64'):.1f}",
         ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE}")
-    parser.add_argument("--first", nargs=4, metavar="PART", help=argparse.SUPPRESS)
+    parser.add_argument("--first", nargs=3, metavar="PART", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.first:
         print_first_call(*options.first)

@@ -38,14 +38,15 @@ LIEMID = [m.name for m in METHODS if isinstance(m, Splitting) and isinstance(m.f
 def way(method):
     """How a method takes a step.
 
-    Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque. Of a
-    Runge-Kutta method the class of its formula and whether it projects, of others their own class.
+    Of a splitting: whether the step is a loop, what it begins with, and whether it takes gradients of the torque, or a
+    displaced torque in their place. Of a Runge-Kutta method the class of its formula and whether it projects, of others
+    their own class.
     """
     if isinstance(method, RungeKutta):
         return type(method.formula), method.projects
     if not isinstance(method, Splitting):
         return type(method)
-    return method.loops, method.scheme.stages[0][0], bool(method.scheme.gradients)
+    return method.loops, method.scheme.stages[0][0], bool(method.scheme.gradients), method.scheme.displaced
 
 
 def flight_of(method):

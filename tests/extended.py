@@ -305,6 +305,20 @@ def _newmark(moments, torque, t, h, motion):
     return Motion(p + (h * rate + change) / 2, there), found
 
 
+def _spiral(moments, torque, t, h, motion):
+    def pushed(p, pull):
+        def rate(p):
+            return h / 2 * (np.cross(p, p / moments) + pull)
+
+        one = rate(p)
+        two = rate(p + one)
+        return p + (one + two + 4 * rate(p + (one + two) / 4)) / 6
+
+    p = pushed(motion.momentum, torque(t, motion.attitude))
+    q = multiply(motion.attitude, exp(h * p / moments))
+    return Motion(pushed(p, torque(t + h, q)), q), np.full(len(h), True)
+
+
 def _explicit(change):
     """The step of a Runge-Kutta method; `change(rates, h, y)` is what it adds to y, momentum and pose side by side."""
 
@@ -360,6 +374,7 @@ OTHERS = {
     "SW": _simo_wong,
     "AKW": _akw,
     "NMB": _newmark,
+    "SPIRAL": _spiral,
     "RK4": _tableau(tableau.RK4),
     "DOP853": _tableau(tableau.DOP853),
     "GBS8": _extrapolation(4),

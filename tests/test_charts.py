@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from midlie_jax.cli import charts, convergence, line_styles, scenes
 from midlie_jax.cli.commands import run_chart
 from midlie_jax.cli.commands.record import Record
-from midlie_jax.methods.registry import paper_methods
+from midlie_jax.methods.registry import methods_of_figure_1
 
 NOTE = (
     "1024 bodies side by side, one core, float64. Errors against the Taylor series in 38 digits (heyoka, MPFR), good "
@@ -28,7 +28,7 @@ TITLES = [f"{name}: {scenes.scene(name).title}, T = {scenes.scene(name).duration
 REFERENCE = "extrapolation of LIEMID[EA] from up to 128000 steps"
 LONGEST = max(TITLES, key=len)
 METHODS = [
-    *(method.name for method in paper_methods()),
+    *(method.name for method in methods_of_figure_1()),
     "LIEMID[new]",
     "JACOBI[EA]",
     "SYMMETRIC[SRKN14a]",

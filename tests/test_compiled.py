@@ -12,6 +12,7 @@ from cases import METHODS, by_turns, loop_bodies, real
 
 import midlie_jax as ml
 from midlie_jax.methods.implicit import NewmarkBody
+from midlie_jax.methods.implicit.base import Implicit
 from midlie_jax.methods.runge_kutta import RungeKutta
 from midlie_jax.methods.splitting import Splitting
 
@@ -33,7 +34,7 @@ def loops_of(method):
         return 2 + ends if method.loops else 1
     if isinstance(method, RungeKutta):
         return 2 if method.projects and method.order > 8 else 1
-    return 1 if isinstance(method, NewmarkBody) else 2
+    return 2 if isinstance(method, Implicit) and not isinstance(method, NewmarkBody) else 1
 
 
 # The flights that solve by pairs of Newton's steps are cut into a loop for each pair, and are not counted here.

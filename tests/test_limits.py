@@ -55,7 +55,13 @@ def test_a_needle_is_stable_up_to_the_limit_of_verlet_and_a_spinning_one_up_to_t
     assert ml.method(name).stability_limit(1j) / OMEGA == pytest.approx(found[0], rel=0.01)
 
 
-@pytest.mark.parametrize("name", ["SYMMETRIC[CHIN4A]", *whole("SYMMETRIC[SRKN6b]", "SYMMETRIC[BM4]", "RK4", "NMB")])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "SYMMETRIC[CHIN4A]",
+        *whole(*(f"SYMMETRIC[{s}]" for s in ("SRKN6b", "BM4", "BADAB", "ABADABA")), "RK4", "NMB", "SPIRAL"),
+    ],
+)
 def test_a_needle_is_stable_up_to_the_limit_of_the_scheme(name):
     limit = ml.method(name).stability_limit(1j) / OMEGA
     dt = np.linspace(0.85, 1.15, 61) * limit

@@ -98,6 +98,8 @@ K, F = schemes.KICK, schemes.FLIGHT
         ({"stages": ((K, 0.5), ("flies", 1.0), (K, 0.5))}, "must be made of 'kick', 'flight' and 'bath'"),
         ({"stages": ((K, 1.0),)}, "must be made of 'kick', 'flight' and 'bath', got 'kick'"),
         ({"gradients": (0.1,)}, "2 kicks and 1 gradients"),
+        ({"displaced": True}, "no gradients for which a displaced torque could stand"),
+        ({"displaced": True, "gradients": (0.0, 0.0)}, "no gradients for which a displaced torque could stand"),
         ({"order": 0}, "order must be at least 1"),
     ],
 )

@@ -8,9 +8,11 @@ import pytest
 from cases import setup, true_motion
 
 import midlie_jax as ml
+from midlie_jax.advice import reasons
 from midlie_jax.advice import recommend as selection
+from midlie_jax.advice.one_direction import one_direction
 from midlie_jax.model import so3
-from midlie_jax.model.torques import BodyTorque, Damping, HeavyTop
+from midlie_jax.model.torques import BodyTorque, Damping, DipoleInField, FromPotential, HeavyTop
 
 CASE = setup(strength=0.0)
 BODY = ml.RigidBody(jnp.asarray(CASE.moments))
@@ -118,6 +120,61 @@ def test_progress_is_told_where_it_is_asked_for(few, capsys):
     assert "(2 of 2)" in told
     ml.recommend(BODY, TOP, START, tolerance=1e-2, duration=0.5)
     assert capsys.readouterr().err == ""
+
+
+def swings_with_time(t, state):
+    lever, up = state.in_one_frame((0.3, -0.5, 0.4))
+    return (2 + jnp.sin(t)) * jnp.cross(jnp.stack(lever), jnp.stack(up))
+
+
+def by_hand(t, state):
+    del t
+    return 2.0 * jnp.cross(so3.to_matrix(state.attitude)[2], jnp.array(AXIS))
+
+
+def changes_its_mind(t, state):
+    """Of an attitude another torque than of a direction."""
+    return TOP(t, state) * (2.0 if hasattr(state, "attitude") else 1.0)
+
+
+SIDEWAYS = DipoleInField(jnp.array([0.3, 0.0, 0.1]), jnp.array([0.0, 2.0, 0.0]))
+UPWARD = DipoleInField(jnp.array([0.3, 0.0, 0.1]), jnp.array([0.0, 0.0, 2.0]))
+
+
+@pytest.mark.parametrize(
+    ("torque", "direction"),
+    [
+        (TOP, (0, 0, 1)),
+        (TOP + UPWARD, (0, 0, 1)),
+        (TOP + Damping(0.1), (0, 0, 1)),
+        (SIDEWAYS, (0, 1, 0)),
+        (swings_with_time, (0, 0, 1)),
+        (FromPotential(lambda t, state: jnp.stack(state.vertical())[2]), (0, 0, 1)),
+        (BodyTorque(lambda t, state, body: TOP(t, state) / body.moments[0]), (0, 0, 1)),
+        (TOP + SIDEWAYS, None),
+        (Damping(0.1), None),
+        (by_hand, None),
+        (changes_its_mind, None),
+        (None, None),
+    ],
+)
+def test_a_torque_that_reads_one_direction_alone_is_known(torque, direction):
+    found = one_direction(BODY, torque, START, jnp.array(0.3), 2.0)
+    assert (found is None) == (direction is None)
+    if found is not None:
+        seen = so3.to_matrix(START.attitude).T @ jnp.array(direction, float)
+        np.testing.assert_allclose(found.direction, seen, atol=1e-15)
+        np.testing.assert_array_equal(found.momentum, START.momentum)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("worth", "said"), [(np.inf, True), (0.0, False)])
+def test_a_state_that_takes_less_time_is_named(monkeypatch, worth, said):
+    """Of a Runge-Kutta method, with the time that was measured; not where it is not worth a word."""
+    monkeypatch.setattr(selection, "candidates", lambda *_, **__: ["GBS8"])
+    monkeypatch.setattr(reasons, "_WORTH", worth)
+    found = ml.recommend(BODY, TOP, START, tolerance=1e-4, duration=50.0, symplectic=False)
+    assert ("on a midlie_jax.DirectionState, the same run takes" in found.note) == said
 
 
 @pytest.mark.parametrize(

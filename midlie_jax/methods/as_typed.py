@@ -45,7 +45,9 @@ class schemes(metaclass=_Schemes):  # noqa: N801  (the name of the module)
 
     from .schemes import ABA82 as ABA82
     from .schemes import ABA1064 as ABA1064
+    from .schemes import ABADABA as ABADABA
     from .schemes import ABOBA as ABOBA
+    from .schemes import BADAB as BADAB
     from .schemes import BAOAB as BAOAB
     from .schemes import BATH as BATH
     from .schemes import BM4 as BM4

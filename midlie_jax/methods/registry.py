@@ -14,6 +14,7 @@ from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBod
 from .listing import Listing
 from .runge_kutta import DOP853, GBS8, GBS10, GBS12, PGBS8, PGBS12, RK4
 from .schemes import SCHEMES, Scheme
+from .spiral import Spiral
 from .splitting import Splitting
 
 
@@ -24,6 +25,7 @@ class Entry(NamedTuple):
         method: the method.
         use: when to use the method.
         paper: whether the method is one of the rigid-body methods of Krysl 2004.
+        rival: whether the method was published later, for the same purpose, and is drawn beside those of the paper.
         chart: whether charts of error against cost include the method; they always include the exact flight with the
             leading schemes.
     """
@@ -31,6 +33,7 @@ class Entry(NamedTuple):
     method: Method
     use: str
     paper: bool = False
+    rival: bool = False
     chart: bool = False
 
 
@@ -85,6 +88,16 @@ ENTRIES: dict[str, Entry] = {
             NewmarkBody(), "explicit Newmark in the body frame, as in the paper; spatial momentum drifts", paper=True
         ),
         _paper_entry(schemes.EA_STAR, "the paper's alternating method with the kick at mid-step"),
+        Entry(
+            Spiral(),
+            "comparison: the leapfrog of the discrete element method, as in Yade; preserves nothing",
+            rival=True,
+        ),
+        _entry(
+            flights.Jacobi(),
+            schemes.BADAB,
+            "CHIN4A for a torque that cannot be differentiated, three to five digits; not symplectic",
+        )._replace(rival=True),
         Entry(RK4, "comparison: the classical Runge-Kutta method; preserves no structure", chart=True),
         _entry(_PARTICLES, schemes.EA, "particles: order 2, symplectic", "Verlet"),
         _entry(_PARTICLES, schemes.EA_STAR, "particles: Verlet with the force at mid-step", "position Verlet"),
@@ -154,6 +167,11 @@ def methods() -> Listing:
 def paper_methods() -> list[Method]:
     """The methods for rigid bodies of Krysl 2004, the seven of its Figure 1 first."""
     return [entry.method for entry in ENTRIES.values() if entry.paper]
+
+
+def methods_of_figure_1() -> list[Method]:
+    """`paper_methods`, and later rivals of them."""
+    return [*paper_methods(), *(entry.method for entry in ENTRIES.values() if entry.rival)]
 
 
 def exact_flight(body: Body) -> Flight:

@@ -31,6 +31,10 @@ class Scheme:
             inexact flight.
         gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
             V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f. Not with a bath.
+        displaced: whether such a kick takes the torque at a displaced attitude instead of a derivative of the torque.
+            The attitude is displaced by the rotation vector 2 g h^2 I^-1 T, and the torque found there is turned back.
+            The difference is of order h^4, so the order stays, up to 4; but the kick is then not that of a potential,
+            and the method not symplectic.
         small: an exponent n for weak forces, as on a fast top: where the forces are of size e, the global error is of
             order e h^n + e^2 h^m, with m at least `order`.
 
@@ -41,8 +45,8 @@ class Scheme:
     Raises:
         ValueError: the name is that of a scheme of this package, or cannot stand in brackets; coefficients do not sum
             to 1; the order is not the measured one; a stage is neither a kick nor a flight nor a bath; `gradients` is
-            neither empty nor one number for each kick, or there is a bath; or `small` or `composed` is not true of the
-            scheme.
+            neither empty nor one number for each kick, or there is a bath; `displaced` without `gradients`; or `small`
+            or `composed` is not true of the scheme.
     """
 
     name: str
@@ -54,6 +58,7 @@ class Scheme:
     small: int | None = None
     use: str = ""
     leading: bool = False
+    displaced: bool = False
     known: InitVar[bool] = False
 
     def __post_init__(self, known: bool) -> None:
@@ -84,6 +89,8 @@ class Scheme:
             raise ValueError(
                 f"{label} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
             )
+        if self.displaced and not any(self.gradients):
+            raise ValueError(f"{label} has no gradients for which a displaced torque could stand; leave out displaced.")
         if not isinstance(self.order, int) or self.order < 1:
             raise ValueError(f"{label}: its order must be at least 1 and a whole number, got {self.order!r}.")
         if self.composed and not self._is_composed():
@@ -181,8 +188,9 @@ class Scheme:
 
     @property
     def evaluations(self) -> int:
-        """Force evaluations per step after the first step."""
-        return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force
+        """Force evaluations per step after the first step; the derivative for a gradient is not counted."""
+        at_displaced = sum(g != 0 for g in self.gradients) if self.displaced else 0
+        return sum(kind == KICK for kind, _ in self.stages) - self.reuses_force + at_displaced
 
 
 def own_scheme(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str, **options: Any) -> Scheme:

@@ -34,14 +34,19 @@ def pendulums(
         del c
         return motion[0] + b * h * force, motion[1]
 
+    def force_at(u: Any) -> Any:
+        pull = np.cos(u[0] - u[1]) / 2
+        return -np.sin(u) - np.array([pull, -pull])
+
     def evaluate(c: float, g: float, motion: Any) -> Any:
         del c
         u = motion[1]
-        pull = np.cos(u[0] - u[1]) / 2
-        force = -np.sin(u) - np.array([pull, -pull])
+        force = force_at(u)
         if not g:
             return force
         w = force / _MASSES
+        if scheme.displaced:
+            return force_at(u + 2 * g * h * h * w)
         pull_rate = np.sin(u[0] - u[1]) / 2 * (w[0] - w[1])
         return force + 2 * g * h * h * (-np.cos(u) * w + np.array([pull_rate, -pull_rate]))
 

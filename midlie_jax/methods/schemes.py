@@ -260,6 +260,29 @@ CHIN4A = own_scheme(
     use="three to five digits, two torques and one gradient per step; torque from a potential only",
     leading=True,
 )
+# The same without a derivative: the torque at a displaced attitude stands for the gradient.
+_HESSIAN_FREE = "Schaefers, Finkenrath, Guenther & Knechtli, Hessian-free force-gradient integrators, arXiv 2403.10370"
+BADAB = own_scheme(
+    "BADAB",
+    4,
+    CHIN4A.stages,
+    f"Yin & Mawhinney, arXiv 1111.5059: Chin's scheme A; {_HESSIAN_FREE}",
+    gradients=CHIN4A.gradients,
+    displaced=True,
+    use="CHIN4A for a torque that cannot be differentiated: three torques per step; not symplectic",
+)
+_END, _OUTER, _WEIGHT = 0.089775972994422, 0.247597680043986, 0.006911440413815
+ABADABA = _alternating(
+    "ABADABA",
+    4,
+    FLIGHT,
+    _even_palindrome((_END,)),
+    _odd_palindrome((_OUTER,)),
+    _HESSIAN_FREE,
+    gradients=(0.0, _WEIGHT / (1 - 2 * _OUTER), 0.0),
+    displaced=True,
+    use="a torque that cannot be differentiated: four torques per step; not symplectic",
+)
 
 # For nearly free motion: fast tops in weak fields.
 _FAR, _NEAR = (
@@ -315,7 +338,7 @@ SCHEMES = {
     for scheme in (  # best first
         *(EA, CHIN4A, SRKN6B, SRKN14A, RKN8, RKN8G, SRKN11B, ABA1064, ABA82, BM4),
         *(SUZUKI, TRIPLE, KAHAN_LI6, YOSHIDA6, KAHAN_LI8, SUZUKI_UMENO8),
-        *(EA_STAR, TAKAHASHI_IMADA, E2, E1),
+        *(EA_STAR, TAKAHASHI_IMADA, BADAB, ABADABA, E2, E1),
         *(BAOAB, OBABO, ABOBA),
     )
 }

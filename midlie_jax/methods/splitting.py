@@ -53,7 +53,7 @@ class Splitting(Method):
         if flight.order is not None and not scheme.composed:
             self.order = min(scheme.order, flight.order)
         self.symmetric = scheme.symmetric and flight.symmetric
-        self.symplectic = flight.symplectic and not scheme.random
+        self.symplectic = flight.symplectic and not scheme.random and not scheme.displaced
         self.keeps_momentum = not scheme.random
         self.bodies = flight.body
         self.evaluations = scheme.evaluations
@@ -120,21 +120,23 @@ class Splitting(Method):
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        return self._step(_Stages(self.flight, system, t0, t1, h), motion, force)
+        return self._step(self._stages(system, t0, t1, h), motion, force)
 
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool, Any]:
         used = isinstance(self.flight, ExactFlight) and system.kind.has_pose and not self.loops_for(system)
         flown: list[Known] | None = [] if used else None
-        stages = _Stages(self.flight, system, t0, t1, h, flown=flown)
-        return *self._step(stages, motion, force), flown
+        return *self._step(self._stages(system, t0, t1, h, flown=flown), motion, force), flown
 
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
         known = None if known is None else [flown._replace(increment=cp.conjugate(flown.increment)) for flown in known]
-        return self._step(_Stages(self.flight, system, t0, t1, h, known=known), motion, force)
+        return self._step(self._stages(system, t0, t1, h, known=known), motion, force)
+
+    def _stages(self, system: System, t0: Array, t1: Array, h: Array, **known: Any) -> "_Stages":
+        return _Stages(self.flight, system, t0, t1, h, self.scheme.displaced, **known)
 
     def _step(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         advance = self._step_in_loop if self.loops_for(stages.system) else self._step_unrolled
@@ -247,6 +249,7 @@ class _Stages(NamedTuple):
 
     Attributes:
         flight, system, t0, t1, h: those of the step.
+        displaced: that of the scheme.
         flown: a list to which each flight adds what is then known of its reverse; or None.
         known: a list of what is known of the flights, from the last to the first, or None; each flight removes its
             entry.
@@ -257,6 +260,7 @@ class _Stages(NamedTuple):
     t0: Array
     t1: Array
     h: Array
+    displaced: bool
     flown: list[Known] | None = None
     known: list[Known] | None = None
 
@@ -299,7 +303,8 @@ class _Stages(NamedTuple):
         if self.system.torque is None:
             return None
         if g:
-            return self.system.gradient_force(self._time(c), g * self.h * self.h, motion)
+            gradient = self.system.displaced_force if self.displaced else self.system.gradient_force
+            return gradient(self._time(c), g * self.h * self.h, motion)
         return self.system.force(self._time(c), motion)
 
     def bathe(self, b: float, c: float, stage: int, motion: AnyMotion) -> AnyMotion:

@@ -20,6 +20,9 @@ class Table(Protocol):
     def gradients(self) -> tuple[float, ...]: ...
 
     @property
+    def displaced(self) -> bool: ...
+
+    @property
     def flights(self) -> int: ...
 
     @property

@@ -216,6 +216,45 @@ class System(NamedTuple):
             return _zeros(motion.momentum)
         return self._torque_boundary(self._evaluate(self.torque, t, self._torque_boundary(motion)))
 
+    def displaced_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
+        """`gradient_force` up to weight^2, from a second torque in place of a derivative.
+
+        It is the torque at the pose displaced by d = 2 weight w, w = I^-1 T, in the frame before the displacement. A
+        body that only turns is turned by the rotation with the Rodrigues vector d/2, and the torque is turned back by
+        the same rotation. So a torque without a component about a direction fixed in space stays one without, and the
+        kick keeps the momentum about that direction. Where a body also travels, both are done to first order.
+
+        Raises:
+            ValueError: the torque depends on the momentum.
+        """
+        if self.torque is None:
+            return _zeros(motion.momentum)
+        torque = self._torque_of_pose()
+        motion = self._torque_boundary(motion)
+
+        def at(pose: Any) -> P:
+            return self._torque_boundary(self._evaluate(torque, t, Motion(motion.momentum, pose)))
+
+        force = at(motion.pose)
+        displacement = jax.tree.map(lambda x: 2 * weight * x, self.velocity(force))
+        if self.kind.turns:
+            x, y, z = cp.scale(0.5, cast(cp.Vector, displacement))
+            share = cp.inverse_root(1 + x * x + y * y + z * z)
+            turn = share, share * x, share * y, share * z
+            return cast(Any, cp.rotate(turn, cast(Any, at(self.kind.rotate(motion.pose, turn)))))
+        moved = self.kind.shift(motion.pose, self.kind.rate(motion.pose, displacement), jnp.asarray(False))
+        return added(at(moved), 2 * weight, self.inertia.commutator(force))
+
+    def _torque_of_pose(self) -> TorqueLike:
+        """The torque; a ValueError if it reads the momentum, for which a force gradient means nothing."""
+        if self.reads_momentum:
+            raise ValueError(
+                "a scheme with force gradients needs a torque from a potential, but this torque depends on the "
+                "momentum; use a scheme without gradients."
+            )
+        assert self.torque is not None
+        return self.torque
+
     def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
         """The torque of the potential V - weight T . I^-1 T.
 
@@ -228,12 +267,7 @@ class System(NamedTuple):
         """
         if self.torque is None:
             return _zeros(motion.momentum)
-        if self.reads_momentum:
-            raise ValueError(
-                "a scheme with force gradients needs a torque from a potential, but this torque depends on the "
-                "momentum; use a scheme without gradients."
-            )
-        torque = self.torque
+        torque = self._torque_of_pose()
         motion = self._torque_boundary(motion)
 
         def at(pose: Any) -> P:

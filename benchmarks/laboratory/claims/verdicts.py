@@ -175,7 +175,7 @@ def ranked(
 
 def registry_verdicts(method: Method, found: Measured) -> list[Verdict]:
     """What the registry declares of a method, and what follows for the energy."""
-    gradients = isinstance(method, Splitting) and any(method.scheme.gradients)
+    gradients = isinstance(method, Splitting) and any(method.scheme.gradients) and not method.scheme.displaced
     claims = [
         (DECLARED[0], f"order {method.order}", f"{found.order:.2f}", has_order(found, method.order), True),
         (DECLARED[1], "momentum", f"{found.momentum:.1e}", keeps_momentum(found), method.keeps_momentum),

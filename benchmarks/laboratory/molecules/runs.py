@@ -55,5 +55,5 @@ def energy(state: ml.CoupledState, torque: Any) -> float:
 def forces_per_step(method: str) -> int:
     """How many forces a step costs; the derivative of a force along a direction counts as another force."""
     scheme: Any = getattr(ml.method(method), "scheme", None)
-    gradients = sum(bool(gradient) for gradient in scheme.gradients)
+    gradients = 0 if scheme.displaced else sum(bool(gradient) for gradient in scheme.gradients)
     return ml.method(method).evaluations + gradients

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...advice.timing import Load, cost_clock, one_core, spread_in_words
 from ...methods.base import Method
-from ...methods.registry import ENTRIES, paper_methods
+from ...methods.registry import ENTRIES, methods_of_figure_1
 from ...model.bodies import RigidBody
 from ...model.states import AxisState
 from .. import charts, chosen, convergence
@@ -85,9 +85,9 @@ def _measure_and_draw(options: argparse.Namespace) -> None:
 
 
 def _usual(body: Any) -> list[Method]:
-    """The methods of the paper; for a body that travels or is only an axis, a few of each kind that can move it."""
+    """The methods of the paper and its later rivals; for a body that travels or is an axis, a few that can move it."""
     if isinstance(body, RigidBody):
-        return paper_methods()
+        return methods_of_figure_1()
     found = list[Method]()
     for method in (entry.method for entry in ENTRIES.values() if entry.method.name in _OF_OTHER_BODIES):
         with suppress(ValueError):  # SYMMETRIC refuses moments that are all different

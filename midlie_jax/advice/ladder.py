@@ -1,0 +1,171 @@
+"""A candidate of `recommend`, compiled and timed at a ladder of steps, and what is read from such runs."""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..methods.registry import method as find_method
+from ..model import so3
+from ..model.state import AnyState
+from .program import Program
+from .timing import timed
+
+_COPIES = 16  # copies of the body in each run: the time of a run is divided by this number
+_SAFETY = 0.9  # fraction of the step that interpolation between two errors gives for the tolerance
+_CONVERGED = 4  # converged: halving the step changes the end by less than the tolerance over this number
+_SHORT = 0.01  # a run is timed again, up to five times, until its timings take this many seconds in total
+_LONGEST = 1.0  # seconds; after a run of all copies that took longer, no smaller step is tried
+_MOST_STEPS = 2**30
+_ROUNDING = 1e4  # in units of eps: a change below this that no longer decreases is rounding
+
+
+class Trial(NamedTuple):
+    """A method at one step.
+
+    Attributes:
+        method: its name.
+        dt: step.
+        steps: number of steps.
+        error: error of the attitude at the end, Frobenius norm of the difference of rotation matrices.
+        seconds: processor time of the whole motion for one body in a batch, without compiling.
+        ok: whether every solve succeeded and every number is finite (see `Path.ok`).
+    """
+
+    method: str
+    dt: float
+    steps: int
+    error: float
+    seconds: float
+    ok: bool
+
+
+class Run(NamedTuple):
+    """The result of a run: the place at the end, (k,); whether all copies are ok; seconds for one body."""
+
+    end: np.ndarray
+    ok: bool
+    seconds: float
+
+
+class Candidate:
+    """A method compiled for the motion; runs and times it."""
+
+    def __init__(
+        self, name: str, body: Any, torque: Any, start: AnyState, span: float, t0: Array, length: float | None
+    ):
+        self.name, self.span, self.length = name, span, length
+        starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
+        self.program = Program(find_method(name), body, torque, starts, t0=t0)
+        self.dtype = start.momentum.dtype
+        # The time of a call with no steps, which is subtracted from the time of every run.
+        self.idle = 0.0
+        self.idle = min(self.run(0).seconds for _ in range(3))
+
+    def whole(self, steps: int) -> int:
+        """The least number of steps that the loop can take and that is not below `steps`."""
+        return self.program.whole(steps)
+
+    def run(self, steps: int) -> Run:
+        """A run of the whole motion in `steps` steps."""
+        step = self.span / max(steps, 1)
+        (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
+        end = _place(states, self.length)
+        seconds = max(timing.seconds / _COPIES - self.idle, 0.0)
+        return Run(end, bool(np.all(ok)) and bool(np.all(np.isfinite(end))), seconds)
+
+
+def _place(states: Any, length: float | None) -> np.ndarray:
+    """What is compared of the first of several states: rotation matrix, axis or direction; position over `length`."""
+    if hasattr(states, "attitude"):
+        orientation = so3.to_matrix(states.attitude[0])
+    else:
+        orientation = states.axis[0] if hasattr(states, "axis") else states.direction[0]
+    parts = [np.ravel(np.asarray(orientation, np.float64))]
+    if length is not None:
+        parts.append(np.asarray(states.position[0], np.float64) / length)
+    return np.concatenate(parts)
+
+
+def ladder_of(candidate: Candidate, guess: int, tolerance: float, patience: float) -> Iterator[tuple[int, Run]]:
+    """Runs, with their numbers of steps: fewer until a run misses the tolerance, then more until the end has converged.
+
+    Args:
+        patience: if a run takes longer than these seconds, no runs with more steps are tried.
+    """
+    steps = candidate.whole(guess)
+    run = candidate.run(steps)
+    yield steps, run
+    coarse_steps, coarse_run = steps, run
+    while coarse_run.ok and coarse_steps > candidate.program.unroll:
+        coarse_steps = candidate.whole(coarse_steps // 2)
+        before, coarse_run = coarse_run, candidate.run(coarse_steps)
+        yield coarse_steps, coarse_run
+        if not coarse_run.ok or distance(before, coarse_run) > 2 * tolerance:
+            break
+    change, rounding = math.inf, _ROUNDING * float(np.finfo(candidate.dtype).eps)
+    while run.seconds <= min(patience, _LONGEST / _COPIES) and 2 * steps <= _MOST_STEPS:
+        steps = candidate.whole(2 * steps)
+        before, run, last = run, candidate.run(steps), change
+        change = distance(before, run)
+        yield steps, run
+        if change < tolerance / _CONVERGED or last / 1.5 < change < rounding:
+            return
+
+
+def distance(first: Run, second: Run) -> float:
+    """The length of the difference of the ends of two runs; infinity if one of them failed."""
+    return float(np.linalg.norm(first.end - second.end)) if first.ok and second.ok else math.inf
+
+
+def ends_of(ladder: dict[int, Run]) -> Iterator[tuple[float, np.ndarray]]:
+    """The ends of the runs, each with its change by the last halving of the step."""
+    runs = [run for _, run in sorted(ladder.items())]
+    for coarse, refined in pairwise(runs):
+        change = distance(coarse, refined)
+        if math.isfinite(change):
+            yield change, refined.end
+
+
+def fastest_seconds(runs: dict[str, dict[int, Run]], tolerance: float) -> float:
+    """Seconds of the fastest run so far whose end is within the tolerance of its ladder's last; infinity if none is."""
+    seconds = [math.inf]
+    for ladder in runs.values():
+        ordered = [run for _, run in sorted(ladder.items())]
+        seconds += [run.seconds for run in ordered if distance(run, ordered[-1]) < tolerance]
+    return min(seconds)
+
+
+def trial_of(name: str, span: float, steps: int, run: Run, exact: np.ndarray) -> Trial:
+    error = float(np.linalg.norm(run.end - exact)) if run.ok else math.inf
+    return Trial(name, span / steps, steps, error, run.seconds, run.ok)
+
+
+def fits_of(trials: Sequence[Trial], tolerance: float) -> list[tuple[float, str, int]]:
+    """[(seconds, method, steps)] for the tolerance, interpolated between two trials; [] if no trial reached it."""
+    within = next((t for t in trials if t.ok and t.error <= tolerance), None)
+    if within is None:
+        return []
+    coarser = [t for t in trials if t.steps < within.steps and t.ok]
+    steps = within.steps
+    if coarser and 0 < within.error < coarser[-1].error < 1:
+        coarse = coarser[-1]
+        slope = math.log(coarse.error / within.error) / math.log(within.steps / coarse.steps)
+        steps = min(steps, math.ceil(coarse.steps * (coarse.error / tolerance) ** (1 / slope) / _SAFETY))
+    return [(within.seconds * steps / within.steps, within.method, steps)]
+
+
+def confirmed(candidate: Candidate, steps: int, exact: np.ndarray, tolerance: float) -> Trial | None:
+    """The first trial within the tolerance, with `steps` steps or up to about twice as many; None if there is none."""
+    for _ in range(6):
+        steps = candidate.whole(steps)
+        trial = trial_of(candidate.name, candidate.span, steps, candidate.run(steps), exact)
+        if trial.error <= tolerance:
+            return trial
+        steps = math.ceil(steps * 1.15)
+    return None

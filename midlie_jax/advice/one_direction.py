@@ -1,0 +1,91 @@
+"""Whether a torque reads one direction of space alone, so that a `DirectionState` is enough for the motion."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._math import components as cp
+from ..model import so3
+from ..model.bodies import Body
+from ..model.state import AnyState
+from ..model.states import DirectionState, RigidState
+from ..model.torques import TorqueLike, on_body
+
+_ATTITUDES = 6  # random attitudes at which both states must give the same torque
+_TOLERANCE = 1e3  # in units of eps: a torque whose terms cancel has large rounding errors
+# What a torque raises that is written on an attitude, or on what else a `DirectionState` lacks.
+_REFUSALS = (AttributeError, TypeError, ValueError, NotImplementedError)
+
+
+def one_direction(
+    body: Body, torque: TorqueLike | None, start: AnyState, t0: Array, span: float
+) -> DirectionState | None:
+    """The start as a `DirectionState` under whose torque the momentum moves as from the start itself; None if unknown.
+
+    The torque is called on a `DirectionState` that writes down which directions of space it asks for. If they are all
+    the same, d, and if at random attitudes R and several times the torque is the same with R^T d as with R, then it
+    reads d alone. A torque that reads no direction gives None, and so does one written on the attitude.
+
+    Args:
+        body, torque, t0: as for `integrate`.
+        start: the state, with arrays (3,) and (4,) if it is a `RigidState`; any other gives None.
+        span: the duration, from which the times are taken.
+    """
+    if torque is None or type(start) is not RigidState:
+        return None
+    function = on_body(torque, body)
+    try:
+        d = _direction_read(function, start, t0)
+        if d is None or not _is_enough(function, start, d, t0, span):
+            return None
+    except _REFUSALS:
+        return None
+    return _seen(start, start.attitude, d)
+
+
+def _seen(start: Any, attitude: Array, d: np.ndarray) -> DirectionState:
+    """The momentum of the start, and d as it is seen from a body at this attitude."""
+    return DirectionState(start.momentum, so3.rotate(so3.conjugate(attitude), jnp.asarray(d, attitude.dtype)))
+
+
+def _direction_read(function: Any, start: Any, t0: Array) -> np.ndarray | None:
+    """The unit vector (3,) of space that the torque asks for, or None if it asks for none or for several."""
+    asked = list[Any]()
+
+    class Asked(DirectionState):
+        """A state that writes down which directions a torque asks for."""
+
+        def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+            asked.append(vector)
+            return super().seen_from_body(vector)
+
+        def vertical(self) -> cp.Vector:
+            asked.append((0.0, 0.0, 1.0))
+            return super().vertical()
+
+    function(t0, Asked(start.momentum, so3.to_matrix(start.attitude)[2]))
+    if not asked or cp.is_traced(asked):
+        return None
+    vectors = np.array([[float(x) for x in vector] for vector in asked])
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors = vectors[lengths[:, 0] > 0] / lengths[lengths[:, 0] > 0]
+    same = len(vectors) > 0 and np.all(
+        np.abs(vectors - vectors[:1]) <= _TOLERANCE * jnp.finfo(start.momentum.dtype).eps
+    )
+    return vectors[0] if same else None
+
+
+def _is_enough(function: Any, start: Any, d: np.ndarray, t0: Array, span: float) -> bool:
+    """Whether the torque is the same on a `RigidState` and on its `DirectionState`."""
+    dtype = start.momentum.dtype
+    turns = np.random.default_rng(0).normal(size=(_ATTITUDES, 4))
+    attitudes = [start.attitude, *(jnp.asarray(q / np.linalg.norm(q), dtype) for q in turns)]
+    for n, attitude in enumerate(attitudes):
+        t = t0 + jnp.asarray(span * n / _ATTITUDES, dtype)
+        whole = np.asarray(function(t, RigidState(start.momentum, attitude)))
+        found = np.asarray(function(t, _seen(start, attitude, d)))
+        if not np.max(np.abs(found - whole)) <= _TOLERANCE * jnp.finfo(dtype).eps * np.max(np.abs(whole)):
+            return False
+    return True
