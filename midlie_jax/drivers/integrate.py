@@ -192,7 +192,7 @@ def run_of_body(
             return in_leg(leg, n - first, save_every, method, take, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         unroll = 1 if system.kind.apart else method.unroll  # so that a torque is compiled once
-        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, unroll)
+        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, steps, unroll)
         return adjoint.run(inputs, progress)
 
     progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
