@@ -112,11 +112,9 @@ def test_a_long_run_has_the_derivatives_of_one_that_keeps_every_state():
 
 @pytest.mark.parametrize(("save_every", "every"), [(1024, 64), (2000, 100), (103, 103), (7, 1), (10_007, 1), (8, 8)])
 def test_the_steps_between_two_kept_states_divide_those_between_two_saved_ones(save_every, every):
-    """Of a state of ten numbers, in a long run."""
-    progress = {"momentum": jnp.zeros(3), "pose": jnp.zeros(4), "force": jnp.zeros(3), "verdict": jnp.zeros((), "int8")}
-    steps = adjoints.Steps(None, None, None, None, save_every, 20_000, 1)
-    assert adjoints._every(steps, progress) == every
-    assert adjoints._every(steps._replace(total=1024), progress) == 1
+    """Of a state of ten numbers, in a long run; a run of 1024 steps keeps all states."""
+    assert adjoints._every(save_every, 20_000, 10) == every
+    assert adjoints._every(save_every, 1024, 10) == 1
 
 
 @pytest.mark.sample(0)
@@ -190,7 +188,7 @@ def test_a_shared_parameter_has_the_sum_of_the_derivatives_of_all_bodies(adjoint
     given = parameters("SYMMETRIC[EA]")
 
     def one(weight, momentum):
-        parts = (given[0], weight, momentum, *given[3:])
+        parts = (jnp.asarray([2.0, 2.0, 2.5]), weight, momentum, *given[3:])
         return loss("SYMMETRIC[EA]", adjoint, parts, steps=32, save_every=16, axis=(0.0, 0.0, 1.0))
 
     def of_all(weight):

@@ -95,7 +95,8 @@ class Checkpointed(Adjoint):
             _check_division(self.every, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
-        every = self.every or _every(steps, progress)
+        size = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
+        every = self.every or _every(steps.number, steps.total, size)
         one = _summing_once(steps, progress)
         take = recomputed(lambda progress, step: (one(progress, step), None), middle=True)
         if every == 1:
@@ -191,14 +192,19 @@ def _check_division(every: int, save_every: int) -> None:
         )
 
 
-def _every(steps: Steps, progress: Progress) -> int:
-    """A divisor of the number of steps: those between two states that a run keeps; see `Checkpointed`."""
-    numbers = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
-    if steps.total * numbers <= _ALL:
+def _every(number: int, total: int, size: int) -> int:
+    """The steps between two states that `Checkpointed` keeps by default.
+
+    Args:
+        number: steps between two saved states; the result divides it.
+        total: steps of the run.
+        size: numbers of a state.
+    """
+    if total * size <= _ALL:
         return 1
-    longest = max(_SHORTEST, _BETWEEN // numbers)
+    longest = max(_SHORTEST, _BETWEEN // size)
     candidates = [*range(longest, _SHORTEST - 1, -1), *range(longest + 1, 8 * longest + 1)]
-    return next((every for every in candidates if steps.number % every == 0), 1)
+    return next((every for every in candidates if number % every == 0), 1)
 
 
 def _summing_once(steps: Steps, progress: Progress) -> Step:

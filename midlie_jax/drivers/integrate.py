@@ -93,8 +93,9 @@ def integrate(
             integer index. So a run continued from a saved state, with the index of that state as `first_step`, equals
             the uninterrupted run, bit for bit.
         adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
-            each step and recomputes the rest. `Reversible()`: reverse mode takes the steps backwards, in memory that
-            does not grow with the number of steps. `Forward()`: only forward mode.
+            each step, or in a long run one for about a hundred steps, and recomputes the rest. `Reversible()`: reverse
+            mode takes the steps backwards, in memory that does not grow with the number of steps. `Forward()`: only
+            forward mode.
         observe: what the path holds in place of the states: a function of (t, state), an observable of
             `midlie_jax.observe`, or a dict of these; or a statistic of time, such as
             `midlie_jax.observe.Autocorrelation(f, 100)`, which has no axis of times.
