@@ -2,9 +2,9 @@
 
     python benchmarks/gradients_of_sums.py [--write]
 
-Fast tops P1 in float64 on one core. The gradient is that of one number, the sum over all tops of |Pi|^2 at the end, with
-respect to the weight, which all tops share: `jax.value_and_grad` of a loss around `jax.vmap` of `integrate`. Times are
-medians of processor time, of programs that take turns, with the options of the compiler that docs/performance.md
+Fast tops P1 in float64 on one core. The gradient is that of one number, the sum over all tops of |Pi|^2 at the end,
+with respect to the weight, which all tops share: `jax.value_and_grad` of a loss around `jax.vmap` of `integrate`. Times
+are medians of processor time, of programs that take turns, with the options of the compiler that docs/performance.md
 recommends for many bodies. The memory is what the compiled gradient needs besides arguments and results.
 """
 
