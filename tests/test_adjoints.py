@@ -92,8 +92,29 @@ def test_memory_of_the_way_back_does_not_grow_with_the_steps():
 
     least = memory(ml.Reversible(), 1600)
     assert memory(ml.Reversible(), 160_000) <= 1.1 * least
-    assert memory(ml.Checkpointed(), 160_000) >= 50 * least
-    assert memory(ml.Checkpointed(every=400), 160_000) <= memory(ml.Checkpointed(), 160_000) / 50
+    every_step = memory(ml.Checkpointed(every=1), 160_000)
+    assert every_step >= 50 * least
+    assert memory(ml.Checkpointed(every=400), 160_000) <= every_step / 50
+    # By default a state of ten numbers every 100 steps, and the seven that each step between two of them needs.
+    assert memory(ml.Checkpointed(), 160_000) <= every_step / 30
+    assert memory(ml.Checkpointed(), 1024) == memory(ml.Checkpointed(every=1), 1024)
+    assert memory(ml.Checkpointed(), 1600) < memory(ml.Checkpointed(every=1), 1600)
+
+
+@pytest.mark.sample(0)
+def test_a_long_run_has_the_derivatives_of_one_that_keeps_every_state():
+    name, run = "SYMMETRIC[EA]", {"steps": 4800, "save_every": 1600}
+    given = parameters(name)
+    kept = quick(jax.grad(partial(loss, name, ml.Checkpointed(every=1), **run)))(given)
+    assert gap(quick(jax.grad(partial(loss, name, ml.Checkpointed(), **run)))(given), kept) <= 1e-12
+    assert gap(quick(jax.jacfwd(partial(loss, name, ml.Checkpointed(), **run)))(given), kept) <= 1e-9
+
+
+@pytest.mark.parametrize(("save_every", "every"), [(1024, 64), (2000, 100), (103, 103), (7, 1), (10_007, 1), (8, 8)])
+def test_the_steps_between_two_kept_states_divide_those_between_two_saved_ones(save_every, every):
+    """Of a state of ten numbers, in a long run; a run of 1024 steps keeps all states."""
+    assert adjoints._every(save_every, 20_000, 10) == every
+    assert adjoints._every(save_every, 1024, 10) == 1
 
 
 @pytest.mark.sample(0)
@@ -103,7 +124,7 @@ def test_seven_numbers_are_kept_of_a_step_that_begins_with_a_kick():
     def memory(steps):
         def end(momentum):
             given = parameters("SYMMETRIC[EA]")
-            return loss("SYMMETRIC[EA]", ml.Checkpointed(), (*given[:2], momentum, *given[3:]), steps, steps)
+            return loss("SYMMETRIC[EA]", ml.Checkpointed(every=1), (*given[:2], momentum, *given[3:]), steps, steps)
 
         momentum = jnp.asarray(CASE.momentum)
         return quick(jax.grad(end)).lower(momentum).compile().memory_analysis().temp_size_in_bytes
@@ -159,6 +180,30 @@ def test_an_ensemble_goes_back_as_each_of_its_bodies():
     assert abs(slopes[1] - slopes[0]) <= 1e-12 * abs(slopes[0])
 
 
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("adjoint", [ml.Checkpointed(), ml.Checkpointed(every=8), ml.Reversible()])
+def test_a_shared_parameter_has_the_sum_of_the_derivatives_of_all_bodies(adjoint):
+    """First and second; of a top whose torque has a component that is always zero."""
+    momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, 5)[:, None])
+    given = parameters("SYMMETRIC[EA]")
+
+    def one(weight, momentum):
+        parts = (jnp.asarray([2.0, 2.0, 2.5]), weight, momentum, *given[3:])
+        return loss("SYMMETRIC[EA]", adjoint, parts, steps=32, save_every=16, axis=(0.0, 0.0, 1.0))
+
+    def of_all(weight):
+        return jnp.sum(jax.vmap(one, (None, 0))(weight, momenta))
+
+    def derivatives(function):
+        return lambda *arguments: (jax.grad(function)(*arguments), jax.grad(jax.grad(function))(*arguments))
+
+    shared = quick(derivatives(of_all))(given[1])
+    each_body = quick(jax.vmap(derivatives(one), (None, 0)))(given[1], momenta)
+    for found, parts in zip(shared, each_body, strict=True):
+        assert jnp.max(jnp.abs(parts)) > 1e-4
+        assert abs(found - jnp.sum(parts)) <= 1e-12 * jnp.sum(jnp.abs(parts))
+
+
 def damping(t, state):
     del t
     return -0.1 * state.momentum
@@ -197,18 +242,27 @@ BATCH = 1003  # a number that nothing else in the program has
 
 
 @pytest.mark.sample(0)
+@pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize(("name", "loops"), [("SYMMETRIC[EA]", 1), ("JACOBI[EA]", 1)])
-def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops):
-    """Without those that only add up what a step contributes to the derivatives of shared parameters."""
+def test_the_reverse_derivative_of_a_step_is_few_loops(name, loops, shared):
+    """Without those that only add up what a step contributes to the derivatives of parameters.
 
-    def gradient(momentum):
-        given = parameters(name)
-        return jax.grad(partial(loss, name, ml.Checkpointed(), steps=8, save_every=8))(
-            (*given[:2], momentum, *given[3:])
-        )
+    The same holds for parameters that all bodies share.
+    """
+    moments, weight, _, *rest = parameters(name)
+
+    def end(parts, momentum):
+        return loss(name, ml.Checkpointed(), (*parts, momentum, *rest), steps=8, save_every=8)
+
+    def of_each(momenta):
+        return jax.vmap(jax.grad(end), (None, 0))((moments, weight), momenta)
+
+    def of_all(momenta):
+        return jax.grad(lambda parts: jnp.sum(jax.vmap(end, (None, 0))(parts, momenta)))((moments, weight))
 
     momenta = jnp.asarray(CASE.momentum * np.linspace(0.9, 1.1, BATCH)[:, None])
-    text = real(jax.vmap(gradient)).lower(momenta).compile().as_text()
+    text = real(of_all if shared else of_each).lower(momenta).compile().as_text()
+    assert not any(re.search(rf" = f64\[\]\S* .*(fusion|reduce)\(.*{BATCH}", body) for body in loop_bodies(text))
     fused = [re.findall(rf"%([a-z_]+)_fusion\S* = .*\[{BATCH}\].* fusion\(", body) for body in loop_bodies(text)]
     assert max(fusions.count("broadcast_reduce") for fusions in fused) <= 2 * loops
     # What is not: sums, and copies of kept states.

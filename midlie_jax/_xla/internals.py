@@ -88,18 +88,20 @@ def make_primitive(
     jvp: Callable[..., Any],
     transpose: Callable[..., Any],
     batch: Callable[..., Any],
+    outputs: Callable[..., Any] = lambda types, **parameters: types,
 ) -> Primitive:
-    """A primitive with many outputs, of the types of its inputs.
+    """A primitive with many outputs, by default of the types of its inputs.
 
     Args:
         name: its name.
         default, on_cpu: functions of the inputs that compute the outputs, on other platforms and on CPUs.
         jvp, transpose, batch: rules, in the form that JAX expects.
+        outputs: the types of the outputs, from the list of the types of the inputs and the parameters.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True
     primitive.def_impl(default)
-    primitive.def_abstract_eval(lambda *types, **parameters: list(types))
+    primitive.def_abstract_eval(lambda *types, **parameters: list(outputs(types, **parameters)))
     ad.primitive_jvps[primitive] = jvp
     ad.primitive_transposes[primitive] = transpose
     batching.primitive_batchers[primitive] = batch

@@ -19,9 +19,16 @@ from jax.custom_derivatives import SymbolicZero
 from .._checks.arguments import as_count, described
 from .._xla.internals import is_zero_tangent, make_primitive
 from .._xla.keep import recomputed
+from .._xla.per_row import in_rows, with_tangents_of
+from .._xla.rules import fits
 from ..methods.base import Method, Progress
 from ..methods.system import System
 
+# Numbers of one body. What a derivative keeps of a run is written to memory and read again. While that of a few hundred
+# bodies fits the last cache, this takes less time than to compute the steps again, and beyond the cache more; the steps
+# between two kept states should fit the second-level cache (`benchmarks/gradients.py`).
+_ALL, _BETWEEN = 10_240, 1024
+_SHORTEST = 8  # steps between two kept states, for which it is worthwhile to compute them again
 _INTERVALS = 16  # between the states that a reversible run keeps
 # The most steps backwards from a kept state. Rounding changes the momentum by about eps per step, and thereby the
 # attitude: after n steps of one radian, in a regular motion, its error is about n^1.5 eps, here 4e-9 and 1.4e-3
@@ -40,6 +47,7 @@ class Steps(NamedTuple):
         take_again: like `take`, but used for the derivative alone; its third argument is what `take_back` found out.
         inputs: the index and the prepared values of each step, a pytree with a leading axis of steps.
         number: how many steps.
+        total: how many steps the run has in all.
         unroll: steps per iteration of the loop.
     """
 
@@ -48,6 +56,7 @@ class Steps(NamedTuple):
     take_again: Step
     inputs: Any
     number: int
+    total: int
     unroll: int
 
 
@@ -68,28 +77,36 @@ class Checkpointed(Adjoint):
 
     Attributes:
         every: a state is kept every `every` steps; it must divide `save_every`. With 1 each step is recomputed once.
-            With more, it is recomputed twice, and n steps need memory for n / every + every states.
+            With more, it is recomputed twice, and n steps need memory for n / every + every states. By default 1 for a
+            run of at most 10240 numbers, such as 1024 states of momentum, attitude and torque. For a longer run it is
+            the largest divisor of `save_every` from 8 to 1024 over the numbers of a state, 102 in the example; if there
+            is none, the next larger one up to eight times as many; and 1 if there is none either.
     """
 
-    every: int = eqx.field(static=True, default=1)
+    every: int | None = eqx.field(static=True, default=None)
 
     def __check_init__(self) -> None:
-        as_count("every", self.every)
+        if self.every is not None:
+            as_count("every", self.every)
 
     def check(self, method: Method, system: System, save_every: int) -> None:
         del method, system
-        _check_division(self.every, save_every)
+        if self.every is not None:
+            _check_division(self.every, save_every)
 
     def run(self, steps: Steps, progress: Progress) -> Progress:
-        take = recomputed(lambda progress, step: (steps.take(progress, step), None), middle=True)
-        if self.every == 1:
+        size = sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
+        every = self.every or _every(steps.number, steps.total, size)
+        one = _summing_once(steps, progress)
+        take = recomputed(lambda progress, step: (one(progress, step), None), middle=True)
+        if every == 1:
             return jax.lax.scan(take, progress, steps.inputs, unroll=steps.unroll)[0]
 
         def advance(progress: Progress, inputs: Any) -> tuple[Progress, None]:
             return jax.lax.scan(take, progress, inputs, unroll=steps.unroll)
 
         block = recomputed(advance, middle=False)
-        return jax.lax.scan(block, progress, _in_blocks(steps.inputs, self.every))[0]
+        return jax.lax.scan(block, progress, _in_blocks(steps.inputs, every))[0]
 
 
 class Reversible(Adjoint):
@@ -175,6 +192,42 @@ def _check_division(every: int, save_every: int) -> None:
         )
 
 
+def _every(number: int, total: int, size: int) -> int:
+    """The steps between two states that `Checkpointed` keeps by default.
+
+    Args:
+        number: steps between two saved states; the result divides it.
+        total: steps of the run.
+        size: numbers of a state.
+    """
+    if total * size <= _ALL:
+        return 1
+    longest = max(_SHORTEST, _BETWEEN // size)
+    candidates = [*range(longest, _SHORTEST - 1, -1), *range(longest + 1, 8 * longest + 1)]
+    return next((every for every in candidates if number % every == 0), 1)
+
+
+def _summing_once(steps: Steps, progress: Progress) -> Step:
+    """`steps.take`, whose reverse derivative adds up over bodies after the loop what belongs to parameters they share.
+
+    This holds for parameters of few numbers, which a step reads as scalars.
+    """
+    index = jax.tree.map(lambda x: x[0], steps.inputs)
+    take, arrays = jax.closure_convert(steps.take, progress, index)
+    small = [fits(jax.typeof(x)) for x in arrays]
+    few, others = eqx.partition(arrays, small)
+    values = [x for x in few if x is not None]
+    copies = in_rows(values, jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
+    values = jax.lax.stop_gradient(values)
+
+    def one(progress: Progress, step: Any) -> Progress:
+        own = iter(with_tangents_of(copies, values))
+        given = [next(own) if is_small else x for is_small, x in zip(small, others, strict=True)]
+        return take(progress, step, *given)
+
+    return one
+
+
 def _block(count: int, progress: Progress) -> int:
     """A divisor of `count`: the steps between two states that a reversible run keeps; see `Reversible`."""
     dtypes = {str(leaf.dtype) for leaf in jax.tree.leaves(progress)}
@@ -211,7 +264,11 @@ def _run_reversibly(functions: _Functions, unroll: int, progress: Progress, inpu
     def take(progress: Progress, step: Any) -> tuple[Progress, None]:
         return functions.take(progress, step, *arrays[0]), None
 
-    return jax.lax.scan(take, progress, inputs, unroll=unroll)[0]
+    end = jax.lax.scan(take, progress, inputs, unroll=unroll)[0]
+    # Under `jax.vmap` JAX refuses a derivative if bodies share an output, as the third component of the torque on a top
+    # whose centre of mass lies on the axis e3: always zero.
+    leaves, structure = jax.tree.flatten(end)
+    return structure.unflatten(in_rows(leaves, []))
 
 
 def _forward_pass(functions: _Functions, unroll: int, *arguments: Any) -> tuple[Progress, Any]:

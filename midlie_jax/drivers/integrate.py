@@ -96,8 +96,9 @@ def integrate(
             integer index. So a run continued from a saved state, with the index of that state as `first_step`, equals
             the uninterrupted run, bit for bit.
         adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
-            each step and recomputes the rest. `Reversible()`: reverse mode takes the steps backwards, in memory that
-            does not grow with the number of steps. `Forward()`: only forward mode.
+            each step, or in a long run one for about a hundred steps, and recomputes the rest. `Reversible()`: reverse
+            mode takes the steps backwards, in memory that does not grow with the number of steps. `Forward()`: only
+            forward mode.
         observe: what the path holds in place of the states: a function of (t, state), an observable of
             `midlie_jax.observe`, or a dict of these; or a statistic of time, such as
             `midlie_jax.observe.Autocorrelation(f, 100)`, which has no axis of times.
@@ -216,7 +217,8 @@ def run_of_body(
 
             return in_leg(leg, n - first, save_every, method, take, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, unroll)
+        steps = intervals * save_every
+        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, steps, unroll)
         return adjoint.run(inputs, progress)
 
     progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
