@@ -131,7 +131,7 @@ _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "bitcast_convert_type": lambda x, new_dtype: _elementwise(partial(_bits, dtype=new_dtype))(x),
 }
 _CALLS = {"jit": "jaxpr", "remat2": "jaxpr", "custom_jvp_call": "call_jaxpr"}
-_AS_IT_IS = {"fuse", "name", "stop_gradient"}
+_AS_IT_IS = {"fuse", "name", "stop_gradient", "in_rows", "with_tangents"}  # the first operands are the results
 
 
 def _scan(body: Callable[..., list[Any]], count: int, carried: int, order: range, *values: Any) -> list[Any]:
@@ -187,7 +187,7 @@ class _Code:
         """Writes one operation; returns the names of its results."""
         kind, parameters = equation.primitive.name, equation.params
         if kind in _AS_IT_IS:
-            return given
+            return given[: len(equation.outvars)]
         if kind in _CALLS:
             inner = parameters[_CALLS[kind]]
             jaxpr, constants = (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, ())

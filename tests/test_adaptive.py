@@ -132,6 +132,7 @@ def test_a_body_that_has_arrived_waits_where_it_is():
     assert np.all(out.times[~arrived, 1] < T1)
 
 
+@pytest.mark.sample(0)
 def test_an_even_density_is_integrate():
     s, dt, t0, _ = jax.tree.map(lambda x: x[4], asked())
     start, torque = ml.RigidState(s.momentum, s.attitude), jax.tree_util.Partial(beating, s.weight)

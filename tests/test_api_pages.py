@@ -85,7 +85,7 @@ def test_a_signature_is_as_the_source_has_it():
     parameters = (axis, "*", "colour: str | None = None, label: str | None = None")
     assert " ".join(pages.signature(ml.plot.axis_path).split()) == f"( {', '.join(parameters)}, ) -> np.ndarray"
     assert pages.signature(ml.Particles) == "(mass: Any)"
-    assert pages.signature(ml.Checkpointed) == "(every: int = 1)"
+    assert pages.signature(ml.Checkpointed) == "(every: int | None = None)"
     assert pages.signature(ml.flights.Jacobi) == "()"
     assert pages.signature(ml.torques.Sum) == "(*terms: TorqueLike | None)"
     assert pages.signature(ml.scatter).endswith("**quantities: Any) -> dict[str, Any]")

@@ -47,6 +47,7 @@ def test_a_needle_next_to_the_inverted_position_is_as_fast_as_it_will_be():
     assert fastest == pytest.approx(found.turn / 0.01, rel=1e-3)
 
 
+@pytest.mark.sample(0)
 def test_each_reason_is_named():
     def why(torque, state, dt):
         found = ml.check(EA, BODY, torque, state, dt=dt)

@@ -55,7 +55,7 @@ def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind
     assert missed <= 4 * roundings(name) * epsilon(dtype), missed / epsilon(dtype)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
     found, half = paths(kind, name, dtype), STEPS // 2
@@ -228,7 +228,7 @@ def test_a_step_of_two_bodies_is_four_loops(torque):
     assert loops == 4 * ml.method("JACOBI[EA]").unroll
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("own_times", [False, True])
 def test_the_function_of_many_bodies_is_compiled_apart_once_a_step(own_times):
     """In a branch of a conditional, also of replicas with times of their own: a select would be fused with the step."""

@@ -38,6 +38,7 @@ def opaque(t, state):
     return without_derivative(ml.so3.to_matrix(state.attitude)[2])
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", NAMES)
 def test_no_derivative_of_the_torque_is_taken(name):
     """A torque that refuses to be differentiated is stepped as any other; a scheme with gradients cannot."""

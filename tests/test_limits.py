@@ -55,6 +55,7 @@ def test_a_needle_is_stable_up_to_the_limit_of_verlet_and_a_spinning_one_up_to_t
     assert ml.method(name).stability_limit(1j) / OMEGA == pytest.approx(found[0], rel=0.01)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(
     "name",
     [

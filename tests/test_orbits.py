@@ -238,6 +238,7 @@ def test_a_table_is_of_fourth_order(even, velocities):
         assert np.abs(positions(table, between) - positions(circle, between)).max() < 4.1e-8
 
 
+@pytest.mark.sample(0)
 def test_a_table_keeps_cubics_and_its_slopes_quartics():
     times = jnp.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1])
     powers = np.array([[1.0, -2.0, 0.5], [0.3, 1.0, -1.0], [-0.7, 0.2, 0.4], [0.1, -0.3, 0.2], [0.05, 0.02, -0.1]])

@@ -143,6 +143,7 @@ def test_python_takes_objects_and_names_alike(folder):
     assert stability.lines(own[0], scene, sweeps[0])
 
 
+@pytest.mark.sample(0)
 def test_error_against_time_takes_objects():
     """`measure` and `families_of`, with a method that no name finds."""
     given = work_precision.problem("P1", bodies=2, judged=2, quick=True)

@@ -371,7 +371,7 @@ def test_crossings_of_a_place():
     np.testing.assert_allclose(np.linalg.norm(found.states.attitude, axis=1), 1, atol=1e-12)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("ending", ["npz", "zarr"])
 @pytest.mark.parametrize("kind", ["AxisState", "FreeState", "FreeAxisState"])
 def test_a_saved_run_is_read_and_shown(cases, tmp_path, kind, ending):

@@ -171,7 +171,7 @@ COLUMNS = [
 ]
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "column", "tolerance"), COLUMNS)
 def test_published_third_axis(name, column, tolerance):
     assert worst(end(name).rotation[:, 2], column) < tolerance

@@ -103,6 +103,7 @@ def test_a_background_that_is_no_colour_is_named(path):
         ml.plot.animate(BRICK, path, "never.gif", background="snwo")
 
 
+@pytest.mark.sample(0)
 def test_a_view_of_two_has_a_scene_for_each(path, other):
     go = pytest.importorskip("plotly.graph_objects")
     shown = ml.plot.view([BRICK, SLIM], {"a": path, "b": other}, axis="e1", frames=7, title="two")

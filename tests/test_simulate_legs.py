@@ -162,7 +162,7 @@ def test_what_a_late_run_wrote_is_not_lost(tmp_path, monkeypatch):
     assert result.repaired == ()
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("cut", [{"group": 50, "span": None, "save_every": 120}, {"group": 25, "span": 6}])
 @pytest.mark.parametrize("price", [1e-5, 0.1, 0.7, 4.0, 13.0])
 def test_at_no_time_is_more_than_half_a_minute_lost(tmp_path, monkeypatch, price, cut):
@@ -247,7 +247,7 @@ def test_a_kill_while_a_part_is_kept_leaves_what_was_kept_before(tmp_path, monke
     )
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("place", ["start", "middle", "end", "half", "nothing"])
 def test_damage_to_what_is_kept_is_named_and_computed_again(tmp_path, monkeypatch, references, place):
     path, run = tmp_path / "run.zarr", RUNS["tops"]

@@ -46,6 +46,7 @@ def test_control_brings_a_body_to_its_target_and_to_rest(turn):
     assert np.linalg.norm(path.states.momentum[-1]) < 1e-6
 
 
+@pytest.mark.sample(0)
 def test_control_is_a_spring_of_its_stiffness_and_friction_for_small_angles():
     """About one axis: I w'' = -proportional w - derivative w'."""
     k, c, inertia, angle = 2.0, 0.3, 1.8, 1e-4
@@ -121,6 +122,7 @@ def test_a_residual_dipole_in_a_field_along_an_orbit():
         ml.energy(BODY, dipole, START)
 
 
+@pytest.mark.sample(0)
 def test_drag_pushes_against_the_wind_and_turns_the_lever_down_it():
     """The torque is lever x R^T F, F against the motion and with the square of the speed; the body trails its lever."""
     lever, wind = jnp.array([0.0, 0.0, 0.5]), jnp.array([3.0, 0.0, 4.0])

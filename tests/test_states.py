@@ -45,6 +45,7 @@ def test_an_increment_leads_from_one_state_to_the_other(kind, batch):
     same(one.plus(jnp.zeros_like(increment)), one)
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", KINDS)
 def test_increments_have_derivatives_at_zero(kind):
     """Where every fit by multiple shooting begins."""

@@ -24,9 +24,9 @@ from typing import Any, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 
-from .._checks.structure import is_array, kind_of
 from .internals import bodies_at_once
 from .platform import on_cpu
+from .structure import is_array, kind_of
 
 P = ParamSpec("P")
 R = TypeVar("R")

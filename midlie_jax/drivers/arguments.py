@@ -9,8 +9,8 @@ import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count, as_floats, described, require_finite, same_dtype, shown
-from .._checks.structure import once, once_for_numbers
 from .._math.components import is_traced
+from .._xla.structure import once, once_for_numbers
 from ..methods.base import Method
 from ..methods.registry import method as find_method
 from ..model.bodies import principal_of

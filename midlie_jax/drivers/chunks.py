@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from .._checks.structure import structure_of
 from .._xla.compiler import tuned_jit
 from .._xla.platform import cores, on_cpu
+from .._xla.structure import structure_of
 from ..methods.base import Method
 from . import shared_inputs
 from .adjoints import Adjoint, Reversible
@@ -175,32 +175,33 @@ def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
 
-def prepared(
-    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int, idle: Any
-) -> tuple[Rows, Rows] | None:
-    """`shared_tables`, whose program is not called where it is known to have no result."""
-    decision = structure_of((method, adjoint, mapped, shared, steps, idle))
-    if decision is not None and decision in _nothing_shared:
-        return None
-    tables = shared_tables(method, adjoint, mapped, shared, first, steps, idle)
-    if decision is not None and tables is None:
-        _nothing_shared.add(decision)
-    return tables
-
-
-@tuned_jit
 def shared_tables(
-    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int, idle: Array | None = None
+    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int, idle: Any = None
 ) -> tuple[Rows, Rows] | None:
     """The prepared inputs of steps of zero length, and of the steps of a run; None if nothing is worth preparing.
 
     They are computed by a program of their own, because XLA rounds some of them differently in one for several devices.
+    It is not called where it is known that the bodies share nothing.
 
     Args:
         method, adjoint, mapped, shared, first: as for `run_ensemble`.
         steps: how many steps are prepared, at least those of the run.
         idle: the indices of the steps of zero length; by default that before the run alone.
     """
+    decision = structure_of((method, adjoint, mapped, shared))
+    if decision is not None and decision in _nothing_shared:
+        return None
+    tables = _shared_tables(method, adjoint, mapped, shared, first, steps, idle)
+    if decision is not None and tables is None:
+        _nothing_shared.add(decision)
+    return tables or None
+
+
+@tuned_jit
+def _shared_tables(
+    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int, idle: Array | None
+) -> tuple[Rows, Rows] | tuple[()] | None:
+    """`shared_tables`: None if nothing is shared, () if the tables would be too large."""
     # A step backwards needs other inputs than a step forwards.
     inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
     if inputs is None:
@@ -209,7 +210,7 @@ def shared_tables(
     system, first = method.system(body, torque, start, t0, dt), first.astype(jnp.int32)
     row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
     if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
-        return None
+        return ()
     idle = first[None] - 1 if idle is None else idle
     indices = jnp.concatenate([idle, first + jnp.arange(steps, dtype=jnp.int32)])
     lengths = jnp.concatenate([jnp.broadcast_to(0 * dt, idle.shape), jnp.broadcast_to(dt, (steps,))])

@@ -8,7 +8,7 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, as_floats, described, require_finite
-from .._checks.structure import once
+from .._xla.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
@@ -16,7 +16,7 @@ from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
-from .chunks import chunk_size, prepared, run_ensemble
+from .chunks import chunk_size, run_ensemble, shared_tables
 from .counted import count_as_argument, prepared_steps
 from .observe import Observe, Statistic, as_observe
 from .path import Path
@@ -128,7 +128,7 @@ def ensemble(
     adjoint, intervals = as_adjoint(adjoint), 1 if save_every is None else steps // save_every
     every = count_as_argument(steps // intervals, steps, adjoint)
     run = batch.method, adjoint, batch.mapped, batch.shared, first
-    tables = prepared(*run, *prepared_steps(first, intervals, every))
+    tables = shared_tables(*run, *prepared_steps(first, intervals, every))
     return run_ensemble(*run, intervals, every, save_every is None, size, observe, mesh, tables=tables)[0]
 
 

@@ -79,7 +79,7 @@ class Splitting(Method):
     @property
     def asks(self) -> tuple[float, float]:
         times = self.scheme.times_of_kicks
-        return min(0.0, *times), max(1.0, *times)
+        return min((0.0, *times)), max((1.0, *times))
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
         if isinstance(inertia, FreeInertia):

@@ -150,7 +150,7 @@ class Computation(NamedTuple):
     @property
     def interval(self) -> Array:
         """The time between two saved states of a run whose bodies have one step, ()."""
-        return self.batch.shared[3] * self.plan.save_every
+        return jnp.asarray(self.batch.shared[3] * self.plan.save_every)
 
     def _series(self, group: int) -> Any:
         """What a statistic over times carries of a group at the start of the run; None without one."""

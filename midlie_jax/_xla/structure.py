@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
-from jax.core import Tracer
+
+from .internals import Tracer
 
 R = TypeVar("R")
 _KEPT = 512  # decisions; beyond, all are forgotten
