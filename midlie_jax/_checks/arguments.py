@@ -104,6 +104,8 @@ def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], prob
 
 
 def require_finite(name: str, value: Any) -> None:
+    if is_traced(value) or np.isfinite(np.asarray(value)).all():
+        return
     require(name, value, np.isfinite, "must be finite", "check where the NaN or infinity comes from.")
 
 

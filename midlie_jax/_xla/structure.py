@@ -21,7 +21,10 @@ _known: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
 
 def structure_of(tree: Any) -> Hashable:
     """All of a tree but the numbers in its arrays; None where a part of it cannot be compared."""
-    leaves, structure = jax.tree.flatten(tree)
+    return _structure(*jax.tree.flatten(tree))
+
+
+def _structure(leaves: list[Any], structure: Any) -> Hashable:
     found = structure, tuple(map(kind_of, leaves))
     try:
         hash(found)
@@ -60,8 +63,8 @@ def once(decide: Callable[..., R], *arguments: Any) -> R:
 
 def once_for_numbers(decide: Callable[..., R], *arguments: Any) -> R:
     """`decide(*arguments)`, remembered for the same arrays, which must be of JAX, because those of NumPy can change."""
-    leaves = [leaf for leaf in jax.tree.leaves(arguments) if is_array(leaf)]
-    structure = structure_of(arguments)
+    every, tree = jax.tree.flatten(arguments)
+    structure, leaves = _structure(every, tree), [leaf for leaf in every if is_array(leaf)]
     if structure is None or any(isinstance(leaf, Tracer) or not isinstance(leaf, jax.Array) for leaf in leaves):
         return decide(*arguments)
     key = decide, structure, tuple(map(id, leaves))

@@ -174,10 +174,13 @@ class Forward(Adjoint):
         return structure.unflatten(_forward_only.bind(*leaves))
 
 
+_DEFAULT = Checkpointed()
+
+
 def as_adjoint(adjoint: Any) -> Adjoint:
     """The adjoint itself, `Checkpointed()` for None; a ValueError for anything else."""
     if adjoint is None:
-        return Checkpointed()
+        return _DEFAULT
     if not isinstance(adjoint, Adjoint):
         raise ValueError(
             f"adjoint must be midlie_jax.Checkpointed(), Reversible() or Forward(), got {described(adjoint)}."

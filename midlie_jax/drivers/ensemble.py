@@ -12,6 +12,7 @@ from .._xla.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
+from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
 from ..model.torques import TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
@@ -164,7 +165,7 @@ def as_batch(
         method, body, torque, start, dt, t0, torque_axes: as for `ensemble`.
         bath: why no heat bath is possible here, for a message; None where one is.
     """
-    check_state("start", start)
+    once(check_state, "start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
     method = check_system(as_method(method), body, torque, start, batch=1, bath=bath)
     if count == 0:
@@ -201,6 +202,8 @@ def _rows(arguments: Any, torque_axes: Any) -> Any:
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
     """`check_times` of the bodies of an ensemble."""
+    if not orbits_in((batch.mapped[1], batch.shared[1])):
+        return
     _, torque, _, dt, t0 = eqx.combine(batch.mapped, batch.shared)
     check_times(batch.method, torque, t0, dt, first, steps)
 

@@ -168,6 +168,8 @@ def run_of_body(
         system = system._replace(costly=shared.costly)
     rows_idle, rows_of_steps = (None, None) if rows is None else rows
     keeps_force = method.keeps_force(system)
+    # Whether an idle step of the loop computes the force at the start.
+    waits = keeps_force and not isinstance(save_every, int) and not system.kind.apart
 
     def advance(h: Array, progress: Progress, step: tuple[Array, Any]) -> Progress:
         n, row = step
@@ -188,9 +190,7 @@ def run_of_body(
 
     def begin() -> Progress:
         progress = Progress(system.motion(start), None, promoted(jnp.where(counted, FINE, UNCOUNTED), axes))
-        if (
-            keeps_force and not isinstance(save_every, int) and not system.kind.apart
-        ):  # an idle step of the loop will compute it
+        if waits:
             return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
         if keeps_force:
             before = jax.tree.map(lambda x: x[jnp.array([0, 0])], rows_idle)
@@ -208,8 +208,8 @@ def run_of_body(
                 row = jax.tree.map(lambda x, y: jnp.where(taken, x, y[i + idle]), row, rows_idle)
                 return advance(jnp.where(taken, dt, 0), progress, (n + k, row))
 
-            idle = (i == 0) & keeps_force & (not system.kind.apart)
-            return take_counted(take_or_wait, progress, jnp.asarray(save_every), unroll, idle.astype(jnp.int32))
+            idle = ((i == 0) & waits).astype(jnp.int32)
+            return take_counted(take_or_wait, progress, jnp.asarray(save_every), unroll, idle)
         if leg is not None:
 
             def take(progress: Progress, k: Array) -> Progress:

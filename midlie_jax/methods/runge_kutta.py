@@ -30,6 +30,7 @@ from .verdict import of_all, verdict
 # one loop, a step takes 40 times as long as in two loops of half that length. On a GPU longer kernels are divided, too.
 _LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
 _LONG_EVALUATION = 150  # operations from which a stage of a tableau has a loop of its own
+_OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gradient before each group of corrections
 _EVALUATIONS_IN_KERNEL = 16  # how many evaluations of a simple torque fit one kernel
 
 
@@ -61,7 +62,7 @@ class RungeKutta(Method):
         self.symmetric = self.symplectic = self.keeps_momentum = False
         self.projects = projects
         self.bodies = RigidBody if projects else Body
-        self.evaluations = formula.evaluations + projects
+        self.evaluations = formula.evaluations + (_OF_PROJECTION if projects else 0)
 
     def __hash__(self) -> int:
         return hash((type(self), self.name))
