@@ -175,12 +175,15 @@ def as_batch(
     dt, t0 = (_scalar_or_row(name, value, count, dtype) for name, value in (("dt", dt), ("t0", t0)))
     check_step(method, dt)
     arguments = (body, torque, start, dt, t0)
-    rows = once(_rows, arguments, torque_axes)
-    return Batch(method, count, *eqx.partition(arguments, rows))
+    leaves, structure = jax.tree.flatten(arguments)
+    marks = once(_with_rows, arguments, torque_axes)
+    mapped = structure.unflatten([leaf if own else None for leaf, own in zip(leaves, marks, strict=True)])
+    shared = structure.unflatten([None if own else leaf for leaf, own in zip(leaves, marks, strict=True)])
+    return Batch(method, count, mapped, shared)
 
 
-def _rows(arguments: Any, torque_axes: Any) -> Any:
-    """The tree of the arguments with True for each array that has one row for each body."""
+def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
+    """For each leaf of the arguments, whether it has one row for each body."""
     body, torque, start, dt, t0 = arguments
     own_body, count = bool(start.batch_of(body)), start.momentum.shape[0]
     rows = (
@@ -197,7 +200,7 @@ def _rows(arguments: Any, torque_axes: Any) -> Any:
             "the parameters that have rows, or is None."
         )
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
-    return rows
+    return jax.tree.leaves(rows)
 
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
