@@ -71,9 +71,9 @@ def _one(*args: Any, **kwargs: Any) -> int:
 def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = _one) -> Callable[P, R]:
     """`equinox.filter_jit`, with `compiler_options` if the program is outermost; also under `jax.vmap`.
 
-    An outermost call looks for its program by the structure of its arguments and gives it the arrays alone, in
-    a fraction of the time that `filter_jit` takes for this. Inside another `jax.jit`, a derivative or a `jax.shard_map` the options are
-    left out.
+    An outermost call looks for its program by the structure of its arguments and gives it the arrays alone, in a
+    fraction of the time that `filter_jit` takes for this. Inside another `jax.jit`, a derivative or a `jax.shard_map`
+    the options are left out.
 
     Args:
         function: what is compiled.
