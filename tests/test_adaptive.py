@@ -143,6 +143,7 @@ def test_an_even_density_is_integrate():
     assert gap(ours, (path.times, path.states.momentum, path.states.attitude)) <= 64 * epsilon("float64")
 
 
+@pytest.mark.sample(0)
 def test_mapped_is_alone():
     out = run(METHODS[0])
     s, dt, t0, strength = jax.tree.map(lambda x: x[3], asked())

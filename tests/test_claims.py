@@ -115,6 +115,7 @@ def test_a_trend_is_told_from_an_oscillation_and_from_rounding(drift, noise, hol
     assert verdicts.has_no_trend(measured(HAS)._replace(energy=energy)) == holds
 
 
+@pytest.mark.sample(0)
 def test_the_best_is_the_best_on_both_scenes():
     names = [PAPERS, HAS, "NMB"]
     methods = [ml.method(name) for name in names]

@@ -28,7 +28,7 @@ def paths(kind, name, dtype):
     return run(kind, name, stacked(*[start(kind, dtype)] * len(DT)), DT)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_order(kind, name):
     order, found, exact = ml.method(name).order, paths(kind, name, "float64"), truth(kind, 0.5)

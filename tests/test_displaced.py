@@ -118,7 +118,7 @@ def defect(name, h):
     return structure.symplectic_defect(matrix, START.momentum, momentum[0])
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_symplectic_defect_of_a_step_is_of_fifth_order(name):
     """A kick h b T is off a potential's by h b times the square of the displacement, of order h^2."""

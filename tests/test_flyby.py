@@ -26,6 +26,7 @@ def both():
     return jax.tree.map(lambda *x: jnp.stack(x), *(flyby.start(*end.phases) for end in flyby.ENDS))
 
 
+@pytest.mark.sample(0)
 def test_starts_are_made_by_two_periods_a_pole_and_two_phases():
     for end in flyby.ENDS:
         state = flyby.start(*end.phases)

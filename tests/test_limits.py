@@ -137,6 +137,7 @@ def test_an_implicit_step_follows_the_torque_up_to_the_fold_of_its_equation(name
     assert first(dt, against) == pytest.approx(limits.midpoint_fold(OMEGA), rel=0.01)
 
 
+@pytest.mark.sample(0)
 def test_kicks_resonate_with_a_spin_at_steps_of_pi_over_k():
     """In a field with the second, fourth and sixth harmonic of the angle of the spin: one peak of the error for each.
 

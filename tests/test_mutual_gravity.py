@@ -15,7 +15,7 @@ didymos = benchmark("laboratory.binaries.didymos")
 DAY = didymos.DAY
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("method", ["JACOBI[SRKN14a]", "GBS12", "JACOBI[SRKN6b]"])
 @pytest.mark.parametrize("case", list(didymos.ENDS), ids=lambda case: f"{case[0]}-{case[1]}-{case[2]:g}")
 def test_the_known_end_states(case, method):

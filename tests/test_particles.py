@@ -174,6 +174,7 @@ def test_split_batched_and_zero_steps(name):
     np.testing.assert_array_equal(still.position, np.broadcast_to(PLACE, still.position.shape))
 
 
+@pytest.mark.sample(0)
 def test_energy_of_a_chain_is_kept_by_symplectic_methods():
     """Kinetic plus FromPotential's energy: constant but for an oscillation of second order."""
 

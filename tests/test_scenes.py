@@ -185,6 +185,7 @@ P1_ROTATION = (
 )
 
 
+@pytest.mark.sample(0)
 def test_published_attitude_of_the_fast_top():
     assert worst(end("P1 10").rotation, P1_ROTATION) < 5e-11
 

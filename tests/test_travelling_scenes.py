@@ -104,6 +104,7 @@ def test_published_places_of_the_dropped_brick(time, longitude):
     assert abs(np.rad2deg(np.arctan2(east, -down) - 7.292115e-5 * time) - longitude) < 2e-13
 
 
+@pytest.mark.sample(0)
 def test_published_rates_of_the_dropped_brick():
     path = path_of("dropped-brick", "JACOBI[SRKN6b]", 600)
     rates = np.rad2deg(path.states.momentum[-1] / scenes.scene("dropped-brick").body.body.moments)

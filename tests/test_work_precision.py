@@ -210,6 +210,7 @@ def test_errors_of_other_kinds_of_state(name):
         assert kinds.kind_of(scene).errors(exact + 1e-3 * np.eye(13)[[12]], exact)[0] == pytest.approx(1e-3)
 
 
+@pytest.mark.sample(0)
 def test_a_whole_top_ends_with_the_axis_of_the_axis():
     pytest.importorskip("heyoka")
     given = work_precision.problem("axis", bodies=2, judged=2, quick=True)
