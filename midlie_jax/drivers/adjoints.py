@@ -213,7 +213,8 @@ def _every(number: int, total: int, size: int) -> int:
 def _summing_once(steps: Steps, progress: Progress) -> Step:
     """`steps.take`, whose reverse derivative adds up over bodies after the loop what belongs to parameters they share.
 
-    This holds for parameters of few numbers, which a step reads as scalars.
+    This holds for parameters of few numbers, which a step reads as scalars. A run without derivatives takes
+    `steps.take` itself.
     """
     index = jax.tree.map(lambda x: x[0], steps.inputs)
     take, arrays = jax.closure_convert(steps.take, progress, index)
@@ -223,12 +224,23 @@ def _summing_once(steps: Steps, progress: Progress) -> Step:
     copies = in_rows(values, jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
     values = jax.lax.stop_gradient(values)
 
-    def one(progress: Progress, step: Any) -> Progress:
-        own = iter(with_tangents_of(copies, values))
-        given = [next(own) if is_small else x for is_small, x in zip(small, others, strict=True)]
-        return take(progress, step, *given)
+    @jax.custom_jvp
+    def taken(progress: Progress, step: Any, others: Any, values: Any, copies: Any) -> Progress:
+        del copies
+        own = iter(values)
+        return take(progress, step, *(next(own) if is_small else x for is_small, x in zip(small, others, strict=True)))
 
-    return one
+    def tangent(primals: Any, tangents: Any) -> tuple[Any, Any]:
+        *rest, values, copies = primals
+        *changes, _, change = tangents
+
+        def of_copies(progress: Progress, step: Any, others: Any, copies: Any) -> Progress:
+            return taken.fun(progress, step, others, with_tangents_of(copies, values), None)  # the function itself
+
+        return jax.jvp(of_copies, (*rest, copies), (*changes, change))
+
+    taken.defjvp(tangent)
+    return lambda progress, step: taken(progress, step, others, values, copies)
 
 
 def _block(count: int, progress: Progress) -> int:
