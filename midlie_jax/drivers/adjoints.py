@@ -49,6 +49,7 @@ class Steps(NamedTuple):
         number: how many steps.
         total: how many steps the run has in all.
         unroll: steps per iteration of the loop.
+        nested: whether a step holds a loop.
     """
 
     take: Step
@@ -58,6 +59,7 @@ class Steps(NamedTuple):
     number: int
     total: int
     unroll: int
+    nested: bool
 
 
 class Adjoint(eqx.Module):
@@ -213,9 +215,11 @@ def _every(number: int, total: int, size: int) -> int:
 def _summing_once(steps: Steps, progress: Progress) -> Step:
     """`steps.take`, whose reverse derivative adds up over bodies after the loop what belongs to parameters they share.
 
-    This holds for parameters of few numbers, which a step reads as scalars. A run without derivatives takes
-    `steps.take` itself.
+    This holds for parameters of few numbers, which a step reads as scalars. A loop within the step would read them as
+    arrays with a row for each body, also in a run without derivatives, so such a step stays as it is.
     """
+    if steps.nested:
+        return steps.take
     index = jax.tree.map(lambda x: x[0], steps.inputs)
     take, arrays = jax.closure_convert(steps.take, progress, index)
     small = [fits(jax.typeof(x)) for x in arrays]
@@ -224,23 +228,12 @@ def _summing_once(steps: Steps, progress: Progress) -> Step:
     copies = in_rows(values, jax.tree.leaves(eqx.filter(progress, eqx.is_inexact_array)))
     values = jax.lax.stop_gradient(values)
 
-    @jax.custom_jvp
-    def taken(progress: Progress, step: Any, others: Any, values: Any, copies: Any) -> Progress:
-        del copies
-        own = iter(values)
-        return take(progress, step, *(next(own) if is_small else x for is_small, x in zip(small, others, strict=True)))
+    def one(progress: Progress, step: Any) -> Progress:
+        own = iter(with_tangents_of(copies, values))
+        given = [next(own) if is_small else x for is_small, x in zip(small, others, strict=True)]
+        return take(progress, step, *given)
 
-    def tangent(primals: Any, tangents: Any) -> tuple[Any, Any]:
-        *rest, values, copies = primals
-        *changes, _, change = tangents
-
-        def of_copies(progress: Progress, step: Any, others: Any, copies: Any) -> Progress:
-            return taken.fun(progress, step, others, with_tangents_of(copies, values), None)  # the function itself
-
-        return jax.jvp(of_copies, (*rest, copies), (*changes, change))
-
-    taken.defjvp(tangent)
-    return lambda progress, step: taken(progress, step, others, values, copies)
+    return one
 
 
 def _block(count: int, progress: Progress) -> int:

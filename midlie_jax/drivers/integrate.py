@@ -218,7 +218,8 @@ def run_of_body(
             return in_leg(leg, n - first, save_every, method, take, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         steps = intervals * save_every
-        inputs = Steps(partial(advance, dt), take_back, take_again, (indices, rows), save_every, steps, unroll)
+        functions, nested = (partial(advance, dt), take_back, take_again), method.loops_for(system)
+        inputs = Steps(*functions, (indices, rows), save_every, steps, unroll, nested)
         return adjoint.run(inputs, progress)
 
     progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)

@@ -90,6 +90,11 @@ class Method(eqx.Module):
         """
         return 1
 
+    def loops_for(self, system: System) -> bool:
+        """Whether a step of this system holds a loop: over stages, or of a solve."""
+        del system
+        return self.solves > 0
+
     @property
     def reach(self) -> float:
         """The largest angle of a step, h times `turn_rate`, in radians: `ok` is False above; infinity if unknown."""

@@ -89,6 +89,10 @@ class RungeKutta(Method):
     def keeps_force(self, system: System) -> bool:
         return False
 
+    def loops_for(self, system: System) -> bool:
+        """Whether one copy of the torque is enough, in a loop over the substeps."""
+        return isinstance(self.formula, Extrapolation) and (system.kind.several or system.separate)
+
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
@@ -110,7 +114,7 @@ class RungeKutta(Method):
             return cut(tree) if ends else tree
 
         turn = system.inertia.square_of_turn(h, motion.momentum)
-        if isinstance(self.formula, Extrapolation) and (system.kind.several or system.separate):  # one copy is enough
+        if isinstance(self.formula, Extrapolation) and self.loops_for(system):
             change = self.formula.change_in_loop(rates, motion, h)
         else:
             change = self.formula.change(rates, pause, motion)
