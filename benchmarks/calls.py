@@ -2,10 +2,10 @@
 
     python benchmarks/calls.py [--write]
 
-A second call has other numbers and two steps, so it consists of checks, of the search for the compiled program, and of
-its dispatch. "In your jit" is the same run inside a function that `jax.jit` compiled: what JAX itself takes. Times are
-medians of processor time on one core, of calls that take turns. First calls run in a process of their own; they include
-tracing and compiling, not imports, and the next call has another number of steps.
+A second call is of the same body and torque and takes two steps, so it consists of checks, of the search for the
+compiled program, and of its dispatch. "In your jit" is the same run inside a function that `jax.jit` compiled: what JAX
+itself takes. Times are medians of processor time on one core, of calls that take turns. First calls run in a process of
+their own; they include tracing and compiling, not imports, and the next call has another number of steps.
 """
 
 import sys

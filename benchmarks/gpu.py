@@ -52,9 +52,8 @@ BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
 DRAWN = "Drawn by `python benchmarks/gpu.py --write`."
 DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
-COMPARED_AT = (
-    10**6
-)  # bodies of the runs that are compared, which have 384 steps: in more, differences grow in the motion
+# Bodies of the runs that are compared. These have 384 steps; in more, differences grow with the motion.
+COMPARED_AT = 10**6
 OURS, SINGLE, GRAPH, KERNEL = "ours", "one step a turn", "graph", "one kernel"
 TSIT5, SOLVER = "diffrax Tsit5", "LIEMID[EA] by diffrax"
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12")
@@ -265,10 +264,10 @@ def chart(figures: list[Figure], path: Path) -> None:
             points = sorted((f.job.bodies, f.speed) for f in chosen if f.job.method == name)
             axes.plot(*zip(*points, strict=True), **look[name].drawn(1.8, 6))
             ends.append(End(name, look[name].colour, *points[-1], bold=name in METHODS))
-            if kernels := sorted(
+            if limits := sorted(
                 (f.job.bodies, f.speed) for f in figures if f.job == Job(name, dtype, f.job.bodies, KERNEL)
             ):
-                axes.plot(*zip(*kernels, strict=True), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
+                axes.plot(*zip(*limits, strict=True), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
         label_ends(axes, ends)
     write(figure, str(path))
 

@@ -26,7 +26,7 @@ import jax
 
 from .internals import bodies_at_once
 from .platform import on_cpu
-from .structure import is_array, kind_of
+from .structure import is_array, kind_of, remember
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -34,7 +34,6 @@ R = TypeVar("R")
 _WIDTH = "xla_cpu_prefer_vector_width"
 _LEFT_OUT = "xla_disable_hlo_passes"
 _PROCESSOR = Path("/proc/cpuinfo")  # on Linux; elsewhere no processor is known to have AVX-512
-_KEPT = 1024  # programs of one function; a torque made anew for every call would fill the memory
 _MANY = 4  # bodies from which a vectorised step is faster, although its steps are launched one by one
 
 
@@ -97,9 +96,8 @@ def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = _one) -> Ca
         except TypeError:  # a part without a hash
             return tuned(options)(*args, **kwargs)
         if program is None:
-            if len(programs) >= _KEPT:
-                programs.pop(next(iter(programs)))
-            program = programs[key] = _Program(function, structure, leaves, dict(options))
+            program = _Program(function, structure, leaves, dict(options))
+            remember(programs, key, program)
         return program([leaf for leaf in leaves if is_array(leaf)])
 
     return call

@@ -14,7 +14,7 @@ import numpy as np
 from .internals import Tracer
 
 R = TypeVar("R")
-_KEPT = 512  # decisions; beyond, all are forgotten
+_KEPT = 1024  # entries of one memory; a torque made anew for every call would fill more and more
 _decisions: dict[Hashable, Any] = {}
 _known: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
 
@@ -54,11 +54,15 @@ def once(decide: Callable[..., R], *arguments: Any) -> R:
         return decide(*arguments)
     key = decide, structure
     if key not in _decisions:
-        result = decide(*arguments)
-        if len(_decisions) >= _KEPT:
-            _decisions.clear()
-        _decisions[key] = result
+        remember(_decisions, key, decide(*arguments))
     return _decisions[key]
+
+
+def remember(memory: dict[Any, Any], key: Hashable, value: Any) -> None:
+    """Adds an entry; the oldest one makes room for it."""
+    if len(memory) >= _KEPT:
+        memory.pop(next(iter(memory)))
+    memory[key] = value
 
 
 def once_for_numbers(decide: Callable[..., R], *arguments: Any) -> R:
@@ -72,7 +76,5 @@ def once_for_numbers(decide: Callable[..., R], *arguments: Any) -> R:
     if len(references) == len(leaves) and all(ref() is leaf for ref, leaf in zip(references, leaves, strict=True)):
         return result
     result = decide(*arguments)
-    if len(_known) >= _KEPT:
-        _known.clear()
-    _known[key] = tuple(map(weakref.ref, leaves)), result
+    remember(_known, key, (tuple(map(weakref.ref, leaves)), result))
     return result

@@ -19,7 +19,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .._xla.compiler import tuned_jit
 from .._xla.platform import cores, on_cpu
-from .._xla.structure import structure_of
+from .._xla.structure import remember, structure_of
 from ..methods.base import Method
 from . import shared_inputs
 from .adjoints import Adjoint, Reversible
@@ -35,7 +35,7 @@ _CHUNK = 256  # bodies moved at once on one core
 _CHUNK_OF_MANY, _MANY = 376, 12
 _NUMBERS = 26 * _CHUNK_OF_MANY  # of states moved at once; of many coupled bodies only a few replicas are
 _VECTOR = 8  # bodies: chunks whose size is no multiple of this were measured to take up to four times as long
-_nothing_shared: set[Any] = set()  # structures of arguments
+_nothing_shared: dict[Any, None] = {}  # by the structure of arguments
 _LARGEST_TABLE = 2**26  # bytes of inputs that all bodies share; more are computed anew in every chunk
 
 
@@ -193,7 +193,7 @@ def shared_tables(
         return None
     tables = _shared_tables(method, adjoint, mapped, shared, first, steps, idle)
     if decision is not None and tables is None:
-        _nothing_shared.add(decision)
+        remember(_nothing_shared, decision, None)
     return tables or None
 
 

@@ -213,25 +213,24 @@ SRKN14A = _alternating(
     leading=True,
 )
 _FOUND = "found by a search for this package: midlie_jax/methods/rkn8.py"
-RKN8 = _alternating(
+
+
+def _of_order_8(name: str, flights: tuple[str, ...], kicks: tuple[str, ...], use: str) -> Scheme:
+    halves = _repeated(flights), _about_the_last(kicks)
+    return _alternating(name, 8, FLIGHT, *halves, _FOUND, use=use, leading=True)
+
+
+RKN8 = _of_order_8(
     "RKN8",
-    8,
-    FLIGHT,
-    _repeated(_rkn8.RKN8_FLIGHTS),
-    _about_the_last(_rkn8.RKN8_KICKS),
-    _FOUND,
-    use="seven digits and more, any torque that does not read the momentum",
-    leading=True,
+    _rkn8.RKN8_FLIGHTS,
+    _rkn8.RKN8_KICKS,
+    "seven digits and more, any torque that does not read the momentum",
 )
-RKN8G = _alternating(
+RKN8G = _of_order_8(
     "RKN8G",
-    8,
-    FLIGHT,
-    _repeated(_rkn8.RKN8G_FLIGHTS),
-    _about_the_last(_rkn8.RKN8G_KICKS),
-    _FOUND,
-    use="fast tops, nine digits and more; RKN8 has the smaller error on others",
-    leading=True,
+    _rkn8.RKN8G_FLIGHTS,
+    _rkn8.RKN8G_KICKS,
+    "fast tops, nine digits and more; RKN8 has the smaller error on others",
 )
 # TI and CHIN4A use the gradient of T . I^-1 T, which costs one directional derivative of the torque.
 TAKAHASHI_IMADA = own_scheme(
