@@ -42,7 +42,7 @@ class HeavyTop(Torque):
     def __call__(self, t: Time, state: AnyState) -> Array:
         del t
         lever, up = state.in_one_frame(self.axis)
-        return cp.pack(cp.scale(self.weight, _cross(up, lever)))
+        return cp.pack(_cross(up, lever, self.weight))
 
     def potential(self, t: Time, state: AnyState) -> Array:
         del t
@@ -54,19 +54,22 @@ class HeavyTop(Torque):
         return state.in_one_frame(self.axis)[1]
 
 
-def _cross(a: Any, b: Any) -> cp.Vector:
-    """a x b, leaving out products with a number that is zero; XLA would have to keep them because they could be NaN."""
+def _cross(a: Any, b: Any, factor: Any) -> cp.Vector:
+    """factor a x b, leaving out products with a number that is zero; XLA would have to keep them, as they could be NaN.
+
+    A component that is left out altogether is zero whatever the factor, so all bodies share it.
+    """
 
     def zero(x: Any) -> bool:
         return isinstance(x, float) and not x
 
     def minor(i: int, j: int) -> Any:
-        total: Any = jnp.zeros_like(a[0] * b[0])
+        total: Any = None
         if not (zero(a[i]) or zero(b[j])):
             total = a[i] * b[j]
         if not (zero(a[j]) or zero(b[i])):
-            total = total - a[j] * b[i]
-        return total
+            total = -a[j] * b[i] if total is None else total - a[j] * b[i]
+        return jnp.zeros_like(a[0] * b[0]) if total is None else factor * total
 
     return minor(1, 2), minor(2, 0), minor(0, 1)
 
