@@ -50,6 +50,8 @@ from .model.rotor import Rotor as Rotor
 from .model.sites import from_points as from_points
 from .model.sites import sites as sites
 from .model.sites import wrench_on_sites as wrench_on_sites
+from .model.spins import Spins as Spins
+from .model.spins import checkerboard as checkerboard
 from .model.state import State as State
 from .model.states import AxisState as AxisState
 from .model.states import CompensatedState as CompensatedState
@@ -63,6 +65,7 @@ from .model.states import FreeState as FreeState
 from .model.states import MomentumState as MomentumState
 from .model.states import ParticleState as ParticleState
 from .model.states import RigidState as RigidState
+from .model.states import SpinState as SpinState
 from .model.straight_rod import StraightRod as StraightRod
 from .model.straight_rod import straight_rod as straight_rod
 from .model.surface import Surface as Surface

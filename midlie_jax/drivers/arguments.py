@@ -48,6 +48,8 @@ def check_system(
         for leaf in jax.tree.leaves(value):
             if eqx.is_inexact_array(leaf) or isinstance(leaf, np.floating):
                 require_finite(name, leaf)
+    if batch == 0:
+        method.check(body, torque, start)
     return once_for_numbers(_fitted, method, body)
 
 

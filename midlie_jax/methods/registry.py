@@ -14,6 +14,7 @@ from .implicit import AKW, SW, ImplicitMidpoint, LieMidpointImplicit, NewmarkBod
 from .listing import Listing
 from .runge_kutta import DOP853, GBS8, GBS10, GBS12, PGBS8, PGBS12, RK4
 from .schemes import SCHEMES, Scheme
+from .spins import LieMidpointOnSphere, SphericalMidpoint, Sublattices
 from .spiral import Spiral
 from .splitting import Splitting
 
@@ -47,6 +48,7 @@ def _paper_entry(scheme: Scheme, use: str, **options: bool) -> Entry:
 
 _PARTICLES = flights.Linear()
 DEFAULT = "JACOBI[EA]"
+SUBLATTICES = "SUBLATTICES"
 ENTRIES: dict[str, Entry] = {
     entry.method.name: entry
     for entry in (  # best first
@@ -104,6 +106,17 @@ ENTRIES: dict[str, Entry] = {
         _entry(_PARTICLES, schemes.E2, "particles: order 1, symplectic", "symplectic Euler"),
         _entry(_PARTICLES, schemes.E1, "particles: the adjoint of symplectic Euler", "adjoint symplectic Euler"),
         Entry(ImplicitMidpoint(), "particles under stiff forces: order 2, implicit"),
+        *(
+            Entry(Sublattices(scheme), use)
+            for scheme, use in (
+                (schemes.EA, "spins that act on spins of other sublattices: order 2, explicit, keeps the energy"),
+                (schemes.SRKN6B, "such spins: order 4"),
+                (schemes.KAHAN_LI6, "such spins: order 6"),
+                (schemes.BAOAB, "such spins in a heat bath"),
+            )
+        ),
+        Entry(SphericalMidpoint(), "spins, any energy: order 2, implicit, symplectic"),
+        Entry(LieMidpointOnSphere(), "comparison: the paper's midpoint rule on the sphere; not symplectic"),
     )
 }
 
@@ -137,6 +150,8 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         if name in ENTRIES:
             return ENTRIES[name].method
         flight, bracket, rest = name.partition("[")
+        if flight == SUBLATTICES and rest.removesuffix("]") in SCHEMES:
+            return Sublattices(SCHEMES[rest.removesuffix("]")])
         if name in FLIGHTS:
             raise ValueError(f"{name!r} is a flight; add a scheme, as in '{name}[EA]', of {', '.join(SCHEMES)}.")
         if not bracket or not rest.endswith("]"):

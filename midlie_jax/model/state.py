@@ -213,6 +213,18 @@ class State(eqx.Module, Generic[P, Q]):
         """A force as arrays in the form of the momentum, as a torque function returns it: the inverse of `force_of`."""
         return force
 
+    @classmethod
+    def force_from(cls, potential: Callable[[Any], Array], state: Any) -> Any:
+        """The torque or force of a potential V(state) -> (), by automatic differentiation, as a torque returns it.
+
+        dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
+        is the transpose of `rate`, applied to the gradient.
+        """
+        momentum, pose = state.parts()
+        gradient = jax.grad(lambda pose: potential(cls.join(momentum, pose)))(pose)
+        (neg_torque,) = jax.linear_transpose(lambda velocity: cls.rate(pose, velocity), momentum)(gradient)
+        return cls.returned(jax.tree.map(jnp.negative, cp.packed(neg_torque)))
+
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: P) -> P:
         """The components of a momentum or force in a frame that is turned by `frame` from the present one."""

@@ -13,8 +13,10 @@ from .base import Sum as Sum
 from .base import Torque as Torque
 from .base import TorqueLike as TorqueLike
 from .base import VelocityDependent as VelocityDependent
+from .base import kept_terms as kept_terms
 from .base import on_body as on_body
 from .base import potential_of as potential_of
+from .base import terms_of as terms_of
 from .base import velocity_dependent as velocity_dependent
 from .base import without_gravity as without_gravity
 from .bath import Langevin as Langevin
@@ -33,7 +35,15 @@ from .spacecraft import Drag as Drag
 from .spacecraft import PDControl as PDControl
 from .spacecraft import ReactionWheels as ReactionWheels
 from .spacecraft import Rotors as Rotors
+from .spins import Anisotropy as Anisotropy
+from .spins import AppliedField as AppliedField
+from .spins import CubicAnisotropy as CubicAnisotropy
+from .spins import DzyaloshinskiiMoriya as DzyaloshinskiiMoriya
+from .spins import Exchange as Exchange
+from .spins import OwnField as OwnField
+from .spins import SpinField as SpinField
 from .sunlight import Sunlight as Sunlight
+from .thermal_field import ThermalField as ThermalField
 from .travel import Magnus as Magnus
 from .travel import Oblateness as Oblateness
 from .travel import PointMass as PointMass

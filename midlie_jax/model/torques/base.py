@@ -12,7 +12,6 @@ from typing import Any, overload
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jax import Array
 
 from ..._checks.arguments import require_function
@@ -160,6 +159,13 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
     return None if torque is None or not kept(torque) else torque
 
 
+def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
+    """The terms of a sum, at any depth; of None there are none."""
+    if torque is None:
+        return []
+    return [x for term in torque.terms for x in terms_of(term)] if isinstance(torque, Sum) else [torque]
+
+
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
     """The torque without its terms of gravity: itself if there are none, None if nothing else is left."""
     return kept_terms(torque, lambda term: not (isinstance(term, Torque) and term.gravitational))
@@ -205,13 +211,7 @@ class FromPotential(Torque):
         require_function("function", self.function, "t, state")
 
     def __call__(self, t: Time, state: Any) -> Any:
-        kind = type(state)
-        momentum, pose = state.parts()
-        gradient = jax.grad(lambda p: self.function(t, kind.join(momentum, p)))(pose)
-        # dV/dt = gradient . rate(pose, velocity) = -torque . velocity, and `rate` is linear in the velocity. So -torque
-        # is the transpose of `rate`, applied to the gradient.
-        (neg_torque,) = jax.linear_transpose(lambda velocity: kind.rate(pose, velocity), momentum)(gradient)
-        return kind.returned(jax.tree.map(jnp.negative, cp.packed(neg_torque)))
+        return type(state).force_from(lambda state: self.function(t, state), state)
 
     def potential(self, t: Time, state: Any) -> Array:
         return self.function(t, state)

@@ -1,0 +1,5 @@
+"""Methods for spins: sublattices that turn one after the other, and midpoint rules on the sphere."""
+
+from .midpoint import LieMidpointOnSphere as LieMidpointOnSphere
+from .midpoint import SphericalMidpoint as SphericalMidpoint
+from .sublattices import Sublattices as Sublattices

@@ -1,0 +1,251 @@
+"""`Sublattices`: spins of one sublattice after the other turn in the field of the others, which stays as it is.
+
+No spin acts on another of its own sublattice, so while the others stay the field stays, too, and each spin turns about
+it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau, Comput.
+Phys. Commun. 111, 1998, 1). Every such turn keeps the energy of all fields that are linear in the spin. The method is
+explicit and reversible and keeps volumes of phase space. It is not symplectic: a sublattice that stays does not feel
+the one that moves, and under no energy it would.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..._math import components as cp
+from ..._xla.fusion import split
+from ...model.bodies import Body
+from ...model.spins import Spins, checkerboard
+from ...model.state import AnyState
+from ...model.torques import kept_terms, on_body, terms_of, without_bath
+from ...model.torques.spins import CubicAnisotropy, NeighbourField, OwnField, SpinField
+from ...model.torques.thermal_field import ThermalField
+from ..base import Method
+from ..scheme import Scheme
+from ..system import AnyMotion, Motion, System
+from .turns import damped, turned, turned_by_own
+from .word import BATH, order_of_parts, word
+
+CLOCK = "clock"
+
+
+class OnSublattices(eqx.Module):
+    """The spins of a run.
+
+    Attributes:
+        spins: the body.
+        labels: the sublattice of each spin, (*lattice), or None for one sublattice.
+        count: the number of sublattices.
+        own: the fields that spins exert on themselves.
+    """
+
+    spins: Spins
+    labels: Any
+    count: int = eqx.field(static=True)
+    own: tuple[OwnField, ...]
+
+    def square_of_turn(self, h: Any, momentum: cp.Vector) -> Array:
+        return self.spins.square_of_turn(h, momentum)
+
+    def velocity(self, momentum: cp.Vector) -> cp.Vector:
+        return self.spins.velocity(momentum)
+
+    def commutator(self, force: cp.Vector) -> cp.Vector:
+        return self.spins.commutator(force)
+
+    def nutation(self, momentum: cp.Vector) -> Array:
+        return self.spins.nutation(momentum)
+
+
+class Sublattices(Method):
+    """SUBLATTICES[SCHEME]: turns of sublattices in the order and with the coefficients of a scheme.
+
+    Two sublattices stand for the kicks and the flights of the scheme. More of them, and fields that spins exert on
+    themselves, are nested: every table for two parts is a sequence of first-order steps and their adjoints, and these
+    are made of any number of parts (McLachlan, SIAM J. Sci. Comput. 16, 1995, 151).
+
+    Attributes:
+        scheme: a table without gradients. Composed tables (TJ4, S4, Y6, KL6, SU8, KL8) keep their order; others reach 4
+            at most, because their higher orders rest on a property of kicks that sublattices do not have.
+    """
+
+    scheme: Scheme = eqx.field(static=True)
+    name: str = eqx.field(static=True)
+    order: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True)
+    symplectic: bool = eqx.field(static=True)
+    keeps_momentum: bool = eqx.field(static=True)
+    bodies: type = eqx.field(static=True)
+    evaluations: int = eqx.field(static=True)
+
+    def __init__(self, scheme: Scheme):
+        if scheme.gradients:
+            raise ValueError(
+                f"scheme {scheme.name!r} takes gradients of forces, which sublattices do not have; choose another, "
+                "such as SRKN6b or KL6."
+            )
+        self.scheme = scheme.merged()
+        self.name = f"SUBLATTICES[{scheme.name}]"
+        self.order = order_of_parts(scheme)
+        self.symmetric = scheme.symmetric
+        self.symplectic = self.keeps_momentum = False
+        self.bodies = Spins
+        self.evaluations = sum(kind != BATH for kind, _ in self.scheme.stages) - self.scheme.reuses_force
+
+    @property
+    def random(self) -> bool:
+        return self.scheme.random
+
+    def keeps_force(self, system: System) -> bool:
+        """Whether the field on the first sublattice at the end of a step is kept: while it turns, its field stays."""
+        return system.torque is not None and self.scheme.reuses_force and not self.random
+
+    def check(self, body: Any, torque: Any, start: Any) -> None:
+        """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form."""
+        rest, _ = without_bath(torque)
+        terms = terms_of(rest)
+        if isinstance(body, Spins) and body.is_damped and any(isinstance(term, CubicAnisotropy) for term in terms):
+            raise ValueError(
+                "a damped spin under CubicAnisotropy has no closed form; take the method 'spherical midpoint', or "
+                "leave out one of both."
+            )
+        labels, count = _sublattices(body, terms, start)
+        for term in terms:
+            if isinstance(term, NeighbourField):
+                _check_neighbours(term, labels, start)
+            elif not isinstance(term, SpinField):
+                _check_function(term, body, labels, count, start)
+
+    def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
+        assert isinstance(body, Spins)
+        rest, bath = without_bath(torque)
+        terms = terms_of(rest)
+        own = tuple(term for term in terms if isinstance(term, OwnField))
+        others = kept_terms(rest, lambda term: not isinstance(term, OwnField))
+        labels, count = _sublattices(body, terms, start)
+        system = System.of(body, others, start, t)
+        # Library fields are sums over neighbours, which fuse with the turn; any other function is evaluated apart.
+        costly = not all(isinstance(term, SpinField) for term in terms)
+        system = system._replace(inertia=OnSublattices(body, labels, count, own), costly=costly)
+        if self.random:
+            assert isinstance(bath, ThermalField)
+            bath = bath.on_spins(body, start.momentum.shape[:-1], start.momentum.dtype)
+            system = system._replace(bath=bath)
+        return system
+
+    def step(
+        self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
+    ) -> tuple[AnyMotion, Any, Array | bool]:
+        on: OnSublattices = system.inertia
+        spins, spin = on.spins, motion.momentum
+        parts: list[Any] = [*range(on.count)] if system.torque is not None else []
+        own = [(term, axis) for term in on.own for axis in term.axes()]
+        parts = [*parts[:1], CLOCK, *own, *parts[1:]]
+        elapsed, baths = 0.0, 0
+        known = force  # the field on the first sublattice, while no other turns
+
+        def now() -> Array:
+            return t0 if elapsed == 0 else t1 if abs(elapsed - 1) < 1e-12 else t0 + elapsed * h
+
+        for number, coefficient in word(self.scheme, len(parts)):
+            time = coefficient * h
+            known = known if number == 0 else None
+            part: Any = number if isinstance(number, str) else parts[number]
+            if part == BATH:
+                bath: Any = system.bath
+                spin = split(turned(spin, bath.turn(time, now(), baths)))
+                baths += 1
+            elif part == CLOCK:
+                elapsed += coefficient
+            elif isinstance(part, tuple):
+                spin = _own_turn(spins, part[0], part[1], time, spin)
+            else:
+                field = system.force(now(), Motion(spin, ())) if known is None else known
+                known = field if number == 0 else None
+                spin = split(_turn(spins, field, time, spin, _of_sublattice(on, part)))
+        return Motion(spin, ()), known if self.keeps_force(system) else None, True
+
+
+def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:
+    """The spins of a sublattice after a time in their field; the others stay."""
+    moved = turned(spin, cp.scale(spins.rate * time, field))
+    if spins.is_damped:
+        moved = damped(moved, field, spins.damping * spins.rate * time)
+    return moved if mask is None else _where(mask, moved, spin)
+
+
+def _where(mask: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
+    return jnp.where(mask, a[0], b[0]), jnp.where(mask, a[1], b[1]), jnp.where(mask, a[2], b[2])
+
+
+def _of_sublattice(on: OnSublattices, number: int) -> Any:
+    return None if on.count == 1 else jnp.asarray(on.labels) == number
+
+
+def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vector) -> cp.Vector:
+    if spins.is_damped:
+        assert term.linear is not None
+        return turned_by_own(spin, axis, term.linear * spins.rate, time, spins.damping)
+    angle = spins.rate * time * term.along(cp.dot(axis, spin))
+    return turned(spin, cp.scale(angle, axis))
+
+
+def _sublattices(body: Any, terms: list[Any], start: Any) -> tuple[Any, int]:
+    """The sublattice of each spin and their number: as the body says, or one if no spin acts on another, or two."""
+    shape = start.momentum.shape[:-1]
+    if body.sublattices is not None:
+        if body.sublattices.shape != shape:
+            raise ValueError(f"sublattices must have the shape {shape} of the lattice, got {body.sublattices.shape}.")
+        return body.sublattices, body.count
+    alone = all(isinstance(term, SpinField) and not isinstance(term, NeighbourField) for term in terms)
+    return (None, 1) if alone or not shape else (checkerboard(shape).astype(np.int8), 2)
+
+
+def _check_neighbours(term: NeighbourField, labels: Any, start: Any) -> None:
+    """Raises if neighbours along an axis are of one sublattice."""
+    if cp.is_traced(labels):
+        return
+    labels = np.asarray(labels)
+    for axis in range(labels.ndim):
+        other = np.roll(labels, -1, axis)
+        if not term.closes(axis):
+            last = (slice(None),) * axis + (slice(0, -1),)
+            labels_here, other = labels[last], other[last]
+        else:
+            labels_here = labels
+        if np.any(labels_here == other):
+            odd = term.closes(axis) and labels.shape[axis] % 2
+            cure = f"axis {axis} closes with an odd number of {labels.shape[axis]} places" if odd else f"axis {axis}"
+            raise ValueError(
+                f"{type(term).__name__} acts between spins of one sublattice along {cure}; give Spins(sublattices=...) "
+                "in which neighbours differ, such as three instead of two, or take the method 'spherical midpoint'."
+            )
+
+
+def _check_function(term: Any, body: Any, labels: Any, count: int, start: Any) -> None:
+    """Raises if a field of the user's own depends on spins of the sublattice on which it acts.
+
+    The derivative of the field along random changes of one sublattice must vanish there.
+    """
+    field = on_body(term, body)
+    if cp.is_traced(*jax.tree.leaves((field, labels, start))):
+        return
+    spin = np.asarray(start.spin)
+    drawn = np.random.default_rng(0).normal(size=spin.shape).astype(spin.dtype)
+    numbers = np.zeros(spin.shape[:-1], np.int8) if labels is None else np.asarray(labels)
+    largest, time = np.finfo(spin.dtype).eps, jnp.zeros((), spin.dtype)
+    for number in range(count):
+        here = numbers == number
+        tangent = jnp.asarray(np.where(here[..., None], drawn, 0))
+        value, change = jax.jvp(lambda x: field(time, start.unchecked(spin=x)), (start.spin,), (tangent,))
+        if value.shape != spin.shape:
+            return  # the run raises
+        if np.any(np.abs(np.asarray(change)[here]) > 64 * largest * (1 + np.abs(np.asarray(value)).max())):
+            raise ValueError(
+                f"the field depends on spins of sublattice {number}, on which it acts; give Spins(sublattices=...) "
+                "whose spins do not act on each other or on themselves (midlie_jax.torques.Anisotropy may be a term of "
+                "a sum all the same), or take the method 'spherical midpoint'."
+            )

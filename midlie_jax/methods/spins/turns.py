@@ -1,0 +1,68 @@
+"""How spins turn in a field that stays as it is, exactly: precession and damping in closed form."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+from ..._math import components as cp
+from ..._math.short_series import WIDEST_SQUARE, half_turn
+
+# The largest angle of a turn, radians; beyond, the result is NaN, so that `ok` is False.
+WIDEST = 2 * WIDEST_SQUARE**0.5
+_SMALL = 1e-4  # below, tanh(y)/y is taken from its series in y^2
+
+
+def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
+    """Spins turned by rotation vectors of at most `WIDEST`."""
+    half = cp.scale(0.5, angle)
+    w, x, y, z = cp.square(half_turn(half))
+    within = jnp.where(cp.dot(half, half) <= WIDEST_SQUARE, jnp.ones_like(w), jnp.full_like(w, jnp.nan))
+    return cp.add(spin, cp.rotation_change((within * w, x, y, z), spin))
+
+
+def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
+    """Spins after damping S' = (mobility / h) S x (B x S) in a field that does not change, for the time h.
+
+    The component along the field goes to tanh(atanh(S . B/|B|) + mobility |B|). With c = tanh(mobility |B| / 2) / |B|
+
+        S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
+    """
+    square, along = cp.dot(field, field), cp.dot(field, spin)
+    c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)
+    bounded = c * c * square
+    factor = 1 / (1 + bounded + 2 * c * along)
+    kept = cp.scale((1 - bounded) * factor, spin)
+    return cp.add(kept, cp.scale(2 * c * (1 + c * along) * factor, field))
+
+
+def _tanh_ratio(square: Array) -> Array:
+    """tanh(y)/y of y^2."""
+    small = square < _SMALL
+    y = jnp.sqrt(jnp.where(small, jnp.ones_like(square), square))
+    series = 1 - square * (1 / 3 - square * (2 / 15 - square * (17 / 315 - square * (62 / 2835))))
+    return jnp.where(small, series, jnp.tanh(y) / y)
+
+
+def turned_by_own(spin: cp.Vector, axis: Any, ratio: Array, h: Array, damping: Array) -> cp.Vector:
+    """Spins after the time h in their own field ratio z along an axis, z = S . axis, with damping.
+
+    z' = alpha ratio z (1 - z^2), so that sinh(atanh z) grows by the factor E = exp(x), x = alpha ratio h; and the angle
+    about the axis is the change of atanh z over alpha, which for alpha = 0 is ratio z h.
+
+    Args:
+        ratio: the field along the axis over z, times g.
+        damping: alpha.
+    """
+    z = cp.dot(axis, spin)
+    x = damping * ratio * h
+    grown = jnp.expm1(2 * x)
+    length = jnp.sqrt(1 + z * z * grown)  # of S with its component along the axis times E
+    size = jnp.abs(z)
+    # The change of asinh(s), s = sinh(atanh |z|), without cancellation and without a pole at |z| = 1.
+    change = jnp.log1p((size * jnp.expm1(x) + z * z * grown / (length + 1)) / (1 + size))
+    still = damping == 0
+    angle = jnp.where(still, ratio * z * h, jnp.sign(z) * change / jnp.where(still, jnp.ones_like(damping), damping))
+    rotated = turned(spin, cp.scale(angle, axis))
+    stretched = cp.add(rotated, cp.scale(jnp.expm1(x) * z, axis))
+    return cp.scale(1 / length, stretched)

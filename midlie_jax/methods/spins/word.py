@@ -1,0 +1,53 @@
+"""A table for two parts, applied to any number of parts.
+
+With the first-order step X(a) = P1(a) P2(a) ... Pm(a), the first part acting first, and its adjoint
+X*(a) = Pm(a) ... P2(a) P1(a), two steps that follow each other share an end part: X(a1) X*(a2) X(a3) ... contains P1
+with a1, a2 + a3, ... and Pm with a1 + a2, a3 + a4, ..., as an alternating table does. So every table has such numbers
+a1, a2, ..., and its order is that of the sequence for any number of parts (McLachlan, SIAM J. Sci. Comput. 16, 1995,
+151).
+"""
+
+from ..scheme import Scheme
+from ..stages import BATH as BATH
+from ..stages import KICK
+
+_LARGEST_GENERAL_ORDER = 4
+_ROUNDING = 1e-14
+
+
+def order_of_parts(scheme: Scheme) -> int:
+    """The order of a table for parts of which none is a kick.
+
+    Tables of kicks and flights may use that the commutator [K, [K, [K, F]]] is zero. It is of fourth order, and its
+    terms of a symmetric table cancel; so a symmetric table of order 4 holds for any parts, and one of higher order only
+    if it is composed of symmetric steps.
+    """
+    if scheme.composed:
+        return scheme.order
+    return min(scheme.order, _LARGEST_GENERAL_ORDER if scheme.symmetric or scheme.random else 3)
+
+
+def word(scheme: Scheme, count: int) -> list[tuple[int | str, float]]:
+    """The turns of a step: pairs of the number of a part from 0 on, or of BATH, and its coefficient.
+
+    The kicks of the scheme are the first part and its flights the last; with one part, flights stand for no part.
+    """
+    if count == 1:
+        return [(kind if kind == BATH else 0, c) for kind, c in scheme.stages if kind in (KICK, BATH)]
+    turns: list[tuple[int | str, float]] = []
+    begun = 0.0  # the coefficient of the step X or X* of which one end part has acted
+
+    def between(coefficient: float, backwards: bool) -> None:
+        if abs(coefficient) > _ROUNDING:
+            middle = range(1, count - 1)
+            turns.extend((part, coefficient) for part in (reversed(middle) if backwards else middle))
+
+    for kind, coefficient in scheme.stages:
+        if kind == BATH:
+            turns.append((BATH, coefficient))
+            continue
+        first = kind == KICK
+        turns.append((0 if first else count - 1, coefficient))
+        begun = coefficient - begun
+        between(begun, backwards=not first)
+    return turns

@@ -1,0 +1,109 @@
+"""`Spins`: classical spins, unit vectors that precess in the field that acts on each of them."""
+
+from typing import Any, cast
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from .._checks.arguments import as_floats, described, require
+from .._math import components as cp
+from .bodies import Body
+
+
+class Spins(Body):
+    """Classical spins on a lattice: unit vectors S under the Landau-Lifshitz-Gilbert equation.
+
+        S' = g B x S + g alpha S x (B x S),    B = -dH/dS,    g = gyromagnetic / (1 + alpha^2)
+
+    Without damping and with `gyromagnetic` 1 this is S' = S x dH/dS, Euler's equation of a rigid body with the energy
+    H(S) in place of its kinetic energy. Each spin turns about its field B by the right hand. For the magnetisation M of
+    an electron, micromagnetics writes M' = -gamma M x B: the same, with gamma as `gyromagnetic`.
+
+    Attributes:
+        damping: Gilbert's alpha, one for all spins () or one for each, in the shape of the lattice. Not negative.
+        gyromagnetic: the gyromagnetic ratio over the magnetic moment of a spin, 1/action: 1 where time is measured in
+            units of hbar over an energy. () or in the shape of the lattice.
+        sublattices: for the methods SUBLATTICES[...], the number of the sublattice of each spin, from 0 on, in the
+            shape of the lattice; None for the two sublattices of a checkerboard. Spins of one sublattice must not act
+            on each other.
+
+    Raises:
+        ValueError: a damping that is negative or not finite, or sublattices that are not whole numbers from 0 on.
+    """
+
+    damping: Float[Array, "*#lattice"]
+    gyromagnetic: Float[Array, "*#lattice"]
+    sublattices: Array | None
+    count: int | None = eqx.field(static=True)
+
+    def __init__(self, damping: Any = 0.0, gyromagnetic: Any = 1.0, sublattices: Any = None):
+        self.damping = as_floats("damping", damping)
+        self.gyromagnetic = as_floats("gyromagnetic", gyromagnetic)
+        require(
+            "damping",
+            self.damping,
+            lambda a: np.isfinite(a) & (a >= 0),
+            "must be finite and not negative",
+            "check its sign.",
+        )
+        require("gyromagnetic", self.gyromagnetic, np.isfinite, "must be finite", "check its units.")
+        self.sublattices, self.count = None, None
+        if sublattices is not None:
+            self.sublattices, self.count = _labels(sublattices)
+
+    @property
+    def rate(self) -> Array:
+        """g = gyromagnetic / (1 + alpha^2): a spin turns by g |B| h in the time h."""
+        return self.gyromagnetic / (1 + self.damping**2)
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether there is damping, or it is traced and may be there."""
+        return cp.is_traced(self.damping) or bool(np.any(np.asarray(self.damping) != 0))
+
+    def inertia(self) -> "Spins":
+        """The spins themselves, whose energy is that of the field alone."""
+        return self
+
+    def velocity(self, momentum: Any) -> Any:
+        """Zero: spins have no kinetic energy, so nothing turns without a field."""
+        return cast(Any, cp.scale(0, momentum)) if isinstance(momentum, tuple) else jnp.zeros_like(momentum)
+
+    def commutator(self, force: cp.Vector) -> cp.Vector:
+        """Zero."""
+        return cp.scale(0, force)
+
+    def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
+        """Zero: how far a spin turns in a step depends on the field alone."""
+        return h * jnp.zeros((), momentum[0].dtype)
+
+    def nutation(self, momentum: cp.Vector) -> Array:
+        """Zero: nothing spins about an axis of its own."""
+        return jnp.zeros((), momentum[0].dtype)
+
+    def change(self, h: Any, spin: cp.Vector, field: cp.Vector) -> cp.Vector:
+        """h S' of spins in this field."""
+        turn = cp.cross(field, spin)
+        damped = cp.add(turn, cp.scale(self.damping, cp.cross(spin, turn))) if self.is_damped else turn
+        return cp.scale(h * self.rate, damped)
+
+
+def _labels(sublattices: Any) -> tuple[Array, int]:
+    labels = np.asarray(sublattices)
+    if not (np.issubdtype(labels.dtype, np.integer) and labels.size and labels.min() >= 0):
+        raise ValueError(
+            "sublattices must be whole numbers from 0 on, the number of the sublattice of each spin, got "
+            f"{described(sublattices)}."
+        )
+    used = np.unique(labels)
+    if len(used) != used[-1] + 1 or len(used) > 127:
+        raise ValueError(f"sublattices must use every number from 0 to at most 126, got {used.tolist()[:8]}.")
+    return jnp.asarray(labels, jnp.int8), len(used)
+
+
+def checkerboard(shape: tuple[int, ...]) -> np.ndarray:
+    """The number 0 or 1 of each place of a lattice: the parity of the sum of its indices."""
+    return np.indices(shape).sum(axis=0) % 2 if shape else np.zeros((), int)

@@ -1,0 +1,114 @@
+"""`SpinState`: unit vectors on a lattice."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._math import components as cp
+from ..bodies import Body
+from ..spins import Spins
+from ..state import Described, State
+
+
+class SpinState(State[cp.Vector, tuple[()]]):
+    """Classical spins: three numbers each, no attitude.
+
+    The axes before the last one are those of the lattice: (3,) is one spin, (n, 3) a chain or n spins without a
+    lattice, (n, m, 3) and (n, m, l, 3) are lattices of two and three dimensions.
+
+    Attributes:
+        spin: unit vectors S, space frame, (*lattice, 3).
+
+    Raises:
+        ValueError: not of shape (..., 3), or not unit vectors.
+    """
+
+    spin: Float[Array, "*lattice 3"]
+    body: ClassVar[type] = Spins
+    own_axes: ClassVar[int] = 0  # the lattice can have any number of axes, so none is known to be a batch
+    has_pose: ClassVar[bool] = False
+    momenta: ClassVar[tuple[str, ...]] = ()  # a field that reads the spins is no friction
+
+    def __init__(self, spin: Any):
+        self.spin = as_floats("spin", spin, (3,))
+        require_finite("spin", self.spin)
+        require(
+            "spin",
+            self.spin,
+            is_unit,
+            "must be unit vectors",
+            "divide it by its norm, and put the moment of a spin into the coefficients of its energy.",
+        )
+
+    @property
+    def momentum(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The spin, which moves as the momentum of a body does."""
+        return self.spin
+
+    def parts(self) -> tuple[cp.Vector, tuple[()]]:
+        return cp.vector(self.spin), ()
+
+    @classmethod
+    def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "SpinState":
+        del pose
+        return cls.unchecked(spin=cp.pack(momentum))
+
+    @staticmethod
+    def rotate(pose: tuple[()], increment: Any) -> tuple[()]:
+        del increment
+        return pose
+
+    @staticmethod
+    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
+        del increment, no_step
+        return pose
+
+    @staticmethod
+    def shift(pose: tuple[()], change: tuple[()], no_step: Array) -> tuple[()]:
+        del change, no_step
+        return pose
+
+    @staticmethod
+    def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
+        del velocity
+        return pose
+
+    @staticmethod
+    def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
+        del velocity
+        return cp.cross(force, momentum)
+
+    @classmethod
+    def rates(
+        cls, inertia: Spins, h: Array, momentum: cp.Vector, pose: tuple[()], force: cp.Vector | None
+    ) -> tuple[cp.Vector, tuple[()]]:
+        return (cp.scale(0, momentum) if force is None else inertia.change(h, momentum, force)), pose
+
+    @classmethod
+    def evaluate(
+        cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: tuple[()]
+    ) -> tuple[Any, Any]:
+        value = jax.tree.map(jnp.asarray, function(t, cls.join(momentum, pose)))
+        entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
+        return entries, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
+
+    @classmethod
+    def force_from(cls, potential: Callable[[Any], Array], state: Any) -> Array:
+        """The field B = -dH/dS."""
+        return -jax.grad(lambda spin: potential(cls.unchecked(spin=spin)))(state.spin)
+
+    def normalised(self) -> "SpinState":
+        return self.unchecked(spin=self.spin / jnp.linalg.norm(self.spin, axis=-1, keepdims=True))
+
+    def batch_of(self, body: Body) -> tuple[int, ...]:
+        del body
+        return ()
+
+    @classmethod
+    def described(cls) -> Described:
+        return {"spin": (("axis",), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"})}

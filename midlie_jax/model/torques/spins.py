@@ -1,0 +1,309 @@
+"""Fields on spins: an applied field, anisotropies, and what neighbours on a lattice exert.
+
+The field is B = -dH/dS, with the energy H that each docstring gives; sums over the lattice. A lattice has the axes of
+the array of spins before its last one.
+"""
+
+from abc import abstractmethod
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, described, is_unit, require, require_finite
+from ..._math import components as cp
+from ..state import Time
+from .base import Torque
+
+
+class SpinField(Torque):
+    """A field B on spins; `field(t, state)` has the shape of the spins, (*lattice, 3)."""
+
+    @abstractmethod
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        """The field on components of shape (*lattice), or with fewer axes if it is the same for all."""
+
+    @abstractmethod
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        """The energy of each spin or bond, whose sum over all axes is H."""
+
+    def __call__(self, t: Time, state: Any) -> Array:
+        spin = _components(self, state)
+        return cp.pack(tuple(jnp.broadcast_to(b, x.shape) for b, x in zip(self.field(t, spin), spin, strict=True)))
+
+    def potential(self, t: Time, state: Any) -> Array:
+        """The energy H, ()."""
+        return jnp.sum(self.energy(t, _components(self, state)))
+
+    def check(self, state: Any) -> None:
+        _components(self, state)
+
+
+def _components(torque: Torque, state: Any) -> cp.Vector:
+    if not hasattr(state, "spin"):
+        raise ValueError(f"{type(torque).__name__} acts on spins, but the state is a {type(state).__name__}.")
+    return cp.vector(state.spin)
+
+
+class AppliedField(SpinField):
+    """An applied field, H = -sum B . S.
+
+    Attributes:
+        value: B, space frame, energy: (3,), or (*lattice, 3); or a function of time t -> one of these.
+    """
+
+    value: Any
+
+    def __init__(self, value: Any):
+        if not callable(value):
+            value = as_floats("value", value, (3,))
+            require_finite("value", value)
+        self.value = value
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        field = self.value(t) if callable(self.value) else self.value
+        return cp.vector(jnp.asarray(field, spin[0].dtype))
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        return -cp.dot(self.field(t, spin), spin)
+
+
+class OwnField(SpinField):
+    """A field that each spin exerts on itself, through its components along some axes: H = sum over axes of V(S . e).
+
+    The motion under one axis alone is a turn about it: its component S . e does not change.
+    """
+
+    @abstractmethod
+    def axes(self) -> tuple[Any, ...]:
+        """Unit vectors, each (3,)."""
+
+    @abstractmethod
+    def along(self, component: Array) -> Array:
+        """The field along an axis, -V'(S . e)."""
+
+    @property
+    def linear(self) -> Array | None:
+        """The ratio of the field along an axis to the component of the spin if it does not depend on it, else None."""
+        return None
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        del t
+        total = cp.scale(0, spin)
+        for axis in self.axes():
+            total = cp.add(total, cp.scale(self.along(cp.dot(axis, spin)), axis))
+        return total
+
+
+class Anisotropy(OwnField):
+    """Uniaxial anisotropy, H = -K sum (S . e)^2: an easy axis with K > 0, an easy plane with K < 0.
+
+    Attributes:
+        strength: K, energy, () or in the shape of the lattice.
+        axis: the unit vector e, space frame, (3,).
+    """
+
+    strength: Float[Array, "*#lattice"]
+    axis: Float[Array, " 3"]
+
+    def __init__(self, strength: Any, axis: Any = (0.0, 0.0, 1.0)):
+        self.strength = as_floats("strength", strength)
+        require_finite("strength", self.strength)
+        axis = np.asarray(axis, float) if isinstance(axis, tuple | list) else axis
+        self.axis = as_floats("axis", axis, (3,)).astype(self.strength.dtype)
+        if self.axis.ndim != 1:
+            raise ValueError(f"axis must have shape (3,), got {self.axis.shape}.")
+        require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
+
+    def axes(self) -> tuple[Any, ...]:
+        return (cp.vector(self.axis),)
+
+    def along(self, component: Array) -> Array:
+        return 2 * self.strength * component
+
+    @property
+    def linear(self) -> Array:
+        return 2 * self.strength
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        component = cp.dot(cp.vector(self.axis), spin)
+        return -self.strength * component * component
+
+
+class CubicAnisotropy(OwnField):
+    """Cubic anisotropy, H = K sum (x^2 y^2 + y^2 z^2 + z^2 x^2): easy along the axes with K > 0.
+
+    Attributes:
+        strength: K, energy, () or in the shape of the lattice.
+    """
+
+    strength: Float[Array, "*#lattice"]
+
+    def __init__(self, strength: Any):
+        self.strength = as_floats("strength", strength)
+        require_finite("strength", self.strength)
+
+    def axes(self) -> tuple[Any, ...]:
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+    def along(self, component: Array) -> Array:
+        """For unit vectors H is K/2 sum (1 - x^4 - y^4 - z^4)."""
+        return 2 * self.strength * component * component * component
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        x, y, z = (component * component for component in spin)
+        return self.strength * (x * y + y * z + z * x)
+
+
+class NeighbourField(SpinField):
+    """A field of the neighbours along the axes of the lattice.
+
+    Attributes:
+        periodic: for each axis of the lattice, or for all, whether the first and the last spin are neighbours.
+    """
+
+    periodic: bool | tuple[bool, ...]
+
+    def check(self, state: Any) -> None:
+        axes = _components(self, state)[0].ndim
+        if not axes:
+            raise ValueError(f"{type(self).__name__} needs a lattice of spins (..., 3), got one spin (3,).")
+        if isinstance(self.periodic, tuple) and len(self.periodic) != axes:
+            raise ValueError(f"periodic has {len(self.periodic)} entries, but the lattice has {axes} axes.")
+
+    def closes(self, axis: int) -> bool:
+        """Whether the lattice is periodic along an axis."""
+        return self.periodic[axis] if isinstance(self.periodic, tuple) else self.periodic
+
+    def neighbour(self, spin: cp.Vector, axis: int, step: int) -> cp.Vector:
+        """For each place the spin at the next place (step 1) or the place before (-1) along an axis; zero if none."""
+        return shifted(spin, axis, step, self.closes(axis))
+
+
+def as_periodic(periodic: Any) -> bool | tuple[bool, ...]:
+    """True or False, or one of these for each axis."""
+    if isinstance(periodic, bool | np.bool_):
+        return bool(periodic)
+    if isinstance(periodic, tuple | list) and periodic and all(isinstance(x, bool | np.bool_) for x in periodic):
+        return tuple(map(bool, periodic))
+    raise ValueError(f"periodic must be True or False, or one of them for each axis, got {described(periodic)}.")
+
+
+def shifted(spin: cp.Vector, axis: int, step: int, periodic: bool) -> cp.Vector:
+    """Components moved by one place along an axis, so that each place has those of its neighbour."""
+
+    def one(x: Array) -> Array:
+        size = x.shape[axis]
+        if step > 0:
+            inner, edge = _part(x, axis, 1, size), _part(x, axis, 0, 1)
+        else:
+            inner, edge = _part(x, axis, 0, size - 1), _part(x, axis, size - 1, size)
+        edge = edge if periodic else jnp.zeros_like(edge)
+        return jnp.concatenate((inner, edge) if step > 0 else (edge, inner), axis)
+
+    return one(spin[0]), one(spin[1]), one(spin[2])
+
+
+def _part(x: Array, axis: int, begin: int, end: int) -> Array:
+    return x[(slice(None),) * axis + (slice(begin, end),)]
+
+
+class Exchange(NeighbourField):
+    """Exchange between neighbours, H = -J sum over bonds of S_i . S_j, each bond once: ferromagnetic with J > 0.
+
+    Attributes:
+        coupling: J, energy, one for all axes (), or one for each axis of the lattice (d,).
+        periodic: whether the lattice closes, True or False, or one of them for each axis.
+
+    Raises:
+        ValueError: a coupling that is not finite, or has not one entry for each axis.
+    """
+
+    coupling: Float[Array, "*axes"]
+    periodic: bool | tuple[bool, ...]
+
+    def __init__(self, coupling: Any, periodic: Any = True):
+        self.coupling = as_floats("coupling", coupling)
+        require_finite("coupling", self.coupling)
+        self.periodic = as_periodic(periodic)
+
+    def check(self, state: Any) -> None:
+        super().check(state)
+        axes = state.spin.ndim - 1
+        if self.coupling.shape not in ((), (axes,)):
+            raise ValueError(f"coupling must be () or ({axes},), one for each axis, got {self.coupling.shape}.")
+
+    def of_axis(self, axis: int) -> Array:
+        """J along an axis."""
+        return self.coupling[axis] if self.coupling.ndim else self.coupling
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        del t
+        pairs = [cp.add(self.neighbour(spin, a, 1), self.neighbour(spin, a, -1)) for a in range(spin[0].ndim)]
+        if self.coupling.ndim:
+            return _sum([cp.scale(self.of_axis(a), pair) for a, pair in enumerate(pairs)])
+        return cp.scale(self.coupling, _sum(pairs))
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        total = jnp.zeros_like(spin[0])
+        for a in range(spin[0].ndim):
+            total = total - self.of_axis(a) * cp.dot(spin, self.neighbour(spin, a, 1))
+        return total
+
+
+class DzyaloshinskiiMoriya(NeighbourField):
+    """Dzyaloshinskii-Moriya interaction, H = sum over bonds of D . (S_i x S_j), with j the next place along an axis.
+
+    Attributes:
+        vectors: D for the bonds along each axis of the lattice, space frame, energy, (d, 3). In bulk D is parallel to
+            the bond; at an interface with the normal z it is z x bond, the same up to a sign for all bonds of an axis.
+        periodic: whether the lattice closes, True or False, or one of them for each axis.
+
+    Raises:
+        ValueError: vectors that are not finite, or not one for each axis.
+    """
+
+    vectors: Float[Array, "axes 3"]
+    periodic: bool | tuple[bool, ...]
+
+    def __init__(self, vectors: Any, periodic: Any = True):
+        self.vectors = as_floats("vectors", vectors, (3,))
+        require_finite("vectors", self.vectors)
+        if self.vectors.ndim != 2:
+            raise ValueError(f"vectors must be (d, 3), one for each axis of the lattice, got {self.vectors.shape}.")
+        self.periodic = as_periodic(periodic)
+
+    def check(self, state: Any) -> None:
+        super().check(state)
+        if len(self.vectors) != state.spin.ndim - 1:
+            axes = state.spin.ndim - 1
+            raise ValueError(f"vectors must be ({axes}, 3), one for each axis, got {self.vectors.shape}.")
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        """B_i = sum over neighbours of D_ij x S_j, where D_ji = -D_ij."""
+        del t
+        terms: list[cp.Vector] = []
+        for axis in range(len(self.vectors)):
+            across = cp.subtract(self.neighbour(spin, axis, 1), self.neighbour(spin, axis, -1))
+            terms.append(cp.cross(cp.vector(self.vectors[axis]), across))
+        return _sum(terms)
+
+    def energy(self, t: Time, spin: cp.Vector) -> Array:
+        del t
+        total = jnp.zeros_like(spin[0])
+        for axis in range(len(self.vectors)):
+            bond = cp.cross(spin, self.neighbour(spin, axis, 1))
+            total = total + cp.dot(cp.vector(self.vectors[axis]), bond)
+        return total
+
+
+def _sum(vectors: list[cp.Vector]) -> cp.Vector:
+    total = vectors[0]
+    for vector in vectors[1:]:
+        total = cp.add(total, vector)
+    return total

@@ -1,0 +1,104 @@
+"""`ThermalField`: the random field of a heat bath on damped spins."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..._checks.arguments import as_floats, described, is_key, require
+from ..._math import components as cp
+from ..._math.normals import normals
+from ..bath import root_of
+from ..spins import Spins
+from ..state import AnyState, Time
+from .bath import Langevin
+
+
+class ThermalField(Langevin):
+    """The heat bath of damped spins: a random field, as strong as the damping of `Spins` needs at this temperature.
+
+    A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "SUBLATTICES[BAOAB]". The
+    damping acts in the flights; the stage turns each spin about a random axis, as Brownian motion on the sphere with
+    the diffusion constant D = kT g alpha does: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
+    exp(-H/kT) is approached with an error of second order in the step (weak order 2).
+
+    The random numbers depend on the key, on the index of the step and of the stage, and on the place of the spin in the
+    lattice; on nothing else.
+
+    Attributes:
+        kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
+        key: a typed key, `jax.random.key(seed)`; of an ensemble (n,).
+
+    Raises:
+        ValueError: a negative temperature, or a key that is not typed. When a run begins: spins without damping,
+            several keys for one run, or a method without the stage.
+    """
+
+    def __init__(self, kT: Any, key: Any):
+        if not callable(kT):
+            kT = as_floats("kT", kT)
+            require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
+        if not is_key(key):
+            raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
+        self.kT, self.key = kT, key
+        self.friction, self.linear_friction = jnp.zeros(()), None
+
+    def at(self, t: Time, state: AnyState, body: Any) -> Array:
+        """Zero: the bath acts in a stage of its own."""
+        self.check_on(state, body)
+        return jnp.zeros_like(state.momentum)
+
+    def check_on(self, state: AnyState, body: Any) -> None:
+        if not isinstance(body, Spins):
+            raise ValueError(
+                f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies take Langevin."
+            )
+        if not body.is_damped:
+            raise ValueError("ThermalField needs a damping, Spins(damping=...): its strength follows from it.")
+        if not callable(self.kT) and self.kT.shape:
+            raise ValueError(f"kT must be one number, got shape {self.kT.shape}.")
+        if self.key.shape:
+            raise ValueError(
+                f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
+            )
+
+    def on_spins(self, body: Spins, shape: tuple[int, ...], dtype: Any) -> "BathOfSpins":
+        """The bath of a run on a lattice of this shape."""
+        words = jax.random.key_data(self.key)
+        key = tuple(words[i] for i in range(words.shape[-1]))
+        member = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(shape)
+        return BathOfSpins(self._root, key, (body.damping * body.rate).astype(dtype), member)
+
+
+class BathOfSpins(NamedTuple):
+    """A `ThermalField`, prepared for the steps of a run.
+
+    Attributes:
+        root: the function of time sqrt(kT).
+        key: two or four words, uint32, of the random key.
+        mobility: g alpha, () or in the shape of the lattice.
+        member: the index of each spin, (*lattice).
+        step: the index of the step, or None outside a step.
+    """
+
+    root: Callable[[Any], Array]
+    key: tuple[Array, ...]
+    mobility: Array
+    member: Array
+    step: Array | None = None
+
+    def turn(self, h: Array, t: Array, stage: int) -> cp.Vector:
+        """Rotation vectors of the spins for the time h at the time t, in stage `stage` of the step.
+
+        Three normal numbers of variance 2 D h (1 - D h / 6): so the mean of every spherical harmonic of the spin is
+        that of Brownian motion up to h^3.
+        """
+        assert self.step is not None
+        dtype = self.mobility.dtype
+        spread = self.mobility * h * self.root(t) ** 2
+        size = root_of(2 * spread * jnp.maximum(1 - spread / 6, 0))
+        x, y, z = normals(self.key, (self.step, stage, self.member), 3, dtype)
+        return cp.scale(size, (x, y, z))
