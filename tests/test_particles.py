@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -228,6 +229,22 @@ def test_a_column_in_batches():
     alone = [in_space("Verlet")(m * body.mass, p, position) for m, p in ((1, many.momentum[1]), (2, momentum))]
     np.testing.assert_allclose(ends[1], alone[0].states.position[-1], rtol=1e-13)
     np.testing.assert_allclose(mapped[1], alone[1].states.position[-1], rtol=1e-13)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", [*PARTICLE, "DOP853"])
+def test_a_column_in_diffrax(name):
+    """With error control, `LieSolver` takes the steps of the flattened run."""
+    momentum, position = jnp.asarray(SPACE)
+    ends = []
+    for mass, shape in ((NODE_MASS[:, None], (NODES, 3)), (np.repeat(NODE_MASS, 3), (-1,))):
+        start = ml.ParticleState(momentum.reshape(shape), position.reshape(shape))
+        term = ml.RigidBodyTerm(ml.Particles(mass), ml.torques.FromPotential(bonds))
+        control = diffrax.PIDController(1e-4, 1e-4)
+        solution = diffrax.diffeqsolve(term, ml.LieSolver(name), 0.0, 0.3, 0.01, start, stepsize_controller=control)
+        ends.append((int(solution.stats["num_steps"]), solution.ys.position[-1].ravel()))
+    assert ends[0][0] == ends[1][0]
+    np.testing.assert_allclose(ends[0][1], ends[1][1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", PARTICLE[:1])

@@ -246,8 +246,8 @@ class TensorBody(Body):
 class Particles(Body):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
-    The nodes of a deformable solid are particles, too: positions (n, 3), masses (n, 1), and forces that are the gradient
-    of its elastic energy; docs/solids.md shows one.
+    The nodes of a deformable solid are particles, too: positions (n, 3), masses (n, 1), and forces that are minus the
+    gradient of its elastic energy; docs/solids.md shows one.
 
     Attributes:
         mass: as passed, but of a matrix its lower Cholesky factor.
@@ -256,7 +256,7 @@ class Particles(Body):
         mass: positive masses in one of the forms
 
             - (): one for all coordinates;
-            - (n,): one for each coordinate, of positions (n,); of positions (k, n), k other than n, one for each column;
+            - (n,): one for each coordinate of positions (n,); or for each column of positions (k, n), if k is not n;
             - a column (n, 1): one for each row of positions (n, d), which is one for each particle;
             - a row (1, d): one for each column of positions (n, d);
             - (n, n): a symmetric positive definite matrix for positions (n,), which is factorised on construction.

@@ -28,8 +28,8 @@ def checked(mass: Array) -> Array:
     """
     if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
         raise ValueError(
-            f"mass must be a scalar, (n,), a column (n, 1), a row (1, n) or a matrix (n, n), got {mass.shape}; map over "
-            "a batch with jax.vmap, or flatten positions whose every entry has a mass of its own."
+            f"mass must be a scalar, (n,), a column (n, 1), a row (1, n) or a matrix (n, n), got {mass.shape}; map "
+            "over a batch with jax.vmap, or flatten positions whose every entry has a mass of its own."
         )
     if not is_matrix(mass):
         require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
@@ -77,4 +77,3 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
 def _broadcasts(form: tuple[int, ...], shape: tuple[int, ...]) -> bool:
     """Whether a mass of this form multiplies an array of this shape and leaves the shape as it is."""
     return len(form) <= len(shape) and all(m in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False))
-

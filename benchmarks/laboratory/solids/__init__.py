@@ -1,1 +1,1 @@
-"""Deformable solids by the methods for particles: a thrown block of tetrahedra, d'Alembert's bar, and what steps cost."""
+"""Deformable solids by the methods for particles: a thrown block, d'Alembert's bar, and what steps cost."""

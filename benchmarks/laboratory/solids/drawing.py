@@ -23,7 +23,7 @@ _GIF_COLOURS = 32
 
 
 class Flight(NamedTuple):
-    """A flight: times (k,), places of the nodes (k, n, 3) and of the centre of mass (k, 3), triangles (f, 3) of the surface."""
+    """Times (k,), places of nodes (k, n, 3) and centre of mass (k, 3), and the triangles of the surface (f, 3)."""
 
     times: np.ndarray
     places: np.ndarray
@@ -70,7 +70,7 @@ def _block(axes: Any, places: np.ndarray, triangles: np.ndarray) -> Any:
     shade = share[:, None]  # from a darker to a lighter blue
     faces = np.clip(np.array(to_rgb(BLUE)) * (0.35 + 0.6 * shade) + 0.3 * shade, 0, 1)
     style: Any = {"edgecolors": "white", "linewidths": 0.25}
-    return axes.add_collection(PolyCollection(spanned[order][:, :, [0, 2]], facecolors=faces[order], **style))
+    return axes.add_collection(PolyCollection(list(spanned[order][:, :, [0, 2]]), facecolors=faces[order], **style))
 
 
 def _panel(found: Flight, width: float = _WIDTH, height: float = _HEIGHT, dpi: int = _DPI) -> tuple[Any, Any]:
@@ -94,8 +94,7 @@ def still(found: Flight, out: Path) -> None:
     figure, axes = _panel(found, 8.0, 4.2, 110)
     for k in np.linspace(0, FRAMES - 1, STILLS).round().astype(int):
         _block(axes, found.places[k], found.triangles)
-        x, z = found.middle[k, [0, 2]]
-        top = found.places[k, :, 2].max()
+        x, top = found.middle[k, 0], found.places[k, :, 2].max()
         axes.annotate(
             f"t = {found.times[k]:.3g} s", (x, top), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=9
         )
