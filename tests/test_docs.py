@@ -62,6 +62,7 @@ TABLES = (
     ("molecules", "reports/molecules"),
     ("heat", "reports/heat"),
     ("surfaces", "reports/surfaces"),
+    ("solids", "reports/solids"),
     ("choosing", "choosing-a-method"),
     ("gpu", "reports/gpu"),
     ("kernels", "reports/gpu"),

@@ -31,6 +31,14 @@ def go(method="LIEMID[EA]", body=BODY, torque=None, start=START, dt=0.1, steps=2
     return integrate(method, body, torque, start, dt=dt, steps=steps, **options)
 
 
+def at_rest(shape):
+    return ml.ParticleState(jnp.zeros(shape), jnp.ones(shape))
+
+
+def flying(mass, shape, run=ml.integrate):
+    return inspect.unwrap(run)("Verlet", ml.Particles(mass), None, at_rest(shape), dt=0.1, steps=2)
+
+
 def returns(value):
     return lambda t, state: value
 
@@ -78,6 +86,41 @@ BAD = {
     "mass negative": (lambda: ml.Particles(jnp.array([1.0, -1.0])), "mass must be positive"),
     "mass NaN": (lambda: ml.Particles(jnp.array([[NAN]])), "mass must be finite"),
     "mass not square": (lambda: ml.Particles(jnp.ones((2, 3))), r"mass must be a scalar.*\(2, 3\)"),
+    "mass of each entry": (lambda: ml.Particles(jnp.ones((4, 3))), r"mass must be a scalar.*\(4, 3\).*flatten"),
+    "mass of a column negative": (lambda: ml.Particles(jnp.array([[1.0], [-1.0]])), "mass must be positive"),
+    "mass of rows or columns": (
+        lambda: flying(jnp.ones(3), (3, 3)),
+        r"body.mass \(3,\) has two readings for start.position of shape \(3, 3\).*mass\[:, None\].*mass\[None, :\]",
+    ),
+    "mass of rows or columns, in an ensemble": (lambda: flying(jnp.ones(3), (5, 3, 3), ml.ensemble), "two readings"),
+    "mass of rows or columns, in LieSolver": (
+        lambda: ml.RigidBodyTerm(ml.Particles(jnp.ones(3))).vf(0.0, at_rest((3, 3)), None),
+        r"body.mass \(3,\) has two readings for y0.position",
+    ),
+    "mass of rows or columns, in the energy": (
+        lambda: kinetic_energy(ml.Particles(jnp.ones(3)), at_rest((3, 3))),
+        "two readings for momentum",
+    ),
+    "mass of rows or columns, of a velocity": (
+        lambda: ml.Particles(jnp.ones(3)).momentum(jnp.ones((3, 3))),
+        "two readings for velocity",
+    ),
+    "masses of other particles": (
+        lambda: flying(jnp.ones((4, 1)), (5, 3)),
+        r"body.mass \(4, 1\) does not fit start.position of shape \(5, 3\).*\(5, 1\).*\(1, 3\)",
+    ),
+    "masses of particles without a column": (
+        lambda: flying(jnp.ones(4), (4, 3)),
+        r"body.mass \(4,\) does not fit start.position of shape \(4, 3\).*each particle.*\(4, 1\)",
+    ),
+    "a column on a row of coordinates": (
+        lambda: flying(jnp.ones((4, 1)), (4,)),
+        r"body.mass \(4, 1\) does not fit start.position of shape \(4,\).*each coordinate \(4,\)",
+    ),
+    "a mass matrix on particles": (
+        lambda: flying(jnp.eye(4), (4, 3)),
+        r"body.mass is a matrix \(4, 4\).*\(4, 3\) is not \(4,\); flatten",
+    ),
     "mass of three axes": (lambda: ml.Particles(jnp.ones((2, 2, 2))), r"mass must be a scalar.*vmap"),
     "mass not symmetric": (lambda: ml.Particles(jnp.array([[2.0, 1.0], [0.0, 2.0]])), "mass must be symmetric"),
     "mass indefinite": (lambda: ml.Particles(jnp.array([[1.0, 2.0], [2.0, 1.0]])), "positive definite"),

@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -148,6 +149,116 @@ def test_scalar_diagonal_and_full_mass_agree(name, dtype):
         for other in others:
             for x, y in ((first.momentum, other.momentum), (first.position, other.position)):
                 assert np.abs(x - y).max() <= 4 * STEPS * epsilon(dtype)
+
+
+NODES = 4  # in space: positions (4, 3)
+EDGES = np.array([(i, j) for i in range(NODES) for j in range(i)])
+NODE_MASS = np.array([2.0, 0.5, 1.1, 3.0])
+SPACE = np.random.default_rng(0).normal(size=(2, NODES, 3))  # momenta and positions
+
+
+def bonds(t, state):
+    """The energy of springs between all nodes, by their positions in any shape."""
+    u = state.position.reshape(NODES, 3)
+    square = jnp.sum((u[EDGES[:, 0]] - u[EDGES[:, 1]]) ** 2, axis=1)
+    return jnp.sum((1 + 0.3 * jnp.sin(t)) * (square - 1) ** 2) / 8
+
+
+@cache
+def in_space(name):
+    def motion(mass, momentum, position):
+        start = ml.ParticleState(momentum, position)
+        body, force = ml.Particles(mass), ml.torques.FromPotential(bonds)
+        return ml.integrate(name, body, force, start, dt=jnp.asarray(0.02, position.dtype), steps=16)
+
+    return jax.jit(motion)
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", [*PARTICLE, "RK4"])
+def test_one_mass_for_each_particle(name, dtype):
+    """A column of masses is the flattened run with each mass three times; a row of three is one for each column."""
+    momentum, position = jnp.asarray(SPACE, dtype)
+    forms = {
+        "column": (NODE_MASS[:, None], np.repeat(NODE_MASS, 3)),
+        "row": (NODE_MASS[None, :3], np.tile(NODE_MASS[:3], NODES)),
+    }
+    for form, repeated in forms.values():
+        path = in_space(name)(jnp.asarray(form, dtype), momentum, position)
+        flat = in_space(name)(jnp.asarray(repeated, dtype), momentum.ravel(), position.ravel())
+        assert path.ok
+        assert flat.ok
+        for part in ("momentum", "position"):
+            found, expected = (getattr(run.states, part) for run in (path, flat))
+            assert found.dtype == dtype
+            gap = jnp.abs(found.reshape(expected.shape) - expected)
+            assert jnp.max(gap) <= 4 * 16 * epsilon(dtype) * jnp.max(jnp.abs(expected))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_energy_momentum_and_derivatives_of_a_column(dtype):
+    """Those of the flattened system, and by the masses the sum over the coordinates of each particle."""
+    momentum, position = jnp.asarray(SPACE, dtype)
+    mass, repeated = jnp.asarray(NODE_MASS[:, None], dtype), jnp.asarray(np.repeat(NODE_MASS, 3), dtype)
+    body, slack = ml.Particles(mass), 8 * epsilon(dtype)
+    np.testing.assert_allclose(body.momentum(body.velocity(momentum)), momentum, rtol=slack)
+    np.testing.assert_allclose(body.velocity(momentum), momentum / np.asarray(mass), rtol=slack)
+    column, flat = ml.ParticleState(momentum, position), ml.ParticleState(momentum.ravel(), position.ravel())
+    force = ml.torques.FromPotential(bonds)
+    for of in (lambda b, s: ml.kinetic_energy(b, s), lambda b, s: ml.energy(b, force, s, t=jnp.asarray(0.3, dtype))):
+        np.testing.assert_allclose(of(body, column), of(ml.Particles(repeated), flat), rtol=slack)
+
+    def end(mass, momentum, position):
+        return jnp.sum(in_space("Verlet")(mass, momentum, position).states.position[-1] ** 2)
+
+    slope = jax.grad(end)(mass, momentum, position)
+    each = jax.grad(end)(repeated, momentum.ravel(), position.ravel())
+    np.testing.assert_allclose(slope[:, 0], each.reshape(NODES, 3).sum(1), rtol=500 * epsilon(dtype))
+
+
+def test_a_column_in_batches():
+    """An ensemble shares the masses; under vmap every run may have its own. Each is the run alone."""
+    momentum, position = jnp.asarray(SPACE)
+    many = ml.ParticleState(jnp.stack([momentum, momentum / 2]), jnp.stack([position, position]))
+    body, force = ml.Particles(NODE_MASS[:, None]), ml.torques.FromPotential(bonds)
+    ends = ml.ensemble("Verlet", body, force, many, dt=0.02, steps=16).states.position
+    heavy = jax.vmap(lambda m, p: in_space("Verlet")(m, p, position).states.position[-1])
+    mapped = heavy(jnp.stack([body.mass, 2 * body.mass]), jnp.stack([momentum, momentum]))
+    np.testing.assert_allclose(ends[0], mapped[0], rtol=1e-13)
+    alone = [in_space("Verlet")(m * body.mass, p, position) for m, p in ((1, many.momentum[1]), (2, momentum))]
+    np.testing.assert_allclose(ends[1], alone[0].states.position[-1], rtol=1e-13)
+    np.testing.assert_allclose(mapped[1], alone[1].states.position[-1], rtol=1e-13)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", [*PARTICLE, "DOP853"])
+def test_a_column_in_diffrax(name):
+    """With error control, `LieSolver` takes the steps of the flattened run."""
+    momentum, position = jnp.asarray(SPACE)
+    ends = []
+    for mass, shape in ((NODE_MASS[:, None], (NODES, 3)), (np.repeat(NODE_MASS, 3), (-1,))):
+        start = ml.ParticleState(momentum.reshape(shape), position.reshape(shape))
+        term = ml.RigidBodyTerm(ml.Particles(mass), ml.torques.FromPotential(bonds))
+        control = diffrax.PIDController(1e-4, 1e-4)
+        solution = diffrax.diffeqsolve(term, ml.LieSolver(name), 0.0, 0.3, 0.01, start, stepsize_controller=control)
+        ends.append((int(solution.stats["num_steps"]), solution.ys.position[-1].ravel()))
+    assert ends[0][0] == ends[1][0]
+    np.testing.assert_allclose(ends[0][1], ends[1][1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", PARTICLE[:1])
+def test_one_particle_has_a_column_that_is_a_matrix(name):
+    """(1, 1), of positions (1,) and (1, 3): the same as the number."""
+    for shape in ((1,), (1, 3)):
+        start = ml.ParticleState(jnp.ones(shape), jnp.full(shape, 0.5))
+
+        def end(mass, start=start):
+            return ml.integrate(name, ml.Particles(mass), lambda t, s: -s.position, start, dt=0.1, steps=8).states
+
+        matrix, number = end([[1.7]]), end(1.7)
+        np.testing.assert_allclose(matrix.position, number.position, rtol=1e-14)
+        np.testing.assert_allclose(ml.Particles([[1.7]]).momentum(jnp.ones(shape)), jnp.full(shape, 1.7), rtol=1e-15)
 
 
 @pytest.mark.sample(1)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_finite, require_rows
 from .._math import components as cp
-from . import so3
+from . import masses, so3
 from .inertia import Inertia
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
@@ -24,11 +24,6 @@ _SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
 # Moments must lie between s and 1/s, where s is the smallest normal number of their dtype to this power. This leaves
 # room for the intermediate results of the methods.
 _RANGE_EXPONENT = 0.8
-
-
-def is_positive(numbers: np.ndarray) -> Any:
-    """Whether numbers are finite and above zero."""
-    return np.isfinite(numbers) & (numbers > 0)
 
 
 def is_within_range(moments: np.ndarray) -> Any:
@@ -117,7 +112,7 @@ class RigidBody(Body):
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         require_rows(
-            "moments", self.moments, is_positive, "must be positive and finite", cure or "check units and order."
+            "moments", self.moments, masses.is_positive, "must be positive and finite", cure or "check units and order."
         )
         require_rows(
             "moments", self.moments, is_within_range, "are out of range", "take other units of mass or length."
@@ -251,36 +246,33 @@ class TensorBody(Body):
 class Particles(Body):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
+    The nodes of a deformable solid are particles, too: positions (n, 3), masses (n, 1), and forces that are minus the
+    gradient of its elastic energy; docs/solids.md shows one.
+
     Attributes:
-        mass: one mass for all coordinates (), one per coordinate (n,), or the lower Cholesky factor (n, n) of a full
-            mass matrix.
+        mass: as passed, but of a matrix its lower Cholesky factor.
 
     Args:
-        mass: a positive scalar, positive masses (n,), or a symmetric positive definite matrix (n, n), which is
-            factorised on construction.
+        mass: positive masses in one of the forms
+
+            - (): one for all coordinates;
+            - (n,): one for each coordinate of positions (n,); or for each column of positions (k, n), if k is not n;
+            - a column (n, 1): one for each row of positions (n, d), which is one for each particle;
+            - a row (1, d): one for each column of positions (n, d);
+            - (n, n): a symmetric positive definite matrix for positions (n,), which is factorised on construction.
+
+            (1, 1) is both a matrix and the column of one particle, which are the same.
 
     Raises:
-        ValueError: the mass has more than two axes, is not positive, or is not symmetric positive definite.
+        ValueError: the mass has another shape, is not positive, or is not symmetric positive definite. When a run
+            starts, or from `velocity` and `momentum`: the shapes of mass and positions do not fit, or are (n,) and
+            (n, n), which has two readings.
     """
 
-    mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
+    mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n 1"] | Float[Array, "1 n"] | Float[Array, "n n"]
 
     def __init__(self, mass: Any):
-        mass = as_floats("mass", mass)
-        if mass.ndim > 2 or (mass.ndim == 2 and mass.shape[0] != mass.shape[1]):
-            raise ValueError(
-                f"mass must be a scalar, (n,) or (n, n), got {mass.shape}; map over a batch with jax.vmap."
-            )
-        if mass.ndim < 2:
-            require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
-            self.mass = mass
-            return
-        require_finite("mass", mass)
-        require("mass", mass, lambda m: np.allclose(m, m.T, rtol=1e-6), "must be symmetric", "pass (M + M.T) / 2.")
-        factor = jnp.linalg.cholesky(mass)
-        if not cp.is_traced(factor) and not np.all(np.isfinite(factor)):
-            raise ValueError("mass must be positive definite: its Cholesky factorisation failed.")
-        self.mass = factor
+        self.mass = masses.checked(as_floats("mass", mass))
 
     def inertia(self) -> "Particles":
         """The particles themselves, which are moved as arrays."""
@@ -288,13 +280,19 @@ class Particles(Body):
 
     def velocity(self, momentum: Array) -> Array:
         """The velocity u' = M^-1 p."""
-        if self.mass.ndim == 2:
+        masses.check_fits(self.mass, "momentum", jnp.shape(momentum))
+        if self.mass.shape == (1, 1):
+            return momentum / self.mass[0, 0] / self.mass[0, 0]  # the factor is the root of the mass
+        if masses.is_matrix(self.mass):
             return jax.scipy.linalg.cho_solve((self.mass, True), momentum)
         return momentum / self.mass
 
     def momentum(self, velocity: Array) -> Array:
         """The momentum p = M u'."""
-        if self.mass.ndim == 2:
+        masses.check_fits(self.mass, "velocity", jnp.shape(velocity))
+        if self.mass.shape == (1, 1):
+            return self.mass[0, 0] * (self.mass[0, 0] * velocity)
+        if masses.is_matrix(self.mass):
             return self.mass @ (self.mass.T @ velocity)
         return self.mass * velocity
 

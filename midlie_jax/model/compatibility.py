@@ -8,8 +8,9 @@ from typing import Any
 import equinox as eqx
 
 from .._checks.arguments import described
-from .bodies import principal_of
+from .bodies import Particles, principal_of
 from .free_body import FreeBody
+from .masses import check_fits
 from .state import AnyState, State
 
 
@@ -47,8 +48,13 @@ def check_torque(torque: Any) -> None:
 
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
-    """Raises unless the state has `batch` leading axes, and the body at most as many; particles are not checked."""
+    """Raises unless the state has `batch` leading axes, and the body at most as many.
+
+    Particles have positions of any shape: of them it raises unless the mass belongs to these positions in one way.
+    """
     if not state.own_axes:
+        if isinstance(body, Particles):
+            check_fits(body.mass, f"{name}.position", state.momentum.shape[batch:])
         return
     if state.several:
         _check_several(name, body, state, batch)

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
-from .bodies import Body, RigidBody, TensorBody, is_positive, is_within_range
+from .bodies import Body, RigidBody, TensorBody, is_within_range
+from .masses import is_positive
 from .rotor import Rotor
 
 

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_rows
 from .._math import components as cp
-from .bodies import Body, is_positive, is_within_range
+from .bodies import Body, is_within_range
+from .masses import is_positive
 
 _UNITS = "check its units."
 
