@@ -1,0 +1,376 @@
+"""Spins: orders, what each method keeps, reversal, splits, symmetries, closed forms, derivatives, what is refused."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import DTYPES, epsilon
+from scipy.integrate import solve_ivp
+
+import midlie_jax as ml
+from midlie_jax.methods.registry import ENTRIES
+
+METHODS = [e.method.name for e in ENTRIES.values() if e.method.bodies is ml.Spins and not e.method.random]
+# A first-order pair, a table of kicks and flights of order 6, of which spins see 4, and one that begins with a flight.
+MORE = [f"SUBLATTICES[{name}]" for name in ("E1", "E2", "TJ4", "BM4", "SRKN11b")]
+STEPS = 32
+
+
+def random_spins(shape, seed=1, dtype="float64"):
+    drawn = np.random.default_rng(seed).normal(size=(*shape, 3))
+    return (drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)).astype(dtype)
+
+
+def neighbours(x, axis, periodic):
+    """The places after and before along an axis, in NumPy."""
+    after, before = np.roll(x, -1, axis), np.roll(x, 1, axis)
+    if not periodic:
+        here = (slice(None),) * axis
+        after[*here, -1] = 0
+        before[*here, 0] = 0
+    return after, before
+
+
+EXCHANGE, VECTORS, EASY = (
+    np.array([0.9, -0.6]),
+    np.array([[0.3, 0.1, -0.2], [0.0, 0.4, 0.2]]),
+    np.array([0.6, 0.0, 0.8]),
+)
+
+
+def shaken(t):
+    return jnp.stack([0.3 + 0 * t, 0.5 * jnp.sin(2 * t), 0.4 * jnp.cos(t)])
+
+
+def shaken_numpy(t):
+    return np.array([0.3, 0.5 * np.sin(2 * t), 0.4 * np.cos(t)])
+
+
+def field_numpy(t, s, periodic=(True, False)):
+    """Exchange, Dzyaloshinskii-Moriya, anisotropy and a field that changes in time, on a lattice of two dimensions."""
+    total = shaken_numpy(t) + 2 * 0.35 * (s @ EASY)[..., None] * EASY
+    for axis, closes in enumerate(periodic):
+        after, before = neighbours(s, axis, closes)
+        total = total + EXCHANGE[axis] * (after + before) + np.cross(VECTORS[axis], after - before)
+    return total
+
+
+def everything(dtype="float64", periodic=(True, False)):
+    t = ml.torques
+    cast = partial(jnp.asarray, dtype=dtype)
+    neighbourly = t.Exchange(cast(EXCHANGE), periodic) + t.DzyaloshinskiiMoriya(cast(VECTORS), periodic)
+    return neighbourly + t.Anisotropy(cast(0.35), cast(EASY)) + t.AppliedField(shaken)
+
+
+def motion_numpy(start, end, damping, field=field_numpy):
+    """The spins at a time, by SciPy."""
+    g = 1 / (1 + damping**2)
+
+    def rate(t, flat):
+        s = flat.reshape(start.shape)
+        turn = np.cross(field(t, s), s)
+        return (g * (turn + damping * np.cross(s, turn))).ravel()
+
+    found = solve_ivp(rate, (0, end), start.ravel(), method="DOP853", rtol=1e-13, atol=1e-13)
+    return found.y[:, -1].reshape(start.shape)
+
+
+def run(name, damping, torque, spin, dt, steps=STEPS, save_every=None, first=0):
+    spins, start = ml.Spins(jnp.asarray(damping, spin.dtype), jnp.ones((), spin.dtype)), ml.SpinState(jnp.asarray(spin))
+    dt = jnp.asarray(dt, spin.dtype)
+    return ml.integrate(name, spins, torque, start, dt=dt, steps=steps, save_every=save_every, first_step=first)
+
+
+@pytest.mark.parametrize("name", [*METHODS, *MORE])
+def test_order(name):
+    method = ml.method(name)
+    start, end = random_spins((4, 3)), 1.6
+    true = motion_numpy(start, end, 0.2)
+    counts = np.array([4, 8, 16]) * {1: 16, 2: 8, 4: 2, 6: 1}[method.order]
+    errors = []
+    for count in counts:
+        found = run(name, 0.2, everything(), start, end / count, int(count))
+        assert found.ok
+        errors.append(np.abs(found.states.spin - true).max())
+    slopes = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert abs(slopes[-1] - method.order) < 0.35, (errors, slopes)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", [n for n in (*METHODS, *MORE) if ml.method(n).symmetric])
+def test_symmetric_methods_come_back(name, dtype):
+    start = random_spins((4, 3), dtype=dtype)
+    there = run(name, 0.2, everything(dtype), start, 0.05)
+    back = run(name, 0.2, everything(dtype), np.asarray(there.states.spin), -0.05, first=-STEPS)
+    assert there.ok
+    assert back.ok
+    assert np.abs(there.states.spin - start).max() > 0.1
+    assert np.abs(back.states.spin - start).max() < 400 * epsilon(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", [*METHODS, "SUBLATTICES[BM4]"])
+def test_split_runs_and_steps_of_zero_are_exact(name, dtype):
+    start = random_spins((4, 3), dtype=dtype)
+    whole = run(name, 0.2, everything(dtype), start, 0.05, save_every=STEPS // 2)
+    middle = np.asarray(whole.states.spin[1])
+    half = run(name, 0.2, everything(dtype), middle, 0.05, STEPS // 2, save_every=STEPS // 2, first=STEPS // 2)
+    assert np.array_equal(half.states.spin[-1], whole.states.spin[-1])
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_lengths_and_what_is_kept_under_exchange(name):
+    """Turns of sublattices keep the energy, the spherical midpoint rule the sum of the spins; both to rounding."""
+    start, exchange = random_spins((4, 6)), ml.torques.Exchange(-1.0)
+    path = run(name, 0.0, exchange, start, 0.1, 4 * STEPS, save_every=STEPS)
+    assert path.ok
+    assert np.abs(np.linalg.norm(path.states.spin, axis=-1) - 1).max() < 1e-13
+    energies = ml.energy(ml.Spins(), exchange, path)
+    total = np.asarray(path.states.spin).sum(axis=(1, 2))
+    changes = np.abs(energies - energies[0]).max(), np.abs(total - total[0]).max()
+    kept = [change < 1e-12 for change in changes]
+    assert kept == [name.startswith("SUBLATTICES"), name == "spherical midpoint"], changes
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_which_methods_are_symplectic(name):
+    """M^T Omega(S1) M = Omega(S0) on the planes at right angles to the spins, with Omega(u, v) = S . (u x v)."""
+    start = jnp.asarray(random_spins((3,)))
+    torque = ml.torques.Exchange(1.0, periodic=False)
+
+    def step(spin):
+        state = ml.SpinState.unchecked(spin=spin)
+        return ml.integrate(name, ml.Spins(), torque, state, dt=0.3, steps=1, save_every=None).states.spin
+
+    def basis(spin):
+        frames = np.linalg.svd(np.asarray(spin)[..., None])[0]  # the first column is along the spin
+        planes = np.zeros((3, 3, 6))
+        for i in range(3):
+            planes[i, :, 2 * i : 2 * i + 2] = frames[i][:, 1:]
+        return planes
+
+    def area(spin, vectors):
+        crossed = np.cross(vectors[:, :, :, None], vectors[:, :, None, :], axis=1)
+        return np.einsum("ic,icab->ab", np.asarray(spin), crossed)
+
+    moved = np.einsum("icjd,jda->ica", np.asarray(jax.jacfwd(step)(start)), basis(start))
+    defect = np.abs(area(step(start), moved) - area(start, basis(start))).max()
+    assert (defect < 1e-13) == ml.method(name).symplectic, defect
+    assert defect < 1e-13 or defect > 1e-6
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_lattice_may_be_moved_and_space_turned(name):
+    """By two places along each axis; and under exchange alone all spins by one rotation."""
+    start, exchange = random_spins((4, 6)), ml.torques.Exchange(jnp.asarray([0.8, -0.5]))
+    path = run(name, 0.1, exchange, start, 0.1)
+    moved = run(name, 0.1, exchange, np.roll(start, (2, 2), (0, 1)), 0.1)
+    assert np.allclose(np.roll(path.states.spin, (2, 2), (0, 1)), moved.states.spin, rtol=0, atol=1e-13)
+    turn = np.asarray(ml.so3.to_matrix(jnp.array([0.5, -0.5, 0.1, 0.7])))
+    turned = run(name, 0.1, exchange, start @ turn.T, 0.1)
+    assert np.allclose(path.states.spin @ turn.T, turned.states.spin, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", [METHODS[0], "spherical midpoint"])
+def test_spins_may_be_numbered_anew(name):
+    """Three sublattices, a matrix of couplings, and the same spins in another order."""
+    labels = np.array([0, 1, 2, 0, 1, 2, 1])
+    drawn = np.random.default_rng(3).normal(size=(7, 7))
+    matrix = jnp.asarray(np.where(labels[:, None] != labels, drawn + drawn.T, 0))
+    start, order = random_spins((7,)), np.array([4, 2, 0, 6, 5, 1, 3])
+
+    def end(matrix, labels, spin):
+        body = ml.Spins(sublattices=labels)
+        energy = ml.torques.FromPotential(lambda t, s: jnp.sum(matrix * (s.spin @ s.spin.T)) / 4)
+        return ml.integrate(name, body, energy, ml.SpinState(spin), dt=0.02, steps=20, save_every=None).states.spin
+
+    found = end(matrix, labels, jnp.asarray(start))
+    again = end(matrix[order][:, order], labels[order], jnp.asarray(start[order]))
+    assert np.allclose(found[order], again, rtol=0, atol=1e-13)
+    field = partial(lambda matrix, t, s: -matrix @ s / 2, np.asarray(matrix))
+    assert np.abs(found - motion_numpy(start, 0.4, 0.0, field)).max() < 2e-3
+
+
+def test_a_field_by_hand_and_one_from_an_energy_are_those_of_the_package():
+    start, torque = random_spins((4, 3)), everything()
+    state = ml.SpinState(jnp.asarray(start))
+    expected = field_numpy(0.7, start)
+    assert np.allclose(torque(jnp.asarray(0.7), state), expected, rtol=0, atol=1e-14)
+    by_energy = ml.torques.FromPotential(torque.potential)
+    assert np.allclose(by_energy(jnp.asarray(0.7), state), expected, rtol=0, atol=1e-14)
+    cubic = ml.torques.CubicAnisotropy(0.4)
+    along = ml.torques.FromPotential(cubic.potential)(0.0, state)
+    assert np.allclose(np.cross(cubic(0.0, state), start), np.cross(along, start), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
+    """S . k = tanh(atanh(S0 . k) + alpha g B t), and a turn by g B t about k."""
+    damping, field, start, end = 0.1, np.array([0.3, -0.2, 1.1]), np.array([0.6, 0.0, 0.8]), 10.0
+    g, size = 1 / (1 + damping**2), np.linalg.norm(field)
+    k = field / size
+    along = np.tanh(np.arctanh(start @ k) + damping * g * size * end)
+    across = start - (start @ k) * k
+    across = across / np.linalg.norm(across)
+    angle = g * size * end
+    turned = np.cos(angle) * across + np.sin(angle) * np.cross(k, across)
+    expected = along * k + np.sqrt(1 - along**2) * turned
+    path = run(
+        "SUBLATTICES[EA]", damping, ml.torques.AppliedField(jnp.asarray(field, dtype)), start.astype(dtype), 1.0, 10
+    )
+    assert path.ok
+    assert np.abs(path.states.spin - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
+
+
+def test_a_spin_switches_in_the_known_time():
+    """From theta0 to theta1 in (1 + a^2)/(a B) ln(tan(theta0/2)/tan(theta1/2))."""
+    damping, field, theta0, theta1 = 0.05, 0.8, 3.0, 0.2
+    time = (1 + damping**2) / (damping * field) * np.log(np.tan(theta0 / 2) / np.tan(theta1 / 2))
+    start = np.array([np.sin(theta0), 0.0, np.cos(theta0)])
+    path = run("SUBLATTICES[EA]", damping, ml.torques.AppliedField([0.0, 0.0, field]), start, time / 64, 64)
+    assert abs(np.arccos(path.states.spin[2]) - theta1) < 1e-12
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-9, 0.2])
+def test_a_spin_under_its_own_anisotropy_is_the_closed_form(damping):
+    """z/sqrt(1 - z^2) grows as exp(2 K a g t), and the angle is the change of atanh(z) over a."""
+    strength, start, end = 0.7, random_spins(()), 3.0
+    z = start[2]
+    g = 1 / (1 + damping**2)
+    after = np.sinh(np.arctanh(z)) * np.exp(2 * strength * damping * g * end)
+    z1 = after / np.sqrt(1 + after**2)
+    angle = (np.arctanh(z1) - np.arctanh(z)) / damping if damping > 1e-6 else 2 * strength * z * end
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ start[:2]
+    expected = np.append(turned / np.linalg.norm(turned) * np.sqrt(1 - z1**2), z1)
+    path = run("SUBLATTICES[EA]", damping, ml.torques.Anisotropy(strength), start, 1.5, 2)
+    assert np.abs(path.states.spin - expected).max() < 1e-8 if damping == 1e-9 else 1e-13
+    poles = run("SUBLATTICES[EA]", damping, ml.torques.Anisotropy(strength), np.array([0.0, 0.0, -1.0]), 1.5, 2)
+    assert np.array_equal(poles.states.spin, [0.0, 0.0, -1.0])
+
+
+def test_one_spin_is_the_momentum_of_a_body():
+    """With H = S . D S / 2 its motion is that of a body with the moments 1/D, by Jacobi's closed form."""
+    moments, start = np.array([1.0, 1.6, 2.2]), random_spins(())
+    body = ml.RigidBody(moments)
+    rigid = ml.integrate("JACOBI[EA]", body, None, ml.MomentumState(jnp.asarray(start)), dt=0.1, steps=50)
+    energy = ml.torques.FromPotential(lambda t, s: jnp.sum(s.spin**2 / moments) / 2)
+    spin = run("DOP853", 0.0, energy, start, 0.1, 50)
+    assert np.abs(spin.states.spin - rigid.states.momentum[-1]).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_derivatives(name):
+    """Forward, reverse, and backwards through the steps, against a difference of runs."""
+    start, weights = jnp.asarray(random_spins((4, 2))), random_spins((4, 2), seed=2)
+
+    def value(coupling, adjoint=None):
+        torque = ml.torques.Exchange(coupling) + ml.torques.Anisotropy(0.3)
+        state = ml.SpinState(start)
+        path = ml.integrate(name, ml.Spins(), torque, state, dt=0.1, steps=8, save_every=None, adjoint=adjoint)
+        return jnp.sum(path.states.spin * weights)
+
+    at = jnp.asarray(0.7)
+    expected = (value(at + 1e-5) - value(at - 1e-5)) / 2e-5
+    assert abs(expected) > 0.01
+    for found in (
+        jax.grad(value)(at),
+        jax.grad(value)(at, ml.Reversible()),
+        jax.jvp(value, (at,), (jnp.ones(()),))[1],
+    ):
+        assert abs(found - expected) < 1e-8
+
+
+def test_a_batch_is_what_each_alone_is():
+    starts = jnp.asarray(np.stack([random_spins((4, 2), seed) for seed in range(3)]))
+    torque = ml.torques.Exchange(-1.0) + ml.torques.Anisotropy(0.2)
+
+    def end(spin):
+        return ml.integrate("SUBLATTICES[SRKN6b]", ml.Spins(), torque, ml.SpinState(spin), dt=0.1, steps=20).states.spin
+
+    batch = jax.vmap(end)(starts)
+    for i, start in enumerate(starts):
+        assert np.allclose(batch[i], end(start), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("x", "dt"), [(0.7, 0.4), (3.0, 0.25)])
+def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
+    """<cos> = coth x - 1/x with x = B/kT."""
+    count, steps = 2000, 400
+    start = ml.SpinState(jnp.asarray(random_spins((count,))))
+    torque = ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.ThermalField(1 / x, jax.random.key(5))
+    path = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.5), torque, start, dt=dt, steps=steps, save_every=20)
+    seen = np.asarray(path.states.spin[8:, :, 2])
+    assert path.ok
+    assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
+
+
+def test_coupled_spins_in_a_heat_bath_and_free_ones():
+    """Of a pair <S1 . S2> = coth x - 1/x with x = J/kT; without a field <S(t) . S(0)> = exp(-2 D t)."""
+    x, count = 2.0, 1500
+    torque = ml.torques.Exchange(jnp.asarray([0.0, 1.0]), periodic=False)
+    torque = torque + ml.torques.ThermalField(1 / x, jax.random.key(2))
+    start = ml.SpinState(jnp.asarray(random_spins((count, 2))))
+    path = ml.integrate("SUBLATTICES[OBABO]", ml.Spins(0.4), torque, start, dt=0.2, steps=400, save_every=40)
+    seen = np.sum(path.states.spin[5:, :, 0] * path.states.spin[5:, :, 1], axis=-1)
+    assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
+    bath = ml.torques.ThermalField(0.9, jax.random.key(3))
+    free = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.3), bath, start, dt=0.5, steps=4)
+    spread = 0.9 * 0.3 / (1 + 0.3**2)
+    along = np.sum(free.states.spin * start.spin, axis=-1).reshape(5, -1)
+    assert np.abs(along.mean(axis=1) - np.exp(-2 * spread * 0.5 * np.arange(5))).max() < 5 / np.sqrt(3 * 2 * count)
+
+
+NEAR = ml.torques.Exchange(1.0)
+CHAIN = ml.SpinState(jnp.asarray(random_spins((6,))))
+REFUSED = {
+    "not unit": (lambda: ml.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
+    "damping": (lambda: ml.Spins(-0.1), "damping must be finite and not negative"),
+    "labels": (lambda: ml.Spins(sublattices=[0, 2]), "sublattices must use every number"),
+    "odd ring": (
+        lambda: go(NEAR, ml.SpinState(jnp.asarray(random_spins((5,))))),
+        "closes with an odd number of 5 places.*sublattices.*spherical midpoint",
+    ),
+    "shape of labels": (lambda: go(NEAR, CHAIN, ml.Spins(sublattices=[0, 1])), r"shape \(6,\) of the lattice"),
+    "own field by hand": (
+        lambda: go(ml.torques.FromPotential(lambda t, s: jnp.sum(s.spin[:, 2] ** 2)), CHAIN),
+        "depends on spins of sublattice 0",
+    ),
+    "second neighbours": (
+        lambda: go(lambda t, s: jnp.roll(s.spin, 2, 0), CHAIN),
+        "depends on spins of sublattice 0",
+    ),
+    "damped cubic": (
+        lambda: go(ml.torques.CubicAnisotropy(1.0), CHAIN, ml.Spins(0.1)),
+        "no closed form.*spherical midpoint",
+    ),
+    "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "takes gradients of forces"),
+    "method": (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
+    "body": (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
+    "bath": (lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
+    "undamped bath": (
+        lambda: go(ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
+        "needs a damping",
+    ),
+    "axes": (lambda: go(ml.torques.Exchange(jnp.ones(2)), CHAIN), r"coupling must be \(\) or \(1,\)"),
+    "vectors": (lambda: go(ml.torques.DzyaloshinskiiMoriya(jnp.ones((2, 3))), CHAIN), r"vectors must be \(1, 3\)"),
+    "periodic": (lambda: ml.torques.Exchange(1.0, periodic="x"), "periodic must be True or False"),
+    "no lattice": (lambda: go(NEAR, ml.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
+}
+
+
+def go(torque, start, body=None, name="SUBLATTICES[EA]"):
+    return ml.integrate(name, body or ml.Spins(), torque, start, dt=0.1, steps=2)
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        call()
+
+
+def test_a_turn_beyond_the_longest_shows_in_ok():
+    path = go(ml.torques.AppliedField([0.0, 0.0, 100.0]), CHAIN)
+    assert not path.ok
