@@ -142,7 +142,7 @@ def test_which_methods_are_symplectic(name):
 
     def step(spin):
         state = ml.SpinState.unchecked(spin=spin)
-        return ml.integrate(name, ml.Spins(), torque, state, dt=0.3, steps=1, save_every=None).states.spin
+        return ml.integrate(name, ml.Spins(), torque, state, dt=0.6, steps=1, save_every=None).states.spin
 
     def basis(spin):
         frames = np.linalg.svd(np.asarray(spin)[..., None])[0]  # the first column is along the spin
@@ -158,7 +158,7 @@ def test_which_methods_are_symplectic(name):
     moved = np.einsum("icjd,jda->ica", np.asarray(jax.jacfwd(step)(start)), basis(start))
     defect = np.abs(area(step(start), moved) - area(start, basis(start))).max()
     assert (defect < 1e-13) == ml.method(name).symplectic, defect
-    assert defect < 1e-13 or defect > 1e-6
+    assert defect < 1e-13 or defect > 1e-8
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -221,7 +221,7 @@ def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
         "SUBLATTICES[EA]", damping, ml.torques.AppliedField(jnp.asarray(field, dtype)), start.astype(dtype), 1.0, 10
     )
     assert path.ok
-    assert np.abs(path.states.spin - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
+    assert np.abs(np.asarray(path.states.spin) - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
 
 
 def test_a_spin_switches_in_the_known_time():
@@ -245,9 +245,9 @@ def test_a_spin_under_its_own_anisotropy_is_the_closed_form(damping):
     turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ start[:2]
     expected = np.append(turned / np.linalg.norm(turned) * np.sqrt(1 - z1**2), z1)
     path = run("SUBLATTICES[EA]", damping, ml.torques.Anisotropy(strength), start, 1.5, 2)
-    assert np.abs(path.states.spin - expected).max() < 1e-8 if damping == 1e-9 else 1e-13
+    assert np.abs(path.states.spin - expected).max() < (1e-8 if damping == 1e-9 else 1e-13)
     poles = run("SUBLATTICES[EA]", damping, ml.torques.Anisotropy(strength), np.array([0.0, 0.0, -1.0]), 1.5, 2)
-    assert np.array_equal(poles.states.spin, [0.0, 0.0, -1.0])
+    assert np.allclose(poles.states.spin, [0.0, 0.0, -1.0], rtol=0, atol=1e-15)
 
 
 def test_one_spin_is_the_momentum_of_a_body():
@@ -318,7 +318,7 @@ def test_coupled_spins_in_a_heat_bath_and_free_ones():
     bath = ml.torques.ThermalField(0.9, jax.random.key(3))
     free = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.3), bath, start, dt=0.5, steps=4)
     spread = 0.9 * 0.3 / (1 + 0.3**2)
-    along = np.sum(free.states.spin * start.spin, axis=-1).reshape(5, -1)
+    along = np.sum(np.asarray(free.states.spin) * np.asarray(start.spin), axis=-1).reshape(5, -1)
     assert np.abs(along.mean(axis=1) - np.exp(-2 * spread * 0.5 * np.arange(5))).max() < 5 / np.sqrt(3 * 2 * count)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from ..._math import components as cp
-from ..._xla.fusion import split
+from ..._xla.fusion import fuse, split
 from ...model.bodies import Body
 from ...model.spins import Spins, checkerboard
 from ...model.state import AnyState
@@ -27,9 +27,9 @@ from ..base import Method
 from ..scheme import Scheme
 from ..system import AnyMotion, Motion, System
 from .turns import damped, turned, turned_by_own
-from .word import BATH, order_of_parts, word
+from .word import BATH, KICK, order_of_parts, rows_of_loop, word
 
-CLOCK = "clock"
+CLOCK, OWN = "clock", "own"
 
 
 class OnSublattices(eqx.Module):
@@ -136,37 +136,109 @@ class Sublattices(Method):
             system = system._replace(bath=bath)
         return system
 
+    def loops_for(self, system: System) -> bool:
+        """Whether the step is a loop over its stages, which holds two copies of the field instead of many."""
+        return self.scheme.alternates and self.scheme.flights > 1 and system.torque is not None
+
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        on: OnSublattices = system.inertia
-        spins, spin = on.spins, motion.momentum
-        parts: list[Any] = [*range(on.count)] if system.torque is not None else []
-        own = [(term, axis) for term in on.own for axis in term.axes()]
-        parts = [*parts[:1], CLOCK, *own, *parts[1:]]
-        elapsed, baths = 0.0, 0
-        known = force  # the field on the first sublattice, while no other turns
-
-        def now() -> Array:
-            return t0 if elapsed == 0 else t1 if abs(elapsed - 1) < 1e-12 else t0 + elapsed * h
-
-        for number, coefficient in word(self.scheme, len(parts)):
-            time = coefficient * h
-            known = known if number == 0 else None
-            part: Any = number if isinstance(number, str) else parts[number]
-            if part == BATH:
-                bath: Any = system.bath
-                spin = split(turned(spin, bath.turn(time, now(), baths)))
-                baths += 1
-            elif part == CLOCK:
-                elapsed += coefficient
-            elif isinstance(part, tuple):
-                spin = _own_turn(spins, part[0], part[1], time, spin)
-            else:
-                field = system.force(now(), Motion(spin, ())) if known is None else known
-                known = field if number == 0 else None
-                spin = split(_turn(spins, field, time, spin, _of_sublattice(on, part)))
+        parts = _Parts.of(system)
+        take = self._step_in_loop if self.loops_for(system) else self._step_unrolled
+        spin, known = take(parts, system, t0, t1, h, motion.momentum, force)
         return Motion(spin, ()), known if self.keeps_force(system) else None, True
+
+    def _step_unrolled(
+        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: cp.Vector, known: Any
+    ) -> tuple[cp.Vector, Any]:
+        """The spins after a step; `known` is the field on the first sublattice, while no other has turned."""
+        elapsed, baths = 0.0, 0
+        for number, coefficient in word(self.scheme, len(parts.names)):
+            t = t0 if elapsed == 0 else t1 if abs(elapsed - 1) < 1e-12 else t0 + elapsed * h
+            known = known if number == 0 else None
+            if isinstance(number, str):
+                bath: Any = system.bath
+                spin = split(turned(spin, bath.turn(coefficient * h, t, baths)))
+                baths += 1
+            elif parts.names[number] == CLOCK:
+                elapsed += coefficient
+            else:
+                spin, known = parts.turn(number, coefficient * h, t, spin, known)
+        return spin, known
+
+    def _step_in_loop(
+        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: cp.Vector, known: Any
+    ) -> tuple[cp.Vector, Any]:
+        """The same in a loop: an iteration is a step X and an adjoint step X* of `word.py`, without its last turn."""
+        first, last = 0, len(parts.names) - 1
+        middle = [*range(1, last)]
+        if self.scheme.stages[0][0] != KICK:
+            first, last, middle = last, first, middle[::-1]
+        *rows, end = rows_of_loop(self.scheme)
+
+        def through(order: list[int], a: Array, before: Array, after: Array, spin: cp.Vector) -> cp.Vector:
+            t = before
+            for number in order:
+                if parts.names[number] == CLOCK:
+                    t = after
+                else:
+                    spin, _ = parts.turn(number, a * h, t, spin, None)
+            return spin
+
+        def time(c: Array) -> Array:
+            return jnp.where(c == 0, t0, jnp.where(c == 1, t1, t0 + c * h))
+
+        def iteration(carry: Any, row: tuple[Array, ...]) -> tuple[Any, None]:
+            spin, field = carry
+            outer, forth, inner, back, *times = row
+            begin, between, after = map(time, times)
+            spin, _ = parts.turn(first, outer * h, begin, spin, field)
+            spin = through(middle, forth, begin, between, spin)
+            spin, _ = parts.turn(last, inner * h, between, spin, None)
+            spin = through(middle[::-1], back, between, after, spin)
+            return fuse((spin, parts.field(first, after, spin))), None
+
+        known = parts.field(first, t0, spin) if known is None else known
+        columns = tuple(jnp.asarray(x, h.dtype) for x in zip(*rows, strict=True))
+        (spin, known), _ = jax.lax.scan(iteration, (spin, known), columns)
+        spin, _ = parts.turn(first, end[0] * h, t1, spin, known)
+        return spin, known
+
+
+class _Parts(eqx.Module):
+    """What turns one after the other in a step.
+
+    Attributes:
+        names: for each part the number of its sublattice, or CLOCK, in which time goes on, or the index in `own`.
+        own: pairs of a field that spins exert on themselves, and one of its axes.
+        system: that of the run.
+    """
+
+    names: tuple[Any, ...]
+    own: list[tuple[OwnField, Any]]
+    system: System
+
+    @classmethod
+    def of(cls, system: System) -> "_Parts":
+        on: OnSublattices = system.inertia
+        own = [(term, axis) for term in on.own for axis in term.axes()]
+        sublattices = [*range(on.count)] if system.torque is not None else []
+        names = *sublattices[:1], CLOCK, *((OWN, i) for i in range(len(own))), *sublattices[1:]
+        return cls(names, own, system)
+
+    def field(self, number: int, t: Array, spin: cp.Vector) -> Any:
+        """The field on a sublattice; None for a part that needs none."""
+        return self.system.force(t, Motion(spin, ())) if isinstance(self.names[number], int) else None
+
+    def turn(self, number: int, time: Array, t: Array, spin: cp.Vector, field: Any) -> tuple[cp.Vector, Any]:
+        """The spins after a part has turned for a time, and the field on it: the one given, or that at the time t."""
+        name, on = self.names[number], self.system.inertia
+        if isinstance(name, tuple):
+            return _own_turn(on.spins, *self.own[name[1]], time, spin), None
+        if name == CLOCK:
+            return spin, None
+        field = self.field(number, t, spin) if field is None else field
+        return split(_turn(on.spins, field, time, spin, _of_sublattice(on, name))), field
 
 
 def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:

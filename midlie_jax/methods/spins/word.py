@@ -9,7 +9,7 @@ a1, a2, ..., and its order is that of the sequence for any number of parts (McLa
 
 from ..scheme import Scheme
 from ..stages import BATH as BATH
-from ..stages import KICK
+from ..stages import KICK as KICK
 
 _LARGEST_GENERAL_ORDER = 4
 _ROUNDING = 1e-14
@@ -51,3 +51,22 @@ def word(scheme: Scheme, count: int) -> list[tuple[int | str, float]]:
         begun = coefficient - begun
         between(begun, backwards=not first)
     return turns
+
+
+def rows_of_loop(scheme: Scheme) -> list[tuple[float, ...]]:
+    """An alternating scheme as a loop: for each iteration the coefficients and times of what `Sublattices` does in it.
+
+    Each row has the coefficients of the outer part, of X, of the inner part and of X*, and the times, in steps, before
+    X, between X and X*, and after X*. The last row has only the coefficient of the outer part that ends the step.
+    """
+    coefficients = [c for _, c in scheme.stages]
+    rows: list[tuple[float, ...]] = []
+    begun, elapsed = 0.0, 0.0
+    for outer, inner in zip(coefficients[0:-1:2], coefficients[1::2], strict=True):
+        forth = outer - begun
+        begun = inner - forth
+        between, after = elapsed + forth, elapsed + forth + begun
+        rows.append((outer, forth, inner, begun, elapsed, between, after))
+        elapsed = after
+    last = (*rows[-1][:-1], 1.0)  # the coefficients are rounded, so their sum is not exactly 1
+    return [*rows[:-1], last, (coefficients[-1],)]

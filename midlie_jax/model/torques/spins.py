@@ -147,7 +147,7 @@ class CubicAnisotropy(OwnField):
         require_finite("strength", self.strength)
 
     def axes(self) -> tuple[Any, ...]:
-        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        return tuple(cp.vector(row) for row in jnp.eye(3, dtype=self.strength.dtype))
 
     def along(self, component: Array) -> Array:
         """For unit vectors H is K/2 sum (1 - x^4 - y^4 - z^4)."""
