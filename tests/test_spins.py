@@ -282,6 +282,26 @@ def test_derivatives(name):
         assert abs(found - expected) < 1e-8
 
 
+@pytest.mark.parametrize("closes", [True, False])
+@pytest.mark.parametrize("shape", [(6,), (4, 6), (4, 2, 4)])
+def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes):
+    """Given by its labels, the lattice is moved with masks; also in a heat bath, whose numbers belong to places."""
+    t = ml.torques
+    vectors = jnp.asarray(np.random.default_rng(4).normal(size=(len(shape), 3)))
+    torque = t.Exchange(jnp.linspace(0.5, 1.0, len(shape)), closes) + t.DzyaloshinskiiMoriya(vectors, closes)
+    torque = torque + t.Anisotropy(0.3, EASY) + t.AppliedField(shaken)
+    start = ml.SpinState(jnp.asarray(random_spins(shape)))
+    for name, more in (("SRKN6b", None), ("BM4", None), ("BAOAB", t.ThermalField(0.4, jax.random.key(7)))):
+        ends = []
+        for labels in (None, ml.checkerboard(shape)):
+            body = ml.Spins(0.1, sublattices=labels)
+            given = torque if more is None else torque + more
+            ends.append(ml.integrate(f"SUBLATTICES[{name}]", body, given, start, dt=0.1, steps=8, save_every=4))
+        assert ends[0].ok
+        assert np.abs(ends[0].states.spin[-1] - start.spin).max() > 0.1
+        assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
+
+
 def test_a_batch_is_what_each_alone_is():
     starts = jnp.asarray(np.stack([random_spins((4, 2), seed) for seed in range(3)]))
     torque = ml.torques.Exchange(-1.0) + ml.torques.Anisotropy(0.2)

@@ -12,12 +12,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..._math import components as cp
+from ..._math.turns import turned
 from ..._xla.fusion import split
 from ...model.spins import Spins
 from ..base import Method
 from ..system import AnyMotion, Motion, System
 from ..verdict import verdict
-from .turns import turned
 
 _MOST = 100  # iterations; each takes an error to a share of about h |d2H/dS2| / 2 of it
 _ENOUGH = 4  # in units of eps

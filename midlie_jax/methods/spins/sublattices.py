@@ -7,6 +7,7 @@ explicit and reversible and keeps volumes of phase space. It is not symplectic: 
 the one that moves, and under no energy it would.
 """
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -16,6 +17,7 @@ import numpy as np
 from jax import Array
 
 from ..._math import components as cp
+from ..._math.turns import damped, turned, turned_by_own
 from ..._xla.fusion import fuse, split
 from ...model.bodies import Body
 from ...model.spins import Spins, checkerboard
@@ -26,7 +28,7 @@ from ...model.torques.thermal_field import ThermalField
 from ..base import Method
 from ..scheme import Scheme
 from ..system import AnyMotion, Motion, System
-from .turns import damped, turned, turned_by_own
+from .checkered import Checkered, can_be_checkered, checkered_kind
 from .word import BATH, KICK, order_of_parts, rows_of_loop, word
 
 CLOCK, OWN = "clock", "own"
@@ -40,12 +42,16 @@ class OnSublattices(eqx.Module):
         labels: the sublattice of each spin, (*lattice), or None for one sublattice.
         count: the number of sublattices.
         own: the fields that spins exert on themselves.
+        terms: the other fields, if all are of this package.
+        checkered: where neighbours are found, if the two sublattices of a checkerboard are arrays of their own.
     """
 
     spins: Spins
     labels: Any
     count: int = eqx.field(static=True)
     own: tuple[OwnField, ...]
+    terms: tuple[Any, ...]
+    checkered: Checkered | None
 
     def square_of_turn(self, h: Any, momentum: cp.Vector) -> Array:
         return self.spins.square_of_turn(h, momentum)
@@ -101,7 +107,8 @@ class Sublattices(Method):
 
     def keeps_force(self, system: System) -> bool:
         """Whether the field on the first sublattice at the end of a step is kept: while it turns, its field stays."""
-        return system.torque is not None and self.scheme.reuses_force and not self.random
+        reused = self.scheme.reuses_force and not self.random
+        return system.torque is not None and reused and system.inertia.checkered is None
 
     def check(self, body: Any, torque: Any, start: Any) -> None:
         """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form."""
@@ -129,11 +136,14 @@ class Sublattices(Method):
         system = System.of(body, others, start, t)
         # Library fields are sums over neighbours, which fuse with the turn; any other function is evaluated apart.
         costly = not all(isinstance(term, SpinField) for term in terms)
-        system = system._replace(inertia=OnSublattices(body, labels, count, own), costly=costly)
+        lattice, rest = start.momentum.shape[:-1], tuple(terms_of(others))
+        checkered = Checkered.of(lattice) if can_be_checkered(body, terms, lattice, t) else None
+        system = system._replace(inertia=OnSublattices(body, labels, count, own, rest, checkered), costly=costly)
+        if checkered is not None:
+            system = system._replace(kind=checkered_kind(lattice))
         if self.random:
             assert isinstance(bath, ThermalField)
-            bath = bath.on_spins(body, start.momentum.shape[:-1], start.momentum.dtype)
-            system = system._replace(bath=bath)
+            system = system._replace(bath=bath.on_spins(body, system.kind, start))
         return system
 
     def loops_for(self, system: System) -> bool:
@@ -149,8 +159,8 @@ class Sublattices(Method):
         return Motion(spin, ()), known if self.keeps_force(system) else None, True
 
     def _step_unrolled(
-        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: cp.Vector, known: Any
-    ) -> tuple[cp.Vector, Any]:
+        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
+    ) -> tuple[Any, Any]:
         """The spins after a step; `known` is the field on the first sublattice, while no other has turned."""
         elapsed, baths = 0.0, 0
         for number, coefficient in word(self.scheme, len(parts.names)):
@@ -158,7 +168,7 @@ class Sublattices(Method):
             known = known if number == 0 else None
             if isinstance(number, str):
                 bath: Any = system.bath
-                spin = split(turned(spin, bath.turn(coefficient * h, t, baths)))
+                spin = split(bath.turned(coefficient * h, t, baths, spin))
                 baths += 1
             elif parts.names[number] == CLOCK:
                 elapsed += coefficient
@@ -167,8 +177,8 @@ class Sublattices(Method):
         return spin, known
 
     def _step_in_loop(
-        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: cp.Vector, known: Any
-    ) -> tuple[cp.Vector, Any]:
+        self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
+    ) -> tuple[Any, Any]:
         """The same in a loop: an iteration is a step X and an adjoint step X* of `word.py`, without its last turn."""
         first, last = 0, len(parts.names) - 1
         middle = [*range(1, last)]
@@ -176,7 +186,7 @@ class Sublattices(Method):
             first, last, middle = last, first, middle[::-1]
         *rows, end = rows_of_loop(self.scheme)
 
-        def through(order: list[int], a: Array, before: Array, after: Array, spin: cp.Vector) -> cp.Vector:
+        def through(order: list[int], a: Array, before: Array, after: Array, spin: Any) -> Any:
             t = before
             for number in order:
                 if parts.names[number] == CLOCK:
@@ -226,18 +236,27 @@ class _Parts(eqx.Module):
         names = *sublattices[:1], CLOCK, *((OWN, i) for i in range(len(own))), *sublattices[1:]
         return cls(names, own, system)
 
-    def field(self, number: int, t: Array, spin: cp.Vector) -> Any:
+    def field(self, number: int, t: Array, spin: Any) -> Any:
         """The field on a sublattice; None for a part that needs none."""
-        return self.system.force(t, Motion(spin, ())) if isinstance(self.names[number], int) else None
+        name, checkered = self.names[number], self.system.inertia.checkered
+        if not isinstance(name, int):
+            return None
+        if checkered is not None:
+            return checkered.field(self.system, name, t, spin)
+        return self.system.force(t, Motion(spin, ()))
 
-    def turn(self, number: int, time: Array, t: Array, spin: cp.Vector, field: Any) -> tuple[cp.Vector, Any]:
+    def turn(self, number: int, time: Array, t: Array, spin: Any, field: Any) -> tuple[Any, Any]:
         """The spins after a part has turned for a time, and the field on it: the one given, or that at the time t."""
         name, on = self.names[number], self.system.inertia
         if isinstance(name, tuple):
-            return _own_turn(on.spins, *self.own[name[1]], time, spin), None
+            own = partial(_own_turn, on.spins, *self.own[name[1]], time)
+            return own(spin) if on.checkered is None else tuple(map(own, spin)), None
         if name == CLOCK:
             return spin, None
         field = self.field(number, t, spin) if field is None else field
+        if on.checkered is not None:
+            moved = split(_turn(on.spins, field, time, spin[name], None))
+            return (moved, spin[1]) if name == 0 else (spin[0], moved), field
         return split(_turn(on.spins, field, time, spin, _of_sublattice(on, name))), field
 
 

@@ -5,8 +5,11 @@ the array of spins before its last one.
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -17,6 +20,9 @@ from ..._math import components as cp
 from ..state import Time
 from .base import Torque
 
+# For each place the spin of its neighbour, from an axis of the lattice and a step of 1 or -1 along it.
+Near = Callable[[int, int], cp.Vector]
+
 
 class SpinField(Torque):
     """A field B on spins; `field(t, state)` has the shape of the spins, (*lattice, 3)."""
@@ -24,6 +30,11 @@ class SpinField(Torque):
     @abstractmethod
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
         """The field on components of shape (*lattice), or with fewer axes if it is the same for all."""
+
+    def is_uniform(self, t: Time) -> bool:
+        """Whether its parameters are the same for all spins."""
+        del t
+        return True
 
     @abstractmethod
     def energy(self, t: Time, spin: cp.Vector) -> Array:
@@ -62,6 +73,9 @@ class AppliedField(SpinField):
             require_finite("value", value)
         self.value = value
 
+    def is_uniform(self, t: Time) -> bool:
+        return len(jax.eval_shape(self.value, t).shape if callable(self.value) else self.value.shape) == 1
+
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
         field = self.value(t) if callable(self.value) else self.value
         return cp.vector(jnp.asarray(field, spin[0].dtype))
@@ -75,6 +89,12 @@ class OwnField(SpinField):
 
     The motion under one axis alone is a turn about it: its component S . e does not change.
     """
+
+    strength: eqx.AbstractVar[Array]
+
+    def is_uniform(self, t: Time) -> bool:
+        del t
+        return not self.strength.ndim
 
     @abstractmethod
     def axes(self) -> tuple[Any, ...]:
@@ -166,7 +186,7 @@ class NeighbourField(SpinField):
         periodic: for each axis of the lattice, or for all, whether the first and the last spin are neighbours.
     """
 
-    periodic: bool | tuple[bool, ...]
+    periodic: eqx.AbstractVar[bool | tuple[bool, ...]]
 
     def check(self, state: Any) -> None:
         axes = _components(self, state)[0].ndim
@@ -179,9 +199,17 @@ class NeighbourField(SpinField):
         """Whether the lattice is periodic along an axis."""
         return self.periodic[axis] if isinstance(self.periodic, tuple) else self.periodic
 
-    def neighbour(self, spin: cp.Vector, axis: int, step: int) -> cp.Vector:
+    @abstractmethod
+    def field_of(self, near: Near, axes: int) -> cp.Vector:
+        """The field, from the function that returns neighbours and the number of axes of the lattice."""
+
+    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+        del t
+        return self.field_of(self.near(spin), spin[0].ndim)
+
+    def near(self, spin: cp.Vector) -> Near:
         """For each place the spin at the next place (step 1) or the place before (-1) along an axis; zero if none."""
-        return shifted(spin, axis, step, self.closes(axis))
+        return lambda axis, step: shifted(spin, axis, step, self.closes(axis))
 
 
 def as_periodic(periodic: Any) -> bool | tuple[bool, ...]:
@@ -241,18 +269,17 @@ class Exchange(NeighbourField):
         """J along an axis."""
         return self.coupling[axis] if self.coupling.ndim else self.coupling
 
-    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
-        del t
-        pairs = [cp.add(self.neighbour(spin, a, 1), self.neighbour(spin, a, -1)) for a in range(spin[0].ndim)]
+    def field_of(self, near: Near, axes: int) -> cp.Vector:
+        pairs = [cp.add(near(axis, 1), near(axis, -1)) for axis in range(axes)]
         if self.coupling.ndim:
             return _sum([cp.scale(self.of_axis(a), pair) for a, pair in enumerate(pairs)])
         return cp.scale(self.coupling, _sum(pairs))
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:
         del t
-        total = jnp.zeros_like(spin[0])
-        for a in range(spin[0].ndim):
-            total = total - self.of_axis(a) * cp.dot(spin, self.neighbour(spin, a, 1))
+        near, total = self.near(spin), jnp.zeros_like(spin[0])
+        for axis in range(spin[0].ndim):
+            total = total - self.of_axis(axis) * cp.dot(spin, near(axis, 1))
         return total
 
 
@@ -284,20 +311,19 @@ class DzyaloshinskiiMoriya(NeighbourField):
             axes = state.spin.ndim - 1
             raise ValueError(f"vectors must be ({axes}, 3), one for each axis, got {self.vectors.shape}.")
 
-    def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
+    def field_of(self, near: Near, axes: int) -> cp.Vector:
         """B_i = sum over neighbours of D_ij x S_j, where D_ji = -D_ij."""
-        del t
         terms: list[cp.Vector] = []
-        for axis in range(len(self.vectors)):
-            across = cp.subtract(self.neighbour(spin, axis, 1), self.neighbour(spin, axis, -1))
+        for axis in range(axes):
+            across = cp.subtract(near(axis, 1), near(axis, -1))
             terms.append(cp.cross(cp.vector(self.vectors[axis]), across))
         return _sum(terms)
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:
         del t
-        total = jnp.zeros_like(spin[0])
+        near, total = self.near(spin), jnp.zeros_like(spin[0])
         for axis in range(len(self.vectors)):
-            bond = cp.cross(spin, self.neighbour(spin, axis, 1))
+            bond = cp.cross(spin, near(axis, 1))
             total = total + cp.dot(cp.vector(self.vectors[axis]), bond)
         return total
 

@@ -11,6 +11,7 @@ from jax import Array
 from ..._checks.arguments import as_floats, described, is_key, require
 from ..._math import components as cp
 from ..._math.normals import normals
+from ..._math.turns import turned
 from ..bath import root_of
 from ..spins import Spins
 from ..state import AnyState, Time
@@ -65,12 +66,19 @@ class ThermalField(Langevin):
                 f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
             )
 
-    def on_spins(self, body: Spins, shape: tuple[int, ...], dtype: Any) -> "BathOfSpins":
-        """The bath of a run on a lattice of this shape."""
+    def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
+        """The bath of a run whose state has this kind."""
         words = jax.random.key_data(self.key)
         key = tuple(words[i] for i in range(words.shape[-1]))
-        member = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(shape)
-        return BathOfSpins(self._root, key, (body.damping * body.rate).astype(dtype), member)
+        shape = start.spin.shape[:-1]
+        places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
+        numbered, _ = kind.parts_of(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
+        member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
+        return BathOfSpins(self._root, key, (body.damping * body.rate).astype(start.spin.dtype), member)
+
+
+def _is_vector(tree: Any) -> bool:
+    return isinstance(tree, tuple) and bool(tree) and isinstance(tree[0], Array)
 
 
 class BathOfSpins(NamedTuple):
@@ -80,25 +88,28 @@ class BathOfSpins(NamedTuple):
         root: the function of time sqrt(kT).
         key: two or four words, uint32, of the random key.
         mobility: g alpha, () or in the shape of the lattice.
-        member: the index of each spin, (*lattice).
+        member: the place of each spin in the lattice, in the form of the components of the spins.
         step: the index of the step, or None outside a step.
     """
 
     root: Callable[[Any], Array]
     key: tuple[Array, ...]
     mobility: Array
-    member: Array
+    member: Any
     step: Array | None = None
 
-    def turn(self, h: Array, t: Array, stage: int) -> cp.Vector:
-        """Rotation vectors of the spins for the time h at the time t, in stage `stage` of the step.
+    def turned(self, h: Array, t: Array, stage: int, spin: Any) -> Any:
+        """The spins after the time h at the time t, in stage `stage` of the step.
 
-        Three normal numbers of variance 2 D h (1 - D h / 6): so the mean of every spherical harmonic of the spin is
-        that of Brownian motion up to h^3.
+        Each is turned by three normal numbers of variance 2 D h (1 - D h / 6): so the mean of every spherical harmonic
+        of the spin is that of Brownian motion up to h^3.
         """
-        assert self.step is not None
-        dtype = self.mobility.dtype
         spread = self.mobility * h * self.root(t) ** 2
         size = root_of(2 * spread * jnp.maximum(1 - spread / 6, 0))
-        x, y, z = normals(self.key, (self.step, stage, self.member), 3, dtype)
-        return cp.scale(size, (x, y, z))
+
+        def one(member: Array, spin: cp.Vector) -> cp.Vector:
+            assert self.step is not None
+            x, y, z = normals(self.key, (self.step, stage, member), 3, self.mobility.dtype)
+            return turned(spin, cp.scale(size, (x, y, z)))
+
+        return jax.tree.map(one, self.member, spin)

@@ -5,8 +5,8 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from ..._math import components as cp
-from ..._math.short_series import WIDEST_SQUARE, half_turn
+from . import components as cp
+from .short_series import WIDEST_SQUARE, half_turn
 
 # The largest angle of a turn, radians; beyond, the result is NaN, so that `ok` is False.
 WIDEST = 2 * WIDEST_SQUARE**0.5

@@ -1,0 +1,164 @@
+"""The two sublattices of a checkerboard as arrays of their own, for large lattices.
+
+With masks, every spin is computed to move every second one. Here the places of each sublattice are stored in a row: A
+holds those of even parity and B the others, in pairs along the last axis of the lattice. The neighbours of a place are
+then entries of the other row at fixed distances, apart from the edges, where a select chooses another distance. Such a
+loop is vectorised. The first axis needs one plane more at both ends; that copy is compiled apart, or XLA would fuse it
+into the loop, which would then branch at every entry.
+"""
+
+from functools import lru_cache
+from math import prod
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..._math import components as cp
+from ..._xla.apart import apart
+from ...model.states.spin import SpinState
+from ...model.torques.spins import Near, NeighbourField, SpinField
+from ..system import System
+
+_MOST_AXES = 4  # for which the bits of an entry fit one byte
+
+
+class CheckeredState(SpinState):
+    """Spins in a run: `parts` are both rows. Its classes, one for each lattice, come from `checkered_kind`."""
+
+    lattice: ClassVar[tuple[int, ...]]
+
+    @classmethod
+    def parts_of(cls, state: Any) -> tuple[Any, tuple[()]]:
+        odd = _parity(cls.lattice)
+
+        def rows(x: Array) -> tuple[Array, Array]:
+            pairs = x.reshape(*x.shape[:-1], -1, 2)
+            first, second = pairs[..., 0], pairs[..., 1]
+            return jnp.where(odd, second, first).ravel(), jnp.where(odd, first, second).ravel()
+
+        x, y, z = (rows(component) for component in cp.vector(state.spin))
+        return ((x[0], y[0], z[0]), (x[1], y[1], z[1])), ()
+
+    @classmethod
+    def join(cls, momentum: Any, pose: tuple[()]) -> SpinState:
+        del pose
+        odd, shape = _parity(cls.lattice), (*cls.lattice[:-1], -1)
+
+        def whole(a: Array, b: Array) -> Array:
+            a, b = a.reshape(shape), b.reshape(shape)
+            pairs = jnp.stack([jnp.where(odd, b, a), jnp.where(odd, a, b)], axis=-1)
+            return pairs.reshape(cls.lattice)
+
+        x, y, z = (whole(a, b) for a, b in zip(*momentum, strict=True))
+        return SpinState.unchecked(spin=cp.pack((x, y, z)))
+
+
+@lru_cache(maxsize=256)
+def checkered_kind(lattice: tuple[int, ...]) -> type[CheckeredState]:
+    """The kind of state for a lattice of this shape."""
+    return type("CheckeredState", (CheckeredState,), {"lattice": lattice, "__module__": __name__})
+
+
+def _parity(lattice: tuple[int, ...]) -> Array:
+    """Whether the sum of the indices along all axes but the last is odd, for each pair, (*lattice[:-1], 1)."""
+    total = jnp.zeros((*lattice[:-1], 1), jnp.int32)
+    for axis in range(len(lattice) - 1):
+        total = total + jax.lax.broadcasted_iota(jnp.int32, total.shape, axis)
+    return total % 2 == 1
+
+
+class Checkered(eqx.Module):
+    """What finds the neighbours of a row, computed once in a run.
+
+    Attributes:
+        lattice: the shape of the lattice.
+        bits: for each entry of a row, uint8. Bit 0 says whether the indices of its place along all axes but the last
+            have an odd sum; bits 2 a - 1 and 2 a whether it is the first and the last along axis a > 0.
+    """
+
+    lattice: tuple[int, ...] = eqx.field(static=True)
+    bits: np.ndarray
+
+    @classmethod
+    def of(cls, lattice: tuple[int, ...]) -> "Checkered":
+        row = (*lattice[:-1], lattice[-1] // 2)
+        places = [place.astype(np.int32) for place in np.ogrid[tuple(map(slice, row))]]
+        bits = np.zeros(row, np.uint8) + (sum(places[:-1]) % 2 if len(row) > 1 else 0)
+        for axis in range(1, len(row)):
+            first, last = places[axis] == 0, places[axis] == row[axis] - 1
+            bits = bits + (first << (2 * axis - 1)) + (last << (2 * axis))
+        return cls(lattice, bits.astype(np.uint8).ravel())
+
+    def has(self, bit: int) -> Array:
+        """Whether entries of a row have this bit."""
+        return (jnp.asarray(self.bits) & np.uint8(1 << bit)) != 0
+
+    def near(self, term: NeighbourField, number: int, other: cp.Vector, t: Array) -> Near:
+        """For the places of row `number`, their neighbours in the other row, as `NeighbourField.field_of` asks."""
+        row = (*self.lattice[:-1], self.lattice[-1] // 2)
+        plane = prod(row[1:])
+
+        def longer(_: Array, vector: cp.Vector) -> Any:
+            def one(x: Array) -> Array:
+                before, after = (x[-plane:], x[:plane]) if term.closes(0) else (0 * x[:plane], 0 * x[:plane])
+                return jnp.concatenate([before, x, after])
+
+            return tuple(map(one, vector))
+
+        extended: Any = apart(longer, t, other)
+        size = prod(row)
+
+        def at(distance: int) -> cp.Vector:
+            x, y, z = (jax.lax.slice(e, (plane + distance,), (plane + distance + size,)) for e in extended)
+            return x, y, z
+
+        def moved(axis: int, step: int) -> cp.Vector:
+            """The entries one place further along an axis of the row."""
+            stride = prod(row[axis + 1 :])
+            if axis == 0:
+                return at(step * stride)
+            edge = self.has(2 * axis - (step < 0))
+            beyond = at(step * stride * (1 - row[axis])) if term.closes(axis) else cp.scale(0, other)
+            return _where(edge, beyond, at(step * stride))
+
+        def near(axis: int, step: int) -> cp.Vector:
+            if axis < len(row) - 1:
+                return moved(axis, step)
+            # Place k of a row stands at 2 k + odd in A and at 2 k + 1 - odd in B.
+            follows = (number == 0) == (step > 0)
+            if not axis:
+                return other if follows else moved(axis, step)
+            odd = self.has(0)
+            return _where(odd if follows else ~odd, moved(axis, step), other)
+
+        return near
+
+    def field(self, system: System, number: int, t: Array, rows: tuple[cp.Vector, cp.Vector]) -> cp.Vector:
+        """The field on a row."""
+        own, other = rows[number], rows[1 - number]
+        total = cp.scale(0, own)
+        for term in system.inertia.terms:
+            if isinstance(term, NeighbourField):
+                total = cp.add(total, term.field_of(self.near(term, number, other, t), len(self.lattice)))
+            else:
+                total = cp.add(total, term.field(t, own))
+        return total
+
+
+def _where(mask: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
+    return jnp.where(mask, a[0], b[0]), jnp.where(mask, a[1], b[1]), jnp.where(mask, a[2], b[2])
+
+
+def can_be_checkered(spins: Any, terms: list[Any], lattice: tuple[int, ...], t: Array) -> bool:
+    """Whether all fields are those of the package and all parameters the same for every spin."""
+    if spins.sublattices is not None or not 0 < len(lattice) <= _MOST_AXES or lattice[-1] % 2:
+        return False
+    if any(x.ndim for x in (spins.damping, spins.gyromagnetic)):
+        return False
+    if not any(isinstance(term, NeighbourField) for term in terms):
+        return False
+    return all(isinstance(term, SpinField) and term.is_uniform(t) for term in terms)
