@@ -14,7 +14,10 @@ def _turned(spin: Any, angle: Any) -> Any:
     square = sum(a * a for a in angle)
     size = jnp.sqrt(square)
     safe = jnp.where(square > 0, square, 1)
-    s, c = jnp.where(square > 0, jnp.sin(size) / jnp.sqrt(safe), 1), jnp.where(square > 0, (1 - jnp.cos(size)) / safe, 0)
+    s, c = (
+        jnp.where(square > 0, jnp.sin(size) / jnp.sqrt(safe), 1),
+        jnp.where(square > 0, (1 - jnp.cos(size)) / safe, 0),
+    )
     along = sum(a * x for a, x in zip(angle, spin, strict=True))
     (a, b, d), (x, y, z) = angle, spin
     cross = b * z - d * y, d * x - a * z, a * y - b * x

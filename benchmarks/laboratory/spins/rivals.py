@@ -1,6 +1,7 @@
 """Error against time on a square lattice of hot spins: our methods, Depondt and Mertens' in JAX, and Spirit."""
 
 import contextlib
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -114,7 +115,7 @@ def measured(
 def cost_at(rungs: Sequence[Rung], error: float) -> float:
     """The cost of an error, between rungs along a line in logarithms; NaN where no two rungs are on both sides."""
     own = sorted(rungs, key=lambda rung: rung.dt)
-    for fine, coarse in zip(own, own[1:], strict=False):
+    for fine, coarse in itertools.pairwise(own):
         if fine.error <= error <= coarse.error:
             share = math.log(error / fine.error) / math.log(coarse.error / fine.error)
             return math.exp((1 - share) * math.log(fine.cost) + share * math.log(coarse.cost))
@@ -147,7 +148,12 @@ def draw(found: Sequence[Rung], out: Path) -> None:
     ends: list[End] = []
     for method in dict.fromkeys(rung.method for rung in found):
         rungs = sorted((rung for rung in found if rung.method == method), key=lambda rung: rung.dt)
-        style: Any = {"color": _COLOURS[method], "linestyle": _DASHES.get(method, "-"), "marker": "o", "markersize": 3.5}
+        style: Any = {
+            "color": _COLOURS[method],
+            "linestyle": _DASHES.get(method, "-"),
+            "marker": "o",
+            "markersize": 3.5,
+        }
         panel.loglog([rung.cost for rung in rungs], [rung.error for rung in rungs], **style)
         ends.append(End(method, _COLOURS[method], rungs[0].cost, rungs[0].error))
     costs = [rung.cost for rung in found]

@@ -30,7 +30,12 @@ def lattice(shape: tuple[int, int]) -> Iterator[Any]:
     from spirit import geometry, hamiltonian, state  # pyright: ignore[reportMissingImports]
     from spirit.parameters import llg  # pyright: ignore[reportMissingImports]
 
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), _quiet(), state.State("", quiet=True) as own:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.chdir(folder),
+        _quiet(),
+        state.State("", quiet=True) as own,
+    ):
         geometry.set_mu_s(own, 1.0)
         geometry.set_n_cells(own, [*shape, 1])
         hamiltonian.set_boundary_conditions(own, [True, True, False])

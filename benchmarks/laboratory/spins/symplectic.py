@@ -1,8 +1,8 @@
 """How far one step on spins is from symplectic, and from preserving volumes, from its derivative by autodiff.
 
-The form on the product of spheres is w(u, v) = sum S . (u x v) over tangent vectors. In a right-handed orthonormal basis
-of the tangent plane of each spin its matrix is the canonical J, so with M, the derivative of the step in such bases at
-both ends, a symplectic step has M^T J M = J, and one that keeps volumes det M = 1.
+The form on the product of spheres is w(u, v) = sum S . (u x v) over tangent vectors. In a right-handed orthonormal
+basis of the tangent plane of each spin its matrix is the canonical J. With M, the derivative of the step in such bases
+at both ends, a symplectic step has M^T J M = J, and one that keeps volumes det M = 1.
 """
 
 from collections.abc import Iterator, Sequence
