@@ -20,7 +20,7 @@ from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, SIZE, new_figure
 
 METHODS = "SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "SUBLATTICES[KL6]", "spherical midpoint", "RK4", "GBS12"
 LATTICES = {"chain of 32": (32,), "square of 8 x 8": (8, 8)}
-GRID = 120  # steps that are tried
+GRID = 60  # steps that are tried
 ENOUGH = 1e-3  # relative error of a frequency
 NOISE = 1e-4
 EXCHANGE = 1.0

@@ -1,10 +1,10 @@
 """A skyrmion under interfacial Dzyaloshinskii-Moriya interaction: relaxed, then driven by a gradient of the field.
 
-The field is along z and grows by b for each place along x. A skyrmion that moves without changing its shape obeys
-Thiele's equation (A. A. Thiele, Phys. Rev. Lett. 30, 1973, 230): in our convention, with G = sum S . (dS/dx x dS/dy) =
-4 pi Q, D = sum (dS/dx)^2, M = sum (1 - z) and the force -b M along x,
+The field is along z, and a sine along x; the lattice is periodic, so that there are no edges. A skyrmion that moves
+without changing its shape obeys Thiele's equation (A. A. Thiele, Phys. Rev. Lett. 30, 1973, 230): in our convention,
+with G = sum S . (dS/dx x dS/dy) = 4 pi Q, D = sum (dS/dx)^2 and the force F = -sum dB/dx (1 - z) along x,
 
-    G v_y = gamma b M + alpha D v_x,    -G v_x = alpha D v_y,
+    G v_y = -gamma F + alpha D v_x,    -G v_x = alpha D v_y,
 
 which follows from S' = gamma B x S + alpha S x S', S = S(place - X), multiplied by the derivatives of S. So it moves
 across the gradient, and by damping slowly down it.
@@ -24,10 +24,10 @@ import midlie_jax as ml
 from midlie_jax.cli.figures import few_colours
 from midlie_jax.plot.style import BLACK, new_figure
 
-SIZE, J, DMI, FIELD, GRADIENT = 60, 1.0, 0.25, 0.04, 2e-4
+SIZE, J, DMI, FIELD, GRADIENT = 48, 1.0, 0.3, 0.06, 3e-4
 RELAXING, MOVING = 0.5, 0.1  # dampings
-METHOD, DT = "SUBLATTICES[EA]", 0.25
-RELAXED, TIME, FRAMES = 400.0, 6000.0, 36
+METHOD, DT = "SUBLATTICES[SRKN6b]", 0.4
+RELAXED, TIME, FRAMES = 400.0, 6000.0, 30
 
 
 class Moved(NamedTuple):
@@ -40,14 +40,17 @@ class Moved(NamedTuple):
     spin: np.ndarray
 
 
+def _angle_of(size: int) -> np.ndarray:
+    """2 pi x / size of each x, zero in the middle, where the field grows fastest."""
+    return 2 * math.pi / size * (np.arange(size) - (size - 1) / 2)
+
+
 def _torque(size: int, gradient: float) -> Any:
-    shut = (False, True)  # open along x, where the field grows
     field = np.zeros((size, size, 3))
-    field[..., 2] = FIELD + gradient * (np.arange(size) - (size - 1) / 2)[:, None]
+    field[..., 2] = FIELD + gradient * size / (2 * math.pi) * np.sin(_angle_of(size))[:, None]
+    vectors = DMI * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z x bond
     return (
-        ml.torques.Exchange(J, shut)
-        + ml.torques.DzyaloshinskiiMoriya(DMI * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), shut)
-        + ml.torques.AppliedField(jnp.asarray(field))
+        ml.torques.Exchange(J) + ml.torques.DzyaloshinskiiMoriya(vectors) + ml.torques.AppliedField(jnp.asarray(field))
     )
 
 
@@ -79,9 +82,9 @@ def measured(size: int = SIZE, time: float = TIME, frames: int = FRAMES) -> Move
 
 def charge(spin: np.ndarray) -> float:
     """The topological charge Q of spins (n, m, 3): the solid angles of two triangles a cell, over 4 pi."""
-    a, b = spin[:-1], spin[1:]
-    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    return float((_angle(a, b, c) + _angle(a, c, d)).sum() / (4 * math.pi))
+    right, above = np.roll(spin, -1, axis=0), np.roll(spin, -1, axis=1)
+    across = np.roll(right, -1, axis=1)
+    return float((_angle(spin, right, across) + _angle(spin, across, above)).sum() / (4 * math.pi))
 
 
 def _angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -91,7 +94,7 @@ def _angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def place(spin: np.ndarray) -> np.ndarray:
-    """The middle (..., 2) of the spins that point down; y is periodic."""
+    """The middle (..., 2) of the spins that point down, which stay away from the ends of x."""
     size = spin.shape[-2]
     weight = np.maximum(-spin[..., 2], 0)
     total = weight.sum(axis=(-2, -1))
@@ -104,11 +107,10 @@ def place(spin: np.ndarray) -> np.ndarray:
 def thiele(spin: np.ndarray) -> np.ndarray:
     """The velocity (2,) of Thiele's equation for the shape of a skyrmion."""
     g = 4 * math.pi * charge(spin)
-    near = np.abs(np.arange(len(spin)) - place(spin)[0]) < len(spin) / 3  # without the tilted spins at the edges
-    change = spin[2:] - spin[:-2]
-    d = float((change[near[1:-1]] ** 2).sum() / 4)
-    moment = float((1 - spin[near][..., 2]).sum())
-    y = GRADIENT * moment * g / (g**2 + (MOVING * d) ** 2)
+    change = (np.roll(spin, -1, axis=0) - np.roll(spin, 1, axis=0)) / 2
+    d = float((change**2).sum())
+    push = GRADIENT * float((np.cos(_angle_of(len(spin)))[:, None] * (1 - spin[..., 2])).sum())  # -F
+    y = push * g / (g**2 + (MOVING * d) ** 2)
     return np.array([-MOVING * d * y / g, y])
 
 
@@ -150,7 +152,7 @@ def draw(found: Moved, out: Path, count: int = 4) -> None:
     out.write_bytes(few_colours(out.read_bytes()))
 
 
-def animate(found: Moved, out: Path, scale: int = 5, seconds: float = 4.0) -> None:
+def animate(found: Moved, out: Path, scale: int = 4, seconds: float = 4.0) -> None:
     """A GIF of the component z: red down, blue up."""
     from matplotlib import colormaps
     from PIL import Image
@@ -161,7 +163,7 @@ def animate(found: Moved, out: Path, scale: int = 5, seconds: float = 4.0) -> No
         picture = Image.fromarray((255 * colours).astype(np.uint8)).resize(
             (scale * len(spin),) * 2, Image.Resampling.BICUBIC
         )
-        frames.append(picture.quantize(48, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE))
+        frames.append(picture.quantize(32, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE))
     whole = BytesIO()
     pause = round(1000 * seconds / len(frames))
     frames[0].save(whole, format="GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0, optimize=True)
