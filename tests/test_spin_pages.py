@@ -11,9 +11,9 @@ SMALL = 12
 
 
 def turning(size=SMALL, frames=3):
-    """A skyrmion that stands still."""
-    spin = np.asarray(skyrmion._guess(size).spin)
-    return skyrmion.Moved(np.arange(frames) * 10.0, np.stack([spin] * frames))
+    """A skyrmion that is moved along y by a place a frame."""
+    spin = np.asarray(skyrmion.guess(size).spin)
+    return skyrmion.Moved(np.arange(frames) * 10.0, np.stack([np.roll(spin, i, axis=1) for i in range(frames)]))
 
 
 def seen(size=16):
@@ -45,7 +45,7 @@ def test_pictures_are_drawn_and_small(name, tmp_path):
 
 
 def test_a_skyrmion_has_charge_minus_one_and_moves_across_the_slope():
-    spin = np.asarray(skyrmion._guess(40).spin)
+    spin = np.asarray(skyrmion.guess(40).spin)
     assert abs(skyrmion.charge(spin) + 1) < 1e-12
     x, y = skyrmion.thiele(spin)
     assert abs(y) > 3 * abs(x) > 0
@@ -54,7 +54,7 @@ def test_a_skyrmion_has_charge_minus_one_and_moves_across_the_slope():
 def test_a_peak_is_found_between_the_bins():
     times, w = np.arange(512), 1.2345
     signal = np.hanning(513)[:-1] * np.exp(1j * w * times)
-    found = dispersion._peak(2 * math.pi * np.fft.fftfreq(512), np.abs(np.fft.fft(signal)))
+    found = dispersion.peak_of(2 * math.pi * np.fft.fftfreq(512), np.abs(np.fft.fft(signal)))
     assert abs(found - w) < 1e-5
 
 
@@ -87,22 +87,24 @@ def waves():
 
 def against():
     """Depondt and Mertens' method in JAX is of second order towards our reference."""
-    found = rivals.measured((8, 8), 1.0, {rivals.JAX: (0.05, 0.025)}, rounds=1)
+    found = rivals.measured((8, 8), 1.0, {rivals.JAX: (0.05, 0.025)}, rounds=1, reference=("RK4", 0.01))
     coarse, fine = (r.error for r in found)
     assert 3.7 < coarse / fine < 4.3
 
 
 def walls():
     field = 0.5 * wall.WALKER
-    assert abs(wall.found(field, spins=96, time=400.0, saved=20) / wall.known(field) - 1) < 0.02
+    assert (
+        abs(wall.found(field, method="SUBLATTICES[EA]", spins=96, time=400.0, saved=20) / wall.known(field) - 1) < 0.1
+    )
 
 
 def moved():
-    found = skyrmion.measured(24, 8.0, 2)
+    found = skyrmion.measured(24, 8.0, 2, "SUBLATTICES[EA]")
     assert abs(skyrmion.charge(found.spin[-1]) + 1) < 1e-12
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("part", [not_symplectic, conserved, waves, against, walls, moved], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("part", [conserved, not_symplectic, waves, against, walls, moved], ids=lambda f: f.__name__)
 def test_each_part_runs_small(part):
     part()

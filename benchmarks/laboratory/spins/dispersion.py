@@ -136,16 +136,16 @@ def peaks(method: str, spins: int = SPINS, steps: int = STEPS) -> Peaks:
     start, field = ml.SpinState(jnp.asarray(spin)), ml.torques.Exchange(EXCHANGE)
     path = ml.integrate(method, ml.Spins(), field, start, dt=DT, steps=steps)
     assert bool(jnp.all(path.ok))
-    turning = np.asarray(path.states.spin[:-1, :, 0] + 1j * path.states.spin[:-1, :, 1])
-    by_wave = np.fft.fftshift(np.fft.fft(turning, axis=1), axes=1)
+    x, y, _ = np.moveaxis(np.asarray(path.states.spin[:-1]), -1, 0)
+    by_wave = np.fft.fftshift(np.fft.fft(x + 1j * y, axis=1), axes=1)
     window = np.hanning(steps + 1)[:-1, None]
     size = np.abs(np.fft.fft(window * by_wave, axis=0))
     frequencies = 2 * math.pi * np.fft.fftfreq(steps, DT)
     angles = 2 * math.pi * np.fft.fftshift(np.fft.fftfreq(spins))
-    return Peaks(angles, np.array([_peak(frequencies, column) for column in size.T]))
+    return Peaks(angles, np.array([peak_of(frequencies, column) for column in size.T]))
 
 
-def _peak(frequencies: np.ndarray, size: np.ndarray) -> float:
+def peak_of(frequencies: np.ndarray, size: np.ndarray) -> float:
     """Between the bins, for a window of Hann: d = (2 r - 1)/(r + 1) bins towards the larger neighbour, r its share."""
     at = int(np.argmax(size))
     before, after = size[at - 1], size[(at + 1) % len(size)]

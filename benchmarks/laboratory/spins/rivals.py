@@ -79,6 +79,7 @@ def measured(
     time: float = TIME,
     ladders: dict[str, tuple[float, ...]] = LADDERS,
     rounds: int = ROUNDS,
+    reference: tuple[str, float] = REFERENCE,
 ) -> list[Rung]:
     """All rungs of all ladders, whose runs take turns; those of Spirit only where it is installed."""
     start = random(shape, 1)
@@ -86,8 +87,8 @@ def measured(
     if not spirit_runs.installed():
         print("Spirit is not installed (pip install spirit); it is left out.")
         cases = [case for case in cases if case[0] not in spirit_runs.SOLVERS]
-    method, dt = REFERENCE
-    reference, ok = _ours(method, start, dt, round(time / dt))()
+    method, dt = reference
+    known, ok = _ours(method, start, dt, round(time / dt))()
     assert bool(ok)
     with contextlib.ExitStack() as stack:
         theirs = any(case[0] in spirit_runs.SOLVERS for case in cases)
@@ -104,7 +105,7 @@ def measured(
     found: list[Rung] = []
     for (method, dt, steps), ((end, ok), timing) in zip(cases, timings, strict=True):
         if bool(ok):
-            error = math.sqrt(float(np.mean(np.sum((np.asarray(end) - np.asarray(reference)) ** 2, axis=-1))))
+            error = math.sqrt(float(np.mean(np.sum((np.asarray(end) - np.asarray(known)) ** 2, axis=-1))))
             spins = math.prod(shape)
             found.append(
                 Rung(method, dt, error, 1e9 * timing.seconds / spins / time, 1e9 * timing.seconds / spins / steps)

@@ -54,7 +54,7 @@ def _torque(size: int, gradient: float) -> Any:
     )
 
 
-def _guess(size: int) -> ml.SpinState:
+def guess(size: int) -> ml.SpinState:
     """Spins down in the middle, which turn outwards and up within a few places."""
     x, y = (np.arange(size) - (size - 1) / 2 for _ in range(2))
     x, y = np.meshgrid(x, y, indexing="ij")
@@ -64,16 +64,16 @@ def _guess(size: int) -> ml.SpinState:
     return ml.SpinState(jnp.asarray(spin))
 
 
-def measured(size: int = SIZE, time: float = TIME, frames: int = FRAMES) -> Moved:
+def measured(size: int = SIZE, time: float = TIME, frames: int = FRAMES, method: str = METHOD) -> Moved:
     """Relaxed in the uniform field, then driven."""
     relaxing = round(RELAXED / DT)
     still = ml.integrate(
-        METHOD, ml.Spins(RELAXING), _torque(size, 0.0), _guess(size), dt=DT, steps=relaxing, save_every=relaxing
+        method, ml.Spins(RELAXING), _torque(size, 0.0), guess(size), dt=DT, steps=relaxing, save_every=relaxing
     )
     start = ml.SpinState(still.states.spin[-1]).normalised()
     every = max(1, round(time / DT) // frames)
     path = ml.integrate(
-        METHOD, ml.Spins(MOVING), _torque(size, GRADIENT), start, dt=DT, steps=every * frames, save_every=every
+        method, ml.Spins(MOVING), _torque(size, GRADIENT), start, dt=DT, steps=every * frames, save_every=every
     )
     assert bool(jnp.all(still.ok))
     assert bool(jnp.all(path.ok))

@@ -66,7 +66,7 @@ def known(field: float) -> float:
     return float(np.mean(width(azimuth) * (field - turning) / DAMPING / turning) / np.mean(1 / turning))
 
 
-def found(field: float, *, spins: int = SPINS, time: float = TIME, saved: int = SAVED) -> float:
+def found(field: float, *, method: str = METHOD, spins: int = SPINS, time: float = TIME, saved: int = SAVED) -> float:
     """The mean speed on the chain after a tenth of the time, over whole half turns if the wall precesses."""
     place = np.arange(spins) - 40.0
     azimuth = _resting(field)
@@ -81,7 +81,7 @@ def found(field: float, *, spins: int = SPINS, time: float = TIME, saved: int = 
     )
     every = max(1, round(time / DT) // saved)
     path = ml.integrate(
-        METHOD,
+        method,
         ml.Spins(DAMPING),
         torque,
         ml.SpinState(jnp.asarray(start)),
