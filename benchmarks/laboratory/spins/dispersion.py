@@ -175,7 +175,6 @@ def draw(found: dict[str, Peaks], out: Path) -> None:
     words: Any = {"textcoords": "offset points", "fontsize": SIZE, "color": GREY}
     left.annotate("2 J (1 - cos k)", (0.5, 2), xytext=(-12, 12), ha="right", **words)
     ends: list[End] = []
-    lines: list[End] = []
     for method, colour, marker in zip(found, (BLUE, GREEN, ORANGE), "xso", strict=False):
         seen = found[method]
         half = seen.angles >= 0
@@ -185,13 +184,19 @@ def draw(found: dict[str, Peaks], out: Path) -> None:
         left.plot(angles, values, marker, ms=4, mfc="none", color=colour)
         right.semilogy(angles[1:], np.maximum(errors[1:], 1e-8), marker, ms=4, mfc="none", color=colour)
         ends.append(End(method, colour, 1.0, float(values[-1])))
-        lines.append(End(method, colour, 1.0, float(max(errors[-1], 1e-8))))
+        at = int(np.argmax(errors))
+        options: Any = words | {"color": colour}
+        right.annotate(
+            method, (angles[at], errors[at]), xytext=(0, 7), ha="right" if angles[at] > 0.8 else "center", **options
+        )
     left.set_ylabel("frequency, in units of J/ħ")
     right.set_ylabel("error of a peak, in units of J/ħ")
-    for panel, names in ((left, ends), (right, lines)):
+    for panel in (left, right):
         panel.set_xlabel("wave number k, in units of π / lattice constant")
         panel.grid(alpha=0.3, color=GREY)
         panel.set_xlim(-0.02, 1.03)
-        label_ends(panel, names)
+    right.set_ylim(top=10)
+    label_ends(left, ends)
+    left.set_xticks(np.linspace(0, 1, 5))
     figure.savefig(out, dpi=100)
     out.write_bytes(few_colours(out.read_bytes()))

@@ -8,7 +8,8 @@ is reached by a share of 1e-8.
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,11 @@ SOLVERS = {"Spirit, Depondt": 2, "Spirit, SIB": 1, "Spirit, RK4": 4}
 
 
 def installed() -> bool:
-    try:
-        import spirit.state  # noqa: F401  # pyright: ignore[reportMissingImports]
-    except (ImportError, OSError):
-        return False
-    return True
+    return find_spec("spirit") is not None
 
 
 @contextlib.contextmanager
-def lattice(shape: tuple[int, int]) -> Iterator[Any]:
+def lattice(shape: tuple[int, int]) -> Generator[Any]:
     """A square lattice of Spirit with exchange J = 1 between nearest neighbours, periodic, without anything else."""
     from spirit import geometry, hamiltonian, state  # pyright: ignore[reportMissingImports]
     from spirit.parameters import llg  # pyright: ignore[reportMissingImports]
@@ -52,7 +49,7 @@ def lattice(shape: tuple[int, int]) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Generator[None]:
     """What a library of C++ writes to the terminal goes nowhere."""
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
