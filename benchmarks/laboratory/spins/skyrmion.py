@@ -160,9 +160,8 @@ def animate(found: Moved, out: Path, scale: int = 4, seconds: float = 4.0) -> No
     frames: list[Any] = []
     for spin in found.spin:
         colours = colormaps["RdBu"]((spin[..., 2].T[::-1] + 1.2) / 2.4)[..., :3]
-        picture = Image.fromarray((255 * colours).astype(np.uint8)).resize(
-            (scale * len(spin),) * 2, Image.Resampling.BICUBIC
-        )
+        picture = Image.fromarray((255 * colours).astype(np.uint8))
+        picture = picture.resize((scale * picture.width, scale * picture.height), Image.Resampling.BICUBIC)
         frames.append(picture.quantize(32, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE))
     whole = BytesIO()
     pause = round(1000 * seconds / len(frames))
