@@ -61,6 +61,7 @@ TABLES = (
     ("kinds_of_state", "reports/kinds-of-state"),
     ("molecules", "reports/molecules"),
     ("heat", "reports/heat"),
+    ("spins", "reports/spins"),
     ("surfaces", "reports/surfaces"),
     ("solids", "reports/solids"),
     ("choosing", "choosing-a-method"),

@@ -83,7 +83,8 @@ def run(name, damping, torque, spin, dt, steps=STEPS, save_every=None, first=0):
     return ml.integrate(name, spins, torque, start, dt=dt, steps=steps, save_every=save_every, first_step=first)
 
 
-@pytest.mark.parametrize("name", [*METHODS, *MORE])
+@pytest.mark.sample(5)
+@pytest.mark.parametrize("name", [METHODS[1], *METHODS[2:], METHODS[0], *MORE])
 def test_order(name):
     method = ml.method(name)
     start, end = random_spins((4, 3)), 1.6
@@ -98,6 +99,7 @@ def test_order(name):
     assert abs(slopes[-1] - method.order) < 0.35, (errors, slopes)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", [n for n in (*METHODS, *MORE) if ml.method(n).symmetric])
 def test_symmetric_methods_come_back(name, dtype):
@@ -110,6 +112,7 @@ def test_symmetric_methods_come_back(name, dtype):
     assert np.abs(back.states.spin - start).max() < 400 * epsilon(dtype)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", [*METHODS, "SUBLATTICES[BM4]"])
 def test_split_runs_and_steps_of_zero_are_exact(name, dtype):
@@ -120,6 +123,7 @@ def test_split_runs_and_steps_of_zero_are_exact(name, dtype):
     assert np.array_equal(half.states.spin[-1], whole.states.spin[-1])
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("name", METHODS)
 def test_lengths_and_what_is_kept_under_exchange(name):
     """Turns of sublattices keep the energy, the spherical midpoint rule the sum of the spins; both to rounding."""
@@ -134,6 +138,7 @@ def test_lengths_and_what_is_kept_under_exchange(name):
     assert kept == [name.startswith("SUBLATTICES"), name == "spherical midpoint"], changes
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("name", METHODS)
 def test_which_methods_are_symplectic(name):
     """M^T Omega(S1) M = Omega(S0) on the planes at right angles to the spins, with Omega(u, v) = S . (u x v)."""
@@ -161,6 +166,7 @@ def test_which_methods_are_symplectic(name):
     assert defect < 1e-13 or defect > 1e-8
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", METHODS)
 def test_the_lattice_may_be_moved_and_space_turned(name):
     """By two places along each axis; and under exchange alone all spins by one rotation."""
@@ -260,6 +266,7 @@ def test_one_spin_is_the_momentum_of_a_body():
     assert np.abs(spin.states.spin - rigid.states.momentum[-1]).max() < 1e-10
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", METHODS)
 def test_derivatives(name):
     """Forward, reverse, and backwards through the steps, against a difference of runs."""
@@ -282,6 +289,7 @@ def test_derivatives(name):
         assert abs(found - expected) < 1e-8
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("closes", [True, False])
 @pytest.mark.parametrize("shape", [(6,), (4, 6), (4, 2, 4)])
 def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes):
@@ -302,6 +310,7 @@ def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes):
         assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
 
 
+@pytest.mark.sample(0)
 def test_a_batch_is_what_each_alone_is():
     starts = jnp.asarray(np.stack([random_spins((4, 2), seed) for seed in range(3)]))
     torque = ml.torques.Exchange(-1.0) + ml.torques.Anisotropy(0.2)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, is_unit, require, require_finite
 from ..._math import components as cp
+from ..._xla.fusion import split
 from ..bodies import Body
 from ..spins import Spins
 from ..state import Described, State
@@ -93,9 +94,14 @@ class SpinState(State[cp.Vector, tuple[()]]):
     def evaluate(
         cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: tuple[()]
     ) -> tuple[Any, Any]:
+        # Fused with what reads it, the field of a lattice would be computed again for each number that reads it.
+        lattice = momentum[0].ndim > 0
+        momentum = split(momentum) if lattice else momentum
         value = jax.tree.map(jnp.asarray, function(t, cls.join(momentum, pose)))
         entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
-        return entries, jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value)
+        return split(entries) if lattice else entries, jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), value
+        )
 
     @classmethod
     def force_from(cls, potential: Callable[[Any], Array], state: Any) -> Array:

@@ -1,0 +1,202 @@
+"""Spin waves of a Heisenberg ferromagnet: what a method makes of w(k) = 2 J sum over axes of (1 - cos k).
+
+Two measurements. `frequencies` are those of one step, linear about the ferromagnet: the eigenvalues of its derivative.
+`peaks` are those of the spectrum of a run from weak white noise, as an experiment would see them.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.line_labels import End, label_ends
+from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, SIZE, new_figure
+
+METHODS = "SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "SUBLATTICES[KL6]", "spherical midpoint", "RK4", "GBS12"
+LATTICES = {"chain of 32": (32,), "square of 8 x 8": (8, 8)}
+GRID = 60  # steps that are tried
+ENOUGH = 1e-3  # relative error of a frequency
+NOISE = 1e-4
+EXCHANGE = 1.0
+
+
+def known(shape: tuple[int, ...]) -> np.ndarray:
+    """w(k) of each wave vector of a periodic lattice, in the order of numpy's FFT."""
+    parts = [2 * EXCHANGE * (1 - np.cos(2 * math.pi * np.fft.fftfreq(n))) for n in shape]
+    return np.asarray(sum(np.meshgrid(*parts, indexing="ij")))
+
+
+def _end(method: str, shape: tuple[int, ...]) -> Any:
+    """The spins after one step as a function of their components x and y and the step, and whether it succeeded."""
+
+    def end(across: Any, dt: Any) -> Any:
+        along = jnp.sqrt(1 - jnp.sum(across**2, axis=-1, keepdims=True))
+        start = ml.SpinState.unchecked(spin=jnp.concatenate([across, along], axis=-1))
+        field = ml.torques.Exchange(EXCHANGE)
+        run = ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=1, adjoint=ml.Forward())
+        return run.states.spin[-1, ..., :2], run.ok
+
+    return jax.jit(lambda dt: jax.jacfwd(lambda x: end(x, dt), has_aux=True)(jnp.zeros((*shape, 2))))
+
+
+class Waves(NamedTuple):
+    """A step, linear about the ferromagnet.
+
+    Attributes:
+        error: the largest relative error of a frequency; infinite if the step fails.
+        growth: the largest | |eigenvalue| - 1 |.
+    """
+
+    error: float
+    growth: float
+
+
+def waves(derivative: Any, dt: float, shape: tuple[int, ...]) -> Waves:
+    matrix, ok = derivative(jnp.asarray(dt))
+    if not bool(jnp.all(ok)):
+        return Waves(math.inf, math.inf)
+    size = 2 * math.prod(shape)
+    values = np.linalg.eigvals(np.asarray(matrix).reshape(size, size))
+    found = np.sort(np.abs(np.angle(values)) / dt)
+    expected = np.sort(np.repeat(known(shape).ravel(), 2))
+    moving = expected > 1e-9
+    error = np.abs(found[moving] / expected[moving] - 1).max()
+    return Waves(float(error), float(np.abs(np.abs(values) - 1).max()))
+
+
+def largest_step(method: str, shape: tuple[int, ...], steps: int = GRID) -> tuple[float, Waves]:
+    """The largest step of a grid up to which all frequencies are within `ENOUGH`, and the waves of that step.
+
+    The grid ends where the angle of the fastest wave in a step is pi: beyond, a frequency is ambiguous.
+    """
+    derivative = _end(method, shape)
+    found = 0.0, Waves(math.inf, math.inf)
+    for number in range(1, steps):
+        dt = number / steps * math.pi / float(known(shape).max())
+        tried = waves(derivative, dt, shape)
+        if tried.error > ENOUGH:
+            break
+        found = dt, tried
+    return found
+
+
+def _cost(method: str) -> float:
+    """Evaluations of the field on the whole lattice in a step; a turn of one of two sublattices is half of one."""
+    evaluations = ml.method(method).evaluations
+    return evaluations / 2 if method.startswith("SUBLATTICES") else evaluations
+
+
+HEADS = "method", "lattice", "largest h", "h times the highest w", "field evaluations per time", "size of a wave - 1"
+
+
+def rows() -> Iterator[list[str]]:
+    for name, shape in LATTICES.items():
+        for method in METHODS:
+            dt, found = largest_step(method, shape)
+            yield [
+                f"`{method}`",
+                name,
+                f"{dt:.3f}",
+                f"{dt * known(shape).max():.2f}",
+                f"{_cost(method) / dt:.0f}" if dt else "-",
+                f"{found.growth:.0e}",
+            ]
+
+
+class Peaks(NamedTuple):
+    """The spectrum of a chain.
+
+    Attributes:
+        angles: wave numbers k, from -pi to pi, (n,).
+        found: the frequency of the highest peak of |S+(k, w)|^2 for each k, 1/time, (n,).
+    """
+
+    angles: np.ndarray
+    found: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        return np.abs(self.found - 2 * EXCHANGE * (1 - np.cos(self.angles)))
+
+
+SEEN = "SUBLATTICES[EA]", "spherical midpoint", "SUBLATTICES[SRKN6b]"
+DT, SPINS, STEPS = 0.4, 64, 8192
+
+
+def peaks(method: str, spins: int = SPINS, steps: int = STEPS) -> Peaks:
+    """From weak white noise on the ferromagnetic chain; S+ = Sx + i Sy turns as exp(i w t)."""
+    across = NOISE * np.random.default_rng(0).normal(size=(spins, 2))
+    spin = np.concatenate([across, np.sqrt(1 - np.sum(across**2, axis=1, keepdims=True))], axis=1)
+    start, field = ml.SpinState(jnp.asarray(spin)), ml.torques.Exchange(EXCHANGE)
+    path = ml.integrate(method, ml.Spins(), field, start, dt=DT, steps=steps)
+    assert bool(jnp.all(path.ok))
+    x, y, _ = np.moveaxis(np.asarray(path.states.spin[:-1]), -1, 0)
+    by_wave = np.fft.fftshift(np.fft.fft(x + 1j * y, axis=1), axes=1)
+    window = np.hanning(steps + 1)[:-1, None]
+    size = np.abs(np.fft.fft(window * by_wave, axis=0))
+    frequencies = 2 * math.pi * np.fft.fftfreq(steps, DT)
+    angles = 2 * math.pi * np.fft.fftshift(np.fft.fftfreq(spins))
+    return Peaks(angles, np.array([peak_of(frequencies, column) for column in size.T]))
+
+
+def peak_of(frequencies: np.ndarray, size: np.ndarray) -> float:
+    """Between the bins, for a window of Hann: d = (2 r - 1)/(r + 1) bins towards the larger neighbour, r its share."""
+    at = int(np.argmax(size))
+    before, after = size[at - 1], size[(at + 1) % len(size)]
+    ratio = max(before, after) / size[at]
+    shift = (2 * ratio - 1) / (1 + ratio) * (1 if after > before else -1)
+    return float(frequencies[at] + shift * (frequencies[1] - frequencies[0]))
+
+
+PEAK_HEADS = "method", "largest error of a peak", "at k = π/4", "at k = π"
+
+
+def peak_rows(found: dict[str, Peaks]) -> Iterator[list[str]]:
+    for method, seen in found.items():
+        errors = seen.errors
+        middle = len(errors) // 2
+        cells = errors.max(), errors[middle + middle // 4], errors[0]
+        yield [f"`{method}`", *(f"{x:.1e}" for x in cells)]
+
+
+def draw(found: dict[str, Peaks], out: Path) -> None:
+    """On the left the peaks over the closed form, on the right their errors."""
+    figure = new_figure(9.6, 4.2)
+    left, right = figure.subplots(1, 2)
+    figure.subplots_adjust(left=0.06, right=0.985, top=0.95, bottom=0.13, wspace=0.2)
+    k = np.linspace(0, math.pi, 200)
+    left.plot(k / math.pi, 2 * EXCHANGE * (1 - np.cos(k)), color=GREY, lw=1.2)
+    words: Any = {"textcoords": "offset points", "fontsize": SIZE, "color": GREY}
+    left.annotate("2 J (1 - cos k)", (0.5, 2), xytext=(-12, 12), ha="right", **words)
+    ends: list[End] = []
+    for method, colour, marker in zip(found, (BLUE, GREEN, ORANGE), "xso", strict=False):
+        seen = found[method]
+        half = seen.angles >= 0
+        angles = np.append(seen.angles[half], math.pi) / math.pi
+        values = np.append(seen.found[half], seen.found[0])
+        errors = np.append(seen.errors[half], seen.errors[0])
+        left.plot(angles, values, marker, ms=4, mfc="none", color=colour)
+        right.semilogy(angles[1:], np.maximum(errors[1:], 1e-8), marker, ms=4, mfc="none", color=colour)
+        ends.append(End(method, colour, 1.0, float(values[-1])))
+        at = int(np.argmax(errors))
+        options: Any = words | {"color": colour}
+        right.annotate(
+            method, (angles[at], errors[at]), xytext=(0, 7), ha="right" if angles[at] > 0.8 else "center", **options
+        )
+    left.set_ylabel("frequency, in units of J/ħ")
+    right.set_ylabel("error of a peak, in units of J/ħ")
+    for panel in (left, right):
+        panel.set_xlabel("wave number k, in units of π / lattice constant")
+        panel.grid(alpha=0.3, color=GREY)
+        panel.set_xlim(-0.02, 1.03)
+    right.set_ylim(top=10)
+    label_ends(left, ends)
+    left.set_xticks(np.linspace(0, 1, 5))
+    figure.savefig(out, dpi=100)
+    out.write_bytes(few_colours(out.read_bytes()))

@@ -1,0 +1,12 @@
+"""Spins that point anywhere, the state of infinite temperature."""
+
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+
+
+def random(shape: tuple[int, ...], seed: int) -> ml.SpinState:
+    """Spins (*shape, 3), each with a direction drawn from the sphere."""
+    drawn = np.random.default_rng(seed).normal(size=(*shape, 3))
+    return ml.SpinState(jnp.asarray(drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)))

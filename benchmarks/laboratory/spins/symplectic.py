@@ -1,0 +1,140 @@
+"""How far one step on spins is from symplectic, and from preserving volumes, from its derivative by autodiff.
+
+The form on the product of spheres is w(u, v) = sum S . (u x v) over tangent vectors. In a right-handed orthonormal
+basis of the tangent plane of each spin its matrix is the canonical J. With M, the derivative of the step in such bases
+at both ends, a symplectic step has M^T J M = J, and one that keeps volumes det M = 1.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+from midlie_jax.cli.figures import few_colours
+from midlie_jax.cli.line_labels import End, label_ends
+from midlie_jax.plot.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, new_figure
+
+from .starts import random
+
+STEPS = 0.8, 0.4, 0.2, 0.1
+STARTS = 8
+HALVES = jnp.array([1.0, 0.5, 0.2]) / 2  # of the energy S . diag(1, .5, .2) S / 2
+ONE = "one spin"
+COUPLED = "four coupled spins"
+
+
+class Case(NamedTuple):
+    """A method on a system."""
+
+    system: str
+    method: str
+
+
+CASES = [
+    *(Case(ONE, method) for method in ("spherical midpoint", "Lie midpoint of spins")),
+    *(
+        Case(COUPLED, method)
+        for method in (
+            "spherical midpoint",
+            "Lie midpoint of spins",
+            "SUBLATTICES[EA]",
+            "SUBLATTICES[SRKN6b]",
+            "SUBLATTICES[KL6]",
+        )
+    ),
+]
+HEADS = "system", "method", "defect", *(f"h = {h:g}" for h in STEPS), "order in h"
+
+
+def _field(system: str) -> Any:
+    if system == ONE:
+        return ml.torques.FromPotential(lambda t, state: jnp.sum(HALVES * state.spin**2))
+    return ml.torques.Exchange(1.0, periodic=False)
+
+
+def _basis(spin: np.ndarray) -> np.ndarray:
+    """Two tangent vectors of each spin (n, 3), with u x v = S: columns (3 n, 2 n)."""
+    columns = np.zeros((len(spin), 3, len(spin), 2))
+    for i, s in enumerate(spin):
+        u = np.cross(s, np.eye(3)[np.argmin(np.abs(s))])
+        u /= np.linalg.norm(u)
+        columns[i, :, i] = np.stack([u, np.cross(s, u)], axis=1)
+    return columns.reshape(3 * len(spin), 2 * len(spin))
+
+
+def defects(case: Case, steps: Sequence[float] = STEPS, starts: int = STARTS) -> np.ndarray:
+    """For each step the largest entry of |M^T J M - J| and the largest |det M - 1| over some starts, (steps, 2).
+
+    NaN where an implicit method finds no solution from some start.
+    """
+    field, body = _field(case.system), ml.Spins()
+    shape = () if case.system == ONE else (4,)
+
+    def end(spin: Any, dt: Any) -> Any:
+        start = ml.SpinState.unchecked(spin=spin)
+        run = ml.integrate(case.method, body, field, start, dt=dt, steps=1, adjoint=ml.Forward())
+        return run.states.spin[-1], (run.states.spin[-1], run.ok)
+
+    derivative = jax.jit(jax.jacfwd(end, has_aux=True))
+    found = np.zeros((len(steps), 2))
+    for seed in range(starts):
+        spin = random(shape, seed).spin
+        count = max(1, spin.size // 3)
+        canonical = np.kron(np.eye(count), np.array([[0, 1], [-1, 0]]))
+        for row, dt in zip(found, steps, strict=True):
+            matrix, (after, ok) = derivative(spin, jnp.asarray(dt))
+            if not bool(jnp.all(ok)):
+                row[:] = np.nan
+                continue
+            before, after = (np.asarray(x).reshape(count, 3) for x in (spin, after))
+            m = _basis(after).T @ np.asarray(matrix).reshape(3 * count, 3 * count) @ _basis(before)
+            own = np.abs(m.T @ canonical @ m - canonical).max(), abs(np.linalg.det(m) - 1)
+            row[:] = np.maximum(row, own)  # NaN stays
+    return found
+
+
+def measured() -> dict[Case, np.ndarray]:
+    return {case: defects(case) for case in CASES}
+
+
+def _order(errors: np.ndarray) -> str:
+    """The slope of the two shortest steps, or nothing at rounding."""
+    return "rounding" if errors[-2:].max() < 1e-13 else f"{np.log2(errors[-2] / errors[-1]):.1f}"
+
+
+def rows(found: dict[Case, np.ndarray]) -> Iterator[list[str]]:
+    for case, errors in found.items():
+        for name, column in zip(("symplectic", "volume"), errors.T, strict=True):
+            if case.system == COUPLED or name == "symplectic":
+                cells = [f"{x:.1e}" if np.isfinite(x) else "no solution" for x in column]
+                yield [case.system, f"`{case.method}`", name, *cells, _order(column)]
+
+
+def draw(found: dict[Case, np.ndarray], out: Path, steps: Sequence[float] = STEPS) -> None:
+    """The defect of a step against its length: one spin on the left, four coupled spins on the right."""
+    figure = new_figure(9.6, 4.2)
+    panels = figure.subplots(1, 2, sharey=True)
+    figure.subplots_adjust(left=0.09, right=0.985, top=0.92, bottom=0.13, wspace=0.05)
+    colours = dict(zip((case.method for case in CASES[2:]), (GREEN, VERMILLION, BLUE, ORANGE, PURPLE), strict=True))
+    for panel, system in zip(panels, (ONE, COUPLED), strict=True):
+        ends: list[End] = []
+        for case, errors in found.items():
+            if case.system == system:
+                solved = np.isfinite(errors[:, 0])
+                x, y = np.asarray(steps)[solved], errors[solved, 0]
+                panel.loglog(x, y, "o-", ms=4, color=colours[case.method])
+                ends.append(End(case.method, colours[case.method], float(x[0]), float(y[0])))
+        panel.set_xlim(steps[-1] / 1.15, steps[0] * 1.15)
+        panel.set_xticks(steps, [f"{h:g}" for h in steps])
+        panel.minorticks_off()
+        panel.set_title(system, loc="left", fontsize=10)
+        panel.set_xlabel("step h, in units of ħ/J")
+        panel.grid(alpha=0.3, color=GREY)
+        label_ends(panel, ends)
+    panels[0].set_ylabel("symplectic defect of one step")
+    figure.savefig(out, dpi=100)
+    out.write_bytes(few_colours(out.read_bytes()))
