@@ -267,7 +267,7 @@ def test_one_spin_is_the_momentum_of_a_body():
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", METHODS[::-1])
 def test_derivatives(name):
     """Forward, reverse, and backwards through the steps, against a difference of runs."""
     start, weights = jnp.asarray(random_spins((4, 2))), random_spins((4, 2), seed=2)
@@ -289,25 +289,25 @@ def test_derivatives(name):
         assert abs(found - expected) < 1e-8
 
 
-@pytest.mark.sample(3)
-@pytest.mark.parametrize("closes", [True, False])
-@pytest.mark.parametrize("shape", [(6,), (4, 6), (4, 2, 4)])
-def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes):
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("name", ["SRKN6b", "BAOAB", "BM4"])
+@pytest.mark.parametrize(("shape", "closes"), [((4, 6), True), ((4, 2, 4), False), ((6,), True), ((6,), False)])
+def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, name):
     """Given by its labels, the lattice is moved with masks; also in a heat bath, whose numbers belong to places."""
     t = ml.torques
     vectors = jnp.asarray(np.random.default_rng(4).normal(size=(len(shape), 3)))
     torque = t.Exchange(jnp.linspace(0.5, 1.0, len(shape)), closes) + t.DzyaloshinskiiMoriya(vectors, closes)
     torque = torque + t.Anisotropy(0.3, EASY) + t.AppliedField(shaken)
     start = ml.SpinState(jnp.asarray(random_spins(shape)))
-    for name, more in (("SRKN6b", None), ("BM4", None), ("BAOAB", t.ThermalField(0.4, jax.random.key(7)))):
-        ends = []
-        for labels in (None, ml.checkerboard(shape)):
-            body = ml.Spins(0.1, sublattices=labels)
-            given = torque if more is None else torque + more
-            ends.append(ml.integrate(f"SUBLATTICES[{name}]", body, given, start, dt=0.1, steps=8, save_every=4))
-        assert ends[0].ok
-        assert np.abs(ends[0].states.spin[-1] - start.spin).max() > 0.1
-        assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
+    if name == "BAOAB":
+        torque = torque + t.ThermalField(0.4, jax.random.key(7))
+    ends = []
+    for labels in (None, ml.checkerboard(shape)):
+        body = ml.Spins(0.1, sublattices=labels)
+        ends.append(ml.integrate(f"SUBLATTICES[{name}]", body, torque, start, dt=0.1, steps=8, save_every=4))
+    assert ends[0].ok
+    assert np.abs(ends[0].states.spin[-1] - start.spin).max() > 0.1
+    assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-13)
 
 
 @pytest.mark.sample(0)
