@@ -3,6 +3,7 @@
     python benchmarks/spins.py conservation [--write]  energy, total spin and lengths in runs of a chain
     python benchmarks/spins.py area [--write]          symplectic defects of one step; spins-area.png
     python benchmarks/spins.py dispersion [--write]    spin waves beside their closed form; spins-waves.png
+    python benchmarks/spins.py lattice [--write]       steps a second of a million spins, beside a copy of them
     python benchmarks/spins.py rivals [--write]        error against time, beside Spirit; spins-rivals.png
     python benchmarks/spins.py wall [--write]          a domain wall in a field, beside Walker; spins-wall.png
     python benchmarks/spins.py skyrmion [--write]      a skyrmion beside Thiele; spins-skyrmion.png, skyrmion.gif
@@ -21,7 +22,7 @@ import jax  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from laboratory.spins import conservation, dispersion, rivals, skyrmion, symplectic, wall  # noqa: E402
+from laboratory.spins import conservation, dispersion, lattice, rivals, skyrmion, symplectic, wall  # noqa: E402
 from pages import DOCS, put, shown  # noqa: E402
 
 PAGE = "reports/spins.md"
@@ -30,6 +31,7 @@ MARKERS = {
     "area": ("<!-- area -->", "<!-- /area -->"),
     "steps": ("<!-- steps -->", "<!-- /steps -->"),
     "peaks": ("<!-- peaks -->", "<!-- /peaks -->"),
+    "lattice": ("<!-- lattice -->", "<!-- /lattice -->"),
     "rivals": ("<!-- rivals -->", "<!-- /rivals -->"),
     "wall": ("<!-- wall -->", "<!-- /wall -->"),
     "skyrmion": ("<!-- skyrmion -->", "<!-- /skyrmion -->"),
@@ -55,6 +57,11 @@ def waves(write: bool) -> dict[str, list[str]]:
         dispersion.draw(found, PICTURES / "spins-waves.png")
     peaks = shown(dispersion.PEAK_HEADS, dispersion.peak_rows(found))
     return {"peaks": peaks, "steps": shown(dispersion.HEADS, dispersion.rows())}
+
+
+def large(write: bool) -> dict[str, list[str]]:
+    del write
+    return {"lattice": shown(lattice.HEADS, lattice.rows())}
 
 
 def against(write: bool) -> dict[str, list[str]]:
@@ -83,6 +90,7 @@ PARTS = {
     "conservation": keeps,
     "area": area,
     "dispersion": waves,
+    "lattice": large,
     "rivals": against,
     "wall": walls,
     "skyrmion": skyrmions,

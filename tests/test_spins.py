@@ -78,7 +78,8 @@ def motion_numpy(start, end, damping, field=field_numpy):
 
 
 def run(name, damping, torque, spin, dt, steps=STEPS, save_every=None, first=0):
-    spins, start = ml.Spins(jnp.asarray(damping, spin.dtype), jnp.ones((), spin.dtype)), ml.SpinState(jnp.asarray(spin))
+    damping = jnp.asarray(damping, spin.dtype) if damping else 0.0
+    spins, start = ml.Spins(damping, jnp.ones((), spin.dtype)), ml.SpinState(jnp.asarray(spin))
     dt = jnp.asarray(dt, spin.dtype)
     return ml.integrate(name, spins, torque, start, dt=dt, steps=steps, save_every=save_every, first_step=first)
 
@@ -228,6 +229,12 @@ def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
     )
     assert path.ok
     assert np.abs(np.asarray(path.states.spin) - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
+
+
+def test_a_damping_of_zero_may_be_an_array():
+    start, torque = ml.SpinState(jnp.asarray(random_spins((4, 2)))), ml.torques.Exchange(1.0)
+    ends = [ml.integrate("SUBLATTICES[EA]", ml.Spins(a), torque, start, dt=0.1, steps=8) for a in (0, jnp.zeros(()))]
+    assert np.allclose(ends[0].states.spin, ends[1].states.spin, rtol=0, atol=1e-15)
 
 
 def test_a_spin_switches_in_the_known_time():

@@ -90,6 +90,11 @@ class Method(eqx.Module):
         """
         return 1
 
+    @property
+    def is_divided(self) -> bool:
+        """Whether every part of a step is a loop over the batch of its own, so that no loop is made of the whole."""
+        return False
+
     def loops_for(self, system: System) -> bool:
         """Whether a step of this system holds a loop: over stages, or of a solve."""
         del system
@@ -220,4 +225,5 @@ class Method(eqx.Module):
         t0, t1, rest = times(clock)
         motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)
         rest = (rest, *known) if known else rest
-        return fuse(all_promoted((Progress(motion, force, earlier(progress.verdict, ok)), rest), axes))
+        result = all_promoted((Progress(motion, force, earlier(progress.verdict, ok)), rest), axes)
+        return result if self.is_divided else fuse(result)

@@ -23,7 +23,8 @@ class Spins(Body):
     an electron, micromagnetics writes M' = -gamma M x B: the same, with gamma as `gyromagnetic`.
 
     Attributes:
-        damping: Gilbert's alpha, one for all spins () or one for each, in the shape of the lattice. Not negative.
+        damping: Gilbert's alpha, one for all spins () or one for each, in the shape of the lattice. Not negative. None
+            if it was given as the number 0: steps without damping take half the time.
         gyromagnetic: the gyromagnetic ratio over the magnetic moment of a spin, 1/action: 1 where time is measured in
             units of hbar over an energy. () or in the shape of the lattice.
         sublattices: for the methods SUBLATTICES[...], the number of the sublattice of each spin, from 0 on, in the
@@ -34,17 +35,18 @@ class Spins(Body):
         ValueError: a damping that is negative or not finite, or sublattices that are not whole numbers from 0 on.
     """
 
-    damping: Float[Array, "*#lattice"]
+    damping: Float[Array, "*#lattice"] | None
     gyromagnetic: Float[Array, "*#lattice"]
     sublattices: Array | None
     count: int | None = eqx.field(static=True)
 
     def __init__(self, damping: Any = 0.0, gyromagnetic: Any = 1.0, sublattices: Any = None):
-        self.damping = as_floats("damping", damping)
+        none = isinstance(damping, int | float) and damping == 0
+        self.damping = None if none else as_floats("damping", damping)
         self.gyromagnetic = as_floats("gyromagnetic", gyromagnetic)
         require(
             "damping",
-            self.damping,
+            0.0 if self.damping is None else self.damping,
             lambda a: np.isfinite(a) & (a >= 0),
             "must be finite and not negative",
             "check its sign.",
@@ -57,12 +59,7 @@ class Spins(Body):
     @property
     def rate(self) -> Array:
         """g = gyromagnetic / (1 + alpha^2): a spin turns by g |B| h in the time h."""
-        return self.gyromagnetic / (1 + self.damping**2)
-
-    @property
-    def is_damped(self) -> bool:
-        """Whether there is damping, or it is traced and may be there."""
-        return cp.is_traced(self.damping) or bool(np.any(np.asarray(self.damping) != 0))
+        return self.gyromagnetic if self.damping is None else self.gyromagnetic / (1 + self.damping**2)
 
     def inertia(self) -> "Spins":
         """The spins themselves, whose energy is that of the field alone."""
@@ -87,8 +84,9 @@ class Spins(Body):
     def change(self, h: Any, spin: cp.Vector, field: cp.Vector) -> cp.Vector:
         """h S' of spins in this field."""
         turn = cp.cross(field, spin)
-        damped = cp.add(turn, cp.scale(self.damping, cp.cross(spin, turn))) if self.is_damped else turn
-        return cp.scale(h * self.rate, damped)
+        if self.damping is not None:
+            turn = cp.add(turn, cp.scale(self.damping, cp.cross(spin, turn)))
+        return cp.scale(h * self.rate, turn)
 
 
 def _labels(sublattices: Any) -> tuple[Array, int]:

@@ -157,7 +157,7 @@ def can_be_checkered(spins: Any, terms: list[Any], lattice: tuple[int, ...], t: 
     """Whether all fields are those of the package and all parameters the same for every spin."""
     if spins.sublattices is not None or not 0 < len(lattice) <= _MOST_AXES or lattice[-1] % 2:
         return False
-    if any(x.ndim for x in (spins.damping, spins.gyromagnetic)):
+    if any(x is not None and x.ndim for x in (spins.damping, spins.gyromagnetic)):
         return False
     if not any(isinstance(term, NeighbourField) for term in terms):
         return False

@@ -18,7 +18,7 @@ from jax import Array
 
 from ..._math import components as cp
 from ..._math.turns import damped, turned, turned_by_own
-from ..._xla.fusion import fuse, split
+from ..._xla.fusion import split
 from ...model.bodies import Body
 from ...model.spins import Spins, checkerboard
 from ...model.state import AnyState
@@ -105,6 +105,10 @@ class Sublattices(Method):
     def random(self) -> bool:
         return self.scheme.random
 
+    @property
+    def is_divided(self) -> bool:
+        return True
+
     def keeps_force(self, system: System) -> bool:
         """Whether the field on the first sublattice at the end of a step is kept: while it turns, its field stays."""
         reused = self.scheme.reuses_force and not self.random
@@ -114,7 +118,11 @@ class Sublattices(Method):
         """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form."""
         rest, _ = without_bath(torque)
         terms = terms_of(rest)
-        if isinstance(body, Spins) and body.is_damped and any(isinstance(term, CubicAnisotropy) for term in terms):
+        if (
+            isinstance(body, Spins)
+            and body.damping is not None
+            and any(isinstance(term, CubicAnisotropy) for term in terms)
+        ):
             raise ValueError(
                 "a damped spin under CubicAnisotropy has no closed form; take the method 'spherical midpoint', or "
                 "leave out one of both."
@@ -206,7 +214,7 @@ class Sublattices(Method):
             spin = through(middle, forth, begin, between, spin)
             spin, _ = parts.turn(last, inner * h, between, spin, None)
             spin = through(middle[::-1], back, between, after, spin)
-            return fuse((spin, parts.field(first, after, spin))), None
+            return (spin, split(parts.field(first, after, spin))), None
 
         known = parts.field(first, t0, spin) if known is None else known
         columns = tuple(jnp.asarray(x, h.dtype) for x in zip(*rows, strict=True))
@@ -263,7 +271,7 @@ class _Parts(eqx.Module):
 def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:
     """The spins of a sublattice after a time in their field; the others stay."""
     moved = turned(spin, cp.scale(spins.rate * time, field))
-    if spins.is_damped:
+    if spins.damping is not None:
         moved = damped(moved, field, spins.damping * spins.rate * time)
     return moved if mask is None else _where(mask, moved, spin)
 
@@ -277,7 +285,7 @@ def _of_sublattice(on: OnSublattices, number: int) -> Any:
 
 
 def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vector) -> cp.Vector:
-    if spins.is_damped:
+    if spins.damping is not None:
         assert term.linear is not None
         return turned_by_own(spin, axis, term.linear * spins.rate, time, spins.damping)
     angle = spins.rate * time * term.along(cp.dot(axis, spin))

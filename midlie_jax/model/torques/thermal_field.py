@@ -57,7 +57,7 @@ class ThermalField(Langevin):
             raise ValueError(
                 f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies take Langevin."
             )
-        if not body.is_damped:
+        if body.damping is None:
             raise ValueError("ThermalField needs a damping, Spins(damping=...): its strength follows from it.")
         if not callable(self.kT) and self.kT.shape:
             raise ValueError(f"kT must be one number, got shape {self.kT.shape}.")
@@ -68,6 +68,7 @@ class ThermalField(Langevin):
 
     def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
         """The bath of a run whose state has this kind."""
+        assert body.damping is not None
         words = jax.random.key_data(self.key)
         key = tuple(words[i] for i in range(words.shape[-1]))
         shape = start.spin.shape[:-1]
