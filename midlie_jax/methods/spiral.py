@@ -6,12 +6,13 @@ import equinox as eqx
 from jax import Array
 
 from .._math import components as cp
-from .._math.short_series import LARGEST_SQUARE, LARGEST_TURN, half_turn
+from .._math.short_series import half_turn
 from ..model.bodies import RigidBody
 from .base import Method
 from .system import Motion, System
 from .verdict import verdict
 
+_REACH = 1.6  # radians
 _LARGEST_DECAY = 2.5127  # the largest x with |1 - x + x^2/2 - x^3/6| <= 1: the limit of a Runge-Kutta step of order 3
 
 
@@ -25,7 +26,7 @@ class Spiral(Method):
     This is the leapfrog form of the algorithm, with momentum and attitude at the same times, as its first author wrote
     it for velocity Verlet (JaxDEM). A torque is evaluated once a step, one that reads the momentum at each stage. The
     order is 2; 3 is that of the momentum at a fixed attitude. The method is neither symmetric nor symplectic, and the
-    spatial momentum of a free body is not conserved. A step reports False in `ok` where it turned by more than 2.4
+    spatial momentum of a free body is not conserved. A step reports False in `ok` where it turned by more than 1.6
     radians.
 
     C. A. del Valle, V. Angelidakis, S. Roy, J. D. Munoz, T. Poeschel, Comput. Phys. Commun. 297 (2024) 109077, arXiv
@@ -42,7 +43,7 @@ class Spiral(Method):
 
     @property
     def reach(self) -> float:
-        return LARGEST_TURN
+        return _REACH
 
     def stability_limit(self, direction: complex) -> float:
         """2 under a field, as of every leapfrog; a torque that damps acts in two Runge-Kutta steps of h/2."""
@@ -58,7 +59,7 @@ class Spiral(Method):
         w = cp.scale(h / 2, system.velocity(half_way.momentum))
         turned = Motion(half_way.momentum, system.turned(half_way.pose, cp.square(half_turn(w)), h))
         force = system.force(t1, turned) if self.keeps_force(system) else None
-        return _pushed(system, t1, h / 2, turned, force), force, verdict(True, (cp.dot(w, w), LARGEST_SQUARE))
+        return _pushed(system, t1, h / 2, turned, force), force, verdict(True, (cp.dot(w, w), (_REACH / 2) ** 2))
 
 
 def _pushed(system: System, t: Array, h: Array, motion: Motion[cp.Vector, Any], torque: Any) -> Motion[cp.Vector, Any]:

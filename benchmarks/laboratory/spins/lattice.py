@@ -17,29 +17,29 @@ from .starts import random
 SHAPES = (16, 16, 16), (100, 100, 100)
 OURS, JAX = ("SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "RK4"), "Depondt-Mertens in JAX"
 HEADS = ("spins", "dtype", "method", "ns a spin and step", "million spin-steps a second", "of what memory allows")
-STEPS = 16
+LEAST, UPDATES = 16, 8_000_000  # steps, and spin-steps of a run
 # A step must at least read every spin, and write it.
 NUMBERS = 6
 
 
-def _copy(spin: Any) -> Callable[[], Any]:
+def _copy(spin: Any, steps: int) -> Callable[[], Any]:
     """As many passes over memory as steps, each of which reads all spins and writes them."""
     factor = jnp.asarray(1.0000001, spin.dtype)
 
     def whole(parts: Any) -> Any:
-        return jax.lax.fori_loop(0, STEPS, lambda _, x: tuple(factor * y for y in x), parts)
+        return jax.lax.fori_loop(0, steps, lambda _, x: tuple(factor * y for y in x), parts)
 
     parts = tuple(jnp.asarray(spin[..., i]) for i in range(3))
     run = jax.jit(whole, compiler_options=compiler_options(spin.size // 3))
     return lambda: jax.block_until_ready(run(parts))
 
 
-def _ours(method: str, start: ml.SpinState) -> Callable[[], Any]:
+def _ours(method: str, start: ml.SpinState, steps: int) -> Callable[[], Any]:
     field = ml.torques.Exchange(jnp.ones((), start.spin.dtype))
     dt = jnp.asarray(0.05, start.spin.dtype)
 
     def run() -> Any:
-        path = ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=STEPS, save_every=None)
+        path = ml.integrate(method, ml.Spins(), field, start, dt=dt, steps=steps, save_every=None)
         return jax.block_until_ready(path.states.spin)
 
     return run
@@ -52,14 +52,15 @@ def rows(shapes: tuple[tuple[int, ...], ...] = SHAPES, rounds: int = 5) -> list[
         for dtype in ("float64", "float32"):
             start = ml.SpinState(random(shape, 1).spin.astype(dtype))
             spin, dt = start.spin, jnp.asarray(0.05, dtype)
+            steps = max(LEAST, UPDATES // math.prod(shape))
 
-            def theirs(spin: Any = spin, dt: Any = dt) -> Any:
-                return jax.block_until_ready(depondt.run(spin, dt, STEPS))
+            def theirs(spin: Any = spin, dt: Any = dt, steps: int = steps) -> Any:
+                return jax.block_until_ready(depondt.run(spin, dt, steps))
 
-            runs = [_copy(spin), *(_ours(method, start) for method in OURS), theirs]
+            runs = [_copy(spin, steps), *(_ours(method, start, steps) for method in OURS), theirs]
             for run in runs:
                 run()
-            per = 1e9 / STEPS / math.prod(shape)
+            per = 1e9 / steps / math.prod(shape)
             limit, *times = (per * timing.seconds for _, timing in timed_in_turn(runs, least=rounds, most=rounds))
             for method, time in zip((*(f"`{name}`" for name in OURS), JAX), times, strict=True):
                 cells = f"{time:.3g}", f"{1e3 / time:.3g}", f"{limit / time:.2g}"
