@@ -326,8 +326,23 @@ def test_a_batch_is_what_each_alone_is():
         return ml.integrate("SUBLATTICES[SRKN6b]", ml.Spins(), torque, ml.SpinState(spin), dt=0.1, steps=20).states.spin
 
     batch = jax.vmap(end)(starts)
+    many = ml.ensemble(
+        "SUBLATTICES[SRKN6b]", ml.Spins(), torque, ml.SpinState(starts), dt=0.1, steps=20, save_every=None
+    )
     for i, start in enumerate(starts):
         assert np.allclose(batch[i], end(start), rtol=0, atol=1e-14)
+        assert np.allclose(many.states.spin[i], end(start)[-1], rtol=0, atol=1e-14)
+
+
+@pytest.mark.sample(0)
+def test_a_file_holds_what_an_ensemble_returns(tmp_path):
+    starts = ml.SpinState(jnp.asarray(random_spins((3, 4, 2))))
+    run = partial(ml.simulate, "SUBLATTICES[EA]", ml.Spins(0.1), ml.torques.Exchange(1.0), starts, dt=0.1, steps=4)
+    found = run(save_every=2, out=tmp_path / "spins.zarr")
+    path = ml.ensemble(
+        "SUBLATTICES[EA]", ml.Spins(0.1), ml.torques.Exchange(1.0), starts, dt=0.1, steps=4, save_every=2
+    )
+    assert np.array_equal(found.states().spin, path.states.spin)
 
 
 @pytest.mark.parametrize(("x", "dt"), [(0.7, 0.4), (3.0, 0.25)])
@@ -392,6 +407,22 @@ REFUSED = {
     "axes": (lambda: go(ml.torques.Exchange(jnp.ones(2)), CHAIN), r"coupling must be \(\) or \(1,\)"),
     "vectors": (lambda: go(ml.torques.DzyaloshinskiiMoriya(jnp.ones((2, 3))), CHAIN), r"vectors must be \(1, 3\)"),
     "periodic": (lambda: ml.torques.Exchange(1.0, periodic="x"), "periodic must be True or False"),
+    "odd rings": (
+        lambda: ml.ensemble(
+            "SUBLATTICES[EA]", ml.Spins(), NEAR, ml.SpinState(jnp.asarray(random_spins((2, 5)))), dt=0.1, steps=2
+        ),
+        "closes with an odd number of 5 places",
+    ),
+    "diffrax": (
+        lambda: ml.LieSolver("SUBLATTICES[EA]").init(ml.RigidBodyTerm(ml.Spins(), NEAR), 0.0, 1.0, CHAIN, None),
+        "spins run in midlie_jax.integrate, ensemble and simulate",
+    ),
+    "adaptive": (
+        lambda: ml.integrate_adaptive(
+            "SUBLATTICES[EA]", ml.Spins(), NEAR, CHAIN, density=lambda t, s: jnp.ones(()), dt=0.1, steps=2
+        ),
+        "spins run with a constant step",
+    ),
     "no lattice": (lambda: go(NEAR, ml.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
 }
 

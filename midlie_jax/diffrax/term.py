@@ -20,6 +20,7 @@ from ..methods.system import System
 from ..model.bodies import Body
 from ..model.compatibility import check_batch, check_body
 from ..model.state import AnyState, State
+from ..model.states import SpinState
 from ..model.torques import TorqueLike
 
 
@@ -129,6 +130,8 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
             "diffrax adds the steps of a state itself and would lose the low parts of a CompensatedState: give diffrax "
             "a RigidState, or use midlie_jax.integrate."
         )
+    if isinstance(y, SpinState):
+        raise ValueError("spins run in midlie_jax.integrate, ensemble and simulate, not in diffrax.")
     check_body(body, y)
     if method is not None:
         check_moves(method, body, y)

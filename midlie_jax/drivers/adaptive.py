@@ -44,6 +44,7 @@ from ..methods.verdict import FINE, UNFOLLOWED, earlier
 from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
+from ..model.states import SpinState
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_span, check_step, check_system
@@ -170,6 +171,8 @@ def integrate_adaptive(
         )
     refused = "integrate_adaptive chooses its steps by the state, and in a heat bath that would bias averages"
     method = check_system(as_method(method), body, torque, start, bath=refused)
+    if isinstance(start, SpinState):
+        raise ValueError("spins run with a constant step; use midlie_jax.integrate, ensemble or simulate.")
     if not method.symmetric:
         raise ValueError(
             f"method {method.name!r} is not symmetric, but a reversible step control needs a symmetric method; "

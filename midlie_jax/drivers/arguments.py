@@ -48,8 +48,7 @@ def check_system(
         for leaf in jax.tree.leaves(value):
             if eqx.is_inexact_array(leaf) or isinstance(leaf, np.floating):
                 require_finite(name, leaf)
-    if batch == 0:
-        method.check(body, torque, start)
+    method.check(body, torque, start, batch)
     return once_for_numbers(_fitted, method, body)
 
 

@@ -141,8 +141,12 @@ class Method(eqx.Module):
         del body
         return self
 
-    def check(self, body: Any, torque: Any, start: Any) -> None:
-        """Raises a ValueError if the method cannot move this body under this torque, as far as their numbers tell."""
+    def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
+        """Raises a ValueError if the method cannot move this body under this torque, as far as their numbers tell.
+
+        Args:
+            batch: number of leading axes of the state that are a batch.
+        """
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
         """The system of a run: `System.of`, in the bath of the torque if it has one.

@@ -7,6 +7,7 @@ loop is vectorised. The first axis needs one plane more at both ends; that copy 
 into the loop, which would then branch at every entry.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from math import prod
 from typing import Any, ClassVar
@@ -55,6 +56,10 @@ class CheckeredState(SpinState):
 
         x, y, z = (whole(a, b) for a, b in zip(*momentum, strict=True))
         return SpinState.unchecked(spin=cp.pack((x, y, z)))
+
+    @classmethod
+    def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: tuple[()]) -> tuple[Any, Any]:
+        return SpinState.evaluate(function, t, *cls.join(momentum, pose).parts())
 
 
 @lru_cache(maxsize=256)

@@ -114,8 +114,12 @@ class Sublattices(Method):
         reused = self.scheme.reuses_force and not self.random
         return system.torque is not None and reused and system.inertia.checkered is None
 
-    def check(self, body: Any, torque: Any, start: Any) -> None:
-        """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form."""
+    def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
+        """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form.
+
+        Of an ensemble the first lattice is looked at; a function of the user's own, if its parameters fit one lattice.
+        """
+        start = jax.tree.map(lambda x: x[(0,) * batch], start) if batch else start
         rest, _ = without_bath(torque)
         terms = terms_of(rest)
         if (
@@ -132,7 +136,7 @@ class Sublattices(Method):
             if isinstance(term, NeighbourField):
                 _check_neighbours(term, labels, start)
             elif not isinstance(term, SpinField):
-                _check_function(term, body, labels, count, start)
+                _check_function(term, body, labels, count, start, one=not batch)
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
         assert isinstance(body, Spins)
@@ -324,7 +328,7 @@ def _check_neighbours(term: NeighbourField, labels: Any, start: Any) -> None:
             )
 
 
-def _check_function(term: Any, body: Any, labels: Any, count: int, start: Any) -> None:
+def _check_function(term: Any, body: Any, labels: Any, count: int, start: Any, *, one: bool) -> None:
     """Raises if a field of the user's own depends on spins of the sublattice on which it acts.
 
     The derivative of the field along random changes of one sublattice must vanish there.
@@ -339,7 +343,12 @@ def _check_function(term: Any, body: Any, labels: Any, count: int, start: Any) -
     for number in range(count):
         here = numbers == number
         tangent = jnp.asarray(np.where(here[..., None], drawn, 0))
-        value, change = jax.jvp(lambda x: field(time, start.unchecked(spin=x)), (start.spin,), (tangent,))
+        try:
+            value, change = jax.jvp(lambda x: field(time, start.unchecked(spin=x)), (start.spin,), (tangent,))
+        except (TypeError, ValueError):
+            if one:
+                raise
+            return  # its parameters have a row for each lattice
         if value.shape != spin.shape:
             return  # the run raises
         if np.any(np.abs(np.asarray(change)[here]) > 64 * largest * (1 + np.abs(np.asarray(value)).max())):

@@ -117,4 +117,4 @@ class SpinState(State[cp.Vector, tuple[()]]):
 
     @classmethod
     def described(cls) -> Described:
-        return {"spin": (("axis",), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"})}
+        return {"spin": ((), {"long_name": "spin, a unit vector", "units": "1", "frame": "space"})}
