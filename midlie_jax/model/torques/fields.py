@@ -69,7 +69,7 @@ def _cross(a: Any, b: Any, factor: Any) -> cp.Vector:
             total = a[i] * b[j]
         if not (zero(a[j]) or zero(b[i])):
             total = -a[j] * b[i] if total is None else total - a[j] * b[i]
-        return jnp.zeros_like(a[0] * b[0]) if total is None else factor * total
+        return jnp.zeros_like(factor * a[0] * b[0]) if total is None else factor * total
 
     return minor(1, 2), minor(2, 0), minor(0, 1)
 
