@@ -48,7 +48,7 @@ def test_which_numbers_of_steps_are_an_argument(every, steps, adjoint, free):
     assert inside == [every]
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "dtype", "steps"), CHOSEN)
 def test_the_bits_are_those_of_a_fixed_number(name, dtype, steps, as_for_users):
     """For one and for several bodies, an even and an odd number of steps, and states saved on the way.

@@ -174,7 +174,7 @@ def in_space(name):
     return jax.jit(motion)
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", [*PARTICLE, "RK4"])
 def test_one_mass_for_each_particle(name, dtype):
@@ -196,6 +196,7 @@ def test_one_mass_for_each_particle(name, dtype):
             assert jnp.max(gap) <= 4 * 16 * epsilon(dtype) * jnp.max(jnp.abs(expected))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_energy_momentum_and_derivatives_of_a_column(dtype):
     """Those of the flattened system, and by the masses the sum over the coordinates of each particle."""
@@ -217,6 +218,7 @@ def test_energy_momentum_and_derivatives_of_a_column(dtype):
     np.testing.assert_allclose(slope[:, 0], each.reshape(NODES, 3).sum(1), rtol=500 * epsilon(dtype))
 
 
+@pytest.mark.sample(0)
 def test_a_column_in_batches():
     """An ensemble shares the masses; under vmap every run may have its own. Each is the run alone."""
     momentum, position = jnp.asarray(SPACE)

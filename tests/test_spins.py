@@ -180,6 +180,7 @@ def test_the_lattice_may_be_moved_and_space_turned(name):
     assert np.allclose(path.states.spin @ turn.T, turned.states.spin, rtol=0, atol=1e-13)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", [METHODS[0], "spherical midpoint"])
 def test_spins_may_be_numbered_anew(name):
     """Three sublattices, a matrix of couplings, and the same spins in another order."""
