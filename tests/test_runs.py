@@ -1,6 +1,7 @@
 """How a run is made must not matter: batched or alone, in one piece or several, kept often or seldom, with or
 without the parts of the state that the torque does not need."""
 
+from fractions import Fraction
 from functools import cache
 from itertools import product
 
@@ -31,6 +32,7 @@ from cases import (
 )
 
 import midlie_jax as ml
+from midlie_jax.drivers.clock import time_of
 
 # Runs that differ in everything that can be mapped over: body, torque, start, step.
 EACH = (
@@ -135,3 +137,14 @@ def test_one_direction_follows_the_whole(name):
             np.abs(np.asarray(x) - y) <= (allowed + 4 * epsilon("float64")) * np.linalg.norm(y, axis=-1)[:, None]
         )
     assert found.ok.all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_times_of_steps_are_exact_to_rounding_on_both_sides_of_zero(dtype):
+    """For every index of 32 bits, against exact fractions."""
+    dt = np.asarray(0.05, dtype)
+    indices = np.array([0, 1, 32, 2**24 + 1, 2**30 + 3, 2**31 - 2], np.int32)
+    for n in (indices, -indices):
+        exact = [float(Fraction(float(dt)) * int(i)) for i in n]
+        found = time_of(jnp.zeros((), dtype), jnp.asarray(dt), jnp.asarray(n))
+        assert np.allclose(found, exact, rtol=2 * np.finfo(dtype).eps, atol=0)
