@@ -68,7 +68,7 @@ FRAMES = [
 OTHERS = [(m, name) for m in ("AKW", "DOP853") for name in TORQUES if (m, name) not in FRAMES]
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("method", "name"), [*FRAMES, *whole(*OTHERS)])
 def test_a_body_keeps_the_frame_of_its_tensor(method, name):
     torque = TORQUES[name]

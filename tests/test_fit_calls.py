@@ -62,6 +62,7 @@ def test_the_best_of_several_starts_counts_and_a_line_shows_progress(capfd):
     assert many.rms < 1e-6
 
 
+@pytest.mark.sample(0)
 def test_a_solver_of_optax_can_take_the_place_of_levenberg_and_marquardt():
     import optax
     import optimistix as optx

@@ -393,6 +393,7 @@ def test_a_saved_run_is_read_and_shown(cases, tmp_path, kind, ending):
     assert ("position_x" in columns) == ("Free" in kind)
 
 
+@pytest.mark.sample(0)
 def test_a_saved_run_without_places_is_refused(cases, tmp_path):
     body, torque, path = cases["FreeState"]
     starts = jax.tree.map(lambda x: x[:2], path.states)

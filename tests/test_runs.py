@@ -111,7 +111,7 @@ def test_a_split_run_equals_the_whole(name, row):
         bits(at(path.states), at(whole.states, kept))
 
 
-@pytest.mark.sample(6)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", each())
 def test_a_batched_run_split_equals_the_whole(name):
     """The same compiled batch, begun at another step: to the bit."""
