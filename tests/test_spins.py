@@ -335,6 +335,19 @@ def test_a_batch_is_what_each_alone_is():
         assert np.allclose(many.states.spin[i], end(start)[-1], rtol=0, atol=1e-14)
 
 
+def test_a_function_may_hold_a_number_that_is_not_known_yet():
+    start = ml.SpinState(jnp.asarray(random_spins((4,))))
+
+    def end(coupling, field):
+        path = ml.integrate("SUBLATTICES[EA]", ml.Spins(), field(coupling), start, dt=0.1, steps=2, save_every=None)
+        return path.states.spin[0, 2]
+
+    def by_hand(coupling):
+        return lambda t, s: coupling * (jnp.roll(s.spin, 1, 0) + jnp.roll(s.spin, -1, 0))
+
+    assert np.allclose(jax.grad(end)(0.7, by_hand), jax.grad(end)(0.7, ml.torques.Exchange), rtol=1e-10)
+
+
 @pytest.mark.sample(0)
 def test_a_file_holds_what_an_ensemble_returns(tmp_path):
     starts = ml.SpinState(jnp.asarray(random_spins((3, 4, 2))))

@@ -349,8 +349,8 @@ def _check_function(term: Any, body: Any, labels: Any, count: int, start: Any, *
             if one:
                 raise
             return  # its parameters have a row for each lattice
-        if value.shape != spin.shape:
-            return  # the run raises
+        if value.shape != spin.shape or cp.is_traced(value, change):
+            return  # the run raises; or the function holds numbers that are not known yet
         if np.any(np.abs(np.asarray(change)[here]) > 64 * largest * (1 + np.abs(np.asarray(value)).max())):
             raise ValueError(
                 f"the field depends on spins of sublattice {number}, on which it acts; give Spins(sublattices=...) "
