@@ -62,12 +62,7 @@ class Langevin(ReadsBody):
     linear_friction: Float[Array, "..."] | None
 
     def __init__(self, kT: Any, friction: Any, key: Any, linear_friction: Any = None):
-        if not callable(kT):
-            kT = as_floats("kT", kT)
-            require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
-        if not is_key(key):
-            raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
-        self.kT, self.key = kT, key
+        self.kT, self.key = as_temperature(kT), as_key(key)
         self.friction = _friction("friction", friction)
         self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
 
@@ -91,31 +86,39 @@ class Langevin(ReadsBody):
         """
         principal, frame, friction = body.in_principal_axes(), body.frame_of_user(), self.friction.astype(h.dtype)
         linear = None if self.linear_friction is None else self.linear_friction.astype(h.dtype)
-        root = self._root if callable(self.kT) else None
-        own = None if root is not None else self._root(t)
+        root = self.root if callable(self.kT) else None
+        own = None if root is not None else self.root(t)
         made = {b: exposures(principal, frame, friction, linear, b * h, own) for b in sorted(coefficients)}
-        words = jax.random.key_data(self.key)
-        key = tuple(words[i] for i in range(words.shape[-1]))
-        return Bath(root, key, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
+        return Bath(root, self.words, made, jnp.arange(count, dtype=jnp.int32) if count else 0)
 
-    def _root(self, t: Array) -> Array:
+    @property
+    def words(self) -> tuple[Array, ...]:
+        """The words of the random key, uint32."""
+        words = jax.random.key_data(self.key)
+        return tuple(words[i] for i in range(words.shape[-1]))
+
+    def root(self, t: Array) -> Array:
         """sqrt(kT) at a time, in the dtype of the time; NaN of a negative temperature."""
         temperature: Any = self.kT(t) if callable(self.kT) else self.kT
         if jnp.shape(temperature):
             raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
         return root_of(jnp.asarray(temperature).astype(t.dtype))
 
-    def check_on(self, state: AnyState, body: Any) -> None:
-        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
-        kind = type(state).__name__
-        if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
-            raise ValueError(f"no heat bath acts on a {kind}, but on rigid bodies and rotors; leave out Langevin.")
+    def check_numbers(self) -> None:
+        """Raises unless there is one temperature and one key."""
         if not callable(self.kT) and self.kT.shape:
             raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
         if self.key.shape:
             raise ValueError(
                 f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
             )
+
+    def check_on(self, state: AnyState, body: Any) -> None:
+        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
+        kind = type(state).__name__
+        if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
+            raise ValueError(f"no heat bath acts on a {kind}, but on rigid bodies and rotors; leave out Langevin.")
+        self.check_numbers()
         if (state.rotation is None) != (self.linear_friction is None):
             raise ValueError(
                 f"a {kind} travels: give Langevin the linear_friction, or 0 for none."
@@ -127,6 +130,22 @@ class Langevin(ReadsBody):
             friction = getattr(self, name)
             if friction is not None:
                 _check_one(name, friction, state, count, body)
+
+
+def as_temperature(kT: Any) -> Any:
+    """A function of time unchanged; any other value as a temperature, which is not negative."""
+    if callable(kT):
+        return kT
+    kT = as_floats("kT", kT)
+    require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
+    return kT
+
+
+def as_key(key: Any) -> Array:
+    """The key itself; a ValueError unless it is typed."""
+    if not is_key(key):
+        raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
+    return key
 
 
 def _friction(name: str, value: Any) -> Array:

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..._checks.arguments import as_floats, described, is_key, require
 from ..._math import components as cp
 from ..._math.normals import normals
 from ..._math.turns import turned
@@ -39,17 +38,11 @@ class ThermalField(Langevin):
     """
 
     def __init__(self, kT: Any, key: Any):
-        if not callable(kT):
-            kT = as_floats("kT", kT)
-            require("kT", kT, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign.")
-        if not is_key(key):
-            raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
-        self.kT, self.key = kT, key
-        self.friction, self.linear_friction = jnp.zeros(()), None
+        super().__init__(kT, 0.0, key)  # the friction is the damping of the spins
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         """Zero: the bath acts in a stage of its own."""
-        self.check_on(state, body)
+        self.check_numbers()
         return jnp.zeros_like(state.momentum)
 
     def check_on(self, state: AnyState, body: Any) -> None:
@@ -59,23 +52,16 @@ class ThermalField(Langevin):
             )
         if body.damping is None:
             raise ValueError("ThermalField needs a damping, Spins(damping=...): its strength follows from it.")
-        if not callable(self.kT) and self.kT.shape:
-            raise ValueError(f"kT must be one number, got shape {self.kT.shape}.")
-        if self.key.shape:
-            raise ValueError(
-                f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
-            )
+        self.check_numbers()
 
     def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
         """The bath of a run whose state has this kind."""
         assert body.damping is not None
-        words = jax.random.key_data(self.key)
-        key = tuple(words[i] for i in range(words.shape[-1]))
         shape = start.spin.shape[:-1]
         places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)
         numbered, _ = kind.parts_of(start.unchecked(spin=jnp.broadcast_to(places, start.spin.shape)))
         member = jax.tree.map(lambda vector: vector[0], numbered, is_leaf=_is_vector)
-        return BathOfSpins(self._root, key, (body.damping * body.rate).astype(start.spin.dtype), member)
+        return BathOfSpins(self.root, self.words, (body.damping * body.rate).astype(start.spin.dtype), member)
 
 
 def _is_vector(tree: Any) -> bool:
