@@ -94,6 +94,11 @@ def dot(a: Vector, b: Vector) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def where(mask: Array, a: Vector, b: Vector) -> Vector:
+    """a where the mask is True, else b."""
+    return jnp.where(mask, a[0], b[0]), jnp.where(mask, a[1], b[1]), jnp.where(mask, a[2], b[2])
+
+
 def norm(a: Vector) -> Array:
     """|a|, whose derivative at a = 0 is defined as zero."""
     return root(dot(a, a))

@@ -1,6 +1,6 @@
 """`MomentumState`, and how files describe a momentum in the body frame."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 from jax import Array
 from jaxtyping import Float
@@ -8,6 +8,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, require_finite
 from ..._math import components as cp
 from ..state import BodyState, Described
+from .without_pose import WithoutPose
 
 BODY_MOMENTUM = {
     "long_name": "angular momentum in the body frame, about the fixed point or the centre of mass",
@@ -16,7 +17,7 @@ BODY_MOMENTUM = {
 }
 
 
-class MomentumState(BodyState[tuple[()]]):
+class MomentumState(WithoutPose, BodyState[tuple[()]]):
     """The state of a rigid body without its attitude: three numbers.
 
     Attributes:
@@ -24,7 +25,6 @@ class MomentumState(BodyState[tuple[()]]):
     """
 
     momentum: Float[Array, "*batch 3"]
-    has_pose: ClassVar[bool] = False
 
     def __init__(self, momentum: Any):
         self.momentum = as_floats("momentum", momentum, (3,))
@@ -37,26 +37,6 @@ class MomentumState(BodyState[tuple[()]]):
     def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "MomentumState":
         del pose
         return cls(cp.pack(momentum))
-
-    @staticmethod
-    def rotate(pose: tuple[()], increment: cp.Quaternion) -> tuple[()]:
-        del increment
-        return pose
-
-    @staticmethod
-    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
-        del increment, no_step
-        return pose
-
-    @staticmethod
-    def shift(pose: tuple[()], change: tuple[()], no_step: Array) -> tuple[()]:
-        del change, no_step
-        return pose
-
-    @staticmethod
-    def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
-        del velocity
-        return pose
 
     @classmethod
     def described(cls) -> Described:

@@ -14,9 +14,10 @@ from ..._xla.fusion import split
 from ..bodies import Body
 from ..spins import Spins
 from ..state import Described, State
+from .without_pose import WithoutPose
 
 
-class SpinState(State[cp.Vector, tuple[()]]):
+class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
     """Classical spins: three numbers each, no attitude.
 
     The axes before the last one are those of the lattice: (3,) is one spin, (n, 3) a chain or n spins without a
@@ -32,7 +33,6 @@ class SpinState(State[cp.Vector, tuple[()]]):
     spin: Float[Array, "*lattice 3"]
     body: ClassVar[type] = Spins
     own_axes: ClassVar[int] = 0  # the lattice can have any number of axes, so none is known to be a batch
-    has_pose: ClassVar[bool] = False
     momenta: ClassVar[tuple[str, ...]] = ()  # a field that reads the spins is no friction
 
     def __init__(self, spin: Any):
@@ -58,26 +58,6 @@ class SpinState(State[cp.Vector, tuple[()]]):
     def join(cls, momentum: cp.Vector, pose: tuple[()]) -> "SpinState":
         del pose
         return cls.unchecked(spin=cp.pack(momentum))
-
-    @staticmethod
-    def rotate(pose: tuple[()], increment: Any) -> tuple[()]:
-        del increment
-        return pose
-
-    @staticmethod
-    def turn(pose: tuple[()], increment: Any, no_step: Array) -> tuple[()]:
-        del increment, no_step
-        return pose
-
-    @staticmethod
-    def shift(pose: tuple[()], change: tuple[()], no_step: Array) -> tuple[()]:
-        del change, no_step
-        return pose
-
-    @staticmethod
-    def rate(pose: tuple[()], velocity: cp.Vector) -> tuple[()]:
-        del velocity
-        return pose
 
     @staticmethod
     def momentum_rate(momentum: cp.Vector, velocity: cp.Vector, force: cp.Vector) -> cp.Vector:
