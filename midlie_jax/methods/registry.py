@@ -124,7 +124,7 @@ _ANY_PAIR = f"Any FLIGHT[SCHEME] is a method; flights: {', '.join(FLIGHTS)}; sch
 
 
 @overload
-def method(name: str | Flight, scheme: str | Scheme) -> Splitting: ...
+def method(name: str | Flight, scheme: str | Scheme) -> Splitting | Sublattices: ...
 @overload
 def method(name: str | Flight, scheme: None = None) -> Method: ...
 def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
@@ -150,21 +150,21 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         if name in ENTRIES:
             return ENTRIES[name].method
         flight, bracket, rest = name.partition("[")
-        if flight == SUBLATTICES and rest.removesuffix("]") in SCHEMES:
-            return Sublattices(SCHEMES[rest.removesuffix("]")])
-        if name in FLIGHTS:
+        if name in FLIGHTS or name == SUBLATTICES:
             raise ValueError(f"{name!r} is a flight; add a scheme, as in '{name}[EA]', of {', '.join(SCHEMES)}.")
         if not bracket or not rest.endswith("]"):
             more = [f"{flight}[{scheme}]" for flight in FLIGHTS for scheme in SCHEMES]
             raise unknown("method", name, ENTRIES, more=more, note=_ANY_PAIR)
         name, scheme = flight, rest.removesuffix("]")
-    for kind, part, known in (("flight", name, FLIGHTS), ("scheme", scheme, SCHEMES)):
+    for kind, part, known in (("flight", name, (*FLIGHTS, SUBLATTICES)), ("scheme", scheme, SCHEMES)):
         if isinstance(part, str) and part not in known:
             raise unknown(kind, part, known)
+    table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
+    if name == SUBLATTICES:
+        return Sublattices(table)
     flight = FLIGHTS[name] if isinstance(name, str) else name
     if flight.name in FLIGHTS and type(flight) is not type(FLIGHTS[flight.name]):
         raise ValueError(f"flight {flight.name!r}: midlie_jax has a flight of this name; choose another name.")
-    table = SCHEMES[scheme] if isinstance(scheme, str) else scheme
     splitting = Splitting(flight, table, f"{flight.name}[{table.name}]")
     known = ENTRIES.get(splitting.name)
     return known.method if known is not None and known.method == splitting else splitting
