@@ -387,6 +387,21 @@ def test_coupled_spins_in_a_heat_bath_and_free_ones():
     assert np.abs(along.mean(axis=1) - np.exp(-2 * spread * 0.5 * np.arange(5))).max() < 5 / np.sqrt(3 * 2 * count)
 
 
+def test_a_heat_bath_in_float32():
+    start = ml.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
+    torque = ml.torques.Exchange(1.0) + ml.torques.ThermalField(0.5, jax.random.key(1))
+    path = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(0.1), torque, start, dt=0.1, steps=4)
+    assert path.ok
+    assert path.states.spin.dtype == jnp.float32
+
+
+def test_a_method_has_a_name_or_two():
+    assert ml.method("SUBLATTICES", "TJ4") == ml.method("SUBLATTICES[TJ4]")
+    assert ml.method("SUBLATTICES", ml.schemes.EA) == ml.method("SUBLATTICES[EA]")
+    with pytest.raises(ValueError, match="add a scheme"):
+        ml.method("SUBLATTICES")
+
+
 NEAR = ml.torques.Exchange(1.0)
 CHAIN = ml.SpinState(jnp.asarray(random_spins((6,))))
 REFUSED = {
@@ -416,6 +431,17 @@ REFUSED = {
     "bath": (lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
     "undamped bath": (
         lambda: go(ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
+        "needs a damping",
+    ),
+    "undamped baths": (
+        lambda: ml.ensemble(
+            "SUBLATTICES[BAOAB]",
+            ml.Spins(),
+            NEAR + ml.torques.ThermalField(1.0, jax.random.split(jax.random.key(0), 2)),
+            ml.SpinState(jnp.asarray(random_spins((2, 6)))),
+            dt=0.1,
+            steps=2,
+        ),
         "needs a damping",
     ),
     "axes": (lambda: go(ml.torques.Exchange(jnp.ones(2)), CHAIN), r"coupling must be \(\) or \(1,\)"),

@@ -8,13 +8,11 @@ from jax import Array
 from . import components as cp
 from .short_series import WIDEST_SQUARE, half_turn
 
-# The largest angle of a turn, radians; beyond, the result is NaN, so that `ok` is False.
-WIDEST = 2 * WIDEST_SQUARE**0.5
 _SMALL = 1e-4  # below, tanh(y)/y is taken from its series in y^2
 
 
 def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
-    """Spins turned by rotation vectors of at most `WIDEST`."""
+    """Spins turned by rotation vectors. Of more than `WIDEST_TURN` radians the result is NaN, so that `ok` is False."""
     half = cp.scale(0.5, angle)
     w, x, y, z = cp.square(half_turn(half))
     within = jnp.where(cp.dot(half, half) <= WIDEST_SQUARE, jnp.ones_like(w), jnp.full_like(w, jnp.nan))

@@ -8,7 +8,7 @@ into the loop, which would then branch at every entry.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache, partial
 from math import prod
 from typing import Any, ClassVar
 
@@ -68,6 +68,11 @@ def checkered_kind(lattice: tuple[int, ...]) -> type[CheckeredState]:
     return type("CheckeredState", (CheckeredState,), {"lattice": lattice, "__module__": __name__})
 
 
+def _row(lattice: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of a row before it is flat."""
+    return *lattice[:-1], lattice[-1] // 2
+
+
 def _parity(lattice: tuple[int, ...]) -> Array:
     """Whether the sum of the indices along all axes but the last is odd, for each pair, (*lattice[:-1], 1)."""
     total = jnp.zeros((*lattice[:-1], 1), jnp.int32)
@@ -90,7 +95,7 @@ class Checkered(eqx.Module):
 
     @classmethod
     def of(cls, lattice: tuple[int, ...]) -> "Checkered":
-        row = (*lattice[:-1], lattice[-1] // 2)
+        row = _row(lattice)
         places = [place.astype(np.int32) for place in np.ogrid[tuple(map(slice, row))]]
         bits = np.zeros(row, np.uint8) + (sum(places[:-1]) % 2 if len(row) > 1 else 0)
         for axis in range(1, len(row)):
@@ -102,14 +107,18 @@ class Checkered(eqx.Module):
         """Whether entries of a row have this bit."""
         return (jnp.asarray(self.bits) & np.uint8(1 << bit)) != 0
 
-    def near(self, term: NeighbourField, number: int, other: cp.Vector, t: Array) -> Near:
-        """For the places of row `number`, their neighbours in the other row, as `NeighbourField.field_of` asks."""
-        row = (*self.lattice[:-1], self.lattice[-1] // 2)
+    def near(self, closes: tuple[bool, ...], number: int, other: cp.Vector, t: Array) -> Near:
+        """For the places of row `number`, their neighbours in the other row, as `NeighbourField.field_of` asks.
+
+        Args:
+            closes: for each axis whether the lattice is periodic along it.
+        """
+        row = _row(self.lattice)
         plane = prod(row[1:])
 
         def longer(_: Array, vector: cp.Vector) -> Any:
             def one(x: Array) -> Array:
-                before, after = (x[-plane:], x[:plane]) if term.closes(0) else (0 * x[:plane], 0 * x[:plane])
+                before, after = (x[-plane:], x[:plane]) if closes[0] else (0 * x[:plane], 0 * x[:plane])
                 return jnp.concatenate([before, x, after])
 
             return tuple(map(one, vector))
@@ -127,8 +136,8 @@ class Checkered(eqx.Module):
             if axis == 0:
                 return at(step * stride)
             edge = self.has(2 * axis - (step < 0))
-            beyond = at(step * stride * (1 - row[axis])) if term.closes(axis) else cp.scale(0, other)
-            return _where(edge, beyond, at(step * stride))
+            beyond = at(step * stride * (1 - row[axis])) if closes[axis] else cp.scale(0, other)
+            return cp.where(edge, beyond, at(step * stride))
 
         def near(axis: int, step: int) -> cp.Vector:
             if axis < len(row) - 1:
@@ -138,24 +147,21 @@ class Checkered(eqx.Module):
             if not axis:
                 return other if follows else moved(axis, step)
             odd = self.has(0)
-            return _where(odd if follows else ~odd, moved(axis, step), other)
+            return cp.where(odd if follows else ~odd, moved(axis, step), other)
 
         return near
 
     def field(self, system: System, number: int, t: Array, rows: tuple[cp.Vector, cp.Vector]) -> cp.Vector:
         """The field on a row."""
         own, other = rows[number], rows[1 - number]
-        total = cp.scale(0, own)
+        axes, total = len(self.lattice), cp.scale(0, own)
+        near = cache(partial(self.near, number=number, other=other, t=t))  # fields with the same edges share it
         for term in system.inertia.terms:
             if isinstance(term, NeighbourField):
-                total = cp.add(total, term.field_of(self.near(term, number, other, t), len(self.lattice)))
+                total = cp.add(total, term.field_of(near(tuple(map(term.closes, range(axes)))), axes))
             else:
                 total = cp.add(total, term.field(t, own))
         return total
-
-
-def _where(mask: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
-    return jnp.where(mask, a[0], b[0]), jnp.where(mask, a[1], b[1]), jnp.where(mask, a[2], b[2])
 
 
 def can_be_checkered(spins: Any, terms: list[Any], lattice: tuple[int, ...], t: Array) -> bool:

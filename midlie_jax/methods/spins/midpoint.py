@@ -64,7 +64,7 @@ class MidpointOnSphere(Method):
 
 
 class SphericalMidpoint(MidpointOnSphere):
-    """S1 = S0 + h X(m): order 2, symmetric, symplectic, and turns with the lattice of spins.
+    """S1 = S0 + h S'(m): order 2, symmetric, symplectic.
 
     It keeps every quantity that is linear in the spins and constant in the motion, such as their sum under exchange
     (McLachlan, Modin and Verdier, Phys. Rev. E 89, 2014, 061301).

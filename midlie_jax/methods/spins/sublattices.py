@@ -3,8 +3,8 @@
 No spin acts on another of its own sublattice, so while the others stay the field stays, too, and each spin turns about
 it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau, Comput.
 Phys. Commun. 111, 1998, 1). Every such turn keeps the energy of all fields that are linear in the spin. The method is
-explicit and reversible and keeps volumes of phase space. It is not symplectic: a sublattice that stays does not feel
-the one that moves, and under no energy it would.
+explicit and reversible and keeps volumes of phase space. It is not symplectic: while one sublattice turns in the field
+of the others, no energy lets these stay.
 """
 
 from functools import partial
@@ -19,9 +19,11 @@ from jax import Array
 from ..._math import components as cp
 from ..._math.turns import damped, turned, turned_by_own
 from ..._xla.fusion import split
+from ..._xla.structure import once_for_numbers
 from ...model.bodies import Body
 from ...model.spins import Spins, checkerboard
 from ...model.state import AnyState
+from ...model.states import SpinState
 from ...model.torques import kept_terms, on_body, terms_of, without_bath
 from ...model.torques.spins import CubicAnisotropy, NeighbourField, OwnField, SpinField
 from ...model.torques.thermal_field import ThermalField
@@ -39,7 +41,7 @@ class OnSublattices(eqx.Module):
 
     Attributes:
         spins: the body.
-        labels: the sublattice of each spin, (*lattice), or None for one sublattice.
+        labels: the sublattice of each spin, (*lattice), where spins are chosen by it, or None.
         count: the number of sublattices.
         own: the fields that spins exert on themselves.
         terms: the other fields, if all are of this package.
@@ -52,18 +54,6 @@ class OnSublattices(eqx.Module):
     own: tuple[OwnField, ...]
     terms: tuple[Any, ...]
     checkered: Checkered | None
-
-    def square_of_turn(self, h: Any, momentum: cp.Vector) -> Array:
-        return self.spins.square_of_turn(h, momentum)
-
-    def velocity(self, momentum: cp.Vector) -> cp.Vector:
-        return self.spins.velocity(momentum)
-
-    def commutator(self, force: cp.Vector) -> cp.Vector:
-        return self.spins.commutator(force)
-
-    def nutation(self, momentum: cp.Vector) -> Array:
-        return self.spins.nutation(momentum)
 
 
 class Sublattices(Method):
@@ -117,26 +107,22 @@ class Sublattices(Method):
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
         """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form.
 
-        Of an ensemble the first lattice is looked at; a function of the user's own, if its parameters fit one lattice.
+        In an ensemble a function of the user's own is tried if its parameters fit one lattice.
         """
-        start = jax.tree.map(lambda x: x[(0,) * batch], start) if batch else start
+        lattice, dtype = start.spin.shape[batch:-1], start.spin.dtype
         rest, _ = without_bath(torque)
         terms = terms_of(rest)
-        if (
-            isinstance(body, Spins)
-            and body.damping is not None
-            and any(isinstance(term, CubicAnisotropy) for term in terms)
-        ):
+        if body.damping is not None and any(isinstance(term, CubicAnisotropy) for term in terms):
             raise ValueError(
                 "a damped spin under CubicAnisotropy has no closed form; take the method 'spherical midpoint', or "
                 "leave out one of both."
             )
-        labels, count = _sublattices(body, terms, start)
+        count = _count(body, terms, lattice)
         for term in terms:
             if isinstance(term, NeighbourField):
-                _check_neighbours(term, labels, start)
+                once_for_numbers(_check_neighbours, term, body, lattice)
             elif not isinstance(term, SpinField):
-                _check_function(term, body, labels, count, start, one=not batch)
+                once_for_numbers(_check_function, term, body, lattice, count, str(dtype), not batch)
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
         assert isinstance(body, Spins)
@@ -144,17 +130,20 @@ class Sublattices(Method):
         terms = terms_of(rest)
         own = tuple(term for term in terms if isinstance(term, OwnField))
         others = kept_terms(rest, lambda term: not isinstance(term, OwnField))
-        labels, count = _sublattices(body, terms, start)
         system = System.of(body, others, start, t)
         # Library fields are sums over neighbours, which fuse with the turn; any other function is evaluated apart.
         costly = not all(isinstance(term, SpinField) for term in terms)
-        lattice, rest = start.momentum.shape[:-1], tuple(terms_of(others))
+        lattice = start.momentum.shape[:-1]
         checkered = Checkered.of(lattice) if can_be_checkered(body, terms, lattice, t) else None
-        system = system._replace(inertia=OnSublattices(body, labels, count, own, rest, checkered), costly=costly)
+        count = _count(body, terms, lattice)
+        labels = _labels(body, lattice) if count > 1 and checkered is None else None
+        inertia = OnSublattices(body, labels, count, own, tuple(terms_of(others)), checkered)
+        system = system._replace(inertia=inertia, costly=costly)
         if checkered is not None:
             system = system._replace(kind=checkered_kind(lattice))
         if self.random:
             assert isinstance(bath, ThermalField)
+            bath.check_on(start, body)
             system = system._replace(bath=bath.on_spins(body, system.kind, start))
         return system
 
@@ -269,7 +258,8 @@ class _Parts(eqx.Module):
         if on.checkered is not None:
             moved = split(_turn(on.spins, field, time, spin[name], None))
             return (moved, spin[1]) if name == 0 else (spin[0], moved), field
-        return split(_turn(on.spins, field, time, spin, _of_sublattice(on, name))), field
+        mask = None if on.labels is None else jnp.asarray(on.labels) == name
+        return split(_turn(on.spins, field, time, spin, mask)), field
 
 
 def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:
@@ -277,15 +267,7 @@ def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: An
     moved = turned(spin, cp.scale(spins.rate * time, field))
     if spins.damping is not None:
         moved = damped(moved, field, spins.damping * spins.rate * time)
-    return moved if mask is None else _where(mask, moved, spin)
-
-
-def _where(mask: Array, a: cp.Vector, b: cp.Vector) -> cp.Vector:
-    return jnp.where(mask, a[0], b[0]), jnp.where(mask, a[1], b[1]), jnp.where(mask, a[2], b[2])
-
-
-def _of_sublattice(on: OnSublattices, number: int) -> Any:
-    return None if on.count == 1 else jnp.asarray(on.labels) == number
+    return moved if mask is None else cp.where(mask, moved, spin)
 
 
 def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vector) -> cp.Vector:
@@ -296,62 +278,71 @@ def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vec
     return turned(spin, cp.scale(angle, axis))
 
 
-def _sublattices(body: Any, terms: list[Any], start: Any) -> tuple[Any, int]:
-    """The sublattice of each spin and their number: as the body says, or one if no spin acts on another, or two."""
-    shape = start.momentum.shape[:-1]
+def _count(body: Any, terms: list[Any], lattice: tuple[int, ...]) -> int:
+    """The number of sublattices: as the body says, or one if no spin acts on another, or two."""
     if body.sublattices is not None:
-        if body.sublattices.shape != shape:
-            raise ValueError(f"sublattices must have the shape {shape} of the lattice, got {body.sublattices.shape}.")
-        return body.sublattices, body.count
+        if body.sublattices.shape != lattice:
+            raise ValueError(f"sublattices must have the shape {lattice} of the lattice, got {body.sublattices.shape}.")
+        return body.count
     alone = all(isinstance(term, SpinField) and not isinstance(term, NeighbourField) for term in terms)
-    return (None, 1) if alone or not shape else (checkerboard(shape).astype(np.int8), 2)
+    return 1 if alone or not lattice else 2
 
 
-def _check_neighbours(term: NeighbourField, labels: Any, start: Any) -> None:
+def _labels(body: Any, lattice: tuple[int, ...]) -> Any:
+    """The sublattice of each spin, (*lattice)."""
+    return checkerboard(lattice).astype(np.int8) if body.sublattices is None else body.sublattices
+
+
+def _check_neighbours(term: NeighbourField, body: Spins, lattice: tuple[int, ...]) -> None:
     """Raises if neighbours along an axis are of one sublattice."""
-    if cp.is_traced(labels):
+    if cp.is_traced(body.sublattices):
         return
-    labels = np.asarray(labels)
-    for axis in range(labels.ndim):
-        other = np.roll(labels, -1, axis)
-        if not term.closes(axis):
-            last = (slice(None),) * axis + (slice(0, -1),)
-            labels_here, other = labels[last], other[last]
-        else:
-            labels_here = labels
-        if np.any(labels_here == other):
-            odd = term.closes(axis) and labels.shape[axis] % 2
-            cure = f"axis {axis} closes with an odd number of {labels.shape[axis]} places" if odd else f"axis {axis}"
+    for axis, size in enumerate(lattice):
+        odd = term.closes(axis) and size % 2 == 1
+        if odd if body.sublattices is None else _have_same(np.asarray(body.sublattices), axis, term.closes(axis)):
+            where = f"axis {axis} closes with an odd number of {size} places" if odd else f"axis {axis}"
             raise ValueError(
-                f"{type(term).__name__} acts between spins of one sublattice along {cure}; give Spins(sublattices=...) "
-                "in which neighbours differ, such as three instead of two, or take the method 'spherical midpoint'."
+                f"{type(term).__name__} acts between spins of one sublattice along {where}; give "
+                "Spins(sublattices=...) in which neighbours differ, such as three instead of two, or take the method "
+                "'spherical midpoint'."
             )
 
 
-def _check_function(term: Any, body: Any, labels: Any, count: int, start: Any, *, one: bool) -> None:
+def _have_same(labels: np.ndarray, axis: int, closes: bool) -> bool:
+    """Whether there are neighbours along an axis with the same label."""
+    same = labels == np.roll(labels, -1, axis)
+    return bool(np.any(same if closes else np.delete(same, -1, axis)))
+
+
+def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int, dtype: str, one: bool) -> None:
     """Raises if a field of the user's own depends on spins of the sublattice on which it acts.
 
-    The derivative of the field along random changes of one sublattice must vanish there.
+    At drawn spins, the derivative of the field along changes of one sublattice must vanish there.
+
+    Args:
+        one: whether the function is that of one lattice; otherwise its parameters may have a row for each.
     """
     field = on_body(term, body)
-    if cp.is_traced(*jax.tree.leaves((field, labels, start))):
+    if cp.is_traced(*jax.tree.leaves(field), body.sublattices):
         return
-    spin = np.asarray(start.spin)
-    drawn = np.random.default_rng(0).normal(size=spin.shape).astype(spin.dtype)
-    numbers = np.zeros(spin.shape[:-1], np.int8) if labels is None else np.asarray(labels)
-    largest, time = np.finfo(spin.dtype).eps, jnp.zeros((), spin.dtype)
+    drawn = np.random.default_rng(0).normal(size=(2, *lattice, 3)).astype(dtype)
+    spin = drawn[0] / np.linalg.norm(drawn[0], axis=-1, keepdims=True)
+    numbers = np.zeros(lattice, np.int8) if count == 1 else np.asarray(_labels(body, lattice))
+    eps, time = np.finfo(dtype).eps, jnp.zeros((), dtype)
     for number in range(count):
         here = numbers == number
-        tangent = jnp.asarray(np.where(here[..., None], drawn, 0))
+        tangent = jnp.asarray(np.where(here[..., None], drawn[1], 0))
         try:
-            value, change = jax.jvp(lambda x: field(time, start.unchecked(spin=x)), (start.spin,), (tangent,))
+            value, change = jax.jvp(
+                lambda x: field(time, SpinState.unchecked(spin=x)), (jnp.asarray(spin),), (tangent,)
+            )
         except (TypeError, ValueError):
             if one:
                 raise
             return  # its parameters have a row for each lattice
         if value.shape != spin.shape or cp.is_traced(value, change):
             return  # the run raises; or the function holds numbers that are not known yet
-        if np.any(np.abs(np.asarray(change)[here]) > 64 * largest * (1 + np.abs(np.asarray(value)).max())):
+        if np.any(np.abs(np.asarray(change)[here]) > 64 * eps * (1 + np.abs(np.asarray(value)).max())):
             raise ValueError(
                 f"the field depends on spins of sublattice {number}, on which it acts; give Spins(sublattices=...) "
                 "whose spins do not act on each other or on themselves (midlie_jax.torques.Anisotropy may be a term of "
