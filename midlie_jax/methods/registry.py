@@ -3,7 +3,7 @@
 Tests, charts and benchmarks select methods from this registry by their properties, never by name.
 """
 
-from typing import Any, NamedTuple, overload
+from typing import Any, Literal, NamedTuple, overload
 
 from .._checks.arguments import described, unknown
 from ..model.bodies import Body, RigidBody, principal_of
@@ -124,7 +124,9 @@ _ANY_PAIR = f"Any FLIGHT[SCHEME] is a method; flights: {', '.join(FLIGHTS)}; sch
 
 
 @overload
-def method(name: str | Flight, scheme: str | Scheme) -> Splitting | Sublattices: ...
+def method(name: Literal["SUBLATTICES"], scheme: str | Scheme) -> Sublattices: ...  # pyright: ignore[reportOverlappingOverload]
+@overload
+def method(name: str | Flight, scheme: str | Scheme) -> Splitting: ...
 @overload
 def method(name: str | Flight, scheme: None = None) -> Method: ...
 def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
