@@ -54,7 +54,7 @@ def test_the_bits_are_those_of_a_fixed_number(name, dtype, steps, as_for_users):
     """For one and for several bodies, an even and an odd number of steps, and states saved on the way.
 
     The step of GBS12 is so long that what of it is rounded once, as one multiplication and addition, depends on what is
-    around it: for one body only the last digits agree.
+    around it and on the processor: only the last digits agree.
     """
     for start, mapped in ((START, lambda f: f), (MANY, jax.vmap)):
         given = jax.tree.map(jnp.asarray, cast(start, dtype))
@@ -62,7 +62,7 @@ def test_the_bits_are_those_of_a_fixed_number(name, dtype, steps, as_for_users):
         alone = mapped(partial(integrate, name, steps=steps, save_every=None))(given)
         axis = given.dt.ndim
         last = jax.tree.map(lambda x, axis=axis: jnp.take(x, -1, axis), fixed.states)
-        loose = 8 * np.finfo(dtype).eps if name == "GBS12" and not axis else 0.0
+        loose = 32 * np.finfo(dtype).eps if name == "GBS12" else 0.0
         same = partial(np.testing.assert_allclose, rtol=0, atol=loose)
         jax.tree.map(same, alone.states, last)
         if steps == 80:
