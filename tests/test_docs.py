@@ -58,7 +58,7 @@ TABLES = (
     ("compiler_options", "reports/speed"),
     ("long_run", "reports/long-run"),
     ("work_precision", "how-it-compares"),
-    ("kinds_of_state", "reports/kinds-of-state"),
+    ("kinds_of_state", "reports/kinds-of-state", "which-state"),
     ("molecules", "reports/molecules"),
     ("heat", "reports/heat"),
     ("spins", "reports/spins"),
