@@ -62,6 +62,13 @@ def test_the_ratios_of_the_readme_are_those_measured():
     assert {7: "seven"}[len(counted)] + " scenes" in text
 
 
+def test_a_recipe_has_at_most_fifteen_lines():
+    """With the four that all begin with."""
+    begin, *recipes = [block.strip().splitlines() for block in blocks(ROOT / "docs" / "recipes.md")]
+    assert len(recipes) == 8
+    assert [len(begin) + len(recipe) for recipe in recipes if len(begin) + len(recipe) > 15] == []
+
+
 def test_every_page_is_in_the_site():
     nav = (ROOT / "mkdocs.yml").read_text()
     assert {page.name for page in PAGES[1:]} == set(re.findall(r"([\w-]+\.md)$", nav, re.MULTILINE))
