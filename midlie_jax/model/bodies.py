@@ -101,6 +101,13 @@ class RigidBody(Body):
         ValueError: the moments are not of shape (..., 3), not positive, unphysical, or not between 1e-30 and 1e30
             (float64: 1e-246 and 1e246); for a batch the message names the rows. Or a full tensor was passed, which
             `TensorBody` and `from_tensor` accept.
+
+    Examples:
+        >>> top = ml.RigidBody([5.0, 5.0, 1.0])
+        >>> top.velocity(jnp.array([10.0, 0.0, 50.0]))  # of a momentum
+        Array([ 2.,  0., 50.], dtype=float64)
+        >>> ml.RigidBody([[5.0, 5.0, 1.0], [4.0, 3.0, 2.0]]).batch  # two bodies
+        (2,)
     """
 
     moments: Float[Array, "*batch 3"]

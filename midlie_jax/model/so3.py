@@ -62,7 +62,13 @@ def _cotangent(x: Array) -> Array:
 
 
 def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
-    """The unit quaternion (..., 4) of the rotation by |vector| radians about `vector` (..., 3)."""
+    """The unit quaternion (..., 4) of the rotation by |vector| radians about `vector` (..., 3).
+
+    Examples:
+        >>> quarter = ml.so3.exp(jnp.array([0.0, 0.0, np.pi / 2]))  # about z
+        >>> quarter.round(4)
+        Array([0.7071, 0.    , 0.    , 0.7071], dtype=float64)
+    """
     v = cp.vector(vector)
     quarter = cp.dot(v, v) / 4
     s = _sinc(quarter) / 2
