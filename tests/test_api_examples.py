@@ -5,6 +5,8 @@ imported before each of them.
 """
 
 import doctest
+import inspect
+from itertools import zip_longest
 
 import jax
 import jax.numpy as jnp
@@ -16,15 +18,10 @@ import midlie_jax as ml
 
 # Pages whose names need not have examples yet.
 UNFINISHED = {
-    "api",
     "api-attitudes",
-    "api-diffrax",
-    "api-distributions",
     "api-fitting",
     "api-methods",
     "api-observe",
-    "api-plot",
-    "api-so3",
     "api-torques",
 }
 
@@ -37,17 +34,19 @@ def example(entry):
     return doctest.DocTestParser().get_doctest(hooks.module_of(entry).__doc__, names, entry, None, None)
 
 
-WITH_EXAMPLE = [entry for entries in ENTRIES.values() for entry in entries if example(entry).examples]
+# The first name of each page, then the second of each, and so on, so that the first of the list are of all pages.
+IN_TURN = [entry for row in zip_longest(*ENTRIES.values()) for entry in row if entry]
+WITH_EXAMPLE = [entry for entry in IN_TURN if example(entry).examples]
 
 
 @pytest.mark.parametrize("page", [page for page in ENTRIES if page not in UNFINISHED])
 def test_every_public_name_has_an_example(page):
     """In the section that the pages take it from."""
-    missing = [entry for entry in ENTRIES[page] if "\n    Examples:\n" not in (hooks.module_of(entry).__doc__ or "")]
-    assert not missing
-    assert set(ENTRIES[page]) <= set(WITH_EXAMPLE)
+    texts = {entry: inspect.cleandoc(hooks.module_of(entry).__doc__) for entry in ENTRIES[page]}
+    assert [entry for entry, text in texts.items() if "\nExamples:\n    >>> " not in text] == []
 
 
+@pytest.mark.sample(40)
 @pytest.mark.parametrize("entry", WITH_EXAMPLE)
 def test_the_example_prints_what_it_says(entry, monkeypatch, tmp_path):
     """In an empty folder, where it may write files."""
