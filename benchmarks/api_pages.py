@@ -1,9 +1,10 @@
-"""Writes signature and first sentence of every public name into the API pages, for those who read the Markdown.
+"""Writes signature, first sentence and example of every public name into the API pages, for readers of the Markdown.
 
     python benchmarks/api_pages.py
 
-On the pages, `<!-- api: midlie_jax.torques -->` and `<!-- /api -->` enclose what this writes; `docs/hooks.py` replaces
-it on the site by all that the docstrings say. `tests/test_api_pages.py` asks that the pages are as this writes them.
+Names of the package become links to their entries (`docs/cross_links.py`). On the pages,
+`<!-- api: midlie_jax.torques -->` and `<!-- /api -->` enclose what this writes; `docs/hooks.py` replaces it on the site
+by all that the docstrings say. `tests/test_api_pages.py` asks that the pages are as this writes them.
 """
 
 import ast
@@ -19,14 +20,17 @@ from typing import Any
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 sys.path[:0] = [str(DOCS), str(DOCS.parent)]  # these sources, whatever is installed
 
+import cross_links  # noqa: E402
 import hooks  # noqa: E402
 
 _WIDTH = 110
+# The section of a docstring in Google's style, and what its lines are indented by.
+_EXAMPLES = re.compile(r"^Examples:\n((?:    .*\n|\n)+)", re.MULTILINE)
 _SENTENCE = re.compile(r"(.+?[^\s.]\.)(?= [A-Z`\"(]|$)")
 
 
 def filled(markdown: str) -> str:
-    """The page with the signatures and first sentences of now."""
+    """The page with the signatures, first sentences and examples of now."""
 
     def written(found: re.Match[str]) -> str:
         texts = [_entry(name) for name in hooks.entries_of(found[1])]
@@ -40,9 +44,13 @@ def _entry(name: str) -> str:
     own = name.rpartition(".")[2]
     # "py" and not "python": the tests run what is marked as "python".
     code = "\n".join(map(str, value)) if isinstance(value, EnumType) else own + signature(value)
-    parts = [f"### {own}", f"```py\n{code}\n```", _first_sentence(value)]
+    sentence = cross_links.linked(_first_sentence(value), name)
+    text = " ".join(filter(None, (sentence, cross_links.explained(name))))
+    parts = [f"### {own}", f"```py\n{code}\n```", text, *_examples(value)]
     if inspect.isclass(value):
-        methods = [f"- `.{text}` {_first_sentence(method)}" for text, method in _methods(value)]
+        methods = [
+            f"- `.{text}` {cross_links.linked(_first_sentence(method), name)}" for text, method in _methods(value)
+        ]
         parts += ["\n".join(methods)] if methods else []
     return "\n\n".join(parts)
 
@@ -51,6 +59,14 @@ def _first_sentence(value: Any) -> str:
     paragraph = " ".join(inspect.cleandoc(value.__doc__ or "").partition("\n\n")[0].split())
     found = _SENTENCE.match(paragraph)
     return found[1] if found else paragraph
+
+
+def _examples(value: Any) -> Iterator[str]:
+    """The section "Examples" of a docstring: what begins with >>> as a block of code, the rest as it is."""
+    section = _EXAMPLES.search(inspect.cleandoc(value.__doc__ or "") + "\n")
+    for part in textwrap.dedent(section[1]).strip().split("\n\n") if section else []:
+        # "pycon" is a session of Python. tests/test_api_examples.py runs these, from the docstrings.
+        yield f"```pycon\n{part}\n```" if part.startswith(">>>") else part
 
 
 def signature(value: Any) -> str:

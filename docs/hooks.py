@@ -2,8 +2,9 @@
 
 What stands between `<!-- api: midlie_jax.torques -->` and `<!-- /api -->` becomes an entry for each public name of that
 module, with all that its docstring says. The marker may also list single names, as in
-`<!-- api: midlie_jax.energy, midlie_jax.kinetic_energy -->`. In the Markdown of the repository signatures and first
-sentences stand there, which `benchmarks/api_pages.py` writes. `tests/test_api_pages.py` calls the same functions.
+`<!-- api: midlie_jax.energy, midlie_jax.kinetic_energy -->`. In the Markdown of the repository signatures, first
+sentences and examples stand there, which `benchmarks/api_pages.py` writes. `tests/test_api_pages.py` calls the same
+functions.
 """
 
 import ast

@@ -1,0 +1,57 @@
+"""Every public name has an example in its docstring, and what the example prints is what it says.
+
+The examples are of the standard module doctest: lines after >>> in a section "Examples:". `docs/api.md` says what is
+imported before each of them.
+"""
+
+import doctest
+import inspect
+from itertools import zip_longest
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_api_pages import PAGES, hooks
+
+import midlie_jax as ml
+
+# Pages whose names need not have examples yet.
+UNFINISHED = {
+    "api-attitudes",
+    "api-fitting",
+    "api-methods",
+    "api-observe",
+    "api-torques",
+}
+
+ENTRIES = {page.stem: hooks.ENTRY.findall(hooks.written_out(page.read_text())) for page in PAGES}
+
+
+def example(entry):
+    """The example in the docstring of a public name."""
+    names = {"ml": ml, "jax": jax, "jnp": jnp, "np": np}
+    return doctest.DocTestParser().get_doctest(hooks.module_of(entry).__doc__, names, entry, None, None)
+
+
+# The first name of each page, then the second of each, and so on, so that the first of the list are of all pages.
+IN_TURN = [entry for row in zip_longest(*ENTRIES.values()) for entry in row if entry]
+WITH_EXAMPLE = [entry for entry in IN_TURN if example(entry).examples]
+
+
+@pytest.mark.parametrize("page", [page for page in ENTRIES if page not in UNFINISHED])
+def test_every_public_name_has_an_example(page):
+    """In the section that the pages take it from."""
+    texts = {entry: inspect.cleandoc(hooks.module_of(entry).__doc__) for entry in ENTRIES[page]}
+    assert [entry for entry, text in texts.items() if "\nExamples:\n    >>> " not in text] == []
+
+
+@pytest.mark.sample(24)
+@pytest.mark.parametrize("entry", WITH_EXAMPLE)
+def test_the_example_prints_what_it_says(entry, monkeypatch, tmp_path):
+    """In an empty folder, where it may write files."""
+    monkeypatch.chdir(tmp_path)
+    report = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    failed, _ = runner.run(example(entry), out=report.append)
+    assert not failed, "".join(report)
