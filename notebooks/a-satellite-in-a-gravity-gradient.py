@@ -409,7 +409,7 @@ for states, name, colour in ((by_rk4.states, "RK4, 4 min", ORANGE), (kept, "JACO
     turned = np.degrees(np.linalg.norm(offset(by_rk4.times, states), axis=-1))
     typical = np.sqrt(np.mean(turned.reshape(24, 12, 122) ** 2, axis=(0, 2)))
     right.plot(np.arange(1, 13), typical, color=colour, marker="o", markersize=4)
-    right.annotate(name, (12, typical[-1]), (-4, 14), textcoords="offset points", ha="right", color=colour)
+    right.annotate(name, (12, typical[-1]), (-4, -18), textcoords="offset points", ha="right", color=colour)
 left.set_ylim(0, 115)
 right.set_ylim(0, 6)
 panel(left, "Energy of the swing, mean of 24", "time  [days]", "share of the start  [%]")
