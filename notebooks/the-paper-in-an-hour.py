@@ -193,6 +193,7 @@ for label, (method, colour, up) in FLIGHTS.items():
     axes.annotate(label, (turns[0], max(float(defects[0]), 1e-17)), (0, up), textcoords="offset points", color=colour)
 axes.loglog(turns, 2e-2 * turns**3, color="#bbbbbb", linestyle="--")
 axes.annotate("slope 3", (turns[6], 2e-2 * turns[6] ** 3), (6, -12), textcoords="offset points", color="#888888")
+axes.set_ylim(1e-18, 1)
 panel(axes, "How much one flight changes an area on the sphere of momenta", "turn a step  [rad]", "relative defect")
 plt.show()
 
