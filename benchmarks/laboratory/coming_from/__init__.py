@@ -4,13 +4,16 @@ Both programs are read from the page and run as they stand there, each in a proc
 its name here ("_" for "-"), with
 
 - `TITLE`: the program, as the page and its tables call it;
-- `NEEDS`: the packages that the left column imports, beside this one;
+- `HEADS`, optional: the programs at the head of the left columns, where a page has several; `(TITLE,)` unless given;
+- `NEEDS`: the packages that the left column imports, beside this one; a name in capitals is that of an environment
+  variable which says in which folder a program stands;
 - `WITHIN`: the largest difference between the quantities of the two columns that the page allows;
 - `rows()`: yields the rows of the measured table, each four strings (`row` makes them): what is measured, the other
   program, midlie_jax, and the first over the second;
 - `QUANTITIES`, optional: what both columns end with, `("times", "attitude")` unless given.
 """
 
+import os
 import re
 from importlib import import_module
 from importlib.util import find_spec
@@ -46,8 +49,8 @@ def quantities(name: str) -> tuple[str, ...]:
 
 
 def missing(name: str) -> list[str]:
-    """The packages of the left column that are not installed."""
-    return [package for package in module_of(name).NEEDS if find_spec(package) is None]
+    """The packages and programs of the left column that are not installed."""
+    return [need for need in module_of(name).NEEDS if not (os.environ.get(need) if need.isupper() else find_spec(need))]
 
 
 def tables(name: str) -> list[tuple[str, str]]:

@@ -1,13 +1,14 @@
 """Runs a program in a process of its own, and times it: its first run, and its last paragraph again.
 
 The last paragraph of a program, after its last empty line, is the run; what stands before it is done once. Times are
-processor times. The first run is the whole program without its imports and without the start of JAX; whatever a program
-compiles is in it. The process has the cores of the one that starts it: `timing.pin()` there holds it to one.
+processor times, with those of programs that it starts. The first run is the whole program without its imports (what
+stands before its last import) and without the start of JAX; whatever a program compiles is in it. The process has the cores of the one that starts it: `timing.pin()` there holds it to one.
 """
 
 import ast
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -63,10 +64,16 @@ def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
     return Outcome(first, statistics.median(others) if others else float("nan"), values)
 
 
+def _processor_time() -> float:
+    """Seconds of this process and of those that it started and that have ended."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
 def _run_here(code: str, names: list[str], later: int, out: str) -> None:
     tree, space = ast.parse(code), {"__name__": "__main__"}
-    imports: list[ast.stmt] = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    exec(compile(ast.Module(imports, []), "imports", "exec"), space)
+    last = max((i for i, node in enumerate(tree.body) if isinstance(node, ast.Import | ast.ImportFrom)), default=-1)
+    exec(compile(ast.Module(tree.body[: last + 1], []), "imports", "exec"), space)
     if "jax" in sys.modules:
         sys.modules["jax"].devices()
     whole = compile(tree, "program", "exec")
@@ -74,10 +81,10 @@ def _run_here(code: str, names: list[str], later: int, out: str) -> None:
     seconds: list[float] = []
     values: dict[str, Any] = {}
     for program in (whole, *[again] * later):
-        began = time.process_time()
+        began = _processor_time()
         exec(program, space)
         values = {name: np.asarray(space[name]) for name in names}  # waits for what JAX computes
-        seconds.append(time.process_time() - began)
+        seconds.append(_processor_time() - began)
         if sum(seconds[1:]) > _LONGEST:
             break
     np.savez(out, seconds=seconds, **values)
