@@ -52,3 +52,12 @@ def test_both_columns_give_the_same_motion(name):
     if absent := missing(name):
         pytest.skip(f"{' and '.join(absent)} is not installed")
     agree(name, outcome(name, 0), outcome(name, 1))
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if len(tables(name)) > 1])
+def test_further_columns_give_the_same_motion(name):
+    """Those of a second table, which may need what stands in the first."""
+    if absent := missing(name):
+        pytest.skip(f"{' and '.join(absent)} is not installed")
+    left, right = ("\n".join(codes) for codes in zip(*tables(name), strict=True))
+    agree(name, run(left, quantities(name)), run(right, quantities(name)))

@@ -55,7 +55,7 @@ def row(label: str, theirs: float, ours: float, form: str = "seconds") -> tuple[
     """The cells of a row; `form` is "seconds", or a format such as ".1e"."""
     left, right = (in_words(value) if form == "seconds" else format(value, form) for value in (theirs, ours))
     ratio = theirs / ours
-    return label, left, right, f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
+    return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e6 else f"{ratio:.2g}"
 
 
 def in_words(seconds: float) -> str:
