@@ -27,7 +27,7 @@ _JAVA = Path(__file__).with_name("TorqueFreeStates.java")
 _BEST = """
 from Basilisk.simulation import svIntegrators
 best = svIntegrators.svIntegratorRKF78(craft)
-best.relTol = best.absTol = 1e-12
+best.relTol = best.absTol = 1e-11
 craft.setIntegrator(best)
 """
 # More craft alike in the same simulation.
@@ -42,7 +42,7 @@ for i in range({_IN_ONE_SIMULATION} - 1):
     pull.addPlanetName(earth.planetName)
     other.addDynamicEffector(pull)
     steps = svIntegrators.svIntegratorRKF78(other)
-    steps.relTol = steps.absTol = 1e-12
+    steps.relTol = steps.absTol = 1e-11
     other.setIntegrator(steps)
     others.append((other, pull, steps, other.scStateOutMsg.recorder(ns(100.0))))
     for model in (other, pull, others[-1][3]):
