@@ -69,7 +69,7 @@ def written_out(markdown: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Any = None, **_: Any) -> str:
-    """Called by mkdocs for every page. Those with two programs beside each other have no room for a table of contents."""
+    """Called by mkdocs for every page. Two programs beside each other leave no room for a table of contents."""
     if page is not None and page.file.src_uri.startswith("coming-from/"):
         page.meta["hide"] = ["toc"]
     root = str(Path(__file__).resolve().parent.parent)
