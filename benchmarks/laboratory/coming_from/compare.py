@@ -7,7 +7,6 @@ import numpy as np
 from . import columns, module_of, quantities
 from .alone import Outcome, run
 
-
 Row = tuple[str, str, str, str]
 
 
