@@ -109,7 +109,7 @@ def _orekit(left: str, right: str) -> Iterator[tuple[str, str, str, str]]:
     table = run(right + _FREE_STATES, ("attitude",), later=20)
     here = thousand.later / (_CRAFT * states), table.later / _STATES
     yield row(f"Orekit in Java: {_CRAFT} craft, {states} states of each, a state", _java(100, states), here[0])
-    yield row(f"one craft, {_STATES} states, a state", _java(1, _STATES), here[1])
+    yield row(f"Orekit in Java: one craft, {_STATES} states, a state", _java(1, _STATES), here[1])
     for end in ("6000.0", f"{_LONG:.0f}.0"):
         found = [run(code.replace("6000.0", end), QUANTITIES).values for code in (left, right)]
         _, exact = free_body([80.0, 100.0, 120.0], [0.08, -1.0, 3.6], [0.8, 0.36, -0.48, 0.0], found[0]["times"])
