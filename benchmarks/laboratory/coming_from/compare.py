@@ -33,10 +33,10 @@ def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None
     Raises:
         AssertionError: they differ by more than `within`, by default what the page `name` allows.
     """
-    within = module_of(name).WITHIN if within is None else within
+    allowed: float = module_of(name).WITHIN if within is None else within
     for quantity, value in ours.values.items():
         difference = gap(quantity, theirs.values[quantity], value)
-        assert difference <= within, f"{quantity} of {name} differs by {difference:.1e}, more than {within:.1e}"
+        assert difference <= allowed, f"{quantity} of {name} differs by {difference:.1e}, more than {allowed:.1e}"
 
 
 def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tuple[Outcome, Outcome]:
