@@ -45,6 +45,10 @@ class Command(NamedTuple):
     not_run: str  # the reason, if there is one
 
 
+def name_of(page):
+    return page.relative_to(ROOT).as_posix()
+
+
 def commands():
     """The commands of all pages, each once for each page."""
     pages = benchmark("figures")
@@ -53,7 +57,7 @@ def commands():
         reasons = NOT_RUN.findall(text)
         for line in dict.fromkeys(pages.commands_in(NOT_RUN.sub("", text), PROGRAMS)):
             if line.startswith(STARTS) and not PLACEHOLDER.search(line):
-                yield Command(page.name, line, next((why for what, why in reasons if matches(what, line)), ""))
+                yield Command(name_of(page), line, next((why for what, why in reasons if matches(what, line)), ""))
 
 
 def matches(what, line):
@@ -125,9 +129,9 @@ def test_what_an_extra_brings_is_asked_for_by_name(newcomer):
 def test_what_is_not_run_is_known():
     """Each comment is about a command; and there are few, beside those that name methods."""
     for page in PAGES:
-        lines = [command.line for command in COMMANDS if command.page == page.name]
+        lines = [command.line for command in COMMANDS if command.page == name_of(page)]
         for what, _ in NOT_RUN.findall(page.read_text()):
-            assert any(matches(what, line) for line in lines), f"{page.name}: {what}"
+            assert any(matches(what, line) for line in lines), f"{name_of(page)}: {what}"
     unique = {command.line for command in COMMANDS if command.not_run and "--method" not in command.line}
     assert len(unique) == 7, sorted(unique)
 

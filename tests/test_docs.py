@@ -14,8 +14,15 @@ import jax
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\((?!http)([^)#]+)")
+
+
+def name_of(page):
+    """As the site names it: from docs/, where two folders may have pages of one name."""
+    return page.relative_to(DOCS if page.is_relative_to(DOCS) else ROOT).as_posix()
 
 
 def blocks(page):
@@ -40,12 +47,18 @@ def test_there_is_something_to_run():
     assert named <= {page.stem for page in PAGES if blocks(page)}
 
 
+def linked(page):
+    """The files that a page has links to."""
+    return {(page.parent / file).resolve() for file in LINK.findall(page.read_text())}
+
+
 def test_readme_is_short_and_leads_to_every_page():
     text = (ROOT / "README.md").read_text()
     assert len(text.splitlines()) <= 90
     assert len(text.split()) < 700
-    reached = text + "".join(page.read_text() for page in PAGES if f"docs/{page.name}" in text)
-    assert all(f"{page.name})" in reached for page in PAGES[1:] if page.stem != "index")
+    named = linked(PAGES[0]) & set(PAGES)
+    reached = named.union(*map(linked, named))
+    assert [name_of(page) for page in PAGES[1:] if page.stem != "index" and page not in reached] == []
 
 
 def test_the_ratios_of_the_readme_are_those_measured():
@@ -71,7 +84,7 @@ def test_a_recipe_has_at_most_fifteen_lines():
 
 def test_every_page_is_in_the_site():
     nav = (ROOT / "mkdocs.yml").read_text()
-    assert {page.name for page in PAGES[1:]} == set(re.findall(r"([\w-]+\.md)$", nav, re.MULTILINE))
+    assert set(map(name_of, PAGES[1:])) == set(re.findall(r"([\w/-]+\.md)$", nav, re.MULTILINE))
 
 
 TABLES = (
@@ -139,18 +152,18 @@ RUN = [page for page in PAGES if blocks(page)]
 
 
 @pytest.mark.sample(0)
-@pytest.mark.parametrize("page", RUN, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", RUN, ids=name_of)
 def test_python_runs_as_written(page, failures):
     """And no path or solution of theirs has failed."""
-    assert failures[page.name] == ""
+    assert failures[name_of(page)] == ""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_files_and_commands_that_are_named_exist(page):
     text = page.read_text()
-    files = re.findall(r"\]\((?!http)([^)#]+)\)", text)
-    assert all((page.parent / file).exists() for file in files), files
-    text = re.sub(r"https?://\S+", "", text)  # the files of others
+    assert [file for file in linked(page) if not file.exists()] == []
+    # The files of others: in addresses, and in their programs.
+    text = re.sub(r"https?://\S+|^```py\n.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
     paths = re.findall(r"`?((?:benchmarks|tests|midlie_jax|docs)/[\w/]+\.(?:py|c|md|png))", text)
     assert all((ROOT / path).exists() for path in paths), paths
     named = set(re.findall(r"\b([a-z_]+\.py)\b", text))
@@ -165,7 +178,7 @@ if __name__ == "__main__":
     for page in RUN:
         try:
             run_page(page)
-            outcomes[page.name] = ""
+            outcomes[name_of(page)] = ""
         except Exception:  # one wrong page must not hide what is wrong with the others
-            outcomes[page.name] = traceback.format_exc()
+            outcomes[name_of(page)] = traceback.format_exc()
     print(json.dumps(outcomes))

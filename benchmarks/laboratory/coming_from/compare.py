@@ -1,0 +1,76 @@
+"""What the pages share: both columns run, their difference, and the rows of a table."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from . import columns, module_of, quantities
+from .alone import Outcome, run
+
+Row = tuple[str, str, str, str]
+
+
+def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
+    """The largest difference of a quantity between two programs.
+
+    Of attitudes, quaternions (w, x, y, z) in the last axis, the angle in radians between the two; of others the
+    difference relative to the largest value.
+
+    Raises:
+        ValueError: the shapes differ.
+    """
+    if theirs.shape != ours.shape:
+        raise ValueError(f"{name} has the shape {theirs.shape} on the left and {ours.shape} on the right.")
+    if name == "attitude":
+        sign = np.sign(np.sum(theirs * ours, axis=-1, keepdims=True))
+        return float(np.max(2 * np.linalg.norm(sign * theirs - ours, axis=-1)))
+    return float(np.max(np.abs(theirs - ours)) / np.max(np.abs(ours)))
+
+
+def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None) -> None:
+    """Checks that both programs have the same motion.
+
+    Raises:
+        AssertionError: they differ by more than `within`, by default what the page `name` allows.
+    """
+    allowed: float = module_of(name).WITHIN if within is None else within
+    for quantity, value in ours.values.items():
+        difference = gap(quantity, theirs.values[quantity], value)
+        assert difference <= allowed, f"{quantity} of {name} differs by {difference:.1e}, more than {allowed:.1e}"
+
+
+def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tuple[Outcome, Outcome]:
+    """The outcomes of both columns of a page, each run as it stands, which have the same motion.
+
+    Args:
+        name: the page.
+        later: how often the last paragraph of each is run again.
+        codes: the two programs; by default those of the first table of the page.
+    """
+    left, right = codes or columns(name)
+    theirs, ours = run(left, quantities(name), later), run(right, quantities(name), later)
+    agree(name, theirs, ours)
+    return theirs, ours
+
+
+def row(label: str, theirs: float, ours: float, form: str = "seconds") -> Row:
+    """The cells of a row; `form` is "seconds", or a format such as ".1e"."""
+    left, right = (in_words(value) if form == "seconds" else format(value, form) for value in (theirs, ours))
+    ratio = theirs / ours
+    return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e4 else f"{ratio:.2g}"
+
+
+def in_words(seconds: float) -> str:
+    """Two digits of a time, in the unit that suits it."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= 0.995 * size or unit == "µs":
+            value = seconds / size
+            return f"{value:.2g} {unit}" if value < 99.5 else f"{value:.0f} {unit}"
+    raise AssertionError
+
+
+def as_they_stand(name: str, later: int = 5) -> Iterator[Row]:
+    """The first rows of a page: its two columns, the first run and later ones."""
+    theirs, ours = both(name, later)
+    yield row("the run above", theirs.later, ours.later)
+    yield row("its first call, with compiling", theirs.first, ours.first)

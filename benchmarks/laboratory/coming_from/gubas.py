@@ -1,0 +1,106 @@
+"""The rows of docs/coming-from/gubas.md.
+
+The environment variable GUBAS names a folder with GUBAS's scripts, the files of its example, and the program, made by
+
+    g++ -std=c++11 -O3 -march=native -DARMA_NO_DEBUG hou_cpp.cpp -o hou_cpp_final -larmadillo
+
+and, for NumPy 2, with its scripts changed as the page says. Its times are those of one binary; its errors are measured
+against a far finer run of this library, with which its own errors fall to 4e-10.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from . import columns
+from .alone import Outcome, run
+from .compare import both, gap, row
+
+TITLE, NEEDS = "GUBAS", ("GUBAS", "scipy")
+WITHIN = 1e-2  # radians: what LGVI with steps of 30 s is off after a day
+QUANTITIES = ("times", "position", "attitude")
+
+_STEPS = "dt=600.0, steps=144, save_every=6"
+_FINE = "dt=200.0, steps=432, save_every=18"
+# RK 7(8) has its own times, so that only the end is read; then the program alone, without the scripts.
+_END = """
+subprocess.run([sys.executable, "hou_shell_cfg.py"], check=True)
+end = np.fromfile("output_x/x_out.bin").reshape(-1, 30)[-1]
+A = end[12:21].reshape(3, 3)
+turned = Rotation.from_matrix(np.stack([A, A @ end[21:30].reshape(3, 3)]))
+attitude = turned.as_quat(scalar_first=True)
+
+subprocess.run(["./hou_cpp_final"], check=True)
+"""
+# A thousand binaries that spin a little faster, one after the other.
+_MANY = """
+faster = jnp.linspace(1.0, 1.1, 1000)[:, None, None]
+starts = ml.CoupledState(
+    faster * start.momentum, *(jnp.stack([x] * 1000) for x in (start.attitude, start.linear, start.position))
+)
+
+path = ml.ensemble("JACOBI[SRKN14a]", pair, gravity, starts, dt=86400.0 / STEPS, steps=STEPS)
+attitude = path.states.attitude[0]
+"""
+COUNT = 1000
+
+
+class _Case(NamedTuple):
+    """A degree of the gravity, a tolerance of RK 7(8), and steps a day with which our error is not larger."""
+
+    degree: int
+    tolerance: float
+    steps: int
+
+
+_CASES = _Case(2, 1e-10, 54), _Case(4, 1e-10, 54)
+
+
+def rows() -> Iterator[tuple[str, str, str, str]]:
+    left, right = columns("gubas")
+    theirs, ours = both("gubas", later=3)
+    yield row("the run above", theirs.later, ours.later)
+    yield row("its first call, with compiling", theirs.first, ours.first)
+    fine = run(right.replace(_STEPS, _FINE), QUANTITIES)
+    yield row("largest error of the attitudes, rad", *(_error(found, fine) for found in (theirs, ours)), ".0e")
+    for case in _CASES:
+        yield from _at_equal_error(left, right, case)
+
+
+def _at_equal_error(left: str, right: str, case: _Case) -> Iterator[tuple[str, str, str, str]]:
+    right = right.replace("degree=2", f"degree={case.degree}")
+    fine = _end(run(right.replace(_STEPS, _FINE), QUANTITIES))
+    theirs = run(_runge_kutta(left, case), ("attitude",), later=3)
+    steps = f"dt={86400.0 / case.steps}, steps={case.steps}, save_every={case.steps}"
+    ours = run(right.replace(_STEPS, steps), QUANTITIES, later=20)
+    many = run(right.rpartition("\n\n")[0] + "\n" + _MANY.replace("STEPS", str(case.steps)), ("attitude",), later=3)
+    errors = [_error(found, fine) for found in (theirs, _end(ours), many)]
+    if max(errors[1:]) > errors[0]:
+        raise RuntimeError(f"With {case.steps} steps a day the error is {errors[1:]}, that of GUBAS {errors[0]:.1e}.")
+    named = f"degree {case.degree}, RK 7(8) at {case.tolerance:g}"
+    yield row(f"{named}: one binary", theirs.later, ours.later)
+    yield row(f"{named}: each of {COUNT}", theirs.later, many.later / COUNT)
+    yield row(f"{named}: largest error after the day, rad", errors[0], errors[1], ".0e")
+
+
+def _runge_kutta(left: str, case: _Case) -> str:
+    """The left column with RK 7(8) and another degree, without the tables that GUBAS's scripts write."""
+    settings = left.partition("\nsubprocess.run")[0]
+    for old, new in (
+        ('Truncation Order": 2', f'Truncation Order": {case.degree}'),
+        ('"Integrator Flag": 2', f'"Integrator Flag": 3, "Absolute Tolerance": {case.tolerance}'),
+        ('"Output Settings": {', '"Output Settings": {"Post Processing": 0,'),
+    ):
+        if old not in settings:
+            raise RuntimeError(f"The left column has no {old!r}.")
+        settings = settings.replace(old, new)
+    return settings + _END
+
+
+def _end(found: Outcome) -> Outcome:
+    return found._replace(values={"attitude": found.values["attitude"][-1]})
+
+
+def _error(found: Outcome, fine: Outcome) -> float:
+    return gap("attitude", np.asarray(found.values["attitude"]), fine.values["attitude"])
