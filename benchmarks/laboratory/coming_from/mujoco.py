@@ -14,7 +14,7 @@ WITHIN = 2e-6  # three times the error of MuJoCo's RK4 at its step of 1 ms
 
 METHOD, FINE = '"JACOBI[SRKN6b]"', '"GBS12"'
 
-# The energy in a long run, in steps of the same size; its first value and the largest change.
+# The energy in a run of 1000 s with the steps of the page. The moments are those of the right column.
 LONG_LEFT = """
 moments = np.array([[0.000654, 0.00072, 0.000366]])
 mujoco.mj_resetData(model, data)
@@ -32,6 +32,7 @@ LONG_RIGHT = """
 long = ml.integrate("JACOBI[SRKN6b]", body, torque, start, dt=0.01, steps=100_000, save_every=100)
 energy = ml.energy(body, torque, long)
 """
+# What a loop in Python pays for each step.
 STEP_LEFT = """
 for _ in range(200):
     mujoco.mj_step(model, data)
