@@ -7,6 +7,8 @@ import numpy as np
 from . import columns, module_of, quantities
 from .alone import Outcome, run
 
+Row = tuple[str, str, str, str]
+
 
 def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
     """The largest difference of a quantity between two programs.
@@ -25,13 +27,13 @@ def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
     return float(np.max(np.abs(theirs - ours)) / np.max(np.abs(ours)))
 
 
-def agree(name: str, theirs: Outcome, ours: Outcome) -> None:
+def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None) -> None:
     """Checks that both programs have the same motion.
 
     Raises:
-        AssertionError: they differ by more than the page `name` allows.
+        AssertionError: they differ by more than `within`, by default what the page `name` allows.
     """
-    within = module_of(name).WITHIN
+    within = module_of(name).WITHIN if within is None else within
     for quantity, value in ours.values.items():
         difference = gap(quantity, theirs.values[quantity], value)
         assert difference <= within, f"{quantity} of {name} differs by {difference:.1e}, more than {within:.1e}"
@@ -51,11 +53,11 @@ def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tup
     return theirs, ours
 
 
-def row(label: str, theirs: float, ours: float, form: str = "seconds") -> tuple[str, str, str, str]:
+def row(label: str, theirs: float, ours: float, form: str = "seconds") -> Row:
     """The cells of a row; `form` is "seconds", or a format such as ".1e"."""
     left, right = (in_words(value) if form == "seconds" else format(value, form) for value in (theirs, ours))
     ratio = theirs / ours
-    return label, left, right, f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
+    return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e4 else f"{ratio:.2g}"
 
 
 def in_words(seconds: float) -> str:
@@ -67,7 +69,7 @@ def in_words(seconds: float) -> str:
     raise AssertionError
 
 
-def as_they_stand(name: str, later: int = 5) -> Iterator[tuple[str, str, str, str]]:
+def as_they_stand(name: str, later: int = 5) -> Iterator[Row]:
     """The first rows of a page: its two columns, the first run and later ones."""
     theirs, ours = both(name, later)
     yield row("the run above", theirs.later, ours.later)

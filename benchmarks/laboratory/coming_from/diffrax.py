@@ -1,0 +1,61 @@
+"""The rows of docs/coming-from/diffrax.md."""
+
+from collections.abc import Iterator
+
+from . import columns, quantities, tables
+from .alone import Outcome, run
+from .compare import Row, agree, as_they_stand, both, gap, row
+
+NAME, TITLE, NEEDS = "diffrax", "diffrax", ("diffrax",)
+WITHIN = 1e-6  # radians
+
+_LEFT_SLOPE = """
+def tip(weight):
+    return diffrax.diffeqsolve(
+        diffrax.ODETerm(field), diffrax.Dopri8(), 0.0, 10.0, 0.02, start, weight, max_steps=501).ys[0, 4]
+slope_of = jax.jit(jax.grad(tip), compiler_options={"xla_cpu_prefer_vector_width": 512})
+
+slope = slope_of(20.0)
+"""
+_RIGHT_SLOPE = """
+def tip(weight):
+    torque = ml.torques.HeavyTop(weight)
+    return ml.integrate("SYMMETRIC[SRKN6b]", body, torque, start, dt=0.1, steps=100, save_every=None).states.attitude[1]
+slope_of = jax.jit(jax.grad(tip))
+
+slope = slope_of(20.0)
+"""
+
+
+def rows() -> Iterator[Row]:
+    left, right = columns(NAME)
+    finer = right.replace("10.0, 101)", "10.0, 401)").replace("max_steps=100", "max_steps=400")
+    fine = run(finer.replace("SRKN6b", "SRKN14a").replace("steps=1,", "steps=4,"), quantities(NAME))
+    agree(NAME, run(left.replace("1e-10", "1e-13"), quantities(NAME)), fine, within=1e-9)
+    yield from as_they_stand(NAME, 20)
+    ends = [run(code, quantities(NAME)) for code in (left, right)]
+    yield _errors("largest error of the attitude, rad", ends, fine)
+    yield from _a_thousand()
+    theirs, ours = (
+        run(code.rpartition("\n\n")[0] + slope, ("slope",), 20)
+        for code, slope in ((left, _LEFT_SLOPE), (right, _RIGHT_SLOPE))
+    )
+    agree(NAME, theirs, ours, within=1e-5)
+    yield row("the derivative of a run", theirs.later, ours.later)
+    yield row("its first call, with compiling", theirs.first, ours.first)
+
+
+def _a_thousand() -> Iterator[Row]:
+    one, many = tables(NAME)
+    left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
+    theirs, ours = both(NAME, 5, (left, right))
+    yield row("a thousand tops", theirs.later, ours.later)
+    finer = right.replace("dt=0.1, steps=100", "dt=0.025, steps=400").replace(
+        '"SYMMETRIC[SRKN6b]", body, torque', '"SYMMETRIC[SRKN14a]", body, torque'
+    )
+    yield _errors("largest error of the thousand, rad", [theirs, ours], run(finer, quantities(NAME)))
+
+
+def _errors(label: str, ends: list[Outcome], fine: Outcome) -> Row:
+    errors = [gap("attitude", end.values["attitude"], fine.values["attitude"]) for end in ends]
+    return row(label, *errors, ".1e")

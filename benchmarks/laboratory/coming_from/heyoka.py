@@ -1,0 +1,53 @@
+"""The rows of docs/coming-from/heyoka.md."""
+
+from collections.abc import Iterator
+
+from . import columns, quantities, tables
+from .alone import Outcome, run
+from .compare import Row, agree, as_they_stand, gap, row
+
+NAME, TITLE, NEEDS = "heyoka", "heyoka", ("heyoka",)
+WITHIN = 1e-8  # radians
+
+_FINEST = ("tol=1e-12", "tol=1e-16")
+_WIDTHS = (1, 2, 4)
+# From the asymmetric body to the fast top, and to the methods that fit it.
+_TOP_LEFT = (("1.0, 2.0, 3.0, 3.0", "5.0, 5.0, 1.0, 20.0"), ("[1.1, -0.35, 4.0 / 3", "[0.0, 0.0, 50.0"))
+_TOP_RIGHT = (
+    ("[1.0, 2.0, 3.0]", "[5.0, 5.0, 1.0]"),
+    ("HeavyTop(3.0)", "HeavyTop(20.0)"),
+    ("[1.1, -0.35, 4.0 / 3]", "[0.0, 0.0, 50.0]"),
+    ("PGBS12", "SYMMETRIC[SRKN14a]"),
+    ("dt=0.2, steps=50", "dt=0.1, steps=100"),
+)
+
+
+def rows() -> Iterator[Row]:
+    left, right = columns(NAME)
+    yield from as_they_stand(NAME)
+    ends = [run(code, quantities(NAME)) for code in (left, right)]
+    yield _errors("largest error of the attitude, rad", ends, run(left.replace(*_FINEST), quantities(NAME)))
+    one, many = tables(NAME)
+    left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
+    yield from _many("1024 bodies", left, right)
+    yield from _many("1024 fast tops", _changed(left, _TOP_LEFT), _changed(right, _TOP_RIGHT))
+
+
+def _many(label: str, left: str, right: str) -> Iterator[Row]:
+    built = [run(left.replace("width = 1 *", f"width = {n} *"), quantities(NAME), 20) for n in _WIDTHS]
+    theirs, ours = min(built, key=lambda found: found.later), run(right, quantities(NAME), 20)
+    agree(NAME, theirs, ours)
+    yield row(label, theirs.later, ours.later)
+    yield _errors(f"largest error of the {label}, rad", [theirs, ours], run(left.replace(*_FINEST), quantities(NAME)))
+
+
+def _errors(label: str, ends: list[Outcome], fine: Outcome) -> Row:
+    errors = [gap("attitude", end.values["attitude"], fine.values["attitude"]) for end in ends]
+    return row(label, *errors, ".1e")
+
+
+def _changed(code: str, changes: tuple[tuple[str, str], ...]) -> str:
+    for old, new in changes:
+        assert old in code, old
+        code = code.replace(old, new)
+    return code

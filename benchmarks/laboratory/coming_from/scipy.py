@@ -1,0 +1,62 @@
+"""The rows of docs/coming-from/scipy.md."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from . import columns, quantities, tables
+from .alone import run
+from .compare import Row, agree, as_they_stand, both, gap, row
+
+NAME, TITLE, NEEDS = "scipy", "SciPy", ("scipy",)
+WITHIN = 1e-6  # radians
+
+_FINE = 2  # steps of the reference for one of the page
+# What the long run asks besides: the largest change of the energy, and of the length of the quaternion.
+_LEFT = """
+p, q, r, x, y, z, w = run.y
+tip = w * w + z * z - x * x - y * y
+energy = (A * p * p + B * q * q + C * r * r) / 2 + weight * tip / (run.y[3:] ** 2).sum(0)
+"""
+_RIGHT = """
+energy = ml.energy(body, torque, path)
+"""
+
+
+def rows() -> Iterator[Row]:
+    left, right = columns(NAME)
+    yield from as_they_stand(NAME)
+    fine = run(
+        right.replace("dt=0.1, steps=200", f"dt={0.1 / _FINE}, steps={200 * _FINE}, save_every={_FINE}"),
+        quantities(NAME),
+    )
+    finest = run(left.replace("1e-9", "3e-14"), quantities(NAME))
+    agree(NAME, finest, fine, within=1e-10)
+    errors = [
+        gap("attitude", run(code, quantities(NAME)).values["attitude"], fine.values["attitude"])
+        for code in (left, right)
+    ]
+    yield row("largest error of the attitude, rad", *errors, ".1e")
+    yield from _a_thousand()
+    yield from _long()
+
+
+def _a_thousand() -> Iterator[Row]:
+    one, many = tables(NAME)
+    left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
+    theirs, ours = both(NAME, 3, (left, right))
+    yield row("a thousand bodies", theirs.later, ours.later)
+    fine = run(right.replace("dt=0.4, steps=50", f"dt={0.4 / 8}, steps={50 * 8}"), quantities(NAME))
+    errors = [gap("attitude", found.values["attitude"], fine.values["attitude"]) for found in (theirs, ours)]
+    yield row("largest error of the thousand, rad", *errors, ".1e")
+
+
+def _long() -> Iterator[Row]:
+    left, right = columns(NAME)
+    left = left.replace("20.0", "2000.0") + _LEFT
+    right = right.replace("steps=200", "steps=20000, save_every=100") + _RIGHT
+    found = [run(code, ("attitude", "energy")).values for code in (left, right)]
+    changes = [float(np.max(np.abs(values["energy"] - values["energy"][0]))) for values in found]
+    yield row("change of the energy in 2000 s, of m g l = 2", *changes, ".1e")
+    lengths = [float(np.max(np.abs(np.linalg.norm(values["attitude"], axis=-1) - 1))) for values in found]
+    yield row("change of the quaternion's length in 2000 s", *lengths, ".1e")
