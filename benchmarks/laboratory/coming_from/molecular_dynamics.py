@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from . import columns, tables
 from .alone import Outcome, run
-from .compare import agree, gap, row
+from .compare import Row, agree, gap, row
 
 TITLE = "jax-md or LAMMPS"
 PROGRAMS = ("jax-md", "LAMMPS")  # the left columns
@@ -49,7 +49,7 @@ def programs() -> list[tuple[str, str]]:
     return [(left, right), (lammps, _start(right) + later)]
 
 
-def rows() -> Iterator[tuple[str, str, str, str]]:
+def rows() -> Iterator[Row]:
     pairs = programs()
     exact = run(pairs[0][1].replace("JACOBI[EA]", "GBS12"), QUANTITIES)
     for program, (left, right) in zip(PROGRAMS, pairs, strict=True):
