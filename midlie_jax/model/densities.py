@@ -46,6 +46,13 @@ class OrbitalDistance(eqx.Module):
 
     Raises:
         ValueError: the reference or `longest` is not positive and finite.
+
+    Examples:
+        >>> orbit = ml.orbits.KeplerOrbit(position=[1.0, 0.0, 0.0], velocity=[0.0, 1.3, 0.0], mu=1.0)
+        >>> density = ml.densities.OrbitalDistance(orbit, reference=1.0)  # for ml.integrate_adaptive
+        >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(density(0.0, state)), 4), round(float(density(10.0, state)), 4)  # steps are longer far out
+        (1.0, 0.1037)
     """
 
     orbit: Callable[[Any], Array]
@@ -81,6 +88,14 @@ class TorqueSize(eqx.Module):
 
     Raises:
         ValueError: the reference or the floor is not positive and finite.
+
+    Examples:
+        >>> torque = ml.torques.HeavyTop(2.0)
+        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)  # for ml.integrate_adaptive
+        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))
+        >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])  # without a torque
+        >>> round(float(density(0.0, lying)), 4), round(float(density(0.0, upright)), 4)
+        (1.0006, 0.2236)
     """
 
     torque: TorqueLike
@@ -110,6 +125,12 @@ class Spin(eqx.Module):
 
     Raises:
         ValueError: the moments do not have three entries, or the reference or the floor is not positive and finite.
+
+    Examples:
+        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)  # for ml.integrate_adaptive
+        >>> fast = ml.RigidState([0.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(density(0.0, fast)), 3)  # steps five times as short as at the reference
+        5.001
     """
 
     moments: Float[Array, "*batch 3"]

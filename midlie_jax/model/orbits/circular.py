@@ -26,6 +26,13 @@ class CircularOrbit(Orbit):
 
     Raises:
         ValueError: position or direction not of shape (..., 3) or not finite.
+
+    Examples:
+        >>> orbit = ml.orbits.CircularOrbit(position=[7000.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=3.986e5)  # km, s
+        >>> round(2 * np.pi / float(orbit.rate) / 60, 2)  # minutes for a turn
+        97.14
+        >>> orbit(jnp.array([0.0, 60.0, 120.0])).shape
+        (3, 3)
     """
 
     position: Float[Array, "*batch 3"]

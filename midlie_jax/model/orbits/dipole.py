@@ -30,6 +30,13 @@ class DipoleField(eqx.Module):
 
     Raises:
         ValueError: moment not of shape (..., 3), or moment, constant or turning not finite.
+
+    Examples:
+        >>> orbit = ml.orbits.CircularOrbit(position=[7e6, 0.0, 0.0], direction=[0.0, 0.0, 1.0], mu=3.986e14)  # m, s
+        >>> field = ml.orbits.DipoleField(orbit, moment=[0.0, 0.0, -7.7e22])  # of the Earth, without the tilt
+        >>> round(1e6 * float(field(0.0)[2]), 3)  # microtesla to the north, above the equator
+        22.449
+        >>> torque = ml.torques.DipoleInField(moment=[0.0, 0.0, 0.1], field=field)  # on a magnet of 0.1 A m^2
     """
 
     orbit: Callable[[Any], Array]
