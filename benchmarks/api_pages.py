@@ -2,7 +2,7 @@
 
     python benchmarks/api_pages.py
 
-On the pages, `<!-- api: midlie_jax.torques -->` and `<!-- /api -->` enclose what this writes; `docs/hooks.py` replaces
+Names of the package become links to their entries (`docs/cross_links.py`). On the pages, `<!-- api: midlie_jax.torques -->` and `<!-- /api -->` enclose what this writes; `docs/hooks.py` replaces
 it on the site by all that the docstrings say. `tests/test_api_pages.py` asks that the pages are as this writes them.
 """
 
@@ -19,6 +19,7 @@ from typing import Any
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 sys.path[:0] = [str(DOCS), str(DOCS.parent)]  # these sources, whatever is installed
 
+import cross_links  # noqa: E402
 import hooks  # noqa: E402
 
 _WIDTH = 110
@@ -42,9 +43,13 @@ def _entry(name: str) -> str:
     own = name.rpartition(".")[2]
     # "py" and not "python": the tests run what is marked as "python".
     code = "\n".join(map(str, value)) if isinstance(value, EnumType) else own + signature(value)
-    parts = [f"### {own}", f"```py\n{code}\n```", _first_sentence(value), *_examples(value)]
+    sentence = cross_links.linked(_first_sentence(value), name)
+    text = " ".join(filter(None, (sentence, cross_links.explained(name))))
+    parts = [f"### {own}", f"```py\n{code}\n```", text, *_examples(value)]
     if inspect.isclass(value):
-        methods = [f"- `.{text}` {_first_sentence(method)}" for text, method in _methods(value)]
+        methods = [
+            f"- `.{text}` {cross_links.linked(_first_sentence(method), name)}" for text, method in _methods(value)
+        ]
         parts += ["\n".join(methods)] if methods else []
     return "\n\n".join(parts)
 

@@ -50,6 +50,13 @@ class Recommendation(NamedTuple):
             And that a `DirectionState` takes less time, if the method is a Runge-Kutta method and the torque reads one
             direction of space alone. "" otherwise.
         tried: all runs.
+
+    Examples:
+        >>> body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0])
+        >>> found = ml.recommend(body, None, start, tolerance=1e-3, duration=10.0)
+        >>> path = ml.integrate(found.method, body, None, start, dt=found.dt, steps=found.steps)
+        >>> bool(path.ok)
+        True
     """
 
     method: str
@@ -99,6 +106,12 @@ def recommend(
     Raises:
         ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
             no candidate reached the tolerance (the message names a torque that is stiff or not finite).
+
+    Examples:
+        >>> body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0])
+        >>> found = ml.recommend(body, None, start, tolerance=1e-3, duration=10.0)
+        >>> found.method, found.error <= 1e-3  # of a free body the flight alone, which is exact
+        ('JACOBI[EA]', True)
     """
     if getattr(start, "several", False):
         raise ValueError(

@@ -27,6 +27,13 @@ class Rounding(NamedTuple):
         rigid: whether the run has a `RigidState`, the kind that a `CompensatedState` can replace.
         changes: the changes of the momentum per step by flight and torque, relative to its size, (2, bodies).
         variations: how much these changes vary from step to step, likewise.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> found = ml.check("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> found.rounding.error(10**6) < 1e-9, found.rounding.loses(10**6)
+        (True, False)
     """
 
     eps: float

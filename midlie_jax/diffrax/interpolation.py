@@ -35,6 +35,16 @@ class LieInterpolation(Dense):
         y0, y1: states at t0 and t1.
         velocity0, velocity1, torque0, torque1: velocities and torques at t0 and t1, as in `Rates`.
         h: the signed step, which is t0 - t1 if time runs backwards.
+
+    Examples:
+        >>> import diffrax
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> saved = diffrax.SaveAt(ts=jnp.array([0.123, 0.456]))  # between steps of 0.01
+        >>> term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("JACOBI[EA]")
+        >>> solution = diffrax.diffeqsolve(term, solver, 0.0, 1.0, 0.01, start, saveat=saved)
+        >>> jnp.linalg.norm(solution.ys.attitude, axis=-1).round(12)  # unit quaternions
+        Array([1., 1.], dtype=float64)
     """
 
     t0: Any

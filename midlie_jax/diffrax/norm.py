@@ -27,6 +27,11 @@ class RotationNorm(eqx.Module):
         angle: the unit of attitude error, in radians.
         linear: the unit of the error of the linear momentum.
         position: the unit of position error.
+
+    Examples:
+        >>> import diffrax
+        >>> norm = ml.RotationNorm(momentum=50.0)  # a momentum error of 50 counts as much as one radian
+        >>> controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=norm)
     """
 
     momentum: float | Array = 1.0

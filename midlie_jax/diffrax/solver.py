@@ -94,6 +94,17 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     Raises:
         ValueError: the method or `dense` is unknown; or, from `diffeqsolve`, the term, state, batch or dtype does not
             fit.
+
+    Examples:
+        >>> import diffrax
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("JACOBI[EA]")
+        >>> steps = diffrax.StepTo(ts=0.01 * jnp.arange(101.0))  # with dt0=None: steps of one size
+        >>> run = {"stepsize_controller": steps, "saveat": diffrax.SaveAt(steps=True), "max_steps": 100}
+        >>> solution = diffrax.diffeqsolve(term, solver, 0.0, 1.0, None, start, **run)
+        >>> solution.ys.attitude.shape
+        (100, 4)
     """
 
     method: Method

@@ -36,6 +36,15 @@ class Rates(NamedTuple):
         velocity: body-frame angular velocity (3,); for particles the velocity; for a body that travels, both. It always
             has the form of the momentum.
         torque: body-frame torque (3,), and likewise.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> rates = ml.RigidBodyTerm(body, torque).vf(0.0, start, None)
+        >>> rates.velocity, rates.torque[0].round(4)  # as LieSolver uses them
+        (Array([ 0.,  0., 50.], dtype=float64), Array(5.9104, dtype=float64))
+        >>> type(rates.ambient).__name__  # as other solvers do: the derivative of each array
+        'RigidState'
     """
 
     ambient: Any
@@ -55,6 +64,14 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 
     Raises:
         ValueError: both `torque` and `torque_of_args` are given, one of them is not callable, or `body` is not a body.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> term = ml.RigidBodyTerm(body, torque)
+        >>> term.vf(0.0, start, None).velocity  # the angular velocity
+        Array([ 0.,  0., 50.], dtype=float64)
+        >>> fitted = ml.RigidBodyTerm(body, torque_of_args=lambda args: ml.torques.HeavyTop(args["weight"]))
     """
 
     body: Body

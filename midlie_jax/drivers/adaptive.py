@@ -157,6 +157,14 @@ def integrate_adaptive(
     Raises:
         ValueError: an argument is invalid, or the method is not symmetric; the message names the argument and the cure.
             It is raised before anything is traced.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> density = ml.densities.Spin([5.0, 5.0, 1.0], reference=50.0, floor=1.0)
+        >>> path = ml.integrate_adaptive("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
+        >>> path.times.shape, bool(path.ok)
+        ((101,), True)
     """
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps)

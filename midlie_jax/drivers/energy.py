@@ -45,6 +45,12 @@ def energy(
     Raises:
         ValueError: the torque has no potential; the potential depends on time and `t` is missing; `t` is given with a
             path; the body does not match the state, or there are not as many bodies, or rows of the torque, as states.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> ml.energy(body, torque, start).round(4)  # 50^2 / 2 + 20 cos 0.3
+        Array(1269.1067, dtype=float64)
     """
     path = None if isinstance(motion, State) else motion
     state = getattr(path, "states", None) if path is not None else motion

@@ -114,6 +114,14 @@ def ensemble(
 
     Raises:
         ValueError: as for `integrate`, or the leading axes differ; the message names the argument and the cure.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> ends = ml.ensemble("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> ends.states.attitude.shape, bool(ends.ok.all())
+        ((4, 4), True)
     """
     steps = as_count("steps", steps)
     chunk = chunk if chunk is None else as_count("chunk", chunk)

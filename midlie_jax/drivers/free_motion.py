@@ -59,6 +59,13 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
             traced.
+
+    Examples:
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])  # about the middle axis, which is unstable
+        >>> path = ml.free_motion(body, start, [0.0, 1.0, 10.0, 1e6])
+        >>> path.states.attitude.shape, bool(path.ok)
+        ((4, 4), True)
     """
     mover = "SYMMETRIC[EA]" if isinstance(getattr(body, "turning", body), Rotor) else "JACOBI[EA]"
     check_system(as_method(mover), body, None, start)

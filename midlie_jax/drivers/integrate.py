@@ -111,6 +111,15 @@ def integrate(
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure. Raised before anything is
             traced.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> path.states.attitude.shape
+        (101, 4)
+        >>> bool(path.ok), bool(jnp.ptp(ml.energy(body, torque, path)) < 1e-3)
+        (True, True)
     """
     steps, observe = as_count("steps", steps), as_observe_of_one(observe)
     save_every = as_saving(save_every, steps)

@@ -30,6 +30,15 @@ class Path(NamedTuple, TypedBy[States]):
             `save_every` 1 it is step number `first_bad` of the run, counted from 1.
         result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
             sentence with the cure. None in a path that no driver made.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> path.times[:3].round(4), path.states.momentum.shape
+        (Array([0.  , 0.01, 0.02], dtype=float64), (101, 3))
+        >>> bool(path.ok), int(path.first_bad)
+        (True, 101)
     """
 
     times: Float[Array, "*n"]
@@ -55,6 +64,14 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
         rho: (n,), near the density at these times: the next step is about dt / rho. To continue a run from a saved
             state, or to run back from it, pass its entry as `rho`.
         taken: number of steps taken, (); fewer than `steps` if the run reached t1 or failed before.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> density = ml.densities.Spin([5.0, 5.0, 1.0], reference=50.0, floor=1.0)
+        >>> path = ml.integrate_adaptive("JACOBI[EA]", body, torque, start, density=density, dt=0.01, steps=100)
+        >>> path.rho.shape, int(path.taken)  # steps of about 0.01 / rho
+        ((101,), 100)
     """
 
     times: Float[Array, "*n"]

@@ -10,7 +10,18 @@ from ..methods.verdict import BEYOND, FINE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVE
 
 
 class RESULTS(eqx.Enumeration):
-    """The outcome of a run; compare as in `path.result == midlie_jax.RESULTS.successful`. Prints as a sentence."""
+    """The outcome of a run; compare as in `path.result == midlie_jax.RESULTS.successful`. Prints as a sentence.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> bool(path.result == ml.RESULTS.successful)
+        True
+        >>> failed = ml.integrate("JACOBI[EA]", body, torque, start, dt=10.0, steps=100)
+        >>> bool(failed.result == ml.RESULTS.beyond_reach)  # the step is too long
+        True
+    """
 
     successful = ""
     not_solved = (

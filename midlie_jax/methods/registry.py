@@ -142,6 +142,13 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
         ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes
             without a scheme, an argument is neither a name nor a midlie_jax Flight or Scheme, or a flight from
             outside has the name of one of this package.
+
+    Examples:
+        >>> method = ml.method("JACOBI[SRKN6b]")
+        >>> method.name, method.order
+        ('JACOBI[SRKN6b]', 4)
+        >>> ml.method(ml.flights.Jacobi(), ml.schemes.SRKN6B) == method
+        True
     """
     for what, value, kinds in (("name", name, (str, Flight)), ("scheme", scheme, (str, Scheme, type(None)))):
         if not isinstance(value, kinds):
@@ -176,6 +183,12 @@ def methods() -> Listing:
     """The names of the methods, best first; the list prints as a table of when to use each method.
 
     Any FLIGHT[SCHEME] of `midlie_jax.flights()` and `midlie_jax.schemes()` is a method, too.
+
+    Examples:
+        >>> ml.methods()[:3]
+        ['JACOBI[EA]', 'JACOBI[SRKN6b]', 'JACOBI[SRKN14a]']
+        >>> ml.method("NEARSYM[SU8]").order  # any FLIGHT[SCHEME] is a method, too
+        8
     """
     note = "Any FLIGHT[SCHEME] of midlie_jax.flights() and midlie_jax.schemes() is a method, too."
     return Listing({name: entry.use for name, entry in ENTRIES.items()}, note)

@@ -49,6 +49,12 @@ class Body(eqx.Module):
     A kind of your own defines `inertia`, and overrides the other methods where it differs; docs/extending.md shows one.
     Its momentum and velocity have the form of the momentum of its state: arrays outside the steps, components within
     the steps (`State.parts`).
+
+    Examples:
+        >>> [isinstance(body, ml.Body) for body in (ml.RigidBody([5.0, 5.0, 1.0]), ml.Rotor(5.0), ml.Particles(1.0))]
+        [True, True, True]
+        >>> ml.RigidBody(jnp.ones((1000, 3))).batch
+        (1000,)
     """
 
     @abstractmethod
@@ -200,6 +206,13 @@ class TensorBody(Body):
     Raises:
         ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are not valid for a
             `RigidBody`.
+
+    Examples:
+        >>> body = ml.TensorBody([[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]])
+        >>> body.principal.moments.round(4)
+        Array([1.7929, 3.2071, 4.    ], dtype=float64)
+        >>> body.momentum(jnp.array([1.0, 0.0, 1.0])).round(6)  # of an angular velocity, both in your frame
+        Array([3. , 0.5, 4. ], dtype=float64)
     """
 
     principal: RigidBody
@@ -274,6 +287,12 @@ class Particles(Body):
         ValueError: the mass has another shape, is not positive, or is not symmetric positive definite. When a run
             starts, or from `velocity` and `momentum`: the shapes of mass and positions do not fit, or are (n,) and
             (n, n), which has two readings.
+
+    Examples:
+        >>> three = ml.Particles([[1.0], [2.0], [3.0]])  # a mass for each
+        >>> start = ml.ParticleState(momentum=jnp.ones((3, 3)), position=jnp.zeros((3, 3)))
+        >>> three.velocity(start.momentum)[:, 0].round(4)
+        Array([1.    , 0.5   , 0.3333], dtype=float64)
     """
 
     mass: Float[Array, ""] | Float[Array, " n"] | Float[Array, "n 1"] | Float[Array, "1 n"] | Float[Array, "n n"]

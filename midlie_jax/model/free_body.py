@@ -65,6 +65,13 @@ class FreeBody(Body):
 
     Raises:
         ValueError: `body` is of another kind, the mass is not positive, or its shape is not that of the batch.
+
+    Examples:
+        >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> ml.velocity(brick, thrown)
+        Array([4., 0., 3.], dtype=float64)
     """
 
     body: RigidBody | TensorBody | Rotor

@@ -38,6 +38,10 @@ def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
 
     Raises:
         ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n.
+
+    Examples:
+        >>> ml.kinetic_energy(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
+        Array(1260., dtype=float64)
     """
     products = jax.tree.map(jnp.multiply, _momentum(state), _velocity(body, state))
     axes = tuple(range(-state.own_axes, 0)) if state.own_axes else None
@@ -121,6 +125,10 @@ def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
     Raises:
         ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n; or the
             body is a `Rotor`, whose spin is not known.
+
+    Examples:
+        >>> ml.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
+        Array([ 2.,  0., 50.], dtype=float64)
     """
     if isinstance(principal_of(body).turning, Rotor):
         raise ValueError("the spin of a Rotor about its axis is not known, and so is its angular velocity.")
@@ -137,6 +145,11 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
 
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
+
+    Examples:
+        >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> ml.spatial_angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), start).round(4)
+        Array([  2.    , -14.776 ,  47.7668], dtype=float64)
     """
     velocity = _velocity(body, state)
     if isinstance(velocity, Momenta):
@@ -157,6 +170,11 @@ def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
 
     Raises:
         ValueError: the state has neither.
+
+    Examples:
+        >>> start = ml.RigidState([10.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> ml.spatial_momentum(start).round(4)
+        Array([ 10.    , -14.776 ,  47.7668], dtype=float64)
     """
     return state.spatial_momentum()
 
@@ -169,6 +187,12 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
 
     Raises:
         ValueError: the state does not travel.
+
+    Examples:
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> ml.linear_momentum(thrown)
+        Array([12.,  0.,  9.], dtype=float64)
     """
     linear = _travelling(state).linear
     return jnp.sum(linear, axis=-2) if state.several else linear
@@ -183,6 +207,13 @@ def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
 
     Raises:
         ValueError: the state does not travel, or does not belong to the body.
+
+    Examples:
+        >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> thrown = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> ml.velocity(brick, thrown)
+        Array([4., 0., 3.], dtype=float64)
     """
     _travelling(state)
     return _velocity(body, state).linear

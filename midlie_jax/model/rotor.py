@@ -53,6 +53,13 @@ class Rotor(Body):
     Raises:
         ValueError: the moment is not positive, or out of range; or `along` is negative, larger than 2 I1, or of another
             shape.
+
+    Examples:
+        >>> top = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> start = ml.AxisState.of(top)
+        >>> path = ml.integrate("SYMMETRIC[EA]", ml.Rotor(5.0), ml.torques.HeavyTop(20.0), start, dt=0.01, steps=100)
+        >>> path.states.axis.shape
+        (101, 3)
     """
 
     moment: Float[Array, "*batch"]

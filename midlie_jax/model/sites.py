@@ -45,6 +45,13 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
         ValueError: wrong shapes or dtypes, a negative mass, no mass, masses in one place, or masses on a line with
             another site off it. If the points are traced by jit or grad, these are not checked, and the body is no
             `Rotor`.
+
+    Examples:
+        >>> water, points = ml.from_points([16.0, 1.0, 1.0], [[0.0, 0.0, 0.0], [0.08, 0.06, 0.0], [-0.08, 0.06, 0.0]])
+        >>> water.mass, points.shape
+        (Array(18., dtype=float64), (3, 3))
+        >>> water.body.moments.round(6)
+        Array([0.0064, 0.0128, 0.0192], dtype=float64)
     """
     masses, places = as_floats("masses", masses), as_floats("places", places)
     _check_points(masses, places)
@@ -113,6 +120,12 @@ def sites(state: AnyState, points: Any) -> Float[Array, "*batch points 3"]:
 
     Raises:
         ValueError: wrong shapes or dtypes, a state without attitude and axis, or points off the axis that it holds.
+
+    Examples:
+        >>> turned = ml.RigidState([0.0, 0.0, 1.0], ml.so3.exp(jnp.array([0.0, 0.0, np.pi / 2])))
+        >>> ml.sites(turned, [[1.0, 1.0, 0.5], [2.0, 1.0, 0.5]]).round(6)  # a quarter turn about z
+        Array([[-1. ,  1. ,  0.5],
+               [-1. ,  2. ,  0.5]], dtype=float64)
     """
     position = getattr(state, "position", None)
     arms, _ = _arms(state, points)
@@ -134,6 +147,12 @@ def wrench_on_sites(state: AnyState, points: Any, forces: Any) -> Wrench:
 
     Raises:
         ValueError: as for `sites`, or forces of another shape or dtype.
+
+    Examples:
+        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [5.0, 0.0, 0.0])
+        >>> pull = ml.wrench_on_sites(state, [[0.0, 0.0, 0.5]], forces=[[2.0, 0.0, 0.0]])
+        >>> pull.torque, pull.force
+        (Array([0., 1., 0.], dtype=float64), Array([2., 0., 0.], dtype=float64))
     """
     arms, columns = _arms(state, points)
     shape = (*state.momentum.shape[:-1], len(arms), 3)

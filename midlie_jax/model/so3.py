@@ -76,7 +76,12 @@ def exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """The rotation vector (..., 3) of a unit quaternion, of length at most pi radians; the same for q and -q."""
+    """The rotation vector (..., 3) of a unit quaternion, of length at most pi radians; the same for q and -q.
+
+    Examples:
+        >>> ml.so3.log(jnp.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0])).round(6)  # by 0.3 rad about x
+        Array([0.3, 0. , 0. ], dtype=float64)
+    """
     w, *rest = cp.quaternion(quaternion)
     u = (rest[0], rest[1], rest[2])
     sign = jnp.where(w < 0, -jnp.ones_like(w), jnp.ones_like(w))
@@ -93,22 +98,47 @@ def log(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def multiply(left: Float[Array, "*#batch 4"], right: Float[Array, "*#batch 4"]) -> Float[Array, "*#batch 4"]:
-    """The rotation `right` followed by `left` (as matrices, left @ right)."""
+    """The rotation `right` followed by `left` (as matrices, left @ right).
+
+    Examples:
+        >>> about_z, about_x = ml.so3.exp(jnp.array([0.0, 0.0, 1.0])), ml.so3.exp(jnp.array([0.2, 0.0, 0.0]))
+        >>> both = ml.so3.multiply(about_z, about_x)  # first about x, then about z
+        >>> bool(jnp.allclose(ml.so3.to_matrix(both), ml.so3.to_matrix(about_z) @ ml.so3.to_matrix(about_x)))
+        True
+    """
     return cp.pack(cp.multiply(cp.quaternion(left), cp.quaternion(right)))
 
 
 def conjugate(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """The inverse of a unit quaternion."""
+    """The inverse of a unit quaternion.
+
+    Examples:
+        >>> attitude = ml.so3.exp(jnp.array([0.3, 0.2, 0.1]))
+        >>> ml.so3.multiply(ml.so3.conjugate(attitude), attitude)[0].round(6)
+        Array(1., dtype=float64)
+    """
     return cp.pack(cp.conjugate(cp.quaternion(quaternion)))
 
 
 def rotate(quaternion: Float[Array, "*#batch 4"], vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-    """The rotated vector. For an attitude: the space components of a vector given in body components."""
+    """The rotated vector. For an attitude: the space components of a vector given in body components.
+
+    Examples:
+        >>> quarter = ml.so3.exp(jnp.array([0.0, 0.0, np.pi / 2]))  # about z
+        >>> ml.so3.rotate(quarter, jnp.array([1.0, 1.0, 0.5])).round(6)
+        Array([-1. ,  1. ,  0.5], dtype=float64)
+    """
     return cp.pack(cp.rotate(cp.quaternion(quaternion), cp.vector(vector)))
 
 
 def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """The rotation matrix (..., 3, 3) of a unit quaternion."""
+    """The rotation matrix (..., 3, 3) of a unit quaternion.
+
+    Examples:
+        >>> quarter = ml.so3.exp(jnp.array([0.0, 0.0, np.pi / 2]))
+        >>> ml.so3.to_matrix(jnp.tile(quarter, (100, 1))).shape
+        (100, 3, 3)
+    """
     w, x, y, z = cp.quaternion(quaternion)
     rows = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -122,6 +152,11 @@ def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """The unit quaternion, w >= 0, of a rotation matrix.
 
     Computed by the best conditioned of Shepperd's four formulas (S. W. Shepperd, J. Guid. Control 1 (1978) 223).
+
+    Examples:
+        >>> quarter = jnp.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # about x
+        >>> ml.so3.from_matrix(quarter).round(4)
+        Array([0.7071, 0.7071, 0.    , 0.    ], dtype=float64)
     """
     (a, b, c), (d, e, f), (g, h, i) = (cp.vector(matrix[..., row, :]) for row in range(3))
     # Row k is 4 q_k q, so its entry k is 4 q_k^2. The largest of these four entries is at least 1.
@@ -147,6 +182,11 @@ def slerp(
     """The rotation between two unit quaternions, at constant angular velocity along the shorter way.
 
     `share` is the fraction of the way: 0 gives `start`, 1 gives `end` (or its negative, the same rotation).
+
+    Examples:
+        >>> start, end = ml.so3.exp(jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+        >>> ml.so3.log(ml.so3.slerp(start, end, 0.25)).round(6)  # a quarter of the way
+        Array([0.  , 0.  , 0.25], dtype=float64)
     """
     x, y, z = cp.vector(log(multiply(conjugate(start), end)))
     share = jnp.asarray(share, x.dtype)
@@ -154,12 +194,22 @@ def slerp(
 
 
 def from_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """The quaternion (w, x, y, z), scalar first, from (x, y, z, w), the order of SciPy and ROS."""
+    """The quaternion (w, x, y, z), scalar first, from (x, y, z, w), the order of SciPy and ROS.
+
+    Examples:
+        >>> ml.so3.from_xyzw(jnp.array([0.1, 0.2, 0.3, 0.9]))
+        Array([0.9, 0.1, 0.2, 0.3], dtype=float64)
+    """
     return jnp.roll(quaternion, 1, axis=-1)
 
 
 def to_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """The quaternion (x, y, z, w) from (w, x, y, z): the inverse of `from_xyzw`."""
+    """The quaternion (x, y, z, w) from (w, x, y, z): the inverse of `from_xyzw`.
+
+    Examples:
+        >>> ml.so3.to_xyzw(jnp.array([0.9, 0.1, 0.2, 0.3]))
+        Array([0.1, 0.2, 0.3, 0.9], dtype=float64)
+    """
     return jnp.roll(quaternion, -1, axis=-1)
 
 
@@ -170,6 +220,11 @@ def to_scipy(quaternion: Float[Array, "*batch 4"]) -> Any:
 
     Raises:
         ImportError: SciPy is not installed.
+
+    Examples:
+        >>> attitude = ml.so3.exp(jnp.array([0.0, 0.0, 0.3]))
+        >>> ml.so3.to_scipy(attitude).as_euler("ZYX").round(6)  # yaw, pitch and roll
+        array([0.3, 0. , 0. ])
     """
     from scipy.spatial.transform import Rotation
 
@@ -181,6 +236,10 @@ def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> 
 
     For v = vector and matrices, d/dt exp(v) = skew(dexp(v, v')) exp(v). The angular velocity in the body frame is
     dexp(-v, v'). Hairer, Lubich & Wanner, Geometric Numerical Integration, III.4.
+
+    Examples:
+        >>> ml.so3.dexp(jnp.array([0.0, 0.0, 0.5]), jnp.array([0.0, 0.0, 2.0]))  # about one axis it is the rate itself
+        Array([0., 0., 2.], dtype=float64)
     """
     v, r = cp.vector(vector), cp.vector(rate)
     x = cp.dot(v, v)
@@ -190,7 +249,13 @@ def dexp(vector: Float[Array, "*#batch 3"], rate: Float[Array, "*#batch 3"]) -> 
 
 
 def dexp_inverse(vector: Float[Array, "*#batch 3"], velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-    """The inverse of `dexp` in its second argument; singular at |vector| = 2 pi."""
+    """The inverse of `dexp` in its second argument; singular at |vector| = 2 pi.
+
+    Examples:
+        >>> vector, rate = jnp.array([0.1, 0.2, 0.5]), jnp.array([1.0, 0.0, 2.0])
+        >>> ml.so3.dexp_inverse(vector, ml.so3.dexp(vector, rate)).round(6)
+        Array([1., 0., 2.], dtype=float64)
+    """
     v, r = cp.vector(vector), cp.vector(velocity)
     first = cp.cross(v, r)
     second = cp.cross(v, first)

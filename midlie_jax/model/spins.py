@@ -33,6 +33,15 @@ class Spins(Body):
 
     Raises:
         ValueError: a damping that is negative or not finite, or sublattices that are not whole numbers from 0 on.
+
+    Examples:
+        >>> spins, field = ml.Spins(damping=0.1), ml.torques.AppliedField([0.0, 0.0, 1.0])
+        >>> chain = ml.SpinState(jnp.tile(jnp.array([1.0, 0.0, 0.0]), (8, 1)))
+        >>> path = ml.integrate("SUBLATTICES[EA]", spins, field, chain, dt=0.1, steps=100)
+        >>> path.states.spin.shape
+        (101, 8, 3)
+        >>> path.states.spin[-1, 0, 2].round(4)  # tanh(10 alpha / (1 + alpha^2))
+        Array(0.7574, dtype=float64)
     """
 
     damping: Float[Array, "*#lattice"] | None
@@ -103,5 +112,11 @@ def _labels(sublattices: Any) -> tuple[Array, int]:
 
 
 def checkerboard(shape: tuple[int, ...]) -> np.ndarray:
-    """The number 0 or 1 of each place of a lattice: the parity of the sum of its indices."""
+    """The number 0 or 1 of each place of a lattice: the parity of the sum of its indices.
+
+    Examples:
+        >>> ml.checkerboard((2, 4)).tolist()
+        [[0, 1, 0, 1], [1, 0, 1, 0]]
+        >>> spins = ml.Spins(sublattices=ml.checkerboard((64, 64)))  # as SUBLATTICES[...] takes them by default
+    """
     return np.indices(shape).sum(axis=0) % 2 if shape else np.zeros((), int)

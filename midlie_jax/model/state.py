@@ -53,6 +53,12 @@ class State(eqx.Module, Generic[P, Q]):
         apart: whether a torque is evaluated on arrays, compiled apart from the step.
         rotation: for a state that also travels, the kind of state of its rotation alone. Its momentum, pose and inertia
             are then a `Momenta`, a `Place` and a `FreeInertia` (`model/free_body.py`).
+
+    Examples:
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], [1.0, 0.0, 0.0, 0.0])
+        >>> moved = start.plus(jnp.array([0.0, 0.0, 1.0, 0.1, 0.0, 0.0]))  # momentum, then a turn of 0.1 rad about e1
+        >>> moved.minus(start).round(6)
+        Array([0. , 0. , 1. , 0.1, 0. , 0. ], dtype=float64)
     """
 
     momentum: eqx.AbstractVar[Array]

@@ -23,6 +23,16 @@ class StraightRod(NamedTuple):
         body: the bodies, from the first end to the other.
         torque: the elastic forces between them.
         start: all at rest.
+
+    Examples:
+        >>> rod = ml.straight_rod(
+        ...     10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0],
+        ...     length=1.0, radius=0.05, density=1000.0, youngs_modulus=1e6,
+        ... )
+        >>> rod.start.position.shape  # eleven bodies, also of rod.body and rod.torque
+        (11, 3)
+        >>> round(float(rod.body.mass.sum()), 4)  # pi 0.05^2 1000
+        7.854
     """
 
     body: FreeBody
@@ -71,6 +81,15 @@ def straight_rod(
     Raises:
         ValueError: `elements` is not a positive int; a size or modulus is not positive;
             direction and normal are no unit vectors at right angles.
+
+    Examples:
+        >>> rod = ml.straight_rod(
+        ...     10, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0],
+        ...     length=1.0, radius=0.05, density=1000.0, youngs_modulus=1e6, clamped=True,
+        ... )
+        >>> body, torque, start = rod  # for integrate
+        >>> start.position.shape, start.position[-1]
+        ((10, 3), Array([0., 0., 1.], dtype=float64))
     """
     count = as_count("elements", elements)
     modulus = as_floats("youngs_modulus", youngs_modulus)

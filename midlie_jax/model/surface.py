@@ -47,6 +47,14 @@ class Surface(eqx.Module):
     Raises:
         ValueError: wrong shapes, numbers that are not finite, a face without area, a surface that is not closed, not
             oriented alike everywhere, or inside out. That it does not cut itself is not checked.
+
+    Examples:
+        >>> box = ml.Surface.box([0.1, 0.1, 0.3])
+        >>> box.count, round(float(box.volume), 6)
+        (6, 0.003)
+        >>> body, surface = box.principal(density=1000.0)  # moments ascending, and the same box in that frame
+        >>> body.moments.round(6)
+        Array([0.005, 0.025, 0.025], dtype=float64)
     """
 
     areas: Float[Array, " n"]

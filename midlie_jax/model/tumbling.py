@@ -50,6 +50,14 @@ class Tumble(NamedTuple):
         phases: (s, phi) as for `tumbling`, s in (-1/2, 1/2], phi in (-2 pi, 2 pi]; of a state without attitude phi is
             0. A momentum on the negative side of the axis round which it goes is no start of `tumbling`; its s is that
             of the body with two axes reversed.
+
+    Examples:
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> found = ml.tumble(body, ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0]))
+        >>> found.short_axis_period.round(3), found.long_axis_period.round(3)
+        (Array(3.887, dtype=float64), Array(6.227, dtype=float64))
+        >>> found.pole.round(4)
+        Array([0.0797, 0.0398, 0.996 ], dtype=float64)
     """
 
     short_axis: Bool[Array, "*batch"]
@@ -144,6 +152,14 @@ def tumbling(
     Raises:
         ValueError: no motion of the body, or none in this mode, has these periods; both modes have one, and `mode` is
             None; axis or mode is another word; or a number is not positive or not finite, or of a wrong shape.
+
+    Examples:
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> start = ml.tumbling(
+        ...     body, precession_period=3.9, rotation_period=10.0, axis="short", pole=[0.0, 0.0, 1.0], phases=(0.1, 0.0)
+        ... )
+        >>> ml.tumble(body, start).rotation_period.round(4), ml.spatial_momentum(start).round(4)
+        (Array(10., dtype=float64), Array([0.    , 0.    , 2.1594], dtype=float64))
     """
     principal = principal_of(body)
     if not isinstance(principal, RigidBody):
@@ -211,6 +227,12 @@ def tumble(body: Body, state: AnyState) -> Tumble:
 
     Raises:
         ValueError: the state does not belong to the body, or the body is a `Rotor`.
+
+    Examples:
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> found = ml.tumble(body, ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0]))
+        >>> bool(found.short_axis), found.energy_ratio.round(4), found.rotation_period.round(3)
+        (True, Array(1.0099, dtype=float64), Array(10.341, dtype=float64))
     """
     check_state("state", state)
     check_body(body, state)

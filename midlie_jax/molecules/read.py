@@ -26,6 +26,13 @@ class Molecules(NamedTuple):
         start: positions in nm, momenta in amu nm/ps and amu nm^2/ps; at rest if the file has no velocities.
         box: the edges of the box, (3,), nm; zero where it is not periodic.
         symbols: the chemical symbols of the atoms of a molecule.
+
+    Examples:
+        >>> from ase.build import molecule
+        >>> molecule("H2O").write("water.xyz")
+        >>> body, points, start, box, symbols = ml.molecules.read("water.xyz", atoms=3)
+        >>> body.mass, type(start).__name__
+        (Array(18.015, dtype=float64), 'CoupledState')
     """
 
     body: FreeBody
@@ -54,6 +61,13 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
         ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
         ValueError: the number of atoms is no multiple of `atoms`, the box is not rectangular, the molecules differ in
             shape or elements, or the atoms are on a line.
+
+    Examples:
+        >>> from ase.build import molecule
+        >>> molecule("H2O").write("water.xyz")
+        >>> water = ml.molecules.read("water.xyz", atoms=3)
+        >>> water.symbols, water.points.shape, water.start.position.shape
+        (['O', 'H', 'H'], (3, 3), (1, 3))
     """
     try:
         from ase import io, units

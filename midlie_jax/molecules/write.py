@@ -38,6 +38,13 @@ def write_xyz(
     Raises:
         ValueError: the states are not those of coupled bodies that travel, or have more leading axes than the times; a
             number of symbols that is not that of the points.
+
+    Examples:
+        >>> from ase.build import molecule
+        >>> molecule("H2O").write("water.xyz")
+        >>> water = ml.molecules.read("water.xyz", atoms=3)
+        >>> path = ml.integrate("JACOBI[EA]", water.body, None, water.start, dt=0.01, steps=10)
+        >>> ml.molecules.write_xyz("run.xyz", path, points=water.points, symbols=water.symbols)
     """
     states, times = path.states, np.asarray(path.times)
     if not getattr(states, "several", False) or not hasattr(states, "position") or states.position.ndim != 3:

@@ -74,6 +74,13 @@ def animate(
             states are bad; an argument is out of its range.
         ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> ml.plot.animate(body, path, "top.gif", frames=4).name
+        'top.gif'
     """
     target, pixels = picture_file(file, ".gif"), as_count("size", size)
     if not 64 <= pixels <= 2000:

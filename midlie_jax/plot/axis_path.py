@@ -51,6 +51,16 @@ def axis_path(
         ValueError: the path is not of one body with attitudes or axes, or its first two states are bad; the axis is
             neither a name, nor an index, nor a unit vector, or the states do not know it; there are more than six
             coupled bodies.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> figure = Figure()
+        >>> ml.plot.axis_path(figure.add_subplot(projection="3d"), path).shape  # what is drawn
+        (101, 3)
+        >>> figure.savefig("axis.png")
     """
     direction, name = as_axis(axis)
     count = getattr(getattr(path, "states", None), "count", 0)

@@ -25,6 +25,14 @@ class Bands(NamedTuple):
         edges: for each level the lower and the upper quantile, each (n,).
         bodies: the number of bodies of which the quantiles are taken.
         failed: how many bodies were left out because they have a number that is not finite.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> values = np.random.default_rng(0).normal(size=(1000, 50))
+        >>> found = ml.plot.bands(Figure().add_subplot(), np.arange(50.0), values)
+        >>> lower, upper = found.edges[0.9]
+        >>> lower.shape, found.bodies, found.failed
+        ((50,), 1000, 0)
     """
 
     median: np.ndarray
@@ -63,6 +71,13 @@ def bands(
 
     Raises:
         ValueError: the shapes do not fit, the times do not ascend, a level is not between 0 and 1, or no body is left.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> times, values = np.arange(50.0), np.random.default_rng(0).normal(size=(1000, 50))
+        >>> found = ml.plot.bands(Figure().add_subplot(), times, values, levels=(0.5, 0.9), label="noise")
+        >>> found.median.shape
+        (50,)
     """
     t, all_values = _checked(times, values, levels)
     good = all_values[np.isfinite(all_values).all(axis=1)]

@@ -30,6 +30,15 @@ class Conserved(NamedTuple):
         momentum: the relative error of the conserved part of the spatial momentum, (n,); None if there is none.
         linear: the relative error of the linear momentum, (n,); None if it is not conserved, or the body does not
             travel.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> found = ml.plot.conserved(Figure().add_subplot(), body, torque, path)
+        >>> bool(abs(found.energy).max() < 1e-6), bool(abs(found.momentum).max() < 1e-12)
+        (True, True)
     """
 
     times: np.ndarray
@@ -80,6 +89,15 @@ def conserved(
     Raises:
         ValueError: body, torque and path do not fit each other; the path is not of one body, or its first two states
             are bad; neither energy nor a momentum is conserved.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> found = ml.plot.conserved(Figure().add_subplot(), body, torque, path, label="JACOBI[EA]")
+        >>> found.energy.shape
+        (101,)
     """
     motion = motion_of(path, together=True)
     check_body(body, motion.states)

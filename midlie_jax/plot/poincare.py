@@ -34,6 +34,23 @@ class Crossings(NamedTuple, TypedBy[States]):
         times: (k,).
         states: the states there, of the path's class, with a leading axis (k,).
         points: the drawn coordinates, (k, 2).
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.free_motion(body, start, jnp.linspace(0.0, 18.0, 181))
+        >>> def section(t, state):
+        ...     return state.momentum[1]  # zero as the body turns over
+        >>> def x(t, state):
+        ...     return state.momentum[0]
+        >>> def y(t, state):
+        ...     return state.momentum[2]
+        >>> found = ml.plot.poincare(Figure().add_subplot(), path, section, x, y, direction=0)
+        >>> found.times.shape, found.states.attitude.shape
+        ((1,), (1, 4))
+        >>> found.times.round(2)
+        array([14.27])
     """
 
     times: np.ndarray
@@ -81,6 +98,21 @@ def poincare(
     Raises:
         ValueError: the path is not of one body or has too few states; an argument is not a function, or its value is
             not one real number; the direction is not 1, -1 or 0.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.free_motion(body, start, jnp.linspace(0.0, 18.0, 181))
+        >>> def section(t, state):
+        ...     return state.momentum[1]  # zero as the body turns over
+        >>> def x(t, state):
+        ...     return state.momentum[0]
+        >>> def y(t, state):
+        ...     return state.momentum[2]
+        >>> found = ml.plot.poincare(Figure().add_subplot(), path, section, x, y, direction=0)
+        >>> found.points.shape
+        (1, 2)
     """
     for name, function in (("section", section), ("x", x), ("y", y)):
         require_function(name, function, "t, state")

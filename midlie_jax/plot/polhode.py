@@ -55,6 +55,14 @@ def polhode(
         ValueError: the axes are not 3-D; the body is not one rigid body; the path is not of one body, its first two
             states are bad, or they have no momentum in the body frame, such as an `AxisState`; the body does not turn;
             the energy differs from that of the ellipsoid on the axes.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.free_motion(body, start, jnp.linspace(0.0, 18.0, 181))
+        >>> ml.plot.polhode(Figure().add_subplot(projection="3d"), body, path).shape
+        (181, 3)
     """
     if not is_3d(axes):
         raise ValueError('axes must be 3-D: figure.add_subplot(projection="3d").')

@@ -38,6 +38,16 @@ def track(
 
     Raises:
         ValueError: the path is not of one body that travels, or its first two states are bad.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+        >>> weight = ml.torques.UniformGravity([0.0, 0.0, -9.81])
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> start = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> path = ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=100)
+        >>> ml.plot.track(Figure().add_subplot(), path, label="brick").shape
+        (101, 3)
     """
     motion = motion_of(path, together=True)
     if not isinstance(motion.states, TravellingState):

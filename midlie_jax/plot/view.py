@@ -47,6 +47,14 @@ class View:
 
     Attributes:
         file: the file that was written last; None if there is none.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> view = ml.plot.view(body, path)  # as the last line of a notebook's cell it shows itself
+        >>> view.write("top.html").name
+        'top.html'
     """
 
     def __init__(self, figure: dict[str, Any]):
@@ -135,6 +143,14 @@ def view(
             states are bad; an argument is out of its range.
         ImportError: plotly is not installed.
         OSError: the file cannot be written.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> view = ml.plot.view(body, path, "top.html")
+        >>> view.file.name
+        'top.html'
     """
     if file is not None:
         picture_file(file, ".html")

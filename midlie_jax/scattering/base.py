@@ -17,6 +17,11 @@ class Distribution(eqx.Module):
     """How one quantity is scattered over the bodies.
 
     Its arrays are the parameters. `midlie_jax.scatter` casts them to the dtype of the result before it draws.
+
+    Examples:
+        >>> moments = ml.distributions.LogNormal([5.0, 5.0, 1.0], 0.1)  # one of the distributions
+        >>> ml.scatter(jax.random.key(0), 100, moments=moments)["moments"].shape
+        (100, 3)
     """
 
     @abstractmethod

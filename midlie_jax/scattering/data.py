@@ -27,6 +27,11 @@ class Rows(Distribution):
 
     Raises:
         ValueError: the values have no rows, or are not finite numbers.
+
+    Examples:
+        >>> measured = np.array([[1.0, 0.1], [2.0, 0.3], [3.0, 0.2]])  # columns that belong together
+        >>> ml.scatter(jax.random.key(0), 1000, sizes=ml.distributions.Rows(measured))["sizes"].shape
+        (1000, 2)
     """
 
     values: np.ndarray
@@ -48,6 +53,12 @@ class Each(Distribution):
     Raises:
         ValueError: the values have no rows, or are not finite numbers. `midlie_jax.scatter` raises it for a body beyond
             the last row.
+
+    Examples:
+        >>> known = ml.distributions.Each([[1.0, 2.0, 2.5], [3.0, 3.0, 1.0]])
+        >>> ml.scatter(jax.random.key(0), 2, moments=known)["moments"]
+        Array([[1. , 2. , 2.5],
+               [3. , 3. , 1. ]], dtype=float64)
     """
 
     values: np.ndarray
@@ -68,7 +79,13 @@ class Each(Distribution):
 
 
 class Key(Distribution):
-    """A random key for each body, such as the `key` of `midlie_jax.torques.Langevin`."""
+    """A random key for each body, such as the `key` of `midlie_jax.torques.Langevin`.
+
+    Examples:
+        >>> drawn = ml.scatter(jax.random.key(0), 100, bath=ml.distributions.Key())
+        >>> drawn["bath"].shape  # for the `key` of a heat bath, another for each body
+        (100,)
+    """
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
         del body, dtype

@@ -32,6 +32,11 @@ class Sphere(Distribution):
 
     Raises:
         ValueError: the radius is not a single positive number.
+
+    Examples:
+        >>> momenta = ml.scatter(jax.random.key(0), 1000, momentum=ml.distributions.Sphere(50.0))["momentum"]
+        >>> jnp.linalg.norm(momenta, axis=-1)[:3].round(6)
+        Array([50., 50., 50.], dtype=float64)
     """
 
     radius: np.ndarray
@@ -50,6 +55,10 @@ class Rotation(Distribution):
     """An attitude, uniform on SO(3): a uniform point of the sphere of unit quaternions (4,), of either sign.
 
     K. Shoemake, Uniform random rotations, Graphics Gems III (1992) 124; G. Marsaglia, Ann. Math. Stat. 43 (1972) 645.
+
+    Examples:
+        >>> ml.scatter(jax.random.key(0), 1000, attitude=ml.distributions.Rotation())["attitude"].shape
+        (1000, 4)
     """
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
@@ -74,6 +83,11 @@ class RotationNear(Distribution):
 
     Raises:
         ValueError: the attitude is no unit quaternion (4,), or as for `Normal`.
+
+    Examples:
+        >>> near = ml.distributions.RotationNear([1.0, 0.0, 0.0, 0.0], deviation=0.01)  # radians
+        >>> ml.scatter(jax.random.key(0), 1000, attitude=near)["attitude"].shape
+        (1000, 4)
     """
 
     attitude: np.ndarray

@@ -47,6 +47,12 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
         ValueError: the key, the bodies, the dtype or a distribution is not of the kind above; a body has no row in an
             `Each`; or the function is called inside jit, vmap or grad, where the draws would become part of another
             program.
+
+    Examples:
+        >>> normal, rotation = ml.distributions.Normal([0.0, 0.0, 50.0], 1.0), ml.distributions.Rotation()
+        >>> start = ml.RigidState(**ml.scatter(jax.random.key(0), 1000, momentum=normal, attitude=rotation))
+        >>> start.momentum.shape, start.attitude.shape
+        ((1000, 3), (1000, 4))
     """
     _check_key(key)
     indices = _indices(bodies)

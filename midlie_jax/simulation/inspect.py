@@ -22,6 +22,15 @@ class Inspection(NamedTuple):
         total: body-steps of the whole run.
         damaged: names of what cannot be read, or is not what was written; empty if all is well.
         first_bad: see `Simulation`; as far as the run has come.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.zarr", dt=0.01, steps=100, save_every=10)
+        >>> found = ml.simulation.inspect("tops.zarr")
+        >>> found.bodies, found.saves, found.attributes["method"]
+        (4, 11, 'JACOBI[EA]')
     """
 
     path: Path
@@ -52,6 +61,15 @@ def inspect(path: str | Path) -> Inspection:
 
     Raises:
         ValueError: the folder is not the store of a run, or its description is damaged.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.zarr", dt=0.01, steps=100, save_every=10)
+        >>> found = ml.simulation.inspect("tops.zarr")
+        >>> found.done == found.total, found.damaged
+        (True, ())
     """
     store = Store(Path(path), read_only=True)
     plan, damaged, done = store.plan, [*store.lost_descriptions(), *store.damaged_whole()], 0

@@ -32,6 +32,15 @@ class Saved(NamedTuple):
             states are those of the run if they have an axis, travel or are coupled; otherwise `RigidState`s.
         title: what the file says about the run.
         bodies: how many bodies there are in the file.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
+        >>> saved = ml.simulation.saved_path("tops.npz", body=3)
+        >>> saved.bodies, saved.body.moments
+        (4, Array([5., 5., 1.], dtype=float64))
     """
 
     body: RigidBody | TensorBody | Rotor | FreeBody
@@ -52,6 +61,15 @@ def saved_path(file: str | File, body: int = 0) -> Saved:
             (or mass); there is no such body.
         ImportError: a .zarr is given and the extra `io` is not installed.
         OSError: the file cannot be read.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
+        >>> saved = ml.simulation.saved_path("tops.npz", body=3)
+        >>> saved.path.states.attitude.shape
+        (11, 4)
     """
     source = File(file)
     if source.suffix.lower() not in (".zarr", ".npz"):

@@ -100,6 +100,14 @@ def simulate(
             of `jax.pure_callback`, in which changes cannot be seen; another process writes to `out`.
         ImportError: the extra `io` is not installed.
         OSError: a part cannot be written. What was written before is kept, and the run can be resumed.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.zarr", dt=0.01, steps=100, save_every=10)
+        >>> run.states().attitude.shape, bool(run.ok.all())
+        ((4, 11, 4), True)
     """
     began = time.perf_counter()
     steps = as_count("steps", steps)

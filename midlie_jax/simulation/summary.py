@@ -35,6 +35,16 @@ class Simulation(NamedTuple, TypedBy[States]):
         seconds: how long this call took, compiling included.
         repaired: what was damaged in the file and has been computed or written again; damaged spare states are only
             given up.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> momentum = jnp.stack([jnp.zeros(4), jnp.zeros(4), jnp.linspace(40.0, 50.0, 4)], axis=-1)
+        >>> start = ml.RigidState(momentum, jnp.tile(ml.so3.exp(jnp.array([0.3, 0.0, 0.0])), (4, 1)))
+        >>> run = ml.simulate("JACOBI[EA]", body, torque, start, out="tops.npz", dt=0.01, steps=100, save_every=10)
+        >>> run.bodies, run.saves, bool(run.ok.all())
+        (4, 11, True)
+        >>> run.open()["momentum"].shape
+        (4, 11, 3)
     """
 
     out: Path

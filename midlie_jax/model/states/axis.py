@@ -58,6 +58,13 @@ class AxisState(State[cp.Vector, cp.Vector]):
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
+
+    Examples:
+        >>> start = ml.AxisState.of(ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0]))))
+        >>> start.momentum.round(4), start.axis.round(4)  # both in space
+        (Array([  0.    , -14.776 ,  47.7668], dtype=float64), Array([ 0.    , -0.2955,  0.9553], dtype=float64))
+        >>> ml.kinetic_energy(ml.Rotor(5.0), start).round(4)  # without the constant of the spin
+        Array(250., dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]

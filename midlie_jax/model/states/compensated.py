@@ -43,6 +43,12 @@ class CompensatedState(RigidState):
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, NaN or infinity, or an attitude whose length is not
             1 to 1e-3.
+
+    Examples:
+        >>> momentum, attitude = jnp.array([0.0, 0.0, 50.0], "float32"), jnp.array([1.0, 0.0, 0.0, 0.0], "float32")
+        >>> start = ml.CompensatedState(momentum, attitude)
+        >>> start.low_momentum, start.low_attitude  # what float32 could not hold, nothing yet
+        (Array([0., 0., 0.], dtype=float32), Array([0., 0., 0., 0.], dtype=float32))
     """
 
     low_momentum: Float[Array, "*batch 3"]

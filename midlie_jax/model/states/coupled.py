@@ -155,6 +155,16 @@ class CoupledState(Coupled, FreeState):
 
     Raises:
         ValueError: as for `FreeState`, or the arrays do not have one number N of bodies.
+
+    Examples:
+        >>> still, upright = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+        >>> places = jnp.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
+        >>> start = ml.CoupledState(still, upright, linear=still, position=places)
+        >>> body, gravity = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=4.0), ml.torques.MutualGravity(1.0)
+        >>> ml.energy(body, gravity, start).round(2)  # -4 x 4 / 10
+        Array(-1.61, dtype=float64)
+        >>> start.of_body(1).position
+        Array([10.,  0.,  0.], dtype=float64)
     """
 
     in_components: ClassVar[type[Members]] = MembersFree
@@ -175,6 +185,14 @@ class CoupledRigidState(Coupled, RigidState):
 
     Raises:
         ValueError: as for `RigidState`, or the arrays do not have one number N of bodies.
+
+    Examples:
+        >>> def spring(t, state):
+        ...     tips = ml.so3.to_matrix(state.attitude)[:, :, 2]  # the third axis of each, in space
+        ...     return jnp.sum((tips[1] - tips[0]) ** 2)
+        >>> tops = ml.CoupledRigidState(jnp.full((2, 3), 0.5), jnp.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.6, 0.0, 0.0]]))
+        >>> ml.energy(ml.RigidBody([1.0, 1.0, 0.5]), ml.torques.FromPotential(spring), tops).round(4)
+        Array(2.44, dtype=float64)
     """
 
     in_components: ClassVar[type[Members]] = MembersRigid
@@ -194,6 +212,13 @@ class CoupledAxisState(Coupled, AxisState):
 
     Raises:
         ValueError: as for `AxisState`, or the arrays do not have one number N of bodies.
+
+    Examples:
+        >>> def align(t, state):
+        ...     return -jnp.sum(state.axis[1:] * state.axis[:-1])  # of neighbours
+        >>> chain = ml.CoupledAxisState(jnp.zeros((4, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0]), (4, 1)))
+        >>> ml.energy(ml.Rotor(1.0), ml.torques.FromPotential(align), chain)
+        Array(-3., dtype=float64)
     """
 
     in_components: ClassVar[type[Members]] = MembersAxis
@@ -216,6 +241,14 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
 
     Raises:
         ValueError: as for `FreeAxisState`, or the arrays do not have one number N of bodies.
+
+    Examples:
+        >>> still, axes = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        >>> places = jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> pair = ml.CoupledFreeAxisState(still, axes, linear=still, position=places)
+        >>> ml.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # the two atoms of the second, on its axis
+        Array([[ 0. , -0.5,  3. ],
+               [ 0. ,  0.5,  3. ]], dtype=float64)
     """
 
     in_components: ClassVar[type[Members]] = MembersFreeAxis

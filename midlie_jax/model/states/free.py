@@ -180,6 +180,15 @@ class FreeState(TravellingState):
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
+
+    Examples:
+        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+        >>> weight = ml.torques.UniformGravity([0.0, 0.0, -9.81])
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> start = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> path = ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=100)
+        >>> path.states.position[-1].round(3)
+        Array([ 4.   ,  0.   , -0.405], dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]
@@ -207,6 +216,14 @@ class FreeAxisState(TravellingState):
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
+
+    Examples:
+        >>> molecule = ml.FreeBody(ml.Rotor(1.3, along=0.0), mass=28.0)
+        >>> start = ml.FreeAxisState(  # without spin: momentum and axis at right angles
+        ...     momentum=[0.0, 2.6, 0.0], axis=[1.0, 0.0, 0.0], linear=[0.0, 0.0, 14.0], position=[0.0, 0.0, 0.0]
+        ... )
+        >>> ml.velocity(molecule, start)
+        Array([0. , 0. , 0.5], dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]

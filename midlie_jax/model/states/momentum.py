@@ -22,6 +22,12 @@ class MomentumState(WithoutPose, BodyState[tuple[()]]):
 
     Attributes:
         momentum: body-frame angular momentum Pi, (..., 3).
+
+    Examples:
+        >>> body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.MomentumState([0.01, 2.0, 0.01])
+        >>> path = ml.free_motion(body, start, [0.0, 5.0, 10.0])
+        >>> jnp.linalg.norm(path.states.momentum, axis=-1).round(4)
+        Array([2., 2., 2.], dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]

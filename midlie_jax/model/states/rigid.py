@@ -25,6 +25,14 @@ class RigidState(BodyState[cp.Quaternion]):
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, or an attitude whose length is not 1 to 1e-3.
+
+    Examples:
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))  # tilted by 0.3 rad
+        >>> ml.spatial_momentum(start).round(4)
+        Array([  0.    , -14.776 ,  47.7668], dtype=float64)
+        >>> many = ml.RigidState(jnp.ones((1000, 3)), jnp.tile(start.attitude, (1000, 1)))  # for an ensemble
+        >>> many.momentum.shape, many.attitude.shape
+        ((1000, 3), (1000, 4))
     """
 
     momentum: Float[Array, "*batch 3"]

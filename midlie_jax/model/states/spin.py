@@ -28,6 +28,11 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
 
     Raises:
         ValueError: not of shape (..., 3), or not unit vectors.
+
+    Examples:
+        >>> lattice = ml.SpinState(jnp.tile(jnp.array([0.0, 0.0, 1.0]), (4, 4, 1)))
+        >>> ml.energy(ml.Spins(), ml.torques.Exchange(1.0), lattice)  # -1 for each of 32 bonds
+        Array(-32., dtype=float64)
     """
 
     spin: Float[Array, "*lattice 3"]
