@@ -28,6 +28,9 @@ class Parameter(eqx.Module):
     Two sets of numbers describe a value: the *unconstrained* vector (size,), which the optimiser varies, and the
     *coordinates* (k,), the physical numbers in which the result and its covariance are given.
 
+    Attributes:
+        initial: the guess, in the unit of the value.
+
     Examples:
         >>> guess = {"moments": ml.fitting.Moments([2.0, 3.0, 4.0]), "damping": ml.fitting.Positive(0.2)}
         >>> guess["moments"].labels(), guess["moments"].value(guess["moments"].vector()).round(6)

@@ -33,6 +33,8 @@ def _positive(name: str, value: Any) -> Array:
 class OrbitalDistance(eqx.Module):
     """((reference / r)^(4 power) + 1 / longest^4)^(1/4), where r is the distance of an orbit from its centre.
 
+    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
+
     With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of
     rotation by the gravity gradient. Far out on an eccentric orbit or a hyperbola the body's own rotation sets the time
     scale, and steps in proportion to r^(3/2) would be longer than it; so no step is longer than `longest` steps at the
@@ -77,6 +79,8 @@ class OrbitalDistance(eqx.Module):
 class TorqueSize(eqx.Module):
     """((|T|^2 + floor^2) / reference^2)^(power / 2), where T is a torque.
 
+    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
+
     With the default power 1/2 the density is proportional to sqrt(|T|), as is sqrt(|T| / I), the rate at which a torque
     turns a body with moment of inertia I that starts at rest.
 
@@ -117,6 +121,8 @@ class TorqueSize(eqx.Module):
 
 class Spin(eqx.Module):
     """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: all steps turn the body by similar angles.
+
+    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
 
     Attributes:
         moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states are in other axes.

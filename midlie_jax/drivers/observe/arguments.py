@@ -26,7 +26,10 @@ class Values(Observable):
 
 
 def as_observe(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver.
+    """The checked argument `observe` of a driver: an observable, a statistic, or None for the states.
+
+    Raises:
+        ValueError: it is none of these.
 
     Examples:
         >>> ml.observe.as_observe(ml.observe.Energy())
@@ -38,7 +41,10 @@ def as_observe(value: Any) -> Observe | None:
 
 
 def as_observe_of_one(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver of one body.
+    """The checked argument `observe` of a driver of one body: an autocorrelation or a spectrum may be had of one.
+
+    Raises:
+        ValueError: it is another statistic, which combines bodies, or no observable.
 
     Examples:
         >>> ml.observe.as_observe_of_one(ml.observe.Energy())
@@ -56,6 +62,9 @@ def as_observe_of_one(value: Any) -> Observe | None:
 
 def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
     """What is saved of one body at one time: what is observed, or the state itself if nothing is.
+
+    Raises:
+        ValueError: the observable returns no array, or complex numbers to a statistic.
 
     Examples:
         >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])

@@ -14,7 +14,7 @@ from ...model.torques import TorqueLike
 
 
 class Observable(eqx.Module):
-    """A quantity of one body at one time.
+    """A quantity of one body at one time: the argument `observe` of a run, or what a statistic combines.
 
     Examples:
         >>> class Tilt(ml.observe.Observable):  # of your own: the angle between axis 3 and the vertical, ()
@@ -34,6 +34,9 @@ class Observable(eqx.Module):
 class Function(Observable):
     """A function of the time and the state of one body, `function(t, state)`; returns an array or a pytree of them.
 
+    Attributes:
+        function: `function(t, state)`, pure and made of JAX operations.
+
     Examples:
         >>> speed = ml.observe.Function(lambda t, state: jnp.linalg.norm(state.momentum))
         >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([3.0, 0.0, 4.0], [1.0, 0.0, 0.0, 0.0])
@@ -48,7 +51,10 @@ class Function(Observable):
 
 
 class Together(Observable):
-    """Several observables by name.
+    """Several observables by name; the value is a dict of theirs.
+
+    Attributes:
+        parts: the observables by name.
 
     Examples:
         >>> both = ml.observe.Together({"energy": ml.observe.Energy(), "axis": ml.observe.Axis()})
@@ -66,6 +72,13 @@ class Together(Observable):
 
 def as_observable(name: str, value: Any) -> Observable:
     """The argument as an observable: an observable, a function of (t, state), or a dict of both.
+
+    Args:
+        name: what the argument is called in the message of the error.
+        value: the argument.
+
+    Raises:
+        ValueError: it is none of these.
 
     Examples:
         >>> both = ml.observe.as_observable("observe", {"energy": ml.observe.Energy(), "axis": ml.observe.Axis()})

@@ -18,7 +18,10 @@ from .observables import Observable
 
 
 class Energy(Observable):
-    """The energy (), kinetic plus potential. A ValueError for a torque without a potential.
+    """The energy, kinetic plus potential, (), mass length^2 / time^2.
+
+    Raises:
+        ValueError: in a run, the torque has no potential.
 
     Examples:
         >>> body, torque = ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(1.0)
@@ -34,7 +37,12 @@ class Energy(Observable):
 class Axis(Observable):
     """The direction in space of an axis that is fixed in the body, a unit vector (3,); by default the third axis.
 
-    An `AxisState` knows the third axis alone; for another axis, a ValueError.
+    Attributes:
+        axis: three numbers in the body frame, of any length but zero.
+
+    Raises:
+        ValueError: the axis is zero or not finite. In a run: a state without an attitude, or another axis than
+            the third of an `AxisState`, which knows no other.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 2.0, 1.0])
@@ -57,7 +65,10 @@ class Axis(Observable):
 
 
 class SpatialMomentum(Observable):
-    """The angular momentum in the space frame about its origin, (3,).
+    """The angular momentum in the space frame about its origin, (3,), mass length^2 / time.
+
+    Raises:
+        ValueError: in a run, the state has no attitude.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 2.0, 1.0])
@@ -98,7 +109,10 @@ class Tumbling(Observable):
 
 
 class Position(Observable):
-    """The position of the centre of mass of a body that travels, space frame, (3,).
+    """The position of the centre of mass of a body that travels, space frame, (3,), length.
+
+    Raises:
+        ValueError: in a run, the body does not travel.
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
@@ -113,7 +127,10 @@ class Position(Observable):
 
 
 class Velocity(Observable):
-    """The velocity of the centre of mass of a body that travels, space frame, (3,).
+    """The velocity of the centre of mass of a body that travels, space frame, (3,), length/time.
+
+    Raises:
+        ValueError: in a run, the body does not travel.
 
     Examples:
         >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)

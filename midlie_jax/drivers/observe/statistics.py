@@ -151,7 +151,10 @@ class Histogram(Statistic):
     bins are not counted, nor is NaN. Values and edges are compared in the dtype of whichever has more digits.
 
     Attributes:
-        edges: (bins + 1,), increasing.
+        edges: (bins + 1,), increasing, in the unit of the observable.
+
+    Raises:
+        ValueError: edges that are not finite, do not increase, or are fewer than two.
 
     Examples:
         >>> heights = ml.observe.Histogram(lambda t, state: state.axis[2], edges=[-1.0, 0.0, 0.5, 1.0])  # an AxisState

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 
 class Orbit(eqx.Module):
-    """A position in space as a function of time: `orbit(t) -> (..., 3)`.
+    """A position in space as a function of time: `orbit(t) -> (..., 3)`, length, for one time or several.
 
     Examples:
         >>> class Line(ml.orbits.Orbit):  # an orbit of your own

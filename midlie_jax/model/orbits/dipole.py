@@ -15,6 +15,8 @@ from ..._math import components as cp
 class DipoleField(eqx.Module):
     """The field of a magnetic dipole at the origin, along an orbit: B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r/|r|.
 
+    `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2.
+
     The moment may turn about z with the planet. A first approximation to the Earth's field has a moment of
     7.7e22 A m^2, tilted by 9.4 degrees, towards the south. In a frame that is fixed in the Earth it is
     (g11, h11, g10) 4 pi a^3 / mu_0 = (-3.75e21, 1.203e22, -7.605e22) A m^2, with a = 6371.2 km and the coefficients of

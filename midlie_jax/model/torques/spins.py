@@ -25,7 +25,12 @@ Near = Callable[[int, int], cp.Vector]
 
 
 class SpinField(Torque):
-    """A field B on spins; `field(t, state)` has the shape of the spins, (*lattice, 3).
+    """A field B = -dH/dS on spins, space frame, energy; `torque(t, state)` has the shape of the spins, (*lattice, 3).
+
+    A field of your own is a subclass with `field` and `energy`, which work on components.
+
+    Raises:
+        ValueError: when called, the state is one without spins.
 
     Examples:
         >>> class Gradient(ml.torques.SpinField):  # of your own: along z, stronger from place to place of a chain
@@ -76,6 +81,9 @@ class AppliedField(SpinField):
 
     Attributes:
         value: B, space frame, energy: (3,), or (*lattice, 3); or a function of time t -> one of these.
+
+    Raises:
+        ValueError: a value that is not finite, or whose last axis is not (3,). When called: as `SpinField`.
 
     Examples:
         >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -158,6 +166,9 @@ class Anisotropy(OwnField):
         strength: K, energy, () or in the shape of the lattice.
         axis: the unit vector e, space frame, (3,).
 
+    Raises:
+        ValueError: a strength that is not finite, or an axis that is no unit vector (3,). When called: as `SpinField`.
+
     Examples:
         >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # one along z, one across
         >>> torque = ml.torques.Anisotropy(0.25)  # z is easy
@@ -201,6 +212,9 @@ class CubicAnisotropy(OwnField):
 
     Attributes:
         strength: K, energy, () or in the shape of the lattice.
+
+    Raises:
+        ValueError: a strength that is not finite. When called: as `SpinField`.
 
     Examples:
         >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
@@ -296,7 +310,7 @@ class Exchange(NeighbourField):
         periodic: whether the lattice closes, True or False, or one of them for each axis.
 
     Raises:
-        ValueError: a coupling that is not finite, or has not one entry for each axis.
+        ValueError: a coupling that is not finite; coupling or periodic that has not one entry for each axis.
 
     Examples:
         >>> chain = ml.SpinState([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
@@ -348,7 +362,7 @@ class DzyaloshinskiiMoriya(NeighbourField):
         periodic: whether the lattice closes, True or False, or one of them for each axis.
 
     Raises:
-        ValueError: vectors that are not finite, or not one for each axis.
+        ValueError: vectors that are not finite; vectors or periodic that are not one for each axis.
 
     Examples:
         >>> chain = ml.SpinState([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
