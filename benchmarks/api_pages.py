@@ -2,8 +2,9 @@
 
     python benchmarks/api_pages.py
 
-Names of the package become links to their entries (`docs/cross_links.py`). On the pages, `<!-- api: midlie_jax.torques -->` and `<!-- /api -->` enclose what this writes; `docs/hooks.py` replaces
-it on the site by all that the docstrings say. `tests/test_api_pages.py` asks that the pages are as this writes them.
+Names of the package become links to their entries (`docs/cross_links.py`). On the pages,
+`<!-- api: midlie_jax.torques -->` and `<!-- /api -->` enclose what this writes; `docs/hooks.py` replaces it on the site
+by all that the docstrings say. `tests/test_api_pages.py` asks that the pages are as this writes them.
 """
 
 import ast

@@ -3,10 +3,12 @@
     python benchmarks/kinds_of_state.py [--write]
 
 Ratios of processor times on one core, medians of rounds in which all programs take turns; 4096 bodies through
-`ml.ensemble`. First calls are measured in processes of their own. `--write` puts the tables into the page.
+`ml.ensemble`. First calls are measured in processes of their own. `--write` puts the tables into the page,
+and the ratios of second-order methods into docs/which-state.md.
 """
 
 import argparse
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -30,8 +32,10 @@ from midlie_jax._xla.compiler import compiler_options  # noqa: E402
 PAGE = "reports/kinds-of-state.md"
 BEGIN, END = "<!-- kinds -->", "<!-- /kinds -->"
 THROW_BEGIN, THROW_END = "<!-- throw -->", "<!-- /throw -->"
+COSTS_BEGIN, COSTS_END = "<!-- costs -->", "<!-- /costs -->"
 BODIES, DT, ROUNDS = 4096, 0.005, 9
 STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80, "GBS12": 80, "DOP853": 160}  # by scheme or method
+PULL = ml.torques.UniformGravity([0.0, 0.0, -9.81])
 DTYPES = ("float64", "float32")
 HEADS = ("method", "state", "float64, ns", "by `RigidState`", "float32, ns", "by `RigidState`", "first call, s")
 
@@ -42,12 +46,15 @@ def rigid(name: str) -> tuple[Any, Any, Any]:
     return scene.body, scene.torque, scenes.perturbed(scene.start, BODIES, 1e-3)
 
 
+def thrown() -> tuple[Any, Any]:
+    """Linear momenta and positions."""
+    return tuple(jnp.broadcast_to(jnp.array(x), (BODIES, 3)) for x in ([1.0, 0.0, 2.0], [0.0, 0.0, 1.0]))
+
+
 def travelling() -> tuple[Any, Any, Any]:
     """The asymmetric top, also thrown, in uniform gravity."""
     body, torque, starts = rigid("asymmetric-top")
-    linear, position = (jnp.broadcast_to(jnp.array(x), (BODIES, 3)) for x in ([1.0, 0.0, 2.0], [0.0, 0.0, 1.0]))
-    start = ml.FreeState(starts.momentum, starts.attitude, linear, position)
-    return ml.FreeBody(body, 3.0), torque + ml.torques.UniformGravity([0.0, 0.0, -9.81]), start
+    return ml.FreeBody(body, 3.0), torque + PULL, ml.FreeState(starts.momentum, starts.attitude, *thrown())
 
 
 def axis() -> tuple[Any, Any, Any]:
@@ -62,21 +69,54 @@ def direction() -> tuple[Any, Any, Any]:
     return body, torque, ml.DirectionState(starts.momentum, ml.so3.to_matrix(starts.attitude)[:, 2])
 
 
-# By flight or method the states that are compared with `RigidState`: what makes body, torque and starts.
+def travelling_axis() -> tuple[Any, Any, Any]:
+    """The axis of P1, thrown in uniform gravity."""
+    rotor, torque, starts = axis()
+    start = ml.FreeAxisState(starts.momentum, starts.axis, *thrown())
+    return ml.FreeBody(rotor, 3.0), torque + PULL, start
+
+
+def coupled() -> tuple[Any, Any, Any]:
+    """The tops that travel, two in a state: they could act on each other and do not."""
+    body, wrench, starts = travelling()
+    pairs = jax.tree.map(lambda x: x.reshape(-1, 2, x.shape[-1]), vars(starts))
+    return body, ml.torques.OnEach(wrench), ml.CoupledState(**pairs)
+
+
+def compensated() -> tuple[Any, Any, Any]:
+    """The asymmetric top, with what rounding loses."""
+    body, torque, starts = rigid("asymmetric-top")
+    return body, torque, ml.CompensatedState(starts.momentum, starts.attitude)
+
+
+def free(attitude: bool) -> tuple[Any, Any, Any]:
+    """The asymmetric top without its weight."""
+    body, _, starts = rigid("asymmetric-top")
+    return body, None, starts if attitude else ml.MomentumState(starts.momentum)
+
+
+# By flight or method the states that are compared with the first of them: what makes body, torque and starts.
+TOP = partial(rigid, "asymmetric-top")
 SYSTEMS: dict[str, dict[str, Callable[[], tuple[Any, Any, Any]]]] = {
     "JACOBI": {
-        "RigidState": partial(rigid, "asymmetric-top"),
+        "RigidState": TOP,
         "DirectionState": direction,
         "FreeState": travelling,
+        "CoupledState": coupled,
+        "CompensatedState": compensated,
     },
-    "SYMMETRIC": {"RigidState": partial(rigid, "P1-tilted"), "AxisState": axis},
-    **{
-        name: {"RigidState": partial(rigid, "asymmetric-top"), "DirectionState": direction}
-        for name in ("GBS12", "DOP853")
-    },
+    "SYMMETRIC": {"RigidState": partial(rigid, "P1-tilted"), "AxisState": axis, "FreeAxisState": travelling_axis},
+    **{name: {"RigidState": TOP, "DirectionState": direction} for name in ("GBS12", "DOP853")},
 }
+FREE = {"RigidState, no torque": partial(free, True), "MomentumState, no torque": partial(free, False)}
+SYSTEMS = {name: systems if name == "SYMMETRIC" else systems | FREE for name, systems in SYSTEMS.items()}
 METHODS = [f"{flight}[{scheme}]" for flight in ("JACOBI", "SYMMETRIC") for scheme in ("EA", "SRKN6b", "SRKN14a")]
 CASES = [(name, state) for name in (*METHODS, "GBS12", "DOP853") for state in SYSTEMS[name.partition("[")[0]]]
+
+
+def measure(state: str) -> str:
+    """The state by which the cost of a state is divided."""
+    return "RigidState" + state.partition("State")[2]
 
 
 def cast(tree: Any, dtype: str) -> Any:
@@ -117,14 +157,24 @@ def rows() -> Iterator[list[str]]:
     costs = {key: 1e9 * t.seconds / (BODIES * steps_of(key[0])) for key, (_, t) in zip(keys, timings, strict=True)}
     for method, state in CASES:
         own = [costs[method, state, dtype] for dtype in DTYPES]
-        whole = [costs[method, "RigidState", dtype] for dtype in DTYPES]
+        whole = [costs[method, measure(state), dtype] for dtype in DTYPES]
         cells = [text for mine, its in zip(own, whole, strict=True) for text in (f"{mine:.3g}", f"{mine / its:.2f}")]
         yield [
             f"`{method}`",
-            f"`{state}`",
+            re.sub(r"\w+State", r"`\g<0>`", state),
             *cells,
             f"{first_call.seconds(__file__, method, state, 'float64'):.1f}",
         ]
+
+
+def short(states: list[str]) -> list[str]:
+    """Of the lines of the whole table the ratios of second-order methods and of the fastest Runge-Kutta method."""
+    lines = ["| state | method | float64 | float32 |", "| --- | --- | --- | --- |"]
+    for line in states[2:]:
+        method, state, _, double, _, single, _ = (cell.strip() for cell in line.strip("|").split("|"))
+        if method in ("`JACOBI[EA]`", "`SYMMETRIC[EA]`", "`GBS12`") and not state.startswith("`RigidState`"):
+            lines.append(f"| {state} | {method} | {double} | {single} |")
+    return lines
 
 
 def main() -> None:
@@ -138,6 +188,7 @@ def main() -> None:
     states, throw = shown(HEADS, rows()), shown(thrown_brick.HEADS, thrown_brick.rows())
     if options.write:
         put("reports/kinds-of-state.md", BEGIN, END, states)
+        put("which-state.md", COSTS_BEGIN, COSTS_END, short(states))
         put("reports/kinds-of-state.md", THROW_BEGIN, THROW_END, throw)
 
 

@@ -2,6 +2,7 @@
 
     python benchmarks/notebooks.py [NAME ...]            executes what is stored; an error or a late end is a failure
     python benchmarks/notebooks.py --write [NAME ...]    makes the .ipynb from its script, with the outputs
+    python benchmarks/notebooks.py --times [NAME ...]    also puts the seconds of each into notebooks/README.md
 
 A notebook is written as a script in jupytext's percent format, `notebooks/NAME.py`; `notebooks/NAME.ipynb` has the same
 cells and their outputs, and is never edited by hand. `tests/test_notebooks.py` checks that the two agree.
@@ -9,6 +10,8 @@ cells and their outputs, and is never edited by hand. `tests/test_notebooks.py` 
 
 import argparse
 import base64
+import re
+import resource
 import sys
 import time
 from pathlib import Path
@@ -44,9 +47,15 @@ def shrink(notebook):
                 data["image/png"] = base64.b64encode(small).decode()
 
 
+def processor_time():
+    """Seconds of one core that ended children of this process have used."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def execute(notebook, limit):
-    """Fills in the outputs; the seconds that this took."""
-    began = time.monotonic()
+    """Fills in the outputs; the seconds that this took, and those of one core."""
+    began, used = time.monotonic(), processor_time()
 
     def left(cell):
         del cell
@@ -56,13 +65,23 @@ def execute(notebook, limit):
     quiet = ["--log-level=ERROR"]
     client = {"record_timing": False, "resources": resources, "extra_arguments": quiet}
     NotebookClient(notebook, timeout_func=left, **client).execute()
-    return time.monotonic() - began
+    return time.monotonic() - began, processor_time() - used
+
+
+def put_seconds(name, seconds):
+    """Writes the seconds of a notebook into its row of notebooks/README.md, in the column after its name."""
+    page = FOLDER / "README.md"
+    text, count = re.subn(rf"(\({name}\.ipynb\) \|)[^|]*\|", rf"\1 {seconds:.0f} |", page.read_text())
+    if count != 1:
+        raise SystemExit(f"{page.name} has {count} rows of {name}.ipynb; it needs one.")
+    page.write_text(text)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="notebooks, without .ipynb; by default all")
     parser.add_argument("--write", action="store_true", help="make each .ipynb from its script, with its outputs")
+    parser.add_argument("--times", action="store_true", help="put the seconds of one core into notebooks/README.md")
     parser.add_argument(
         "--limit", type=float, default=LIMIT, metavar="SECONDS", help="for each; more on a busy machine"
     )
@@ -77,7 +96,7 @@ def main():
         path = FOLDER / (name + suffix)
         notebook = from_script(path) if options.write else nbformat.read(path, 4)
         try:
-            seconds = execute(notebook, options.limit)
+            seconds, of_one_core = execute(notebook, options.limit)
         except (CellExecutionError, CellTimeoutError) as error:
             print(f"{path.name} failed, or took more than {options.limit} s:\n{error}", flush=True)
             failed.append(name)
@@ -85,7 +104,9 @@ def main():
         if options.write:
             shrink(notebook)
             nbformat.write(notebook, path.with_suffix(".ipynb"))
-        print(f"{path.name}: {seconds:.0f} s", flush=True)
+        if options.times:
+            put_seconds(name, of_one_core)
+        print(f"{path.name}: {seconds:.0f} s, {of_one_core:.0f} s of one core", flush=True)
     sys.exit(bool(failed))
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax import fitting, observe
+from midlie_jax.cli.figures import panel
 
 jax.config.update("jax_enable_x64", True)  # sixteen digits
 
@@ -44,15 +45,6 @@ start = tumbling(0.3, 2.0)
 before = ml.tumble(body, start)
 print(f"energy over that of the steady rotation   {before.energy_ratio:.4f}")
 print(f"effective period, 2 pi |L| / 2 E          {2 * np.pi / before.effective_rate / HOUR:.2f} h")
-
-
-def tidy(axes, title, x, y):
-    axes.set_title(title, loc="left", fontsize=12, weight="bold", color=INK)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(color="#e3e3e3")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.set_axisbelow(True)
 
 
 # %% [markdown]
@@ -87,7 +79,7 @@ for hours, place in zip(range(-6, 7, 2), marks, strict=True):
         f"{hours:+d} h", (place[1], place[0]), (0, 8), textcoords="offset points", ha="center", color=COLOURS[1]
     )
 axes.set_aspect("equal")
-tidy(axes, "Past the Earth", "along the motion at perigee  [Earth radii]", "towards the perigee  [Earth radii]")
+panel(axes, "Past the Earth", "along the motion at perigee  [Earth radii]", "towards the perigee  [Earth radii]")
 plt.show()
 
 # %% [markdown]
@@ -114,7 +106,7 @@ for axes, values, title, unit in zip(
 ):
     axes.plot(hours, values, color=COLOURS[0])
     axes.axvline(0, color="#bbbbbb", linewidth=1)
-    tidy(axes, title, "", unit)
+    panel(axes, title, "", unit)
 panels[-1].set_xlabel("time from the perigee  [h]")
 plt.show()
 after = jax.tree.map(lambda x: x[-1], tumble)
@@ -148,7 +140,7 @@ for axes, values, title, colours in (
     limits = {"vmin": 0.4, "vmax": 1.6} if values is rate else {}
     drawn = axes.pcolormesh(parts, np.degrees(angles), values, cmap=colours, shading="nearest", **limits)
     figure.colorbar(drawn, ax=axes, shrink=0.9)
-    tidy(axes, title, "phase of the rotation  [turns of 262 h]", "")
+    panel(axes, title, "phase of the rotation  [turns of 262 h]", "")
     axes.grid(False)
 panels[0].set_ylabel("angle about the pole  [degrees]")
 plt.show()
@@ -319,7 +311,7 @@ axes.axvline(true_rate, color=INK, linewidth=1)
 axes.annotate("the true body", (true_rate, axes.get_ylim()[1]), (-6, -12), textcoords="offset points", ha="right",
               color=INK)  # fmt: skip
 axes.legend(frameon=False, loc="upper left", title="known of the tumbling", alignment="left")
-tidy(axes, "Forecasts of the pass", "effective rate after the pass, over that before", "share of the bodies")
+panel(axes, "Forecasts of the pass", "effective rate after the pass, over that before", "share of the bodies")
 plt.show()
 
 # %% [markdown]

@@ -21,6 +21,7 @@ import numpy as np
 
 import midlie_jax as ml
 from midlie_jax import fitting
+from midlie_jax.cli.figures import panel
 
 jax.config.update("jax_enable_x64", True)  # sixteen digits
 
@@ -54,15 +55,6 @@ published = np.array([0.00189422, 0.006211019, 0.007194665])  # slug ft^2, with 
 COLOURS, INK = ("#0072B2", "#D55E00", "#009E73"), "#222222"  # told apart with any kind of colour vision
 
 
-def tidy(axes, title, x, y):
-    axes.set_title(title, loc="left", fontsize=12, weight="bold", color=INK)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(color="#e3e3e3")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.set_axisbelow(True)
-
-
 def dots(axes, values):
     for i in range(3):
         axes.plot(times, values[:, i], "o", color=COLOURS[i], markersize=5)
@@ -72,7 +64,7 @@ def dots(axes, values):
 
 figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
 dots(axes, degrees)
-tidy(axes, "The published rates", "time  [s]", "angular velocity, body frame  [deg/s]")
+panel(axes, "The published rates", "time  [s]", "angular velocity, body frame  [deg/s]")
 plt.show()
 
 # %% [markdown]
@@ -112,8 +104,7 @@ for name, found, true in zip(("I1", "I2", "I3"), clean.values["moments"], publis
 def fitted_motion(result, at):
     """Angular velocity (n, 3) of the fitted brick in degrees per second."""
     body, _, start = model(result.values)
-    path = ml.free_motion(body, start, at)
-    return np.rad2deg(np.asarray(path.states.momentum) / np.asarray(body.moments))
+    return np.rad2deg(ml.angular_velocity(body, ml.free_motion(body, start, at).states))
 
 
 def picture(result, values, title, unit, factor):
@@ -125,8 +116,8 @@ def picture(result, values, title, unit, factor):
         above.plot(fine, curves[:, i], color=COLOURS[i], linewidth=1.2)
         below.plot(times + 0.2 * (i - 1), left[:, i] * factor, "o", color=COLOURS[i], markersize=4)
     below.axhline(0, color=INK, linewidth=0.8)
-    tidy(above, title, "", "angular velocity  [deg/s]")
-    tidy(below, "What the fit leaves: data minus curve", "time  [s]", f"[{unit}]")
+    panel(above, title, "", "angular velocity  [deg/s]")
+    panel(below, "What the fit leaves: data minus curve", "time  [s]", f"[{unit}]")
     plt.show()
 
 
@@ -159,7 +150,7 @@ def disagreement(moments):
     """Root mean square of model minus data over the thirteen rows, in degrees per second."""
     body = ml.RigidBody(moments)
     start = ml.MomentumState(body.momentum(jnp.asarray(rates[0])))
-    rows = ml.free_motion(body, start, times).states.momentum / moments
+    rows = ml.angular_velocity(body, ml.free_motion(body, start, times).states)
     return jnp.rad2deg(jnp.sqrt(jnp.mean((rows - rates) ** 2)))
 
 
@@ -173,7 +164,7 @@ axes.annotate(
     "$I_1$ alone", (factors[12], alone[12]), (10, 4), textcoords="offset points", color=COLOURS[1], fontsize=12
 )
 axes.annotate("all three together", (factors[8], 0), (0, 8), textcoords="offset points", color=COLOURS[0], fontsize=12)
-tidy(axes, "Disagreement with the data", "factor on the moments", "root mean square  [deg/s]")
+panel(axes, "Disagreement with the data", "factor on the moments", "root mean square  [deg/s]")
 plt.show()
 
 # %% [markdown]
@@ -238,7 +229,7 @@ axes.plot([low, high], [1.05 * top] * 2, color=COLOURS[1], linewidth=4, solid_ca
 axes.annotate("95 % interval of the one fit above", ((low + high) / 2, 1.05 * top), (0, 6), textcoords="offset points",
               color=COLOURS[1], ha="center")  # fmt: skip
 axes.set_ylim(0, 1.3 * top)
-tidy(axes, "The ratio of moments in 1000 simulated experiments", "$I_1 / I_3$", "fits")
+panel(axes, "The ratio of moments in 1000 simulated experiments", "$I_1 / I_3$", "fits")
 plt.show()
 
 # %% [markdown]

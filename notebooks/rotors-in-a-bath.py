@@ -47,17 +47,11 @@ temperature = np.mean(np.asarray(warming.states.momentum) ** 2 / moments, axis=0
 print("at the end, on each axis:", temperature[-1].round(3), "+-", round(np.sqrt(2 / many), 3))
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.0))
-panel(left, "Warming up", "time", "<Pi$_i^2$> / (I$_i$ kT)")
+panel(left, "Warming up", "time", r"$\langle\Pi_i^2\rangle\;/\;I_i\,kT$")
 for i, colour in enumerate((BLUE, ORANGE, GREEN)):
     left.plot(warming.times, temperature[:, i], color=colour)
-    left.annotate(
-        f"I = {moments[i]}",
-        (warming.times[6 + 3 * i], temperature[6 + 3 * i, i]),
-        color=colour,
-        xytext=(6, -20),
-        textcoords="offset points",
-    )
-panel(right, "Maxwell's distribution at the end", "Pi$_1$ / sqrt(I$_1$ kT)", "density")
+    left.text(6, 0.5 - 0.1 * i, f"$I_{i + 1}$ = {moments[i]}", color=colour)
+panel(right, "Maxwell's distribution at the end", r"$\Pi_1\,/\,\sqrt{I_1\,kT}$", "density")
 shown = np.linspace(-4, 4, 200)
 right.hist(np.asarray(warming.states.momentum[:, -1, 0]), bins=40, density=True, color=BLUE, alpha=0.4)
 _ = right.plot(shown, np.exp(-(shown**2) / 2) / np.sqrt(2 * np.pi), color=GREY)
@@ -104,7 +98,7 @@ for row in zip(fields, cosine.mean(1), error, langevin, strict=True):
 # %%
 steps = np.array([0.2, 0.4, 0.6, 0.8])
 figure, axes = plt.subplots(figsize=(7, 4.0))
-panel(axes, "Error of <cos theta> at x = 4", "step", "error")
+panel(axes, r"Error of $\langle\cos\theta\rangle$ at x = 4", "step", "error")
 count, field = 8000, 4.0
 for scheme, colour in (("BAOAB", BLUE), ("OBABO", ORANGE), ("ABOBA", GREEN)):
     found = []
@@ -146,10 +140,10 @@ axis = correlation(ml.observe.Axis(), 20, strong, dt=0.05, every=20)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8))
 for axes, found, rate, title in (
-    (left, velocity, weak / moment, "<Omega(0) . Omega(t)> of a free sphere"),
-    (right, axis, 2 * kT / strong, "<e(0) . e(t)> under strong friction"),
+    (left, velocity, weak / moment, r"$\langle\Omega(0)\cdot\Omega(t)\rangle$ of a free sphere"),
+    (right, axis, 2 * kT / strong, r"$\langle e(0)\cdot e(t)\rangle$ under strong friction"),
 ):
-    panel(axes, title, "time", "")
+    panel(axes, title, "time", "correlation")
     axes.errorbar(found.lag, found.correlation, found.error, fmt=".", color=BLUE)
     axes.plot(found.lag, found.correlation[0] * np.exp(-rate * np.asarray(found.lag)), color=GREY)
     axes.annotate(
@@ -196,11 +190,11 @@ frequency, density = np.asarray(seen.frequency) * period, np.asarray(seen.densit
 figure, axes = plt.subplots(figsize=(8, 4.0))
 panel(axes, "Libration of a dumbbell", "frequency / that of the softer libration", "density of the axis' x  [period]")
 axes.semilogy(frequency, density, color=BLUE)
-for place, name in ((1.0, "softer libration, along x"), (np.sqrt(1 + difference), "stiffer libration, along y")):
+for place, name, side in ((1.0, "softer, along x ", "right"), (np.sqrt(1 + difference), " stiffer, along y", "left")):
     axes.axvline(place, color=GREY, lw=0.8)
-    axes.annotate(name, (place, density.max()), color=GREY, rotation=90, va="top", ha="right", fontsize=8)
+    axes.text(place, 2 * density.max(), name, color=GREY, ha=side)
 axes.set_xlim(0.93, 1.09)
-_ = axes.set_ylim(density.max() * 1e-4, density.max() * 1.5)
+_ = axes.set_ylim(density.max() * 1e-4, density.max() * 5)
 
 # %% [markdown]
 # ## The same noise twice

@@ -24,7 +24,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray
 from matplotlib.collections import LineCollection
-from scipy.special import ellipkm1
 
 import midlie_jax as ml
 from midlie_jax.cli.figures import panel
@@ -131,13 +130,12 @@ BODY, LENGTH = ml.RigidBody(MOMENTS), 2.0
 around = ml.scatter(jax.random.key(1), 2000, momentum=d.Sphere(LENGTH))["momentum"]
 
 
-def moved(momenta, observe, **run):
-    return ml.ensemble("JACOBI[EA]", BODY, None, ml.MomentumState(momenta), **run, observe=observe)
+def moved(momenta, **run):
+    return ml.ensemble("JACOBI[EA]", BODY, None, ml.MomentumState(momenta), **run).states
 
 
-polhodes = np.asarray(moved(around, lambda t, state: state.momentum, dt=0.25, steps=1200, save_every=1).states)
-polhodes = polhodes / LENGTH  # on the unit sphere, (2000, 1201, 3)
-kinetic = LENGTH**2 * np.sum(polhodes[:, 0] ** 2 / MOMENTS, axis=1) / 2  # joules
+polhodes = np.asarray(moved(around, dt=0.25, steps=1200, save_every=1).momentum) / LENGTH  # on the unit sphere
+kinetic = np.asarray(ml.kinetic_energy(BODY, ml.MomentumState(around)))  # joules
 near = np.mean(np.abs(polhodes[:, :, 1]) > np.cos(np.radians(30)), axis=1)
 
 # %% [markdown]
@@ -201,82 +199,45 @@ plt.show()
 # moment at which $\Pi_2$ changes its sign. How long does it take from one flip to the next?
 #
 # Let $T$ be the kinetic energy and $L$ the length of the momentum. The *distance from the separatrix* is
-# $\varepsilon = |2 T I_2 / L^2 - 1|$. In the closed form, $\Pi_2$ is an elliptic function (Jacobi's sn) of the time,
-# and the time between flips is
+# $\varepsilon = |2 T I_2 / L^2 - 1|$. The motion has a closed form in elliptic functions, and `ml.tumble` knows its
+# periods: in one turn of the momentum seen from the body, `rotation_period`, the body flips twice. Near the separatrix
+# the time between flips is $\ln(1/\varepsilon) / \lambda$ and a constant, with the rate
 #
-# $$ t_{\text{flip}} = \frac{2 K(m)}{\lambda}, \qquad
-# \lambda^2 = \frac{(I_3 - I_2)(L^2 - 2 T I_1)}{I_1 I_2 I_3}, \qquad
-# 1 - m = \frac{(I_3 - I_1)(L^2 - 2 T I_2)}{(I_3 - I_2)(L^2 - 2 T I_1)}, $$
+# $$ \lambda = \frac{L}{I_2} \sqrt{\frac{(I_3 - I_2)(I_2 - I_1)}{I_1 I_3}}, $$
 #
-# if $2 T I_2 < L^2$, so that the momentum circles axis 3. If it circles axis 1, the indices 1 and 3 change places. $K$
-# is the complete elliptic integral of the first kind, and $\lambda$ is a rate in 1/s. Near the separatrix,
-# $K \approx \tfrac12 \ln \tfrac{16}{1 - m}$: a start that is ten times nearer flips only a little later.
-
+# so a start that is ten times nearer flips only a little later.
 
 # %%
-def closed_form(momentum):
-    """ε, whether the momentum circles axis 3, the time between flips, and its logarithm near the separatrix."""
-    p = np.asarray(momentum)
-    square = np.sum(p**2, axis=1)
-    excess = p[:, 0] ** 2 * (1 - I2 / I1) + p[:, 2] ** 2 * (1 - I2 / I3)  # L² - 2 T I2, without loss of digits
-    third = excess > 0
-    inner, outer = np.where(third, I1, I3), np.where(third, I3, I1)  # the momentum circles the axis of `outer`
-    other = np.abs(square - np.sum(p**2 / MOMENTS, axis=1) * inner)  # |L² - 2 T inner|
-    rate = np.sqrt(np.abs(outer - I2) * other / (I1 * I2 * I3))
-    m1 = (I3 - I1) * np.abs(excess) / (np.abs(outer - I2) * other)
-    return np.abs(excess) / square, third, 2 * ellipkm1(m1) / rate, np.log(16 / m1) / rate
-
-
 off = ml.scatter(jax.random.key(2), 10_000, power=d.Uniform(-5.0, -0.3), angle=d.Uniform(0.0, 2 * np.pi))
 distance = 10.0 ** off["power"]
 momenta = LENGTH * jnp.stack(
     [distance * jnp.cos(off["angle"]), jnp.sqrt(1 - distance**2), distance * jnp.sin(off["angle"])], axis=1
 )
-flights = moved(momenta, lambda t, state: state.momentum[1], dt=0.2, steps=900, save_every=1)
-second = np.asarray(flights.states)  # Π2, (10000, 901)
+second = np.asarray(moved(momenta, dt=0.2, steps=900, save_every=1, observe=lambda t, state: state.momentum[1]))  # Π2
 
 changes = second[:, :-1] * second[:, 1:] < 0
-first = np.argmax(changes, axis=1)
-rest = changes & (np.arange(changes.shape[1]) > first[:, None])
-next_one = np.argmax(rest, axis=1)
-flipped = rest.any(axis=1)
-
-
-def moment_of(place):
-    """The time of a change of sign, from a straight line between the two values beside it."""
-    rows = np.arange(len(place))
-    before, after = second[rows, place], second[rows, place + 1]
-    return 0.2 * (place + before / (before - after))
-
-
-measured = (moment_of(next_one) - moment_of(first))[flipped]
-epsilon, third, expected, logarithm = (values[flipped] for values in closed_form(momenta))
+flipped = changes.sum(axis=1) >= 2
+places = np.argsort(~changes[flipped], axis=1, kind="stable")[:, :2]  # of the first two changes of sign
+before, after = (np.take_along_axis(second[flipped], places + k, axis=1) for k in (0, 1))
+measured = np.diff(0.2 * (places + before / (before - after)), axis=1)[:, 0]  # by straight lines
+expected = np.asarray(ml.tumble(BODY, ml.MomentumState(momenta)).rotation_period)[flipped] / 2
 print(f"{np.sum(flipped)} of {len(flipped)} bodies flipped at least twice in 180 s")
 print(f"largest relative difference from the closed form: {np.max(np.abs(measured / expected - 1)):.0e}")
 
 # %% [markdown]
-# On the left each dot is one body in a hundred, and the curves are the closed form. Over twelve powers of ten they
-# cannot be told from a straight line, the logarithm. On the right the logarithm $\ln\frac{16}{1 - m} / \lambda$ is
-# subtracted, and each dot is one body in four. Only far from the separatrix does it matter which axis the momentum
-# circles.
+# Each dot is one body in a hundred, and the curve is the closed form. Over twelve powers of ten it can hardly be told
+# from a straight line.
 
 # %%
-figure, (left, right) = plt.subplots(1, 2, figsize=(11.5, 4.4), layout="constrained")
+x, y, z = np.asarray(momenta).T / LENGTH
+epsilon = np.abs(x**2 * (1 - I2 / I1) + z**2 * (1 - I2 / I3))[flipped]  # 1 - 2 T I2 / L², without loss of digits
 order = np.argsort(epsilon)
-for side, colour in ((third, BLUE), (~third, ORANGE)):
-    sorted_side = order[side[order]]
-    left.plot(epsilon[sorted_side], expected[sorted_side], color=INK, linewidth=0.8)
-    left.plot(epsilon[side][::100], measured[side][::100], "o", color=colour, markersize=4)
-    right.plot(epsilon[side][::4], (measured - logarithm)[side][::4], "o", color=colour, markersize=4)
-    right.plot(epsilon[sorted_side], (expected - logarithm)[sorted_side], color=INK, linewidth=1)
-left.set_xscale("log")
-right.set_ylim(0, 0.5)
-later = np.log(10) * np.sqrt(I1 * I3 / ((I3 - I2) * (I2 - I1))) / (LENGTH / I2)  # ln 10 / λ on the separatrix
-left.annotate(f"ten times nearer:\n{later:.2f} s longer", (3e-7, 48), color=INK, fontsize=11)
-right.annotate("circling axis 3", (0.05, 0.385), color=BLUE, ha="center", fontsize=11)
-right.annotate("circling axis 1", (0.17, 0.445), color=ORANGE, ha="center", fontsize=11)
-panel(left, "Time between flips", "distance from the separatrix ε", "time between flips  [s]")
-panel(right, "What the logarithm leaves", "distance from the separatrix ε", "time between flips minus logarithm  [s]")
+figure, axes = plt.subplots(figsize=(7.5, 4), layout="constrained")
+axes.semilogx(epsilon[order], expected[order], color=INK, linewidth=0.8)
+axes.plot(epsilon[::100], measured[::100], "o", color=BLUE, markersize=4)
+later = np.log(10) * np.sqrt(I1 * I3 / ((I3 - I2) * (I2 - I1))) / (LENGTH / I2)  # ln 10 / λ
+axes.annotate(f"ten times nearer:\n{later:.2f} s longer", (3e-7, 48), color=INK, fontsize=11)
+panel(axes, "Time between flips", "distance from the separatrix ε", "time between flips  [s]")
 plt.show()
 fitted = np.polyfit(np.log10(epsilon[epsilon < 1e-3]), measured[epsilon < 1e-3], 1)
 print(f"ten times nearer to the separatrix: {-fitted[0]:.3f} s longer, from the bodies; {later:.3f} s, from ln 10 / λ")
@@ -296,13 +257,14 @@ def upright(t, state):
 
 edges = np.linspace(-1, 1, 61)
 often = {"dt": 0.2, "steps": 750, "save_every": 2}
-counted = moved(scattered, ml.observe.Histogram(upright, edges), **often)
-average = moved(scattered, ml.observe.Mean(upright), **often).states.mean[:, 0]
+counted = moved(scattered, observe=ml.observe.Histogram(upright, edges), **often)
+average = moved(scattered, observe=ml.observe.Mean(upright), **often).mean[:, 0]
+times = 0.4 * np.arange(len(average))  # s
 figure, axes = plt.subplots(figsize=(9.5, 4), layout="constrained")
-share = 100 * np.asarray(counted.states).T / len(scattered)
-image = axes.pcolormesh(counted.times, edges, np.maximum(share[:, :-1], 0.01), cmap="magma_r", norm="log")
-axes.plot(counted.times, average, color="#56B4E9", linewidth=2)
-axes.annotate("mean", (counted.times[-1], average[-1]), (5, 0), textcoords="offset points", annotation_clip=False)
+share = 100 * np.asarray(counted).T / len(scattered)
+image = axes.pcolormesh(times, edges, np.maximum(share[:, :-1], 0.01), cmap="magma_r", norm="log")
+axes.plot(times, average, color="#56B4E9", linewidth=2)
+axes.annotate("mean", (times[-1], average[-1]), (5, 0), textcoords="offset points", annotation_clip=False)
 figure.colorbar(image, ax=axes, label="bodies in the bin  [%]")
 panel(axes, "10,000 bodies turn over, and lose step", "time  [s]", "$\\Pi_2 / |\\Pi|$")
 plt.show()

@@ -27,15 +27,6 @@ from midlie_jax.cli.stability_chart import stability_figure
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 compass = scenes.scene("compass")
 
-
-def energies(method, scene, dt, steps, save_every=1):
-    """Times, relative errors of the energy, and the path."""
-    run = {"dt": dt, "steps": steps, "save_every": save_every}
-    path = ml.integrate(method, scene.body, scene.torque, scene.start, **run)
-    energy = ml.energy(scene.body, scene.torque, path.states)
-    return path.times, jnp.abs(energy / energy[0] - 1), path
-
-
 # %% [markdown]
 # ## Three ways to fail
 #
@@ -52,8 +43,9 @@ RUNS = (
 )
 figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
 for label, method, dt, colour in RUNS:
-    times, errors, path = energies(method, compass, dt, 400)
-    shown = int(path.first_bad)
+    path = ml.integrate(method, compass.body, compass.torque, compass.start, dt=dt, steps=400)
+    energy, times, shown = ml.energy(compass.body, compass.torque, path), path.times, int(path.first_bad)
+    errors = np.abs(energy / energy[0] - 1)
     axes.semilogy(times[1:shown], np.maximum(errors[1:shown], 1e-16), color=colour, linewidth=1)
     axes.annotate(label, (times[shown - 1], errors[shown - 1]), (10, 0), textcoords="offset points", color=colour)
     if not path.ok:
@@ -109,10 +101,10 @@ for dt in (0.1, 1.02):
 # %%
 BRICK = ml.RigidBody([1.0, 1.6, 2.1])
 starts = ml.MomentumState(jnp.array([[1e-7, 1.6, 0.0], [6e-7, 1.6, 0.0]]))
-tumbling = jax.vmap(lambda start: ml.integrate("JACOBI[EA]", BRICK, None, start, dt=0.1, steps=2500))(starts)
+tumbling = ml.ensemble("JACOBI[EA]", BRICK, None, starts, dt=0.1, steps=2500, save_every=1)
 figure, axes = plt.subplots(figsize=(7.2, 3.4), dpi=80, layout="constrained")
 for momentum, colour in zip(tumbling.states.momentum, (BLUE, ORANGE), strict=True):
-    axes.plot(tumbling.times[0], momentum[:, 1] / 1.6, color=colour, linewidth=1.2)
+    axes.plot(tumbling.times, momentum[:, 1] / 1.6, color=colour, linewidth=1.2)
 axes.annotate("one start", (49, 0.5), color=BLUE)
 axes.annotate("the other", (38, 0.5), color=ORANGE, ha="right")
 panel(axes, "Spin about the middle axis, over its start", "time", r"$\Omega_2(t)\,/\,\Omega_2(0)$")
@@ -132,15 +124,10 @@ figure, axes = plt.subplots(figsize=(7.2, 4.2), dpi=80, layout="constrained")
 for dtype, colour in ((jnp.float32, ORANGE), (jnp.float64, BLUE)):
     momenta = jnp.asarray(np.random.default_rng(1).normal(size=(64, 3)), dtype)
     body = ml.RigidBody(jnp.asarray(BRICK.moments, dtype))
-    run = jax.jit(
-        jax.vmap(
-            lambda p, body=body: ml.integrate(
-                "JACOBI[EA]", body, None, ml.MomentumState(p), dt=0.1, steps=200_000, save_every=100
-            )
-        )
-    )
-    momentum = np.asarray(run(momenta).states.momentum, float)
-    kinetic = np.sum(momentum**2 / np.asarray(body.moments, float), axis=-1) / 2
+    start = ml.MomentumState(momenta)
+    path = ml.ensemble("JACOBI[EA]", body, None, start, dt=0.1, steps=200_000, save_every=100)
+    double = ml.RigidBody(jnp.asarray(body.moments, float))  # the energy itself is computed in float64
+    kinetic = ml.kinetic_energy(double, ml.MomentumState(jnp.asarray(path.states.momentum, float)))
     error = np.sqrt(np.mean((kinetic[:, counts] / kinetic[:, :1] - 1) ** 2, axis=0))
     axes.loglog(100 * counts, error, color=colour, marker="o")
     axes.annotate(dtype.__name__, (100 * counts[-1], error[-1]), (6, -3), textcoords="offset points", color=colour)

@@ -3,16 +3,20 @@
 `make notebooks` executes them; nothing is executed here.
 """
 
+import base64
 import re
+from io import BytesIO
 from pathlib import Path
 
 import jupytext
 import nbformat
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
+LIMIT = 180  # seconds, as of `make notebooks`
 LARGEST = 4e6  # bytes of all pictures of the repository
 # What names the machine on which a notebook was executed, or an address in its memory.
 OF_A_MACHINE = re.compile(r"/(?:home|root|work|tmp|Users|var|opt)/|site-packages|[A-Z]:\\| at 0x|ipykernel_\d")
@@ -71,3 +75,20 @@ def test_all_pictures_are_small():
     files = [path for path in files if path.suffix in (".png", ".gif")]
     total = sum(path.stat().st_size for path in files) + sum(sum(pictures(script)) for script in SCRIPTS)
     assert total < LARGEST, f"{total / 1e6:.2f} MB of pictures"
+
+
+@each
+def test_every_picture_has_a_ground_of_its_own(script):
+    """Without one, dark text would be lost on a dark page."""
+    for output in (output for cell in code_cells(script) for output in cell.outputs):
+        for kind in ("image/png", "image/gif"):
+            if kind in output.get("data", {}):
+                picture = Image.open(BytesIO(base64.b64decode(output.data[kind]))).convert("RGBA")
+                assert picture.getchannel("A").getextrema() == (255, 255)
+
+
+def test_the_index_has_the_seconds_of_every_notebook():
+    """`python benchmarks/notebooks.py --times` puts them there: of one core, and `make notebooks` has two."""
+    rows = re.findall(r"\((\S+)\.ipynb\) \| (\d+) \|", (FOLDER / "README.md").read_text())
+    assert sorted(name for name, _ in rows) == [path.stem for path in SCRIPTS]
+    assert all(0 < int(seconds) < 2 * LIMIT for _, seconds in rows)

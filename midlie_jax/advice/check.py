@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count
+from .._checks.renamed import old_name
 from .._math.components import is_traced
 from ..drivers.arguments import as_method, as_scalar, check_system
 from ..drivers.ensemble import as_batch
@@ -96,6 +97,8 @@ class Check(NamedTuple):
     resonant: bool
     suggested: float
     rounding: Rounding
+
+    order = old_name("Check", "order", "harmonic")
 
     @property
     def parts(self) -> list[tuple[str, str]]:

@@ -78,8 +78,8 @@ def _gravity(terms: tuple[Any, ...]) -> np.ndarray:
 def _relative(vectors: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     """|v(t) - v(0)| over a scale, by default |v(0)|."""
     first = vectors[..., :1, :]
-    scale = np.linalg.norm(first, axis=-1) if scale is None else scale
-    return np.linalg.norm(vectors - first, axis=-1) / np.where(scale > 0, scale, 1)
+    size = np.asarray(np.linalg.norm(first, axis=-1) if scale is None else scale)
+    return np.linalg.norm(vectors - first, axis=-1) / np.where(size > 0, size, 1)
 
 
 def in_words(vector: Any) -> str:

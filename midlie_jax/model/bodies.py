@@ -14,6 +14,7 @@ from jax import Array
 from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_finite, require_rows
+from .._checks.renamed import old_name
 from .._math import components as cp
 from . import masses, so3
 from .inertia import Inertia
@@ -217,6 +218,7 @@ class TensorBody(Body):
 
     principal: RigidBody
     frame: Float[Array, "*batch 4"]
+    axes = old_name("TensorBody", "axes", "frame")
 
     def __init__(self, tensor: Any, *, physical: bool = True):
         self.principal, axes = RigidBody.from_tensor(tensor, physical=physical)

@@ -223,8 +223,9 @@ def to_scipy(quaternion: Float[Array, "*batch 4"]) -> Any:
 
     Examples:
         >>> attitude = ml.so3.exp(jnp.array([0.0, 0.0, 0.3]))
-        >>> ml.so3.to_scipy(attitude).as_euler("ZYX").round(6)  # yaw, pitch and roll
-        array([0.3, 0. , 0. ])
+        >>> yaw, pitch, roll = ml.so3.to_scipy(attitude).as_euler("ZYX")
+        >>> round(float(yaw), 6)
+        0.3
     """
     from scipy.spatial.transform import Rotation
 

@@ -158,8 +158,8 @@ def tumbling(
         >>> start = ml.tumbling(
         ...     body, precession_period=3.9, rotation_period=10.0, axis="short", pole=[0.0, 0.0, 1.0], phases=(0.1, 0.0)
         ... )
-        >>> ml.tumble(body, start).rotation_period.round(4), ml.spatial_momentum(start).round(4)
-        (Array(10., dtype=float64), Array([0.    , 0.    , 2.1594], dtype=float64))
+        >>> ml.tumble(body, start).rotation_period.round(4), ml.spatial_momentum(start)[2].round(4)
+        (Array(10., dtype=float64), Array(2.1594, dtype=float64))
     """
     principal = principal_of(body)
     if not isinstance(principal, RigidBody):

@@ -13,6 +13,7 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, described
+from .._checks.renamed import renamed
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import Batch, as_batch, check_spread, check_times_of_batch
@@ -38,6 +39,7 @@ from .variables import bytes_of, carried_leaves, seen_leaves, seen_variables, st
 Repaired = tuple[str, ...]
 
 
+@renamed(segment="span")
 def simulate(
     method: Method | str,
     body: Body,
