@@ -47,8 +47,8 @@ class Axis(Observable):
     Examples:
         >>> body = ml.RigidBody([2.0, 2.0, 1.0])
         >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
-        >>> ml.observe.Axis().of(jnp.array(0.0), lying, body, None)  # in a run: as observe
-        Array([1., 0., 0.], dtype=float64)
+        >>> ml.observe.Axis().of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
+        1.0
     """
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -73,8 +73,8 @@ class SpatialMomentum(Observable):
     Examples:
         >>> body = ml.RigidBody([2.0, 2.0, 1.0])
         >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
-        >>> ml.observe.SpatialMomentum().of(jnp.array(0.0), lying, body, None)  # in a run: as observe
-        Array([5., 0., 0.], dtype=float64)
+        >>> ml.observe.SpatialMomentum().of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
+        5.0
     """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:

@@ -115,11 +115,11 @@ class Rotors(ReadsVelocity):
         ValueError: momentum not of shape (..., 3) or not finite.
 
     Examples:
-        >>> rotor = ml.torques.Rotors([0.0, 0.0, 2.0])
+        >>> rotor = ml.torques.Rotors([1.0, 2.0, 4.0])
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
         >>> rotor.on(body)(0.0, state)  # h x Omega
-        Array([-2.,  2.,  0.], dtype=float64)
+        Array([-2.,  3., -1.], dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]
