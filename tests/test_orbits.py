@@ -328,6 +328,9 @@ THREE = np.eye(3)
     [
         (lambda: orbits.KeplerOrbit([1.0, 0, 0], [2.0, 0, 0], 1.0), "velocity must not be along the position"),
         (lambda: orbits.KeplerOrbit([1.0, 0, 0], [0.0, 1, 0], -1.0), "mu must be positive and finite"),
+        (lambda: orbits.CircularOrbit([1.0, 0, 0], [0.0, 1, 0], 0.0), "mu must be positive and finite"),
+        (lambda: orbits.CircularOrbit([0.0, 0, 0], [0.0, 1, 0], 1.0), "position must not be the centre"),
+        (lambda: orbits.CircularOrbit([1.0, 2, 3], [0.1, 0.2, 0.3], 1.0), "a part perpendicular to position"),
         (lambda: elements(1.0, periapsis=None), "exactly one of periapsis, semi_major_axis, .* got none"),
         (lambda: elements(0.5, semi_major_axis=2.0), "got periapsis and semi_major_axis; give one"),
         (lambda: elements(0.5, true_anomaly=2.0), "got time_of_periapsis and true_anomaly; give one"),

@@ -22,6 +22,16 @@ class Segment:
         columns: the numbers of the lines by their names in the standard, such as "Q1", each (n,); angles in degrees,
             rates in degrees per second.
         body_is: "A" or "B", the frame that turns with the body; "" if the names of the frames do not tell.
+
+    Examples:
+        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
+        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
+        >>> states = ml.RigidState(jnp.zeros((2, 3)), [[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6]])
+        >>> told = {"times": [0.0, 10.0], "epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
+        >>> lines = ml.attitudes.write(states, "satellite.aem", **told, **names)
+        >>> (segment,) = ml.attitudes.read("satellite.aem").segments
+        >>> segment.metadata["OBJECT_NAME"], segment.body_is, segment.columns["QC"].tolist()
+        ('SATELLITE', 'B', [1.0, 0.8])
     """
 
     metadata: Mapping[str, str]
@@ -67,6 +77,18 @@ class AttitudeFile:
         header: its keywords, such as "ORIGINATOR".
         comments: the texts of the comments in the header.
         segments: the pieces of the motion, one after the other.
+
+    Examples:
+        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
+        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
+        >>> states = ml.RigidState(jnp.zeros((2, 3)), [[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6]])
+        >>> told = {"times": [0.0, 10.0], "epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
+        >>> lines = ml.attitudes.write(states, "satellite.aem", **told, **names)
+        >>> message = ml.attitudes.read("satellite.aem")
+        >>> message.version, message.header["ORIGINATOR"], message.epoch
+        ('2.0', 'LAB', '2026-04-13T21:45:00.000000000')
+        >>> message.times.tolist(), message.attitudes.shape
+        ([0.0, 10.0], (2, 4))
     """
 
     version: str

@@ -34,6 +34,16 @@ def read(file: str | Path, *, body: str | None = None, frames: Collection[str] =
             unknown, a line has not the numbers of its ATTITUDE_TYPE, epochs do not ascend or are outside START_TIME
             and STOP_TIME, or a quaternion has not length 1 to 1e-3. The message names file and line.
         OSError: the file cannot be read.
+
+    Examples:
+        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
+        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
+        >>> states = ml.RigidState(jnp.zeros((2, 3)), [[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6]])
+        >>> told = {"times": [0.0, 10.0], "epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
+        >>> lines = ml.attitudes.write(states, "satellite.aem", **told, **names)
+        >>> ml.attitudes.read("satellite.aem").attitudes.round(6)  # from body to space
+        array([[1. , 0. , 0. , 0. ],
+               [0.8, 0. , 0. , 0.6]])
     """
     if body not in (None, "A", "B"):
         raise ValueError(f"body must be 'A' or 'B', the frame that turns with the body, or None, got {body!r}.")

@@ -88,6 +88,15 @@ def write(
         ValueError: an argument is invalid or missing; the run failed, or holds no attitudes of one body; or times that
             differ become the same epoch, which is written to nanoseconds.
         OSError: the file cannot be written.
+
+    Examples:
+        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.1, 0.0, 0.2], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=1.0, steps=60, save_every=10)
+        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
+        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
+        >>> clock = {"epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
+        >>> ml.attitudes.write(path, "satellite.aem", **clock, **names)  # seven lines of data
+        7
     """
     if form not in _TYPES:
         raise unknown("form", form, _TYPES)

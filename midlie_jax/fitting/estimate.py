@@ -38,6 +38,16 @@ class Estimate(eqx.Module):
         converged: whether the optimiser converged and every step of the run was good.
         result: how the fit ended, the `code` of a `Result`.
         ok: whether it ended as it should: `result` is 0.
+
+    Examples:
+        >>> def model(values):  # values of the parameters -> body, torque, start
+        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
+        >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
+        >>> plan = ml.fitting.prepare(model, guess, gyroscope, method="RK4", dt=0.5)
+        >>> found = jax.eval_shape(lambda: ml.fitting.fit_arrays(plan, guess, gyroscope))  # the shapes alone
+        >>> found.values["momentum"].shape, found.covariance.shape, found.intervals.shape
+        ((3,), (3, 3), (3, 2))
     """
 
     vector: Float[Array, "*batch p"]

@@ -82,6 +82,17 @@ def fit(
         ValueError: an argument is invalid, there are too few measurements, or the rates are in another unit than the
             guess of a free body; these are raised before anything is traced. Or the fit converged, but the measurements
             do not determine all parameters; the message names those that cannot be told apart.
+
+    Examples:
+        >>> def model(values):  # values of the parameters -> body, torque, start
+        ...     damping = ml.torques.Damping(values["damping"])
+        ...     return ml.RigidBody([2.0, 2.0, 2.0]), damping, ml.MomentumState([1.0, 0.6, 0.4])
+        >>> times = np.arange(0.0, 5.0)
+        >>> rates = np.exp(-0.15 * times)[:, None] * np.array([0.5, 0.3, 0.2])  # (5, 3), as measured
+        >>> guess = {"damping": ml.fitting.Positive(0.2)}
+        >>> result = ml.fit(model, guess, ml.fitting.Rates(times, rates, sigma=1e-3), method="RK4", dt=0.5)
+        >>> result.ok, round(float(result.values["damping"]), 4)  # 2 * 0.15
+        (True, 0.3)
     """
     plan = prepare(
         model,

@@ -25,6 +25,12 @@ class OfBody(Measurement):
     Raises:
         ValueError: the index is not a whole number from 0 on; the measurement is none of one body, or `Accelerations`,
             which need the force on the body alone.
+
+    Examples:
+        >>> times, seen = np.arange(3.0), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+        >>> moon = ml.fitting.OfBody(1, ml.fitting.Attitudes(times, seen, sigma=0.01))  # the second body
+        >>> moon.body, moon.values.shape
+        (1, (3, 4))
     """
 
     body: int = eqx.field(static=True)

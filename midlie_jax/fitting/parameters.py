@@ -27,6 +27,14 @@ class Parameter(eqx.Module):
 
     Two sets of numbers describe a value: the *unconstrained* vector (size,), which the optimiser varies, and the
     *coordinates* (k,), the physical numbers in which the result and its covariance are given.
+
+    Attributes:
+        initial: the guess, in the unit of the value.
+
+    Examples:
+        >>> guess = {"moments": ml.fitting.Moments([2.0, 3.0, 4.0]), "damping": ml.fitting.Positive(0.2)}
+        >>> guess["moments"].labels(), guess["moments"].value(guess["moments"].vector()).round(6)
+        (['[0]', '[1]', '[2]'], Array([2., 3., 4.], dtype=float64))
     """
 
     initial: eqx.AbstractVar[Array]
@@ -64,6 +72,11 @@ class Free(Parameter):
 
     Raises:
         ValueError: the guess is not an array of finite numbers.
+
+    Examples:
+        >>> bias = ml.fitting.Free([0.0, 0.01, 0.0])
+        >>> bias.vector()
+        Array([0.  , 0.01, 0.  ], dtype=float64)
     """
 
     initial: Float[Array, "..."]
@@ -91,6 +104,11 @@ class Positive(Parameter):
 
     Raises:
         ValueError: a number of the guess is not positive and finite.
+
+    Examples:
+        >>> weight = ml.fitting.Positive(2.0)
+        >>> bool(weight.value(weight.vector() - 10.0) > 0)  # wherever the optimiser goes
+        True
     """
 
     initial: Float[Array, "..."]
@@ -121,6 +139,13 @@ class Moments(Parameter):
     Raises:
         ValueError: the guess is not of shape (3,) or is not the inertia of a body with extent in all three directions;
             or `scale` is neither word.
+
+    Examples:
+        >>> moments = ml.fitting.Moments([2.0, 3.0, 4.0], scale="fixed")
+        >>> moments.vector().shape  # two ratios
+        (2,)
+        >>> moments.value(jnp.zeros(2)).round(6)  # any two numbers give a body with the same sum: zeros, a ball
+        Array([3., 3., 3.], dtype=float64)
     """
 
     initial: Float[Array, "3"]
@@ -168,6 +193,11 @@ class InertiaTensor(Parameter):
     Raises:
         ValueError: the guess is not of shape (3, 3), not symmetric, or not the inertia of a body with extent in all
             directions; or `scale` is neither word.
+
+    Examples:
+        >>> tensor = ml.fitting.InertiaTensor([[2.0, 0.1, 0.0], [0.1, 3.0, 0.0], [0.0, 0.0, 4.0]], scale="fixed")
+        >>> tensor.vector().shape  # five numbers, because the trace is fixed
+        (5,)
     """
 
     initial: Float[Array, "3 3"]
@@ -226,6 +256,11 @@ class UnitQuaternion(Parameter):
 
     Raises:
         ValueError: the guess is not of shape (4,) or its length is not 1 to 1e-3.
+
+    Examples:
+        >>> attitude = ml.fitting.UnitQuaternion([1.0, 0.0, 0.0, 0.0])
+        >>> attitude.value(jnp.array([0.2, 0.0, 0.0])).round(4)  # the guess, turned by 0.2 about axis 1
+        Array([0.995 , 0.0998, 0.    , 0.    ], dtype=float64)
     """
 
     initial: Float[Array, "4"]
@@ -258,6 +293,11 @@ class UnitVector(Parameter):
 
     Raises:
         ValueError: the guess is not of shape (3,) or its length is not 1 to 1e-3.
+
+    Examples:
+        >>> field = ml.fitting.UnitVector([0.6, 0.0, 0.8])
+        >>> field.vector().shape, field.value(jnp.zeros(2))
+        ((2,), Array([0.6, 0. , 0.8], dtype=float64))
     """
 
     initial: Float[Array, "3"]

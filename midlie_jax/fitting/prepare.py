@@ -42,6 +42,15 @@ def prepare(
     """Checks a problem and returns what `fit_arrays` needs to solve it for any data of the same shapes.
 
     Args and errors are those of `fit`.
+
+    Examples:
+        >>> def model(values):  # values of the parameters -> body, torque, start
+        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
+        >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
+        >>> plan = ml.fitting.prepare(model, guess, gyroscope, method="RK4", dt=0.5)  # for fit_arrays
+        >>> plan.starts.shape  # (s, p): one start, three unconstrained numbers
+        (1, 3)
     """
     listed = as_list(measurements)
     layout = Layout.checked(guess)

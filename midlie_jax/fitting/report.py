@@ -34,6 +34,15 @@ class Fit:
         ok: whether the fit ended as it should: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
         message: what went wrong, with the time, the names or the numbers, and a cure.
+
+    Examples:
+        >>> def model(values):  # values of the parameters -> body, torque, start
+        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
+        >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
+        >>> result = ml.fit(model, guess, gyroscope, method="RK4", dt=0.5)  # print it for a table
+        >>> result.ok, result.names, result.intervals.shape
+        (True, ['momentum[0]', 'momentum[1]', 'momentum[2]'], (3, 2))
     """
 
     def __init__(

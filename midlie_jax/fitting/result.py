@@ -11,6 +11,12 @@ class Result(Enum):
     """How a fit ended, and what this means; `Fit.message` says more about a particular fit.
 
     If several of them apply, the result is the first in the sequence RUN_FAILED, NOT_CONVERGED, UNDETERMINED, MISFIT.
+
+    Examples:
+        >>> ml.fitting.Result.of(0) is ml.fitting.Result.FITTED
+        True
+        >>> ml.fitting.Result.NOT_CONVERGED.code, ml.fitting.Result.NOT_CONVERGED.value
+        (2, 'the optimiser did not converge within its most steps')
     """
 
     FITTED = "the optimiser converged, and the measurements determine all parameters"

@@ -133,6 +133,12 @@ def states_at(
 
     Raises:
         ValueError: an argument is invalid; the message names the argument and the cure.
+
+    Examples:
+        >>> body, start = ml.RigidBody([2.0, 3.0, 4.0]), ml.MomentumState([1.0, 0.6, 0.4])
+        >>> path = ml.fitting.states_at("RK4", body, None, start, [0.0, 0.33, 1.7], dt=0.1)
+        >>> path.times, path.states.momentum.shape, bool(path.ok)
+        (Array([0.  , 0.33, 1.7 ], dtype=float64), (3, 3), True)
     """
     if is_traced(times):
         raise ValueError("times must be concrete, because they decide the number of steps; close over them.")

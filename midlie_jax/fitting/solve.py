@@ -30,6 +30,15 @@ class Plan(eqx.Module):
         starts: (s, p), increments of the unconstrained numbers of the guess, one row for each start.
         max_steps: the most steps of the optimiser.
         absolute_sigma: see `estimate_at`.
+
+    Examples:
+        >>> def model(values):  # values of the parameters -> body, torque, start
+        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> gyroscope = ml.fitting.Rates(np.arange(5.0), np.tile([0.5, 0.3, 0.2], (5, 1)), sigma=1e-3)
+        >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
+        >>> plan = ml.fitting.prepare(model, guess, gyroscope, method="RK4", dt=0.5, starts=4)
+        >>> plan.starts.shape, plan.max_steps
+        ((4, 3), 200)
     """
 
     problem: Problem
@@ -66,6 +75,17 @@ def fit_arrays(plan: Plan, guess: Any, measurements: Measurement | Sequence[Meas
 
     Returns:
         The estimate; check `ok`.
+
+    Examples:
+        >>> def model(values):  # values of the parameters -> body, torque, start
+        ...     return ml.RigidBody([1.0, 1.0, 1.0]), None, ml.MomentumState(values["momentum"])
+        >>> times, rates = np.arange(5.0), np.tile([0.5, 0.3, 0.2], (20, 5, 1))  # of 20 data sets
+        >>> guess = {"momentum": ml.fitting.Free([0.4, 0.4, 0.1])}
+        >>> plan = ml.fitting.prepare(model, guess, ml.fitting.Rates(times, rates[0], 1e-3), method="RK4", dt=0.5)
+        >>> one = lambda seen: ml.fitting.fit_arrays(plan, guess, ml.fitting.Rates(times, seen, 1e-3))
+        >>> many = jax.jit(jax.vmap(one))(rates)
+        >>> many.values["momentum"].shape, bool(many.ok.all())
+        ((20, 3), True)
     """
     several = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)
     data = Data(Layout(guess), several)

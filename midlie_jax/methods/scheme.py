@@ -47,6 +47,13 @@ class Scheme:
             to 1; the order is not the measured one; a stage is neither a kick nor a flight nor a bath; `gradients` is
             neither empty nor one number for each kick, or there is a bath; `displaced` without `gradients`; or `small`
             or `composed` is not true of the scheme.
+
+    Examples:
+        >>> kick, flight, end = ml.schemes.KICK, ml.schemes.FLIGHT, 0.1931833275037836  # McLachlan 1995
+        >>> table = ((kick, end), (flight, 0.5), (kick, 1 - 2 * end), (flight, 0.5), (kick, end))
+        >>> scheme = ml.schemes.Scheme("ML2", 2, table)  # a ValueError if the order were not 2
+        >>> scheme.symmetric, scheme.evaluations, ml.method("JACOBI", scheme).name
+        (True, 2, 'JACOBI[ML2]')
     """
 
     name: str

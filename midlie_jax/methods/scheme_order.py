@@ -73,6 +73,10 @@ def measured_order(
     Args:
         scheme: the scheme.
         before, after: stages of a processor, applied once before and once after a run.
+
+    Examples:
+        >>> round(ml.schemes.measured_order(ml.schemes.EA))
+        2
     """
     slope, count = np.nan, _FEWEST_STEPS
     ends = [pendulums(scheme, count * factor, before, after) for factor in (1, 2)]
@@ -95,6 +99,10 @@ def measured_weak_order(scheme: Table) -> float:
     """The weak order of a scheme with a bath: that of the mean and the covariance of two oscillators.
 
     The pendulums of `measured_order` see how kicks and flights fit together, so the lower of both orders is returned.
+
+    Examples:
+        >>> round(ml.schemes.measured_weak_order(ml.schemes.BAOAB))
+        2
     """
     counts = 16, 32, 64
     coarse, middle, fine = (_averages(scheme, count) for count in counts)

@@ -52,6 +52,15 @@ def run(
 
     Returns:
         The new motion, and the force of the last kick (None if there was no kick).
+
+    Examples:
+        >>> h = 0.1  # a mass on a spring; its motion is (position, momentum)
+        >>> fly = lambda a, motion: (motion[0] + a * h * motion[1], motion[1])
+        >>> kick = lambda b, c, motion, force: (motion[0], motion[1] + b * h * force)
+        >>> pull = lambda c, g, motion: -motion[0]
+        >>> motion, force = ml.schemes.run(ml.schemes.EA, fly, kick, pull, (1.0, 0.0))
+        >>> [round(x, 6) for x in motion]
+        [0.995, -0.09975]
     """
     elapsed, flights_left, baths = 0.0, scheme.flights, 0
     weights = iter(scheme.gradients)

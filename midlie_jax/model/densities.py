@@ -33,6 +33,8 @@ def _positive(name: str, value: Any) -> Array:
 class OrbitalDistance(eqx.Module):
     """((reference / r)^(4 power) + 1 / longest^4)^(1/4), where r is the distance of an orbit from its centre.
 
+    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
+
     With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of
     rotation by the gravity gradient. Far out on an eccentric orbit or a hyperbola the body's own rotation sets the time
     scale, and steps in proportion to r^(3/2) would be longer than it; so no step is longer than `longest` steps at the
@@ -46,6 +48,13 @@ class OrbitalDistance(eqx.Module):
 
     Raises:
         ValueError: the reference or `longest` is not positive and finite.
+
+    Examples:
+        >>> orbit = ml.orbits.KeplerOrbit(position=[1.0, 0.0, 0.0], velocity=[0.0, 1.3, 0.0], mu=1.0)
+        >>> density = ml.densities.OrbitalDistance(orbit, reference=1.0)  # for ml.integrate_adaptive
+        >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(density(0.0, state)), 4), round(float(density(10.0, state)), 4)  # steps are longer far out
+        (1.0, 0.1037)
     """
 
     orbit: Callable[[Any], Array]
@@ -70,6 +79,8 @@ class OrbitalDistance(eqx.Module):
 class TorqueSize(eqx.Module):
     """((|T|^2 + floor^2) / reference^2)^(power / 2), where T is a torque.
 
+    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
+
     With the default power 1/2 the density is proportional to sqrt(|T|), as is sqrt(|T| / I), the rate at which a torque
     turns a body with moment of inertia I that starts at rest.
 
@@ -81,6 +92,14 @@ class TorqueSize(eqx.Module):
 
     Raises:
         ValueError: the reference or the floor is not positive and finite.
+
+    Examples:
+        >>> torque = ml.torques.HeavyTop(2.0)
+        >>> density = ml.densities.TorqueSize(torque, reference=2.0, floor=0.1)  # for ml.integrate_adaptive
+        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))
+        >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])  # without a torque
+        >>> round(float(density(0.0, lying)), 4), round(float(density(0.0, upright)), 4)
+        (1.0006, 0.2236)
     """
 
     torque: TorqueLike
@@ -103,6 +122,8 @@ class TorqueSize(eqx.Module):
 class Spin(eqx.Module):
     """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: all steps turn the body by similar angles.
 
+    It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
+
     Attributes:
         moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states are in other axes.
         reference: the angular velocity at which the density is about 1, ().
@@ -110,6 +131,12 @@ class Spin(eqx.Module):
 
     Raises:
         ValueError: the moments do not have three entries, or the reference or the floor is not positive and finite.
+
+    Examples:
+        >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)  # for ml.integrate_adaptive
+        >>> fast = ml.RigidState([0.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(density(0.0, fast)), 3)  # steps five times as short as at the reference
+        5.001
     """
 
     moments: Float[Array, "*batch 3"]

@@ -25,6 +25,12 @@ class Inertia(NamedTuple):
             function (`flights/symplectic_midpoint.py`).
         gaps: (1/I_k - 1/I_j) / per_unit, (i, j, k) cyclic; Euler's equations are Pi_i' = per_unit gaps_i Pi_j Pi_k.
         middle: the unit vector along the axis of the middle moment.
+
+    Examples:
+        >>> inertia = ml.flights.Inertia.of(ml.RigidBody([2.0, 3.0, 4.0]))
+        >>> momentum = ml.flights.components.vector(jnp.array([2.0, 6.0, 12.0]))  # a tuple of scalars
+        >>> jnp.stack(inertia.velocity(momentum))
+        Array([1., 2., 3.], dtype=float64)
     """
 
     moments: cp.Vector

@@ -26,19 +26,53 @@ class Values(Observable):
 
 
 def as_observe(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver."""
+    """The checked argument `observe` of a driver: an observable, a statistic, or None for the states.
+
+    Raises:
+        ValueError: it is none of these.
+
+    Examples:
+        >>> ml.observe.as_observe(ml.observe.Energy())
+        Energy()
+        >>> ml.observe.as_observe(None) is None  # the states are saved
+        True
+    """
     return value if value is None or isinstance(value, Statistic) else as_observable("observe", value)
 
 
 def as_observe_of_one(value: Any) -> Observe | None:
-    """The checked argument `observe` of a driver of one body."""
+    """The checked argument `observe` of a driver of one body: an autocorrelation or a spectrum may be had of one.
+
+    Raises:
+        ValueError: it is another statistic, which combines bodies, or no observable.
+
+    Examples:
+        >>> ml.observe.as_observe_of_one(ml.observe.Energy())
+        Energy()
+        >>> try:
+        ...     ml.observe.as_observe_of_one(ml.observe.Mean(ml.observe.Energy()))
+        ... except ValueError as error:
+        ...     print(error)
+        a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.
+    """
     if isinstance(value, Statistic) and not isinstance(value, Series):
         raise ValueError("a statistic combines bodies; give it to midlie_jax.ensemble or midlie_jax.simulate.")
     return as_observe(value)
 
 
 def observe_state(observe: Observe | None, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
-    """What is saved of one body at one time: what is observed, or the state itself if nothing is."""
+    """What is saved of one body at one time: what is observed, or the state itself if nothing is.
+
+    Raises:
+        ValueError: the observable returns no array, or complex numbers to a statistic.
+
+    Examples:
+        >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+        >>> ml.observe.observe_state(ml.observe.Energy(), jnp.array(0.0), state, body, None).item()
+        2.25
+        >>> ml.observe.observe_state(None, jnp.array(0.0), state, body, None) is state
+        True
+    """
     if observe is None:
         return state
     observable = observe.observable if isinstance(observe, Statistic) else observe

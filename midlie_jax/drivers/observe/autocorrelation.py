@@ -26,6 +26,12 @@ class Correlation(NamedTuple):
         error: (lags + 1,), the standard error of the correlation, from its spread over the bodies; NaN for fewer than
             two bodies.
         number: (lags + 1,), how many bodies were counted: those with values at two times so far apart.
+
+    Examples:
+        >>> x = np.random.default_rng(0).normal(size=(8, 100))  # of 8 bodies 100 values each
+        >>> found = ml.observe.autocorrelation(x, lags=20, interval=0.5)
+        >>> found.lag[-1].item(), found.correlation.shape, found.error.shape, found.number[0].item()
+        (10.0, (21,), (21,), 8)
     """
 
     lag: Float[Array, "*batch lags"]
@@ -73,6 +79,13 @@ class Autocorrelation(Series):
 
     Raises:
         ValueError: `lags` is not a positive int; a driver raises it if the run has no more than `lags` saved values.
+
+    Examples:
+        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+        >>> memory = ml.observe.Autocorrelation(ml.observe.Axis(), lags=20)
+        >>> found = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=0.1, steps=100, observe=memory).states
+        >>> found.correlation.shape, round(float(found.correlation[0]), 6)  # axes have length 1
+        ((21,), 1.0)
     """
 
     fields = Correlation._fields

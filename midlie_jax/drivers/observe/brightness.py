@@ -23,6 +23,16 @@ class Scattering(eqx.Module):
 
     A law of your own is a subclass. It must be zero where mu or mu0 is, without a jump; it is called where both are
     positive.
+
+    Examples:
+        >>> class Minnaert(ml.observe.Scattering):  # of your own
+        ...     k: float
+        ...     def __call__(self, mu, mu0):
+        ...         return mu0**self.k * mu**self.k
+        >>> cube, state = ml.Surface.box([2.0, 2.0, 2.0]), ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+        >>> light = ml.observe.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=Minnaert(2.0))
+        >>> round(float(light(0.0, state)), 6)  # 4 * 0.6^2
+        1.44
     """
 
     @abstractmethod
@@ -36,7 +46,13 @@ class Scattering(eqx.Module):
 
 
 class Lambert(Scattering):
-    """Lambert's law, mu mu0: a white, rough surface. The intensity is pi times that of a surface of this albedo."""
+    """Lambert's law, mu mu0: a white, rough surface. The intensity is pi times that of a surface of this albedo.
+
+    Examples:
+        >>> law = ml.observe.Lambert()  # for ml.observe.Brightness
+        >>> law(jnp.array(0.5), jnp.array(0.25)).item()
+        0.125
+    """
 
     def __call__(self, mu: Array, mu0: Array) -> Array:
         return mu * mu0
@@ -53,6 +69,11 @@ class LommelSeeliger(Scattering):
 
     Raises:
         ValueError: a factor that is negative or not finite.
+
+    Examples:
+        >>> law = ml.observe.LommelSeeliger(lambert=0.1)  # for ml.observe.Brightness
+        >>> round(float(law(jnp.array(0.5), jnp.array(0.25))), 6)  # 0.125 (1 / 0.75 + 0.1)
+        0.179167
     """
 
     lambert: Float[Array, "*batch"]
@@ -88,6 +109,13 @@ class Brightness(Light):
     Raises:
         ValueError: another thing than a `Surface`, a direction that is no unit vector, a law that cannot be called, or
             a negative albedo. When called: as many albedos as facets are not there, or a state without an attitude.
+
+    Examples:
+        >>> cube = ml.Surface.box([2.0, 2.0, 2.0])
+        >>> light = ml.observe.Brightness(cube, sun=[1.0, 0.0, 0.0], observer=[0.6, 0.8, 0.0], law=ml.observe.Lambert())
+        >>> state = ml.RigidState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(light(0.0, state)), 6)  # the Sun lights one face, area 4, seen with mu = 0.6; mu0 = 1
+        2.4
     """
 
     surface: Surface

@@ -14,7 +14,17 @@ from ...model.torques import TorqueLike
 
 
 class Observable(eqx.Module):
-    """A quantity of one body at one time."""
+    """A quantity of one body at one time: the argument `observe` of a run, or what a statistic combines.
+
+    Examples:
+        >>> class Tilt(ml.observe.Observable):  # of your own: the angle between axis 3 and the vertical, ()
+        ...     def of(self, t, state, body, torque):
+        ...         return jnp.arccos(ml.so3.to_matrix(state.attitude)[2, 2])
+        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
+        >>> tilted = ml.RigidState([0.0, 0.0, 1.0], ml.so3.exp(jnp.array([0.2, 0.0, 0.0])))
+        >>> round(float(Tilt().of(jnp.array(0.0), tilted, body, None)), 6)  # in a run: as observe
+        0.2
+    """
 
     @abstractmethod
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Any:
@@ -22,7 +32,17 @@ class Observable(eqx.Module):
 
 
 class Function(Observable):
-    """A function of the time and the state of one body, `function(t, state)`; returns an array or a pytree of them."""
+    """A function of the time and the state of one body, `function(t, state)`; returns an array or a pytree of them.
+
+    Attributes:
+        function: `function(t, state)`, pure and made of JAX operations.
+
+    Examples:
+        >>> speed = ml.observe.Function(lambda t, state: jnp.linalg.norm(state.momentum))
+        >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([3.0, 0.0, 4.0], [1.0, 0.0, 0.0, 0.0])
+        >>> speed.of(jnp.array(0.0), state, body, None).item()  # a run also takes the plain function as observe
+        5.0
+    """
 
     function: Callable[[Any, Any], Any]
 
@@ -31,7 +51,18 @@ class Function(Observable):
 
 
 class Together(Observable):
-    """Several observables by name."""
+    """Several observables by name; the value is a dict of theirs.
+
+    Attributes:
+        parts: the observables by name.
+
+    Examples:
+        >>> both = ml.observe.Together({"energy": ml.observe.Energy(), "axis": ml.observe.Axis()})
+        >>> body, state = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+        >>> found = both.of(jnp.array(0.0), state, body, None)  # as observe of a run, or the dict alone
+        >>> round(float(found["energy"]), 6), found["axis"].shape
+        (2.25, (3,))
+    """
 
     parts: dict[str, Observable]
 
@@ -40,7 +71,22 @@ class Together(Observable):
 
 
 def as_observable(name: str, value: Any) -> Observable:
-    """The argument as an observable: an observable, a function of (t, state), or a dict of both."""
+    """The argument as an observable: an observable, a function of (t, state), or a dict of both.
+
+    Args:
+        name: what the argument is called in the message of the error.
+        value: the argument.
+
+    Raises:
+        ValueError: it is none of these.
+
+    Examples:
+        >>> both = ml.observe.as_observable("observe", {"energy": ml.observe.Energy(), "axis": ml.observe.Axis()})
+        >>> both.parts["energy"]
+        Energy()
+        >>> isinstance(ml.observe.as_observable("observe", lambda t, state: state.momentum[2]), ml.observe.Function)
+        True
+    """
     if isinstance(value, Observable):
         return value
     if isinstance(value, dict) and value and all(isinstance(key, str) for key in value):

@@ -32,6 +32,12 @@ def autocorrelation(
 
     Raises:
         ValueError: an argument does not fit; the message names it and the cure.
+
+    Examples:
+        >>> x = np.cos(np.pi * np.arange(100.0) / 4) * np.ones((8, 1))  # (bodies, times), a wave of 8 values
+        >>> found = ml.observe.autocorrelation(x, lags=20, interval=0.5)
+        >>> found.lag[8].item(), round(float(found.correlation[8]), 2)
+        (4.0, 0.5)
     """
     return _of(Autocorrelation(_values, lags, centred=centred, normalised=normalised), values, interval, first_bad)
 
@@ -54,6 +60,12 @@ def spectrum(
 
     Raises:
         ValueError: an argument does not fit; the message names it and the cure.
+
+    Examples:
+        >>> x = np.cos(np.pi * np.arange(100.0) / 4) * np.ones((8, 1))  # (bodies, times), a wave of 8 values
+        >>> found = ml.observe.spectrum(x, segment=32, interval=0.5)
+        >>> found.frequency[jnp.argmax(found.density)].item()  # 1 / (8 * 0.5)
+        0.25
     """
     statistic = Spectrum(_values, segment, overlap=overlap, window=window, detrend=detrend)
     return _of(statistic, values, interval, first_bad)

@@ -18,7 +18,17 @@ from .observables import Observable
 
 
 class Energy(Observable):
-    """The energy (), kinetic plus potential. A ValueError for a torque without a potential."""
+    """The energy, kinetic plus potential, (), mass length^2 / time^2.
+
+    Raises:
+        ValueError: in a run, the torque has no potential.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([2.0, 2.0, 1.0]), ml.torques.HeavyTop(1.0)
+        >>> state = ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(float(ml.observe.Energy().of(jnp.array(0.0), state, body, torque)), 6)  # in a run: as observe
+        3.25
+    """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         return observables.energy(body, torque, state, t)
@@ -27,7 +37,18 @@ class Energy(Observable):
 class Axis(Observable):
     """The direction in space of an axis that is fixed in the body, a unit vector (3,); by default the third axis.
 
-    An `AxisState` knows the third axis alone; for another axis, a ValueError.
+    Attributes:
+        axis: three numbers in the body frame, of any length but zero.
+
+    Raises:
+        ValueError: the axis is zero or not finite. In a run: a state without an attitude, or another axis than
+            the third of an `AxisState`, which knows no other.
+
+    Examples:
+        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
+        >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
+        >>> ml.observe.Axis().of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
+        1.0
     """
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -44,28 +65,61 @@ class Axis(Observable):
 
 
 class SpatialMomentum(Observable):
-    """The angular momentum in the space frame about its origin, (3,)."""
+    """The angular momentum in the space frame about its origin, (3,), mass length^2 / time.
+
+    Raises:
+        ValueError: in a run, the state has no attitude.
+
+    Examples:
+        >>> body = ml.RigidBody([2.0, 2.0, 1.0])
+        >>> lying = ml.RigidState([0.0, 0.0, 5.0], [0.5, 0.5, 0.5, 0.5])  # axis 3 points along x
+        >>> ml.observe.SpatialMomentum().of(jnp.array(0.0), lying, body, None)[0].item()  # in a run: as observe
+        5.0
+    """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         return observables.spatial_momentum(cast(Any, state))
 
 
 class AngularVelocity(Observable):
-    """The angular velocity in the body frame, (3,), radians per unit of time."""
+    """The angular velocity in the body frame, (3,), radians per unit of time.
+
+    Examples:
+        >>> body, state = ml.RigidBody([2.0, 3.0, 4.0]), ml.RigidState([2.0, 6.0, 12.0], [1.0, 0.0, 0.0, 0.0])
+        >>> ml.observe.AngularVelocity().of(jnp.array(0.0), state, body, None)  # in a run: as observe
+        Array([1., 2., 3.], dtype=float64)
+    """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         return observables.angular_velocity(body, state)
 
 
 class Tumbling(Observable):
-    """How the body tumbles, a `midlie_jax.Tumble`: mode, energy ratio, periods, effective rate, pole and phases."""
+    """How the body tumbles, a `midlie_jax.Tumble`: mode, energy ratio, periods, effective rate, pole and phases.
+
+    Examples:
+        >>> body, state = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([1.0, 0.8, -1.3], [1.0, 0.0, 0.0, 0.0])
+        >>> tumble = ml.observe.Tumbling().of(jnp.array(0.0), state, body, None)  # in a run: as observe
+        >>> bool(tumble.short_axis), round(float(tumble.rotation_period), 3), tumble.pole.shape
+        (False, 12.348, (3,))
+    """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Tumble:
         return tumble(body, state)
 
 
 class Position(Observable):
-    """The position of the centre of mass of a body that travels, space frame, (3,)."""
+    """The position of the centre of mass of a body that travels, space frame, (3,), length.
+
+    Raises:
+        ValueError: in a run, the body does not travel.
+
+    Examples:
+        >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
+        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 2.0], position=[1.0, 2.0, 3.0])
+        >>> ml.observe.Position().of(jnp.array(0.0), state, ball, None)  # in a run: as observe
+        Array([1., 2., 3.], dtype=float64)
+    """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         observables.linear_momentum(state)  # which raises for a state that does not travel
@@ -73,7 +127,17 @@ class Position(Observable):
 
 
 class Velocity(Observable):
-    """The velocity of the centre of mass of a body that travels, space frame, (3,)."""
+    """The velocity of the centre of mass of a body that travels, space frame, (3,), length/time.
+
+    Raises:
+        ValueError: in a run, the body does not travel.
+
+    Examples:
+        >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
+        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 2.0], position=[1.0, 2.0, 3.0])
+        >>> ml.observe.Velocity().of(jnp.array(0.0), state, ball, None)  # in a run: as observe
+        Array([2., 0., 1.], dtype=float64)
+    """
 
     def of(self, t: Array, state: AnyState, body: Body, torque: TorqueLike | None) -> Array:
         return observables.velocity(body, state)

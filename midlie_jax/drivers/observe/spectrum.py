@@ -24,6 +24,12 @@ class Density(NamedTuple):
         density: (f,), in the square of the unit of x per unit of frequency.
         error: (f,), the standard error of the density, from its spread over the bodies; NaN for fewer than two bodies.
         number: (f,), how many bodies were counted: those with a whole segment.
+
+    Examples:
+        >>> x = np.random.default_rng(0).normal(size=(8, 100))  # of 8 bodies 100 values each
+        >>> found = ml.observe.spectrum(x, segment=32, interval=0.5)
+        >>> found.frequency[-1].item(), found.density.shape, found.error.shape, found.number[0].item()
+        (1.0, (17,), (17,), 8)
     """
 
     frequency: Float[Array, "*batch f"]
@@ -73,6 +79,13 @@ class Spectrum(Series):
     Raises:
         ValueError: one of these does not fit the others; a driver raises it if the run has fewer than `segment` saved
             values.
+
+    Examples:
+        >>> body, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+        >>> lines = ml.observe.Spectrum(ml.observe.Axis(), segment=64)
+        >>> found = ml.integrate("SYMMETRIC[EA]", body, None, start, dt=0.1, steps=255, observe=lines).states
+        >>> found.frequency.shape, found.density.shape
+        ((33,), (33,))
     """
 
     fields = Density._fields

@@ -19,6 +19,16 @@ class Statistic(eqx.Module):
 
     Attributes:
         observable: the observable whose values are combined.
+
+    Examples:
+        >>> class Largest(ml.observe.Statistic):  # of your own: the largest of a number over the bodies, at each time
+        ...     def part(self, values, good):
+        ...         return jnp.max(jnp.where(good, values, -jnp.inf))
+        ...     def merged(self, parts):
+        ...         return jnp.max(parts, axis=0)
+        >>> fastest = Largest(lambda t, state: jnp.linalg.norm(state.momentum))  # ml.ensemble(..., observe=fastest)
+        >>> fastest.part(jnp.array([1.0, 3.0, 2.0]), jnp.array([True, False, True])).item()
+        2.0
     """
 
     observable: Observable = eqx.field(converter=lambda value: as_observable("observable", value))
@@ -61,6 +71,12 @@ class Moments(NamedTuple):
         number: (), how many bodies were counted.
         mean: (m,); NaN where no body was counted.
         scatter: (m, m), the sum of (x - mean) (x - mean)^T over the bodies, from which `covariance` is computed.
+
+    Examples:
+        >>> energies = jnp.array([1.0, 2.0, 6.0])  # of three bodies
+        >>> found = ml.observe.Mean(ml.observe.Energy()).part(energies, good=jnp.array([True, True, True]))
+        >>> found.mean, found.covariance  # of one number, m = 1
+        (Array([3.], dtype=float64), Array([[7.]], dtype=float64))
     """
 
     number: Int[Array, "*batch"]
@@ -80,6 +96,14 @@ class Mean(Statistic):
     An array is taken as the vector of all its numbers. One value that is not finite makes the mean not finite. Parts
     are merged by the formulas of Chan, Golub and LeVeque (1983), which do not lose digits where the mean is much larger
     than the deviations.
+
+    Examples:
+        >>> body, spins = ml.RigidBody([2.0, 2.0, 1.0]), np.random.default_rng(0).normal(size=(100, 3))
+        >>> start = ml.RigidState(spins, jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (100, 1)))
+        >>> run = {"dt": 0.1, "steps": 10, "save_every": 5, "observe": ml.observe.Mean(ml.observe.Axis())}
+        >>> found = ml.ensemble("SYMMETRIC[EA]", body, None, start, **run).states
+        >>> found.mean.shape, found.covariance.shape  # of the axis (3,) at 3 times
+        ((3, 3), (3, 3, 3))
     """
 
     def part(self, values: Any, good: Array) -> Any:
@@ -127,7 +151,16 @@ class Histogram(Statistic):
     bins are not counted, nor is NaN. Values and edges are compared in the dtype of whichever has more digits.
 
     Attributes:
-        edges: (bins + 1,), increasing.
+        edges: (bins + 1,), increasing, in the unit of the observable.
+
+    Raises:
+        ValueError: edges that are not finite, do not increase, or are fewer than two.
+
+    Examples:
+        >>> heights = ml.observe.Histogram(lambda t, state: state.axis[2], edges=[-1.0, 0.0, 0.5, 1.0])  # an AxisState
+        >>> of_bodies = jnp.array([0.1, 0.4, 0.9, 1.0])  # ml.ensemble(..., observe=heights) computes them
+        >>> heights.part(of_bodies, good=jnp.array([True, True, True, True]))
+        Array([0, 2, 2], dtype=int32)
     """
 
     edges: Array

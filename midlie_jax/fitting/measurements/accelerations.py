@@ -35,6 +35,13 @@ class Accelerations(Expected):
 
     Raises:
         ValueError: as for `Rates`.
+
+    Examples:
+        >>> times, felt = np.arange(5.0), np.tile([0.0, 0.3, 9.8], (5, 1))  # m/s^2
+        >>> instrument = ml.fitting.Accelerations(times, felt, sigma=0.05, lever="lever", gravity=[0.0, 0.0, -9.81])
+        >>> guess = {"lever": ml.fitting.Free([0.1, 0.0, 0.0])}  # "lever" is a parameter of the fit
+        >>> instrument.values.shape
+        (5, 3)
     """
 
     lever: Source

@@ -26,6 +26,13 @@ class Measurement(eqx.Module):
         sigma: standard deviations of the residuals' entries, broadcast to their shape (n, ...).
         present: (n, ...), False where a value is missing.
         clock: how far the clock of the instrument is ahead of the model's time; None if both agree.
+
+    Examples:
+        >>> seen = np.array([[0.1, 0.2, 0.3], [0.1, 0.2, np.nan]])
+        >>> gyroscope = ml.fitting.Rates(np.array([0.0, 1.0]), seen, sigma=0.1)
+        >>> states = ml.MomentumState([[0.2, 0.2, 0.3], [0.1, 0.2, 0.3]])  # of the model at these times
+        >>> gyroscope.residuals({}, ml.RigidBody([1.0, 1.0, 1.0]), states).round(6)  # (6,)
+        Array([1., 0., 0., 0., 0., 0.], dtype=float64)
     """
 
     times: eqx.AbstractVar[Float[Array, " n"]]

@@ -32,6 +32,13 @@ class Rates(Expected):
     Raises:
         ValueError: no rows, times not ascending, wrong shapes, no value present, infinite values, or a sigma that is
             not positive.
+
+    Examples:
+        >>> times, seen = np.arange(3.0), np.deg2rad([[10.0, 20.0, 30.0], [-4.7, 22.9, 28.4], [-16.9, np.nan, 33.4]])
+        >>> guess = {"bias": ml.fitting.Free([0.0, 0.0, 0.0])}
+        >>> gyroscope = ml.fitting.Rates(times, seen, sigma=np.deg2rad(0.02), bias="bias")  # a parameter of the fit
+        >>> gyroscope.present.sum().item()  # of nine numbers one is missing
+        8
     """
 
     bias: Source | None
@@ -61,6 +68,12 @@ class Attitudes(Recorded):
 
     Raises:
         ValueError: as for `Rates`, or a quaternion whose length is not 1 to 1e-3.
+
+    Examples:
+        >>> seen = np.array([[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6], [np.nan, 0.0, 0.0, 0.0]])  # none at the end
+        >>> tracker = ml.fitting.Attitudes(np.arange(3.0), seen, sigma=[1e-4, 1e-4, 1e-3])  # worse about axis 3
+        >>> tracker.present[:, 0]
+        Array([ True,  True, False], dtype=bool)
     """
 
     def __init__(self, times: Any, values: Any, sigma: Any, *, clock: Part | float | None = None):
@@ -95,6 +108,13 @@ class Directions(Recorded):
 
     Raises:
         ValueError: as for `Rates`, or a direction of length zero.
+
+    Examples:
+        >>> seen = np.array([[30.0, 5.0, 2.0], [28.0, 9.0, 1.0], [25.0, 14.0, 0.0]])  # microtesla, at three times
+        >>> guess = {"iron": ml.fitting.Free([0.0, 0.0, 0.0])}  # a parameter of the fit
+        >>> field = ml.fitting.Directions(np.arange(3.0), seen, sigma=0.01, reference=[0.6, 0.0, -0.8], bias="iron")
+        >>> field.present.shape  # two angles at each time
+        (3, 2)
     """
 
     reference: Float[Array, "n 3"]
@@ -157,6 +177,13 @@ class Positions(Expected):
 
     Raises:
         ValueError: as for `Rates`.
+
+    Examples:
+        >>> times, seen = np.arange(3.0), np.zeros((3, 2, 3))  # two markers at three times
+        >>> seen[1, 0] = np.nan  # a hidden marker
+        >>> cameras = ml.fitting.Positions(times, seen, sigma=1e-3, markers=[[0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
+        >>> cameras.present[:, 0, 0]
+        Array([ True, False,  True], dtype=bool)
     """
 
     markers: Source

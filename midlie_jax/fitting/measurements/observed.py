@@ -44,6 +44,15 @@ class Observed(Expected):
     Raises:
         ValueError: as for `Rates`, or `function` cannot be called. In `fit` and `prepare`, before anything is compiled:
             its value has another shape or another dtype than the values, or it asks for a parameter that there is not.
+
+    Examples:
+        >>> def range_rate(t, state, body, values):  # of a mark at (1, 0, 0) in the body, seen from far away on x
+        ...     velocity = jnp.cross(body.velocity(state.momentum), jnp.array([1.0, 0.0, 0.0]))
+        ...     return ml.so3.rotate(state.attitude, velocity)[0]
+        >>> seen = np.array([0.02, 0.05, 0.01])
+        >>> radar = ml.fitting.Observed(np.arange(3.0), seen, sigma=0.01, function=range_rate)  # for ml.fit
+        >>> radar.values.shape
+        (3,)
     """
 
     function: Callable[..., Any]

@@ -36,6 +36,16 @@ class Flight(eqx.Module):
             infinity if unknown.
         one_loop: whether one flight compiles to a single loop over the batch; False if its solve is cut into several
             loops.
+
+    Examples:
+        >>> cp, half_turn = ml.flights.components, ml.flights.short_series.half_turn
+        >>> class Frozen(ml.flights.Flight):  # of your own, of order 1: it turns with the angular velocity at the start
+        ...     name, order, symplectic, symmetric, body = "FROZEN", 1, False, False, ml.RigidBody
+        ...     def __call__(self, inertia, h, momentum):
+        ...         turn = cp.square(half_turn(cp.scale(h / 2, inertia.velocity(momentum))))
+        ...         return turn, cp.rotation_change(cp.conjugate(turn), momentum), True
+        >>> ml.method(Frozen(), "EA").name  # ml.integrate takes such a method
+        'FROZEN[EA]'
     """
 
     name: ClassVar[str]

@@ -55,6 +55,15 @@ class Jacobi(ExactFlight):
     The flight reports False in `ok` where h |Omega| exceeds 1.2 radians. For a real body this limit also bounds the
     invariants of the motion. A body whose moments violate the triangle inequality can turn over faster than it spins;
     for such a body, `ok` is also False where an invariant exceeds this bound.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.Jacobi()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.Jacobi(), "SRKN6b").name  # the name that ml.integrate takes
+        'JACOBI[SRKN6b]'
     """
 
     name: ClassVar[str] = "JACOBI"

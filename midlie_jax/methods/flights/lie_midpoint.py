@@ -38,6 +38,15 @@ class LieMidpoint(JudgedFlight):
 
     The flight reports False in `ok` where the solve did not converge, the turn exceeds 2.4 radians, or h |Omega| at the
     start exceeds 12 radians.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.LieMidpoint()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.LieMidpoint(), "EA").name
+        'LIEMID[EA]'
     """
 
     name: ClassVar[str] = "LIEMID"

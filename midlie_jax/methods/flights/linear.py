@@ -10,7 +10,14 @@ from .base import Flight
 
 
 class Linear(Flight):
-    """u += h M^-1 p, the exact motion of particles under no force. The momentum is constant."""
+    """u += h M^-1 p, the exact motion of particles under no force. The momentum is constant.
+
+    Examples:
+        >>> masses = ml.Particles([1.0, 2.0])
+        >>> displacement, change, ok = ml.flights.Linear()(masses.inertia(), jnp.array(0.5), jnp.array([3.0, 4.0]))
+        >>> displacement
+        Array([1.5, 1. ], dtype=float64)
+    """
 
     name: ClassVar[str] = "linear"
     use: ClassVar[str] = "particles: exact"

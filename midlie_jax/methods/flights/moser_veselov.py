@@ -54,6 +54,15 @@ class MoserVeselov(_Preprocessed):
     """The plain map, order 2. Useless for a fast spin, where its turn about the momentum is far from the true turn.
 
     The flight reports False in `ok` where the residual exceeds 8 eps |Pi|; from h |Omega| = 1 on there is no root.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.MoserVeselov()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)  # the exact second component is 0.0502
+        (Array([ 0.9982,  0.0503,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.MoserVeselov(), "EA").name
+        'DMV[EA]'
     """
 
     name: ClassVar[str] = "DMV"
@@ -67,6 +76,15 @@ class MoserVeselov4(_Preprocessed):
 
     The flight reports False in `ok` where `MoserVeselov` does, and where the series of s and d are out of range or lose
     digits by cancellation.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.MoserVeselov4()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.MoserVeselov4(), "EA").name
+        'DMV4[EA]'
     """
 
     name: ClassVar[str] = "DMV4"
@@ -80,6 +98,15 @@ class MoserVeselov6(_Preprocessed):
 
     The flight reports False in `ok` where `MoserVeselov` does, and where the series of s and d are out of range or lose
     digits by cancellation.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.MoserVeselov6()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.MoserVeselov6(), "EA").name
+        'DMV6[EA]'
     """
 
     name: ClassVar[str] = "DMV6"

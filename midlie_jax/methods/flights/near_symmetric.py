@@ -22,6 +22,15 @@ class NearSymmetric(JudgedFlight):
 
     The error is proportional to the difference of the first two moments: number the axes so that these two are closest.
     The flight reports False in `ok` where one of its rotations exceeds 4.4 radians.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 1.1, 2.0]).inertia()
+        >>> turn, change, ok = ml.flights.NearSymmetric()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9976,  0.051 ,  0.0348, -0.0326], dtype=float64), True)
+        >>> ml.method(ml.flights.NearSymmetric(), "EA").name
+        'NEARSYM[EA]'
     """
 
     name: ClassVar[str] = "NEARSYM"

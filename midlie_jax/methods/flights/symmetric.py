@@ -37,6 +37,15 @@ class Symmetric(ExactFlight):
 
     Attributes:
         axis: the index of the axis of symmetry, 0, 1 or 2; None to find the axis in every flight, at a small cost.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> top = ml.RigidBody([2.0, 2.0, 1.0])
+        >>> turn, change, ok = ml.flights.Symmetric(axis=2)(top.inertia(), jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9974,  0.0243,  0.0208, -0.0649], dtype=float64), True)
+        >>> ml.method(ml.flights.Symmetric(axis=2), "EA").name
+        'SYMMETRIC[EA]'
     """
 
     axis: int | None = eqx.field(static=True, default=None)

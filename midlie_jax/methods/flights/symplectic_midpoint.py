@@ -48,6 +48,15 @@ class SymplecticMidpoint(_Generated):
 
     The flight reports False in `ok` where the residual exceeds 8 eps |Pi|, the turn exceeds 2.4 radians, or h |Omega|
     at the start exceeds 12 radians.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.SymplecticMidpoint()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.SymplecticMidpoint(), "EA").name
+        'SLIEMID[EA]'
     """
 
     name: ClassVar[str] = "SLIEMID"
@@ -62,6 +71,15 @@ class SymplecticMidpoint4(_Generated):
 
     The flight reports False in `ok` where SLIEMID does, and where the second term of the series exceeds the first,
     which happens on slender bodies.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.SymplecticMidpoint4()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.SymplecticMidpoint4(), "EA").name
+        'SLIEMID4[EA]'
     """
 
     name: ClassVar[str] = "SLIEMID4"

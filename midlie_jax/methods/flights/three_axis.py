@@ -23,6 +23,15 @@ class ThreeAxis(JudgedFlight):
     """Rotations about the axes 3, 2, 1, 2, 3: order 2, symplectic, no solve.
 
     The flight reports False in `ok` where it turned by more than 2.4 radians about one axis.
+
+    Examples:
+        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
+        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
+        >>> turn, change, ok = ml.flights.ThreeAxis()(inertia, jnp.array(0.1), momentum)
+        >>> jnp.stack(turn).round(4), bool(ok)
+        (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
+        >>> ml.method(ml.flights.ThreeAxis(), "EA").name
+        'DLM[EA]'
     """
 
     name: ClassVar[str] = "DLM"

@@ -10,7 +10,16 @@ from jaxtyping import Float
 
 
 class Orbit(eqx.Module):
-    """A position in space as a function of time: `orbit(t) -> (..., 3)`."""
+    """A position in space as a function of time: `orbit(t) -> (..., 3)`, length, for one time or several.
+
+    Examples:
+        >>> class Line(ml.orbits.Orbit):  # an orbit of your own
+        ...     speed: float
+        ...     def __call__(self, t):
+        ...         return jnp.stack([self.speed * t, 7000.0 + 0 * t, 0 * t], axis=-1)
+        >>> Line(7.5)(jnp.array([0.0, 10.0])).shape, Line(7.5).velocity_at(10.0)
+        ((2, 3), Array([7.5, 0. , 0. ], dtype=float64))
+    """
 
     @property
     def span(self) -> tuple[Any, Any] | None:

@@ -3,10 +3,11 @@
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite
+from ..._checks.arguments import as_floats, require, require_finite, require_rows, shown
 from ..._math import components as cp
 from .base import Orbit
 
@@ -25,7 +26,15 @@ class CircularOrbit(Orbit):
         mu: gravitational parameter, (), length^3/time^2.
 
     Raises:
-        ValueError: position or direction not of shape (..., 3) or not finite.
+        ValueError: position or direction not of shape (..., 3) or not finite, a position at the origin, a direction
+            along the position, or mu not positive.
+
+    Examples:
+        >>> orbit = ml.orbits.CircularOrbit(position=[7000.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=3.986e5)  # km, s
+        >>> round(2 * np.pi / float(orbit.rate) / 60, 2)  # minutes for a turn
+        97.14
+        >>> orbit(jnp.array([0.0, 60.0, 120.0])).shape
+        (3, 3)
     """
 
     position: Float[Array, "*batch 3"]
@@ -37,12 +46,31 @@ class CircularOrbit(Orbit):
         direction = as_floats("direction", direction, (3,))
         require_finite("position", self.position)
         require_finite("direction", direction)
+        mu = as_floats("mu", mu)
+        require(
+            "mu", mu, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its sign and units."
+        )
+        require_rows(
+            "position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "give the place."
+        )
         square = jnp.sum(self.position**2, axis=-1, keepdims=True)
         along = direction - self.position * (jnp.sum(direction * self.position, axis=-1, keepdims=True) / square)
+        _require_across(direction, along)
         self.across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
-        self.rate = jnp.sqrt(as_floats("mu", mu) / square[..., 0] ** 1.5)
+        self.rate = jnp.sqrt(mu / square[..., 0] ** 1.5)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         angle = self.rate * t
         c, s = jnp.cos(angle), jnp.sin(angle)
         return cp.pack(cp.add(cp.scale(c, cp.vector(self.position)), cp.scale(s, cp.vector(self.across))))
+
+
+def _require_across(direction: Array, across: Array) -> None:
+    """Raises if nothing but rounding is left of the direction across the position."""
+    if cp.is_traced(across):
+        return
+    least = 16 * jnp.finfo(across.dtype).eps * jnp.linalg.norm(direction, axis=-1)
+    if not bool(jnp.all(jnp.linalg.norm(across, axis=-1) > least)):
+        raise ValueError(
+            f"direction must have a part perpendicular to position, got {shown(direction)}; give that of the motion."
+        )

@@ -15,6 +15,8 @@ from ..._math import components as cp
 class DipoleField(eqx.Module):
     """The field of a magnetic dipole at the origin, along an orbit: B = (mu_0 / 4 pi r^3) (3 (m . e) e - m), e = r/|r|.
 
+    `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2.
+
     The moment may turn about z with the planet. A first approximation to the Earth's field has a moment of
     7.7e22 A m^2, tilted by 9.4 degrees, towards the south. In a frame that is fixed in the Earth it is
     (g11, h11, g10) 4 pi a^3 / mu_0 = (-3.75e21, 1.203e22, -7.605e22) A m^2, with a = 6371.2 km and the coefficients of
@@ -30,6 +32,13 @@ class DipoleField(eqx.Module):
 
     Raises:
         ValueError: moment not of shape (..., 3), or moment, constant or turning not finite.
+
+    Examples:
+        >>> orbit = ml.orbits.CircularOrbit(position=[7e6, 0.0, 0.0], direction=[0.0, 0.0, 1.0], mu=3.986e14)  # m, s
+        >>> field = ml.orbits.DipoleField(orbit, moment=[0.0, 0.0, -7.7e22])  # of the Earth, without the tilt
+        >>> round(1e6 * float(field(0.0)[2]), 3)  # microtesla to the north, above the equator
+        22.449
+        >>> torque = ml.torques.DipoleInField(moment=[0.0, 0.0, 0.1], field=field)  # on a magnet of 0.1 A m^2
     """
 
     orbit: Callable[[Any], Array]

@@ -40,6 +40,15 @@ class KeplerOrbit(Orbit):
         ValueError: position or velocity not of shape (..., 3) or not finite, mu not positive, epoch not finite, or a
             velocity straight to or from the centre, for which there is no orbit past the centre. Where such numbers are
             traced, the positions are NaN, so `path.ok` is False.
+
+    Examples:
+        >>> orbit = ml.orbits.KeplerOrbit(position=[7000.0, 0.0, 0.0], velocity=[0.0, 8.0, 0.0], mu=3.986e5)  # km, s
+        >>> round(float(jnp.linalg.norm(orbit(600.0))), 3)  # km, ten minutes after the periapsis
+        7173.18
+        >>> elements = {"eccentricity": 0.1, "inclination": 0.9, "ascending_node": 0.0, "argument_of_periapsis": 0.0}
+        >>> orbit = ml.orbits.KeplerOrbit.from_elements(
+        ...     mu=3.986e5, periapsis=7000.0, time_of_periapsis=60.0, **elements
+        ... )
     """
 
     position: Float[Array, "*batch 3"]

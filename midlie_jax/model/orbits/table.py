@@ -38,6 +38,15 @@ class TableOrbit(Orbit):
 
     Raises:
         ValueError: times not ascending, fewer than 2, or wrong shapes; or a value that is not finite.
+
+    Examples:
+        >>> times = np.arange(0.0, 601.0, 60.0)
+        >>> angle = 0.001 * times
+        >>> rows = 7000.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)  # (11, 3), of an ephemeris
+        >>> speeds = 7.0 * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=-1)
+        >>> orbit = ml.orbits.TableOrbit(times, rows, speeds)  # without speeds the slopes of the rows
+        >>> orbit.span[1].item(), round(float(jnp.linalg.norm(orbit(90.0))), 2)
+        (600.0, 7000.0)
     """
 
     times: Float[Array, " k"]

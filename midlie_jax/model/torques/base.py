@@ -26,6 +26,17 @@ class Torque(eqx.Module):
     """Base class of torques; subclasses define the torque, and whether it has a potential or reads momentum or body.
 
     `torque(t, state)` is the torque (3,) in the body frame.
+
+    Examples:
+        >>> class Spring(ml.torques.Torque):  # of your own: back to the attitude (1, 0, 0, 0)
+        ...     stiffness: float
+        ...     def __call__(self, t, state):
+        ...         return -self.stiffness * ml.so3.log(state.attitude)
+        ...     def potential(self, t, state):  # for ml.energy
+        ...         return self.stiffness * jnp.sum(ml.so3.log(state.attitude) ** 2) / 2
+        >>> turned = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.1, 0.2, 0.3])))
+        >>> Spring(10.0)(0.0, turned).round(6)
+        Array([-1., -2., -3.], dtype=float64)
     """
 
     def __call__(self, t: Time, state: Any) -> Any:
@@ -81,7 +92,14 @@ def _no_potential(torque: Torque) -> ValueError:
 
 
 def velocity_dependent(torque: TorqueLike | None) -> bool:
-    """Whether the torque is declared to read the momentum, as `VelocityDependent` and sums that contain it are."""
+    """Whether the torque is declared to read the momentum, as `VelocityDependent` and sums that contain it are.
+
+    Examples:
+        >>> ml.torques.velocity_dependent(ml.torques.HeavyTop(2.0))
+        False
+        >>> ml.torques.velocity_dependent(ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25))
+        True
+    """
     return isinstance(torque, Torque) and torque.velocity_dependent
 
 
@@ -90,12 +108,28 @@ def on_body(torque: TorqueLike, body: Any) -> TorqueLike: ...
 @overload
 def on_body(torque: None, body: Any) -> None: ...
 def on_body(torque: TorqueLike | None, body: Any) -> TorqueLike | None:
-    """The torque bound to a body: `torque.on(body)`, or the argument itself if it is None or a plain callable."""
+    """The torque bound to a body: `torque.on(body)`, or the argument itself if it is None or a plain callable.
+
+    Examples:
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])
+        >>> ml.torques.on_body(ml.torques.Damping(0.5), body)(0.0, state)  # -0.5 * Omega
+        Array([-0.5, -0.5, -0.5], dtype=float64)
+        >>> ml.torques.on_body(None, body) is None
+        True
+    """
     return torque.on(body) if isinstance(torque, Torque) else torque
 
 
 def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
-    """The potential `V(t, state) -> ()` of a torque; a ValueError for a plain callable, which has none."""
+    """The potential `V(t, state) -> ()` of a torque; a ValueError for a plain callable, which has none.
+
+    Examples:
+        >>> potential = ml.torques.potential_of(ml.torques.HeavyTop(2.0))
+        >>> upright = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> potential(0.0, upright).item()
+        2.0
+    """
     if isinstance(torque, Torque):
         return torque.potential
     raise ValueError(
@@ -112,6 +146,14 @@ class Sum(Torque):
 
     Raises:
         ValueError: no torque is left, or a term cannot be called.
+
+    Examples:
+        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)  # the same as ml.torques.Sum(first, second)
+        >>> [type(term).__name__ for term in torque.terms]
+        ['HeavyTop', 'Damping']
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])
+        >>> torque.on(ml.RigidBody([2.0, 3.0, 4.0]))(0.0, state)  # upright, so only the damping acts
+        Array([-0.25, -0.25, -0.25], dtype=float64)
     """
 
     terms: tuple[TorqueLike, ...]
@@ -150,7 +192,14 @@ def _sum(a: Any, b: Any) -> Any:
 
 
 def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) -> TorqueLike | None:
-    """The torque without the terms that are not to be kept: itself if all are, None if nothing is left."""
+    """The torque without the terms that are not to be kept: itself if all are, None if nothing is left.
+
+    Examples:
+        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)
+        >>> kept = ml.torques.kept_terms(torque, lambda term: not ml.torques.velocity_dependent(term))
+        >>> [type(term).__name__ for term in ml.torques.terms_of(kept)]
+        ['HeavyTop']
+    """
     if isinstance(torque, Sum):
         terms = [kept_terms(term, kept) for term in torque.terms]
         if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
@@ -160,14 +209,26 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
 
 
 def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
-    """The terms of a sum, at any depth; of None there are none."""
+    """The terms of a sum, at any depth; of None there are none.
+
+    Examples:
+        >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25) + ml.torques.Rotors([0.0, 0.0, 1.0])
+        >>> [type(term).__name__ for term in ml.torques.terms_of(torque)]
+        ['HeavyTop', 'Damping', 'Rotors']
+    """
     if torque is None:
         return []
     return [x for term in torque.terms for x in terms_of(term)] if isinstance(torque, Sum) else [torque]
 
 
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
-    """The torque without its terms of gravity: itself if there are none, None if nothing else is left."""
+    """The torque without its terms of gravity: itself if there are none, None if nothing else is left.
+
+    Examples:
+        >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)
+        >>> [type(term).__name__ for term in ml.torques.terms_of(ml.torques.without_gravity(torque))]
+        ['Magnus']
+    """
     return kept_terms(torque, lambda term: not (isinstance(term, Torque) and term.gravitational))
 
 
@@ -182,6 +243,12 @@ class Prescribed(Torque):
 
     Raises:
         ValueError: the function cannot be called.
+
+    Examples:
+        >>> thruster = ml.torques.Prescribed(lambda t: jnp.array([0.0, 0.0, 0.25 * t]))
+        >>> state = ml.RigidState([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> thruster(2.0, state)
+        Array([0. , 0. , 0.5], dtype=float64)
     """
 
     function: Callable[[Any], Array]
@@ -203,6 +270,14 @@ class FromPotential(Torque):
 
     Raises:
         ValueError: the function cannot be called.
+
+    Examples:
+        >>> torque = ml.torques.FromPotential(lambda t, state: -5.0 * ml.so3.to_matrix(state.attitude)[2, 2])
+        >>> tilted = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.1, 0.0, 0.0])))
+        >>> round(float(torque(0.0, tilted)[0]), 6)  # back to the vertical: -5 sin(0.1)
+        -0.499167
+        >>> round(float(torque.potential(0.0, tilted)), 6)
+        -4.975021
     """
 
     function: Callable[[Any, Any], Array]
@@ -234,6 +309,14 @@ class VelocityDependent(Torque):
 
     Raises:
         ValueError: the function cannot be called.
+
+    Examples:
+        >>> drag = ml.torques.VelocityDependent(lambda t, state: -0.5 * jnp.abs(state.momentum) * state.momentum)
+        >>> state = ml.RigidState([1.0, 2.0, 4.0], [1.0, 0.0, 0.0, 0.0])
+        >>> drag(0.0, state)
+        Array([-0.5, -2. , -8. ], dtype=float64)
+        >>> drag.velocity_dependent
+        True
     """
 
     function: TorqueLike
@@ -313,6 +396,13 @@ class BodyTorque(ReadsBody):
 
     Raises:
         ValueError: the function cannot be called.
+
+    Examples:
+        >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> brake.on(body)(0.0, state)  # in a run the torque gets the body by itself
+        Array([-0.5, -0.5, -0.5], dtype=float64)
     """
 
     function: Callable[[Any, Any, Any], Array]

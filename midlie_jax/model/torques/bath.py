@@ -54,6 +54,13 @@ class Langevin(ReadsBody):
         ValueError: a negative temperature; a friction that is negative, not symmetric or not positive semi-definite, or
             of another shape; a key that is not typed. When a run begins: several keys for one body; `linear_friction`
             missing or too much; a friction that does not fit the state; or a method without the stage.
+
+    Examples:
+        >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
+        >>> top, start = ml.RigidBody([2.0, 2.0, 1.0]), ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.integrate("SYMMETRIC[BAOAB]", top, bath, start, dt=0.1, steps=100, save_every=10)
+        >>> path.states.momentum.shape, bool(path.ok)
+        ((11, 3), True)
     """
 
     kT: Any
@@ -197,6 +204,12 @@ def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin
 
     Raises:
         ValueError: there are several baths, or one within another torque than a sum.
+
+    Examples:
+        >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
+        >>> torque, found = ml.torques.without_bath(ml.torques.HeavyTop(2.0) + bath)
+        >>> found is bath, len(ml.torques.terms_of(torque))
+        (True, 1)
     """
     baths = baths_in(torque)
     if not baths:
@@ -210,7 +223,13 @@ def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin
 
 
 def baths_in(tree: Any) -> list[Langevin]:
-    """All baths in a torque, or in a tree of the form of one, at any depth."""
+    """All baths in a torque, or in a tree of the form of one, at any depth.
+
+    Examples:
+        >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
+        >>> len(ml.torques.baths_in(ml.torques.HeavyTop(2.0) + bath))
+        1
+    """
     return [leaf for leaf in jax.tree.leaves(tree, is_leaf=_is_bath) if _is_bath(leaf)]
 
 

@@ -30,6 +30,13 @@ class EddyCurrents(ReadsVelocity):
     Raises:
         ValueError: another shape, numbers that are not finite, a tensor that is not symmetric or has a negative
             eigenvalue. When called: a state without an attitude.
+
+    Examples:
+        >>> brake = ml.torques.EddyCurrents(tensor=2.0, field=[0.0, 0.0, 1.0])
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> brake.on(body)(0.0, state)[:2]  # across the field; nothing brakes the spin about it
+        Array([-2., -2.], dtype=float64)
     """
 
     tensor: Float[Array, "*batch"]

@@ -26,6 +26,12 @@ class HeavyTop(Torque):
 
     Raises:
         ValueError: weight not finite, or axis not a unit vector. When called: the state knows no such direction.
+
+    Examples:
+        >>> torque = ml.torques.HeavyTop(weight=2.0)
+        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))  # turned about x
+        >>> round(float(torque(0.0, lying)[0]), 6)  # the weight turns the top further about x
+        2.0
     """
 
     weight: Float[Array, "*batch"]
@@ -88,6 +94,12 @@ class DipoleInField(Torque):
     Raises:
         ValueError: moment or field not of shape (..., 3) or not finite. When called: the state holds no direction, or
             the field changes and the state is a `DirectionState`.
+
+    Examples:
+        >>> compass = ml.torques.DipoleInField(moment=[2.0, 0.0, 0.0], field=[0.0, 0.5, 0.0])
+        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> compass(0.0, state)[2].item()  # moment x field
+        1.0
     """
 
     moment: Float[Array, "*batch 3"]
@@ -135,6 +147,14 @@ class GravityGradient(ReadsBody):
 
     Raises:
         ValueError: moments not positive and of shape (..., 3), or mu not positive; moments with a `TensorBody`.
+
+    Examples:
+        >>> mu = 3.986e14  # of the Earth, m^3/s^2
+        >>> orbit = ml.orbits.CircularOrbit(position=[6.8e6, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=mu)
+        >>> torque = ml.torques.GravityGradient([10.0, 40.0, 45.0], orbit, mu)  # moments in kg m^2
+        >>> turned = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.0, 0.0, 0.1])))
+        >>> round(1e6 * float(torque(0.0, turned)[2]), 3)  # micro-N m; it turns axis 1 back to the vertical
+        -11.333
     """
 
     moments: Float[Array, "*batch 3"] | None

@@ -54,6 +54,14 @@ class MutualGravity(ReadsBody):
         ValueError: G is not positive; the degree is none of these, or does not use moments that are given; moments of
             a wrong shape or not symmetric. When called: body and state are not coupled bodies that travel, more than 8,
             or not as many as there are moments.
+
+    Examples:
+        >>> pair = ml.FreeBody(ml.RigidBody([[0.8, 0.9, 1.0], [0.1, 0.1, 0.1]]), mass=[2.0, 0.5])
+        >>> still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+        >>> state = ml.CoupledState(still, upright, linear=still, position=[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
+        >>> wrench = ml.torques.MutualGravity(G=1.0).on(pair)(0.0, state)
+        >>> wrench.torque.shape, round(float(wrench.force[0, 0]), 6)  # points would pull with G m1 m2 / r^2 = 0.01
+        ((2, 3), 0.010022)
     """
 
     G: Float[Array, "*batch"]

@@ -20,6 +20,14 @@ class OnEach(ReadsBody):
 
     Raises:
         ValueError: the torque cannot be called. When called: the state is not one of coupled bodies.
+
+    Examples:
+        >>> weight = ml.torques.OnEach(ml.torques.UniformGravity([0.0, 0.0, -10.0]))
+        >>> pair = ml.FreeBody(ml.RigidBody([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0]]), mass=[3.0, 5.0])
+        >>> still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+        >>> state = ml.CoupledState(still, upright, linear=still, position=[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
+        >>> weight.on(pair)(0.0, state).force[:, 2]
+        Array([-30., -50.], dtype=float64)
     """
 
     torque: TorqueLike

@@ -53,6 +53,13 @@ class FreeMolecularDrag(ReadsBody):
         ValueError: another thing than a `Surface`; wrong shapes, numbers that are not finite, a negative density or
             wall speed, an accommodation not between 0 and 1, a thermal speed that is not positive, or velocity and wind
             together. When called: as for `Sunlight`; without `velocity`, body and state do not travel.
+
+    Examples:
+        >>> plate = ml.Surface.of_facets([0.5], [[1.0, 0.0, 0.0]], [[0.0, 0.5, 0.0]])  # 0.5 m^2, faces x, at y = 0.5 m
+        >>> drag = ml.torques.FreeMolecularDrag(plate, density=1e-11, velocity=[7600.0, 0.0, 0.0])
+        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(1e6 * float(drag(0.0, state)[2]), 3)  # micro-N m: the lever, 0.5 m, times rho A v^2
+        144.4
     """
 
     surface: Surface

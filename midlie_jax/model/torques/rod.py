@@ -71,6 +71,13 @@ class Rod(Torque):
         ValueError: a length or stiffness is not positive, a shape is wrong, a number is not finite, or the attitude of
             the clamp is no unit quaternion. When called: the state is no `CoupledState`, or has not as many links as
             there are numbers.
+
+    Examples:
+        >>> rod = ml.torques.Rod(length=0.1, stretch=[300.0, 300.0, 800.0], bend=[2.0, 2.0, 1.5])
+        >>> still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+        >>> state = ml.CoupledState(still, upright, linear=still, position=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.11]])
+        >>> rod(0.0, state).force[:, 2].round(6)  # the stiffness times the strain, 800 * 0.1
+        Array([ 80., -80.], dtype=float64)
     """
 
     length: Float[Array, "*batch"]

@@ -42,6 +42,12 @@ class Damping(ReadsVelocity):
 
     Raises:
         ValueError: a negative or not finite coefficient, or another shape.
+
+    Examples:
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> ml.torques.Damping([0.5, 0.5, 0.25]).on(body)(0.0, state)
+        Array([-0.5 , -0.5 , -0.25], dtype=float64)
     """
 
     coefficient: Float[Array, "*batch"]
@@ -70,6 +76,13 @@ class PDControl(ReadsVelocity):
     Raises:
         ValueError: a target that is not a unit quaternion, or gains that are negative, not finite or of another shape.
             When called: the state has no attitude.
+
+    Examples:
+        >>> control = ml.torques.PDControl(target=[1.0, 0.0, 0.0, 0.0], proportional=2.0, derivative=3.0)
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([0.2, 0.0, 0.0], ml.so3.exp(jnp.array([0.2, 0.0, 0.0])))
+        >>> round(float(control.on(body)(0.0, state)[0]), 6)  # -2 * 2 sin(0.1) - 3 * 0.1
+        -0.699334
     """
 
     target: Float[Array, "*batch 4"]
@@ -100,6 +113,13 @@ class Rotors(ReadsVelocity):
 
     Raises:
         ValueError: momentum not of shape (..., 3) or not finite.
+
+    Examples:
+        >>> rotor = ml.torques.Rotors([1.0, 2.0, 4.0])
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> rotor.on(body)(0.0, state)  # h x Omega
+        Array([-2.,  3., -1.], dtype=float64)
     """
 
     momentum: Float[Array, "*batch 3"]
@@ -128,6 +148,13 @@ class ReactionWheels(ReadsVelocity):
 
     Raises:
         ValueError: momentum cannot be called.
+
+    Examples:
+        >>> wheels = ml.torques.ReactionWheels(lambda t: jnp.array([0.0, 0.0, 0.5 * t]))
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> wheels.on(body)(2.0, state)
+        Array([-1. ,  1. , -0.5], dtype=float64)
     """
 
     momentum: Callable[[Any], Array]
@@ -159,6 +186,12 @@ class Drag(ReadsBody):
     Raises:
         ValueError: wrong shapes, values that are not finite, a negative area or density, or velocity and wind together.
             When called: as for `DipoleInField`; without `velocity`, body and state do not travel.
+
+    Examples:
+        >>> drag = ml.torques.Drag(lever=[0.0, 0.0, 0.5], area=2.0, density=1e-11, velocity=[7600.0, 0.0, 0.0])
+        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(1e6 * float(drag(0.0, state)[1]), 3)  # micro-N m: -lever * rho A v^2 / 2
+        -288.8
     """
 
     lever: Float[Array, "*batch 3"]

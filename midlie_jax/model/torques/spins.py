@@ -25,7 +25,25 @@ Near = Callable[[int, int], cp.Vector]
 
 
 class SpinField(Torque):
-    """A field B on spins; `field(t, state)` has the shape of the spins, (*lattice, 3)."""
+    """A field B = -dH/dS on spins, space frame, energy; `torque(t, state)` has the shape of the spins, (*lattice, 3).
+
+    A field of your own is a subclass with `field` and `energy`, which work on components.
+
+    Raises:
+        ValueError: when called, the state is one without spins.
+
+    Examples:
+        >>> class Gradient(ml.torques.SpinField):  # of your own: along z, stronger from place to place of a chain
+        ...     def field(self, t, spin):
+        ...         return (0 * spin[0], 0 * spin[1], jnp.arange(0.0, len(spin[2])))
+        ...     def energy(self, t, spin):
+        ...         return -self.field(t, spin)[2] * spin[2]
+        ...     def is_uniform(self, t):
+        ...         return False
+        >>> chain = ml.SpinState([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+        >>> Gradient()(0.0, chain)[:, 2], Gradient().potential(0.0, chain).item()
+        (Array([0., 1., 2.], dtype=float64), -3.0)
+    """
 
     @abstractmethod
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
@@ -63,6 +81,18 @@ class AppliedField(SpinField):
 
     Attributes:
         value: B, space frame, energy: (3,), or (*lattice, 3); or a function of time t -> one of these.
+
+    Raises:
+        ValueError: a value that is not finite, or whose last axis is not (3,). When called: as `SpinField`.
+
+    Examples:
+        >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+        >>> torque = ml.torques.AppliedField([0.0, 0.0, 0.5])
+        >>> torque.potential(0.0, spins).item()
+        -0.5
+        >>> torque(0.0, spins)  # the field on each spin
+        Array([[0. , 0. , 0.5],
+               [0. , 0. , 0.5]], dtype=float64)
     """
 
     value: Any
@@ -88,6 +118,18 @@ class OwnField(SpinField):
     """A field that each spin exerts on itself, through its components along some axes: H = sum over axes of V(S . e).
 
     The motion under one axis alone is a turn about it: its component S . e does not change.
+
+    Examples:
+        >>> class Quartic(ml.torques.OwnField):  # of your own: H = -K sum (S . z)^4
+        ...     strength: jax.Array
+        ...     def axes(self):
+        ...         return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0])),)
+        ...     def along(self, component):
+        ...         return 4 * self.strength * component**3
+        ...     def energy(self, t, spin):
+        ...         return -self.strength * spin[2] ** 4
+        >>> Quartic(jnp.array(0.5))(0.0, ml.SpinState([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]))[:, 2].round(6)
+        Array([1.024, 0.   ], dtype=float64)
     """
 
     strength: eqx.AbstractVar[Array]
@@ -123,6 +165,18 @@ class Anisotropy(OwnField):
     Attributes:
         strength: K, energy, () or in the shape of the lattice.
         axis: the unit vector e, space frame, (3,).
+
+    Raises:
+        ValueError: a strength that is not finite, or an axis that is no unit vector (3,). When called: as `SpinField`.
+
+    Examples:
+        >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # one along z, one across
+        >>> torque = ml.torques.Anisotropy(0.25)  # z is easy
+        >>> torque.potential(0.0, spins).item()
+        -0.25
+        >>> torque(0.0, spins)  # the field on each spin
+        Array([[0. , 0. , 0.5],
+               [0. , 0. , 0. ]], dtype=float64)
     """
 
     strength: Float[Array, "*#lattice"]
@@ -158,6 +212,14 @@ class CubicAnisotropy(OwnField):
 
     Attributes:
         strength: K, energy, () or in the shape of the lattice.
+
+    Raises:
+        ValueError: a strength that is not finite. When called: as `SpinField`.
+
+    Examples:
+        >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
+        >>> round(float(ml.torques.CubicAnisotropy(1.0).potential(0.0, spins)), 6)  # x^2 y^2 of the second spin
+        0.2304
     """
 
     strength: Float[Array, "*#lattice"]
@@ -248,7 +310,15 @@ class Exchange(NeighbourField):
         periodic: whether the lattice closes, True or False, or one of them for each axis.
 
     Raises:
-        ValueError: a coupling that is not finite, or has not one entry for each axis.
+        ValueError: a coupling that is not finite; coupling or periodic that has not one entry for each axis.
+
+    Examples:
+        >>> chain = ml.SpinState([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+        >>> torque = ml.torques.Exchange(1.0, periodic=False)
+        >>> torque.potential(0.0, chain).item()  # -1 - 1 + 1, of three bonds
+        -1.0
+        >>> torque(0.0, chain)[:, 2]  # the z component of the field on each spin
+        Array([1., 2., 0., 1.], dtype=float64)
     """
 
     coupling: Float[Array, "*axes"]
@@ -292,7 +362,13 @@ class DzyaloshinskiiMoriya(NeighbourField):
         periodic: whether the lattice closes, True or False, or one of them for each axis.
 
     Raises:
-        ValueError: vectors that are not finite, or not one for each axis.
+        ValueError: vectors that are not finite; vectors or periodic that are not one for each axis.
+
+    Examples:
+        >>> chain = ml.SpinState([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        >>> torque = ml.torques.DzyaloshinskiiMoriya([[0.0, 0.0, 0.5]], periodic=False)  # one axis of the lattice
+        >>> torque.potential(0.0, chain).item()  # D . (S_0 x S_1)
+        0.5
     """
 
     vectors: Float[Array, "axes 3"]

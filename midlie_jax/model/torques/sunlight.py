@@ -49,6 +49,13 @@ class Sunlight(Torque):
         ValueError: another thing than a `Surface`, a direction that is no unit vector, a negative flux, fractions not
             between 0 and 1 or s + d above 1, a speed that is not positive. When called: fractions of another number of
             facets, or a state without an attitude.
+
+    Examples:
+        >>> panel = ml.Surface.of_facets([2.0], [[1.0, 0.0, 0.0]], [[0.0, 0.5, 0.0]])  # 2 m^2, faces x, at y = 0.5 m
+        >>> light = ml.torques.Sunlight(panel, direction=[1.0, 0.0, 0.0], flux=1361.0)  # W/m^2; all is absorbed
+        >>> state = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> round(1e6 * float(light(0.0, state)[2]), 4)  # micro-N m: the lever, 0.5 m, times flux A / c
+        4.5398
     """
 
     surface: Surface

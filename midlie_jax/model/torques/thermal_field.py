@@ -35,6 +35,13 @@ class ThermalField(Langevin):
     Raises:
         ValueError: a negative temperature, or a key that is not typed. When a run begins: spins without damping,
             several keys for one run, or a method without the stage.
+
+    Examples:
+        >>> up = ml.SpinState(jnp.tile(jnp.array([0.0, 0.0, 1.0]), (100, 1)))
+        >>> torque = ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.ThermalField(0.7, jax.random.key(0))
+        >>> path = ml.integrate("SUBLATTICES[BAOAB]", ml.Spins(damping=0.5), torque, up, dt=0.1, steps=20)
+        >>> path.states.spin.shape, bool(path.ok)
+        ((21, 100, 3), True)
     """
 
     def __init__(self, kT: Any, key: Any):

@@ -57,6 +57,13 @@ class UniformGravity(_Gravity):
 
     Raises:
         ValueError: acceleration not of shape (..., 3) or not finite. When called: body and state do not travel.
+
+    Examples:
+        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
+        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 3.0])
+        >>> weight = ml.torques.UniformGravity([0.0, 0.0, -9.81]).on(body)
+        >>> round(float(weight(0.0, state).force[2]), 6), round(float(weight.potential(0.0, state)), 6)
+        (-98.1, 294.3)
     """
 
     acceleration: Float[Array, "*batch 3"]
@@ -120,6 +127,13 @@ class PointMass(_Gravity):
     Raises:
         ValueError: mu not positive. When called: body and state do not travel; with the gradient, a `Rotor` has no
             `along`.
+
+    Examples:
+        >>> earth = ml.torques.PointMass(mu=3.986e14)  # m^3/s^2
+        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)  # kg m^2 and kg
+        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
+        >>> round(float(earth.on(body)(0.0, state).force[0]), 4)  # N, -mu m / r^2
+        -81.3469
     """
 
     mu: Float[Array, "*batch"]
@@ -174,6 +188,14 @@ class Oblateness(_Gravity):
 
     Raises:
         ValueError: mu or radius not positive, j2 not finite, or pole not a unit vector. When called: as `PointMass`.
+
+    Examples:
+        >>> mu, radius = 3.986e14, 6.378e6  # of the Earth, m^3/s^2 and m
+        >>> earth = ml.torques.PointMass(mu) + ml.torques.Oblateness(mu, radius, j2=1.0826e-3)
+        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
+        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 7.5e4, 0.0], position=[7e6, 0.0, 0.0])
+        >>> [round(float(term.on(body)(0.0, state).force[0]), 4) for term in earth.terms]  # N, above the equator
+        [-81.3469, -0.1097]
     """
 
     mu: Float[Array, "*batch"]
@@ -245,6 +267,12 @@ class Magnus(ReadsBody):
     Raises:
         ValueError: strength not finite, or wind of another shape. When called: body and state do not travel, or a
             `Rotor` has no `along`.
+
+    Examples:
+        >>> ball = ml.FreeBody(ml.RigidBody([0.5, 0.5, 0.5]), mass=2.0)
+        >>> state = ml.FreeState([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [4.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
+        >>> ml.torques.Magnus(0.25).on(ball)(0.0, state).force[1].item()  # 0.25 (0, 0, 2) x (2, 0, 0)
+        1.0
     """
 
     strength: Float[Array, "*batch"]
@@ -288,6 +316,12 @@ class Thrust(Torque):
 
     Raises:
         ValueError: force or lever of another shape, or not finite. When called: the state does not travel.
+
+    Examples:
+        >>> engine = ml.torques.Thrust(force=[0.0, 0.0, 2.0], lever=[0.5, 0.0, 0.0])
+        >>> state = ml.FreeState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0], position=[0.0, 0.0, 0.0])
+        >>> engine(0.0, state).torque[1].item(), engine(0.0, state).force[2].item()  # lever x force; in space
+        (-1.0, 2.0)
     """
 
     force: Float[Array, "*batch 3"] | Callable[[Any], Array]
