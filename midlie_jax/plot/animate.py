@@ -15,7 +15,8 @@ from .turning import picture_file
 
 _DPI = 80
 _TEXT = 9  # font size, points
-_LINE = 14  # height of a line of text, pixels
+_LINE, _LETTER = 14, 5.6  # height of a line of text, and mean width of a letter, pixels
+_CLOCK = 14  # letters of a clock and of a gap beside it
 _STRIP = 26  # height of the title above several pictures, pixels
 _COLOURS = 128  # size of the palette, which all frames share
 _MOST_FRAMES = 400
@@ -157,7 +158,11 @@ class _Movie:
                 self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
         if strip:
             self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
-        self.clock = self.figure.text(1 - edge / width, edge / height, "", ha="right", **note)
+        # The clock stands beside the remarks of the last picture; above them, if there is no room.
+        remarks = turns[-1].remarks
+        beside = max((len(one) for one in remarks), default=0) + _CLOCK <= (pixels - 2 * edge) / _LETTER
+        above = 0 if beside else len(remarks) * _LINE
+        self.clock = self.figure.text(1 - edge / width, (edge + above) / height, "", ha="right", **note)
 
     def frame(self, k: int) -> Any:
         """The picture of frame k, as an RGB image of Pillow."""

@@ -152,7 +152,7 @@ def _all_in_one(panels: Sequence[Panel], points: Any, around: Around) -> list[Mo
     room = room_of(bodies, tracks, shapes, around.box)
     # They need no gaps, because they do not meet. All may begin at one place, and then they are not shown apart.
     last = apart_by(np.stack([track[-1] for track in tracks]))
-    apart = max(2 * room.apart, 2 * last, SEEN * CORNER * room.extent)
+    apart = 2 * max(room.apart, last, SEEN * CORNER * room.extent)
     return [
         Moving(body, path, shape, room._replace(apart=apart))
         for body, path, shape in zip(bodies, paths, shapes, strict=True)

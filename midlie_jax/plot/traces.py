@@ -13,7 +13,7 @@ from .turning import Turning
 
 _MOST_POINTS = 4000
 _DIGITS = 5  # of the coordinates, relative to the size of the picture
-_DOTS, _MANY_DOTS = (10, 5), (7, 4)  # sizes of the first point of a body and of its others, pixels
+_DOTS, _MANY_DOTS = (12, 6), (9, 5)  # sizes of the first point of a body and of its others, pixels
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # of a box, in the order of its faces
 _ROUND_COLOURS = (ORANGE, "#8fc6ea", "#f3c96b")  # of a cylinder: the end at e3, the other end, and the side
 

@@ -264,10 +264,10 @@ def _seen(shown: Together, columns: float, x: tuple[float, float], y: tuple[floa
         axes = {f"{letter}axis": _lengths(letter, *ends) for letter, ends in zip("xyz", limits.T, strict=True)}
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
-    # Farther away where numbers stand at the axes, and the more so the narrower the part is.
-    near, lower = 1.0, 0.0
+    near, lower = max(1.0, 0.45 * columns), 0.0  # a narrow part cuts off what is left and right
     if limits is not None:
         high = np.ptp(limits, axis=0)[2] / np.ptp(limits, axis=0).max()
+        # Farther away where numbers stand at the axes, and the more so the narrower the part is.
         near = (1.75 + 0.25 * high) * max(1.0, 0.6 * columns)
         lower = -0.1 - 0.1 * high  # and looking at a lower place, for the names of x and y
     return {
