@@ -1,16 +1,25 @@
 """Scenes with many bodies: one space about a planet, a periodic box, and the pages of docs/pictures.md in a browser."""
 
+import base64
+import contextlib
+import io
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
+import threading
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import benchmark
+from PIL import Image
 from test_plot_coupled import SITES
 from test_plot_coupled import apart as coupled
-from test_view import BRICK, BROWSER, figure_of, frames_of, opened
+from test_view import BRICK, BROWSER, HEADLESS, figure_of, frames_of
 
 import midlie_jax as ml
 from midlie_jax.plot.around import NOTHING, Around, around_of, ball
@@ -180,59 +189,91 @@ def test_a_page_recolours_no_trace_of_many_bodies():
 
 # What a reader does: plays, stops, and sets the middle of the slider. What is then drawn goes to the console.
 READER = """<script>
-const wait = setInterval(() => {
-  if (!document.body.dataset.drawn) return;
-  clearInterval(wait);
-  const gd = document.getElementById('midlie-view'), last = gd.data.length - 1, told = {};
-  const drawn = () => Array.from(gd.data[last].x), active = () => gd._fullLayout.sliders[0].active;
-  const buttons = document.querySelectorAll('.updatemenu-button');
-  told.traces = last + 1;
-  told.paper = gd._fullLayout.paper_bgcolor;
-  told.start = drawn();
-  buttons[0].dispatchEvent(new MouseEvent('click', {bubbles: true}));
-  setTimeout(() => {
-    told.played = active();
-    buttons[1].dispatchEvent(new MouseEvent('click', {bubbles: true}));
+const until = (done, then) => {
+  const again = setInterval(() => { if (done()) { clearInterval(again); then(); } }, 20);
+};
+const click = (name) => document.querySelectorAll('.updatemenu-button')[name === 'play' ? 0 : 1]
+  .dispatchEvent(new MouseEvent('click', {bubbles: true}));
+until(() => document.body.dataset.drawn, () => {
+  const gd = document.getElementById('midlie-view'), last = gd.data.length - 1, shown = [];
+  const active = () => gd._fullLayout.sliders[0].active, drawn = () => Array.from(gd.data[last].x);
+  const told = {traces: last + 1, paper: gd._fullLayout.paper_bgcolor, start: drawn()};
+  gd.on('plotly_animatingframe', (frame) => shown.push(Number(frame.name)));
+  click('play');
+  until(() => shown.length > 3, () => {
+    click('pause');
     setTimeout(() => {
+      told.played = shown.slice();
       const rail = document.querySelector('.slider-rail-touch-rect'), at = rail.getBoundingClientRect();
       const middle = {clientX: at.x + at.width / 2, clientY: at.y + at.height / 2, bubbles: true};
       rail.dispatchEvent(new MouseEvent('mousedown', middle));
       gd.dispatchEvent(new MouseEvent('mouseup', middle));
-      setTimeout(() => {
-        Object.assign(told, {active: active(), end: drawn()});
-        console.log('TOLD' + JSON.stringify(told));
-      }, 500);
-    }, 300);
-  }, 1000);
-}, 20);
+      until(() => shown.length > told.played.length, () => setTimeout(() => {
+        Object.assign(told, {active: active(), after: shown.slice(told.played.length), end: drawn()});
+        Plotly.toImage(gd, {width: 450, height: 350}).then((picture) => {
+          console.log('TOLD' + JSON.stringify({...told, picture}));
+        });
+      }, 500));
+    }, 500);
+  });
+});
 </script>"""
 TRACES = {"binary": 5, "waters": 3, "fleet": 3, "methods": 3 * 7}  # bodies and bonds, arrows, paths, box, planet
+
+
+def told_by(page, folder, *options):
+    """What the reader of a page tells, and the lines of the console; in real time, in which frames are drawn."""
+    real = [option for option in HEADLESS if "virtual-time" not in option]
+    command = [BROWSER, *real, *options, "--remote-debugging-port=0", f"--user-data-dir={folder}", page.as_uri()]
+    lines = []
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as browser:
+        limit = threading.Timer(200, os.killpg, (browser.pid, signal.SIGKILL))
+        limit.start()
+        try:
+            for line in browser.stderr:
+                lines += [line] if "CONSOLE" in line else []
+                if "TOLD" in line:
+                    break
+        finally:
+            limit.cancel()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(browser.pid, signal.SIGKILL)
+    assert lines, "the page says nothing"
+    assert "TOLD" in lines[-1], lines
+    return json.JSONDecoder().raw_decode(lines[-1].partition("TOLD")[2])[0], lines[:-1]
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    """The files of all scenes, drawn in a process of its own: as a reader runs the code of the page."""
+    folder = tmp_path_factory.mktemp("scenes")
+    command = [sys.executable, pictures.__file__, *TRACES, "--folder", folder]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder
 
 
 @pytest.mark.sample(0)
 @pytest.mark.skipif(BROWSER is None, reason="no chromium or chrome is installed, in which the pages could be opened")
 @pytest.mark.parametrize(("name", "dark"), [("binary", 1), ("waters", 0), ("fleet", 1), ("methods", 0)])
-def test_the_page_of_a_scene_plays_in_a_browser(name, dark, tmp_path):
+def test_the_page_of_a_scene_plays_in_a_browser(name, dark, scenes, tmp_path):
     """The code of docs/pictures.md, opened, played and set to another time, without an error on the console."""
-    pictures.draw_scene(name, tmp_path)
-    assert (tmp_path / f"{name}.gif").stat().st_size < 150_000
-    page, read = tmp_path / f"{name}.html", tmp_path / "read.html"
-    text = page.read_text(encoding="utf-8")
+    assert (scenes / f"{name}.gif").stat().st_size < 150_000
+    read = tmp_path / "read.html"
+    text = (scenes / f"{name}.html").read_text(encoding="utf-8")
     assert len(text) < 10e6
     read.write_text(text.replace("</body>", READER + "</body>"), encoding="utf-8")
-    seen, console = opened(
-        read, tmp_path / "seen.png", tmp_path / "profile", f"--blink-settings=preferredColorScheme={1 - dark}"
-    )
+    told, console = told_by(read, tmp_path / "profile", f"--blink-settings=preferredColorScheme={1 - dark}")
     assert not [line for line in console if re.search("error|failed|ERR_", line, re.IGNORECASE)], console
-    (line,) = [line for line in console if "TOLD" in line]
-    told, _ = json.JSONDecoder().raw_decode(line[line.index("TOLD") + 4 :])
     data, _, frames = figure_of(text)
     assert told["traces"] == len(data) == TRACES[name]
     assert told["paper"] == ("#111111" if dark else "#ffffff")
-    assert told["played"] > 0
+    assert told["played"] == list(range(len(told["played"])))
+    assert told["after"] == [told["active"]]  # nothing plays on
     assert abs(told["active"] - len(frames) / 2) < 0.1 * len(frames)
     for where, frame in ((told["start"], frames[0]), (told["end"], frames[told["active"]])):
         assert where == frame["data"][-1]["x"]
+    with Image.open(io.BytesIO(base64.b64decode(told["picture"].partition(",")[2]))) as picture:
+        seen = np.asarray(picture.convert("RGB")).astype(int)
     ground = np.array([0x11] * 3 if dark else [0xFF] * 3)
-    drawn = np.mean(np.any(np.abs(seen - ground) > 40, axis=-1))
-    assert 0.01 < drawn < 0.5
+    assert 0.02 < np.mean(np.any(np.abs(seen - ground) > 40, axis=-1)) < 0.5
