@@ -1,11 +1,18 @@
-"""The pictures of docs/pictures.md: a panel of each function of `ml.plot` that draws one path, and a GIF.
+"""The pictures of docs/pictures.md.
 
-    python benchmarks/pictures.py [--folder docs]
+    python benchmarks/pictures.py [PART ...] [--folder docs]
 
-writes motion.png and flip.gif, in about a minute. The heavy top has the moments 5, 5, 1 kg m^2, the brick 1, 2, 2.5.
+Parts: motion (motion.png, a panel of each function of `ml.plot` that draws one path), flip (flip.gif), and the scenes
+binary, waters, fleet and methods (binary.gif, ...), which are drawn by the code that stands in their section of the
+page. A part takes some ten seconds, motion half a minute. The heavy top has the moments 5, 5, 1 kg m^2, the brick
+1, 2, 2.5.
 """
 
 import argparse
+import contextlib
+import re
+import shutil
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -114,21 +121,56 @@ def motion() -> Any:
     return figure
 
 
+def flip(folder: Path) -> None:
+    ml.plot.animate(
+        BRICK, brick_path([0.01, 2.0, 0.01], 18.0, 361), folder / "flip.gif",
+        axis="e2", frames=48, size=240, rate=16.0, azimuth=50.0,
+    )  # fmt: skip
+
+
+# The scenes, and the titles of their sections.
+SCENES = {
+    "binary": "A binary asteroid",
+    "waters": "A box of molecules",
+    "fleet": "A fleet of satellites",
+    "methods": "Methods side by side",
+}
+PARTS = ("motion", "flip", *SCENES)
+
+
+def draw_scene(name: str, folder: Path) -> None:
+    """Runs the code of a scene as the page shows it, after the first code of the page, in a folder of its own.
+
+    The picture goes to `folder` as NAME.gif, and so does the page NAME.html, unless the folder is that of the pages.
+    """
+    text = (DOCS / "pictures.md").read_text()
+    first, *others = re.split(r"^## (.+)\n", text, flags=re.MULTILINE)
+    section = dict(zip(others[::2], others[1::2], strict=True))[SCENES[name]]
+    code = [block for part in (first, section) for block in re.findall(r"^```python\n(.*?)^```$", part, re.M | re.S)]
+    with tempfile.TemporaryDirectory() as place:
+        with contextlib.chdir(place):
+            exec("\n".join(code), {})
+        for ending in (".gif",) if folder == DOCS else (".gif", ".html"):
+            shutil.copy(Path(place) / (name + ending), folder)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; by default all")
     parser.add_argument("--folder", type=Path, default=DOCS)
-    folder = parser.parse_args().folder
-    write(motion(), str(folder / "motion.png"))
-    spun = [0.01, 2.0, 0.01], 18.0, 361
-    flip = brick_path(*spun)
-    seen: Any = {"axis": "e2", "frames": 48, "size": 240, "rate": 16.0, "azimuth": 50.0}
-    ml.plot.animate(BRICK, flip, folder / "flip.gif", **seen)
-    shapes = ([1.0, 2.0, 2.5], [0.3, 2.0, 2.1], [1.0, 1.2, 2.1])
-    bodies = [ml.RigidBody(moments) for moments in shapes]
-    paths = {f"moments {', '.join(map(str, m))}": brick_path(*spun, b) for m, b in zip(shapes, bodies, strict=True)}
-    ml.plot.animate(bodies, paths, folder / "bodies.gif", **seen)
-    for name in ("motion.png", "flip.gif", "bodies.gif"):
-        print(f"{name}: {(folder / name).stat().st_size / 1000:.0f} kB")
+    options = parser.parse_args()
+    if unknown := set(options.parts) - set(PARTS):
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}.")
+    folder = options.folder.resolve()
+    for part in options.parts or PARTS:
+        if part == "motion":
+            write(motion(), str(folder / "motion.png"))
+        elif part == "flip":
+            flip(folder)
+        else:
+            draw_scene(part, folder)
+        file = folder / ("motion.png" if part == "motion" else f"{part}.gif")
+        print(f"{file.name}: {file.stat().st_size / 1000:.0f} kB", flush=True)
 
 
 if __name__ == "__main__":

@@ -7,13 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks.arguments import as_count
+from .around import around_of
 from .several import Bodies, Paths, grid, panels
-from .style import BLUE, SKY, new_figure
+from .style import BLUE, SKY, new_figure, time_text
 from .together import Together, togethers
 from .turning import picture_file
 
 _DPI = 80
 _TEXT = 9  # font size, points
+_LINE, _LETTER = 14, 5.6  # height of a line of text, and mean width of a letter, pixels
+_CLOCK = 14  # letters of a clock and of a gap beside it
 _STRIP = 26  # height of the title above several pictures, pixels
 _COLOURS = 128  # size of the palette, which all frames share
 _MOST_FRAMES = 400
@@ -33,6 +36,9 @@ def animate(
     background: str = "white",
     title: str = "",
     points: ArrayLike | None = None,
+    together: bool = False,
+    box: ArrayLike | None = None,
+    planet: float | None = None,
 ) -> Path:
     """Writes a GIF of a turning body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
@@ -41,7 +47,8 @@ def animate(
     the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
 
     Bodies that act on each other are drawn in one space, each in its colour, if they travel; up to six have their axes
-    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists.
+    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists. Bodies that travel and do
+    not act on each other, such as a fleet of satellites, are drawn so by `together`.
 
     Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
     spaced in time. If the body turns by more than a quarter of a turn from one frame to the next, the eye is misled, as
@@ -53,7 +60,8 @@ def animate(
             for all, a list with one for each, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
             `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
-            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`.
+            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
+            up to 500 with `together`.
         file: the GIF to write; an existing file is replaced.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
             only the axis of symmetry is known, only e3, which is that axis.
@@ -65,6 +73,11 @@ def animate(
         title: a line above the picture.
         points: places in the frame of the body, (a, 3), such as the atoms of a molecule: they are drawn in place of the
             solid, the first joined to each of the others; for bodies with a mass.
+        together: whether several bodies that travel are drawn in one space, instead of side by side.
+        box: the least and the largest corner of a periodic box, (2, 3), in the units of the positions. The centres of
+            the bodies are drawn in it, and no tracks; from one saved state to the next they must move by less than half
+            the box. Positions may be wrapped into the box or not.
+        planet: the radius of a ball at the origin, in the units of the positions, such as the Earth below satellites.
 
     Returns:
         The path of the file.
@@ -88,9 +101,17 @@ def animate(
     if not 0 < rate <= 50:
         raise ValueError(f"rate must be above 0 and at most 50 frames a second, got {rate}.")
     dark = _is_dark(background)
-    shown = panels(body, path)
-    turns = togethers(shown, axis, frames, _MOST_FRAMES, points)
-    movie = _Movie([panel.name for panel in shown], turns, pixels, (elevation, azimuth), (background, dark), title)
+    shown = panels(body, path, together)
+    around = around_of(box, planet, [panel.path for panel in shown])
+    turns = togethers(shown, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
+    movie = _Movie(
+        [""] if together else [panel.name for panel in shown],
+        turns,
+        pixels,
+        (elevation, azimuth),
+        (background, dark),
+        title,
+    )
     _write([movie.frame(k) for k in range(len(turns[0].times))], target, rate)
     return target
 
@@ -138,9 +159,17 @@ class _Movie:
             heading = name or (title if len(turns) == 1 else "")
             self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
             self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(shown.remarks), **note)
+            named = [(n, c) for n, c in zip(shown.names, shown.colours, strict=False) if n and shown.few]
+            for line, (word, colour) in enumerate(named, start=1 if heading else 0):
+                top = (y + pixels - edge - line * _LINE) / height
+                self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
         if strip:
             self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
-        self.clock = self.figure.text(1 - edge / width, edge / height, "", ha="right", **note)
+        # The clock stands beside the remarks of the last picture; above them, if there is no room.
+        remarks = turns[-1].remarks
+        beside = max((len(one) for one in remarks), default=0) + _CLOCK <= (pixels - 2 * edge) / _LETTER
+        above = 0 if beside else len(remarks) * _LINE
+        self.clock = self.figure.text(1 - edge / width, (edge + above) / height, "", ha="right", **note)
 
     def frame(self, k: int) -> Any:
         """The picture of frame k, as an RGB image of Pillow."""
@@ -148,7 +177,7 @@ class _Movie:
 
         for scene in self.scenes:
             scene.move(k)
-        self.clock.set_text(f"t = {self.times[k]:.4g}")
+        self.clock.set_text(f"t = {time_text(float(self.times[k]))}")
         self.figure.canvas.draw()
         return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())
 

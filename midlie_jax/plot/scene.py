@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from .ellipsoid import BEHIND, IN_FRONT, draw_curve, draw_ellipsoid
 from .labels3d import towards_viewer
 from .space import draw_space
-from .style import GREY, VERMILLION
+from .style import GREY, PLANET, VERMILLION
 from .together import Together
 from .travel import Travel
 from .turning import Turning
@@ -21,6 +21,12 @@ _TEXT = 9  # font size of the letters at the axes, points
 _SMALL = 7.0  # that of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
 _FIRST, _OTHER = 42.0, 14.0  # areas of the dots of a body drawn as points: of the first, and of each other
+_BEYOND, _PLANET, _INSIDE, _BEFORE = (
+    2.0,
+    3.0,
+    3.5,
+    4.0,
+)  # the sequence in which things are drawn, if a planet hides some of them
 _BACKGROUND = 0.5  # opacity of the part of the track that is still to come
 
 
@@ -45,9 +51,11 @@ class Scene:
         self.lamp = _LAMP @ np.stack([right, np.cross(self.out, right), self.out])
         limits = shown.limits
         sphere = limits is None
-        self.ground = _Sphere(axes, shown.members[0], text, colour) if sphere else _Space(axes, shown, limits, text)
+        self.ground = (
+            _Sphere(axes, shown.members[0], text, colour) if sphere else _Space(axes, shown, limits, text, self.out)
+        )
         edge = "" if shown.members[0].shape.round else text
-        self.bodies = (_Solids if shown.solid else _Sites)(axes, shown, self.lamp, edge)
+        self.bodies = (_Solids if shown.solid else _Sites)(axes, shown, self.lamp, edge, self.out)
         own = [colour] if shown.alone else shown.colours if shown.few and shown.solid else ()
         self.axes_of_bodies = [
             (member, axes.plot([], [], [], color=own_colour, linewidth=2.4)[0])
@@ -59,28 +67,43 @@ class Scene:
         self.bodies.move(k)
         for member, line in self.axes_of_bodies:
             tip = member.tips[k]
-            line.set_data_3d(*member.placed(k, np.stack([member.inside * tip, tip])).T)
-            line.set_zorder(IN_FRONT if tip @ self.out > 0 else BEHIND)
+            ends = member.placed(k, np.stack([member.inside * tip, tip]))
+            line.set_data_3d(*_seen(ends, self.shown, self.out).T)
+            behind = _INSIDE if self.shown.around.planet else BEHIND
+            line.set_zorder(IN_FRONT if tip @ self.out > 0 else behind)
         self.ground.move(k)
 
 
 class _Solids:
-    """Bodies drawn as solids, of which the nearer hides the farther."""
+    """Bodies drawn as solids, of which the nearer hides the farther; a planet hides those beyond it."""
 
-    def __init__(self, axes: Any, shown: Together, lamp: np.ndarray, edge: str):
-        self.shown, self.lamp, self.edge = shown, lamp, edge
+    def __init__(self, axes: Any, shown: Together, lamp: np.ndarray, edge: str, out: np.ndarray):
+        self.shown, self.lamp, self.edge, self.out = shown, lamp, edge, out
         # matplotlib fills short faces up with numbers from memory, which may overflow; so all get as many corners.
         self.most = max(len(face) for member in shown.members for face in member.shape.faces)
-        self.faces = Poly3DCollection(self._faces(shown.members[0], 0), linewidth=0.6)
-        axes.add_collection3d(self.faces, autolim=False)
+        self.layers = [
+            Poly3DCollection(self._faces(shown.members[0], 0), linewidth=0.6 if shown.few else 0.25, zorder=zorder)
+            for zorder in ((_BEYOND, _BEFORE) if shown.around.planet else (_BEFORE,))
+        ]
+        for layer in self.layers:
+            axes.add_collection3d(layer, autolim=False)
 
     def move(self, k: int) -> None:
         faces = [self._faces(member, k) for member in self.shown.members]
-        pairs = zip(faces, self.shown.colours, strict=True)
-        colours = [_lit(face, self.lamp, colour) for own, colour in pairs for face in own]
-        self.faces.set_verts([face for own in faces for face in own])
-        self.faces.set_facecolor(colours)
-        self.faces.set_edgecolor(self.edge or colours)
+        beyond = [bool(np.mean(own[0], axis=0) @ self.out < 0) and len(self.layers) > 1 for own in faces]
+        for layer in self.layers:
+            hidden = layer is not self.layers[-1]
+            those = [
+                both
+                for both, far in zip(zip(faces, self.shown.colours, strict=True), beyond, strict=True)
+                if far == hidden
+            ]
+            colours = [_lit(face, self.lamp, colour) for own, colour in those for face in own]
+            layer.set_visible(bool(those))
+            if those:
+                layer.set_verts([face for own, _ in those for face in own])
+                layer.set_facecolor(colours)
+                layer.set_edgecolor(self.edge or colours)
 
     def _faces(self, member: Turning, k: int) -> list[np.ndarray]:
         corners = member.placed(k, member.corners[k])
@@ -90,19 +113,26 @@ class _Solids:
 class _Sites:
     """Bodies drawn as points, the first of which is joined to each of the others."""
 
-    def __init__(self, axes: Any, shown: Together, lamp: np.ndarray, edge: str):
+    def __init__(self, axes: Any, shown: Together, lamp: np.ndarray, edge: str, out: np.ndarray):
         del lamp, edge
-        self.shown, colours = shown, shown.colours_of_sites
-        first, other = (areas if shown.few else areas / 4 for areas in (_FIRST, _OTHER))
+        self.shown, self.out, colours = shown, out, shown.colours_of_sites
+        first, other = (areas if shown.few else areas / 2 for areas in (_FIRST, _OTHER))
         areas = [other if k else first for member in shown.members for k in range(member.corners.shape[1])]
-        style = {"depthshade": False, "edgecolors": "none"}
+        style = {"depthshade": False, "edgecolors": "none", "zorder": _BEFORE}
         self.dots = axes.scatter(*np.concatenate(shown.sites(0)).T, s=areas, c=colours, **style)
-        self.sticks = Line3DCollection(shown.sticks(0), colors=GREY, linewidths=1.4 if shown.few else 0.7)
+        self.sticks = Line3DCollection(
+            shown.sticks(0), colors=GREY, linewidths=1.4 if shown.few else 0.9, zorder=_BEFORE
+        )
         axes.add_collection3d(self.sticks, autolim=False)
 
     def move(self, k: int) -> None:
-        self.dots._offsets3d = tuple(np.concatenate(self.shown.sites(k)).T)
-        self.sticks.set_segments(self.shown.sticks(k))
+        self.dots._offsets3d = tuple(_seen(np.concatenate(self.shown.sites(k)), self.shown, self.out).T)
+        self.sticks.set_segments([_seen(stick, self.shown, self.out) for stick in self.shown.sticks(k)])
+
+
+def _seen(points: np.ndarray, shown: Together, out: np.ndarray) -> np.ndarray:
+    """The points (n, 3), with NaN in place of those that a planet hides."""
+    return np.where(shown.around.hidden(points, out)[:, None], np.nan, points)
 
 
 def _past(shown: Turning, k: int) -> np.ndarray:
@@ -130,22 +160,41 @@ class _Sphere:
 
 
 class _Space:
-    """The axes of space with their lengths, and the tracks of the centres of mass, unless there are many."""
+    """The axes of space with their lengths, what stands around, and the tracks of the centres of mass, if not many."""
 
-    def __init__(self, axes: Any, shown: Together, limits: np.ndarray, text: str):
+    def __init__(self, axes: Any, shown: Together, limits: np.ndarray, text: str, out: np.ndarray):
         draw_space(axes, limits, _SMALL, text)
+        self.shown, self.out, around = shown, out, shown.around
+        for ends in around.edges:
+            axes.plot(*ends.T, color=GREY, linewidth=0.9, zorder=BEHIND)
+        if around.planet is not None:
+            axes.computed_zorder = False  # the planet comes between what it hides and what is before it
+            axes.add_collection3d(_disc(around.planet, out), autolim=False)
         self.tracks = list[tuple[Turning, Travel, Any]]()
         for member, colour in zip(shown.members, [VERMILLION] if shown.alone else shown.colours, strict=True):
             travel = member.travel
-            if shown.few and travel is not None:
-                axes.plot(*travel.track.T, color=GREY, linewidth=0.8, alpha=_BACKGROUND, zorder=BEHIND)
+            if not shown.has_tracks or travel is None:
+                continue
+            whole = _seen(travel.track, shown, out)
+            zorder = _BEFORE if around.planet else BEHIND
+            alpha = _BACKGROUND if shown.few else _BACKGROUND / 2  # of many bodies, some may have the same track
+            axes.plot(*whole.T, color=GREY, linewidth=0.8, alpha=alpha, zorder=zorder)
+            if shown.few:
                 (line,) = axes.plot([], [], [], color=colour, linewidth=1.3, zorder=BEHIND)
                 self.tracks.append((member, travel, line))
 
     def move(self, k: int) -> None:
         for member, travel, line in self.tracks:
             past = travel.track[_past(member, k)]
-            line.set_data_3d(*np.concatenate([past, travel.centres[k][None]]).T)
+            line.set_data_3d(*_seen(np.concatenate([past, travel.centres[k][None]]), self.shown, self.out).T)
+
+
+def _disc(radius: float, out: np.ndarray) -> Any:
+    """A planet as the viewer in the direction `out` sees it."""
+    across = np.linalg.svd(out[None])[2][1:]
+    angle = np.linspace(0, 2 * np.pi, 91)[:, None]
+    rim = radius * (np.cos(angle) * across[0] + np.sin(angle) * across[1])
+    return Poly3DCollection([rim], facecolor=PLANET, edgecolor=GREY, linewidth=0.8, zorder=_PLANET)
 
 
 def _lit(face: np.ndarray, lamp: np.ndarray, colour: str) -> tuple[float, ...]:

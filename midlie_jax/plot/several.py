@@ -14,6 +14,7 @@ from ..model.rotor import Rotor
 from ..model.states import Coupled, OrientedState, TravellingState
 
 _MOST = 12
+_MOST_TOGETHER = 500  # bodies in one space
 _ROW = 4  # the most panels in a row
 
 Turns = RigidBody | TensorBody | Rotor | FreeBody  # bodies that turn
@@ -36,7 +37,7 @@ class Panel(NamedTuple):
     path: Any
 
 
-def panels(body: Any, path: Any) -> list[Panel]:
+def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
     """The panels of a picture, in order.
 
     Args:
@@ -44,15 +45,21 @@ def panels(body: Any, path: Any) -> list[Panel]:
             bodies.
         path: a path of one body; a mapping of names to such paths, or a sequence of them; or a path of `ensemble`,
             whose bodies are named by their index. Coupled bodies that travel have one panel together, others one each.
+        together: whether all paths will be drawn in one space.
 
     Raises:
-        ValueError: there are no paths, or more than fit, or not as many bodies as paths.
+        ValueError: there are no paths, or more than fit, or not as many bodies as paths; or paths that cannot be drawn
+            in one space shall be.
     """
-    names, paths = _named(path)
+    most = _MOST_TOGETHER if together else _MOST
+    names, paths = _named(path, most)
     if not paths:
         raise ValueError("path holds no path; give one, or a mapping of names to paths.")
-    if len(names) > _MOST:
-        raise ValueError(f"path holds {len(names)} paths, and a picture has room for {_MOST}; choose some of them.")
+    if len(names) > most:
+        cure = "choose some of them" + (", or draw bodies that travel in one space by together=True" * _travel(paths))
+        raise ValueError(f"path holds {len(names)} paths, and a picture has room for {most}; {cure}.")
+    if together:
+        _check_together(paths)
     bodies = _bodies(body, paths)
     if len(bodies) != len(paths):
         raise ValueError(f"body must be one body, or one for each of the {len(paths)} paths, got {len(bodies)}.")
@@ -65,7 +72,28 @@ def grid(count: int) -> tuple[int, int]:
     return rows, ceil(count / rows)
 
 
-def _named(path: Any) -> tuple[list[str], list[Any]]:
+def _travel(paths: list[Any]) -> bool:
+    """Whether the bodies have places of their own and do not act on each other."""
+    states = [getattr(path, "states", None) for path in paths]
+    return all(isinstance(one, TravellingState) and not isinstance(one, Coupled) for one in states)
+
+
+def _check_together(paths: list[Any]) -> None:
+    for path in paths:
+        states = getattr(path, "states", None)
+        if isinstance(states, Coupled):
+            raise ValueError(
+                f"together=True is for paths of one body each; the bodies of a {type(states).__name__} are drawn "
+                "together without it, and replicas side by side."
+            )
+        if not isinstance(states, TravellingState):
+            raise ValueError(
+                f"together=True draws bodies where they are, and a {type(states).__name__} has no place; without it "
+                "they are drawn side by side."
+            )
+
+
+def _named(path: Any, most: int) -> tuple[list[str], list[Any]]:
     if isinstance(path, Mapping):
         return [str(name) for name in path], list(path.values())
     if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple, too
@@ -76,10 +104,10 @@ def _named(path: Any) -> tuple[list[str], list[Any]]:
     coupled = isinstance(states, Coupled)
     if len(shape) == 3 + coupled:
         word = "replica" if coupled else "body"
-        return [f"{word} {k}" for k in range(shape[0])], [_row(path, k) for k in range(min(shape[0], _MOST + 1))]
+        return [f"{word} {k}" for k in range(shape[0])], [_row(path, k) for k in range(min(shape[0], most + 1))]
     if coupled and not isinstance(states, TravellingState):
         count = states.count
-        return [f"body {k}" for k in range(count)], [path_of_one(path, k) for k in range(min(count, _MOST + 1))]
+        return [f"body {k}" for k in range(count)], [path_of_one(path, k) for k in range(min(count, most + 1))]
     return [""], [path]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 # Of M. Okabe and K. Ito, Color Universal Design (2008).
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"  # the first three lines: contrast above 3 on white and black
 SKY, ORANGE, PURPLE, BLACK = "#56B4E9", "#E69F00", "#CC79A7", "#000000"
+PLANET = "#9fb4c4"  # a pale blue, seen on white and on black, on which all bodies are seen
 GREY = "#8a8a8a"  # for everything but the subject
 _SEVERAL = (BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE)
 FEW = len(_SEVERAL)  # as many bodies have colours that are told apart at once
@@ -32,12 +33,25 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def colours_of(count: int) -> list[str]:
-    """A colour for each of several bodies; more than `FEW` go from blue to orange in their order."""
+    """A colour for each of several bodies; more than `FEW` go from blue through purple to orange in their order.
+
+    Their lightness rises all the way, so that the order is seen in any colour vision.
+    """
     if count <= FEW:
         return list(_SEVERAL[:count])
-    ends = [[int(end[i : i + 2], 16) for i in (1, 3, 5)] for end in (BLUE, ORANGE)]
-    shares = [k / (count - 1) for k in range(count)]
-    return ["#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(*ends, strict=True)) for share in shares]
+    ends = [[int(end[i : i + 2], 16) for i in (1, 3, 5)] for end in (BLUE, PURPLE, ORANGE)]
+    found = list[str]()
+    for k in range(count):
+        way = 2 * k / (count - 1)
+        first = min(int(way), 1)
+        pairs = zip(ends[first], ends[first + 1], strict=True)
+        found.append("#" + "".join(f"{round(a + (way - first) * (b - a)):02x}" for a, b in pairs))
+    return found
+
+
+def time_text(t: float) -> str:
+    """A time as it is written on a picture: with four digits, and whole if it is large."""
+    return f"{t:,.0f}" if 1e4 <= abs(t) < 1e7 else f"{t:.4g}"
 
 
 def ink(axes: Any) -> Any:

@@ -1,4 +1,4 @@
-"""`Together`: what one panel of an animation shows: one body, or in one space all bodies that act on each other."""
+"""`Together`: what one panel of an animation shows: one body, or several in one space."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -6,12 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..model.states import Coupled
+from .around import NOTHING, Around
 from .motion import motion_of
 from .several import Panel, each_body, path_of_one
-from .shape import shape_of
+from .shape import CORNER, shape_of
 from .style import FEW, ORANGE, SKY, VERMILLION, colours_of
-from .travel import room_of
+from .travel import SEEN, apart_by, room_of
 from .turning import Moving, Turning, turnings
+
+_MOST_TRACKS = 36  # thin lines that can be followed
 
 
 class Together(NamedTuple):
@@ -20,15 +23,28 @@ class Together(NamedTuple):
     Attributes:
         members: the bodies.
         colours: one for each.
+        names: the names of paths drawn in one space, one for each, "" for one that has none; () for coupled bodies.
+        around: what stands around them.
     """
 
     members: tuple[Turning, ...]
     colours: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    around: Around = NOTHING
 
     @property
     def alone(self) -> bool:
         """Whether there is one body."""
         return len(self.members) == 1
+
+    @property
+    def has_tracks(self) -> bool:
+        """Whether tracks are drawn: in the colours of a few bodies, thin and grey those of more that do not meet."""
+        return self.around.box is None and (self.few or (bool(self.names) and len(self.members) <= _MOST_TRACKS))
+
+    def named(self, i: int) -> str:
+        """What body i is called."""
+        return (self.names[i] if self.names else "") or f"body {i}"
 
     @property
     def few(self) -> bool:
@@ -61,43 +77,83 @@ class Together(NamedTuple):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Texts to be written on the picture: those of the body that turns fastest."""
-        return max(self.members, key=lambda member: member.per_frame).remarks
+        """Texts to be written on the picture: those of the body that turns fastest, and whether paths are shorter."""
+        fastest = max(self.members, key=lambda member: member.per_frame)
+        ends = [member.until for member in self.members if member.until]
+        if len(self.members) == 1 or not ends or (set(ends) == {fastest.until} and len(ends) == len(self.members)):
+            return fastest.remarks
+        failed = [end for end in ends if end.startswith("FAILED")]
+        what = f"{len(failed)} of {len(self.members)} FAILED" if failed else f"{len(ends)} are not there all the time"
+        return (what, *(remark for remark in fastest.remarks if remark != fastest.until))
 
     @property
     def limits(self) -> np.ndarray | None:
         """The least and the largest coordinates of the picture, (2, 3); None if the body stays where it is."""
         own = [member.travel.limits for member in self.members if member.travel is not None]
+        if own and self.around.planet is not None:
+            own.append(1.05 * self.around.planet * np.array([[-1.0] * 3, [1.0] * 3]))
         return np.stack([np.min(own, axis=0)[0], np.max(own, axis=0)[1]]) if own else None
 
 
-def togethers(panels: Sequence[Panel], axis: Any, frames: Any, most: int, points: Any = None) -> list[Together]:
+def togethers(
+    panels: Sequence[Panel],
+    axis: Any,
+    frames: Any,
+    most: int,
+    points: Any = None,
+    *,
+    around: Around = NOTHING,
+    in_one: bool = False,
+) -> list[Together]:
     """The bodies of the panels, at the times of the frames; see `turnings`.
 
     Args:
         panels: those of a coupled path show all bodies of it.
         axis, frames, most: as for `turnings`.
         points: places in the frame of the body, (a, 3), that are drawn in place of a solid.
+        around: what stands around the bodies.
+        in_one: whether the bodies of all panels are drawn in one space.
     """
-    groups = [_members(panel, points) for panel in panels]
+    groups = [_all_in_one(panels, points, around)] if in_one else [_members(one, points, around) for one in panels]
+    names = tuple(panel.name for panel in panels) if in_one else ()
     flat = iter(turnings([one for group in groups for one in group], axis, frames, most))
     found = list[Together]()
     for group in groups:
         members = tuple(next(flat) for _ in group)
-        found.append(Together(members, (ORANGE,) if len(group) == 1 else tuple(colours_of(len(group)))))
+        colours = (ORANGE,) if len(group) == 1 else tuple(colours_of(len(group)))
+        found.append(Together(members, colours, names, around))
     return found
 
 
-def _members(panel: Panel, points: Any) -> list[Moving]:
+def _members(panel: Panel, points: Any, around: Around) -> list[Moving]:
     """The bodies of a panel; those of a coupled path share the room that they need."""
     states: Any = getattr(panel.path, "states", None)
     if not isinstance(states, Coupled):
+        if around.box is not None or around.planet is not None:
+            return _all_in_one([panel], points, around)
         return [Moving(panel.body, panel.path, None if points is None else shape_of(panel.body, points))]
     drawn: Any = motion_of(panel.path, together=True).states
     bodies = each_body(panel.body, states.count)
     shapes = [shape_of(body, points) for body in bodies]
-    room = room_of(bodies, np.asarray(drawn.position, float), shapes)
+    tracks = list(np.moveaxis(np.asarray(drawn.position, float), 1, 0))
+    room = room_of(bodies, tracks, shapes, around.box)
     return [
         Moving(body, path_of_one(panel.path, i), shape, room)
         for i, (body, shape) in enumerate(zip(bodies, shapes, strict=True))
+    ]
+
+
+def _all_in_one(panels: Sequence[Panel], points: Any, around: Around) -> list[Moving]:
+    """Bodies that do not act on each other, in one room."""
+    bodies, paths = [panel.body for panel in panels], [panel.path for panel in panels]
+    shapes = [shape_of(body, points) for body in bodies]
+    states: list[Any] = [motion_of(path).states for path in paths]
+    tracks = [np.asarray(one.position, float) for one in states]
+    room = room_of(bodies, tracks, shapes, around.box)
+    # They need no gaps, because they do not meet. All may begin at one place, and then they are not shown apart.
+    last = apart_by(np.stack([track[-1] for track in tracks]))
+    apart = 2 * max(room.apart, last, SEEN * CORNER * room.extent)
+    return [
+        Moving(body, path, shape, room._replace(apart=apart))
+        for body, path, shape in zip(bodies, paths, shapes, strict=True)
     ]

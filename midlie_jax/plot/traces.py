@@ -1,16 +1,19 @@
 """The traces of a view: what of a moving body stands still, and what moves, as plotly's dictionaries."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from .style import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from .around import ball
+from .style import BLUE, GREEN, GREY, ORANGE, PLANET, VERMILLION
 from .together import Together
 from .turning import Turning
 
 _MOST_POINTS = 4000
 _DIGITS = 5  # of the coordinates, relative to the size of the picture
+_DOTS, _MANY_DOTS = (12, 6), (9, 5)  # sizes of the first point of a body and of its others, pixels
 _FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # of a box, in the order of its faces
 _ROUND_COLOURS = (ORANGE, "#8fc6ea", "#f3c96b")  # of a cylinder: the end at e3, the other end, and the side
 
@@ -26,12 +29,19 @@ def still_traces(shown: Together) -> list[dict[str, Any]]:
             _line(first.path_tips[::every], f"path of {first.axis}", BLUE, 3, digits, showlegend=True),
             _line(first.path_momenta[::every], "path of the angular momentum", GREEN, 3, digits, showlegend=True),
         ]
-    names = ["path of the centre of mass"] if shown.alone else [f"path of body {i}" for i in range(len(shown.members))]
+    tracks = [member.travel.track[::every] for member in shown.members if member.travel is not None]
+    around = _planet(shown.around.planet, digits) if shown.around.planet is not None else []
+    if edges := shown.around.edges:
+        around.append(_pieces(edges, "box", 2, digits))
+    if not shown.has_tracks:
+        return around
+    if not shown.few:
+        return [*around, _pieces(tracks, "paths", 1, digits)]
+    names = ["path of the centre of mass"] if shown.alone else [f"path of {shown.named(i)}" for i in range(len(tracks))]
     colours = [VERMILLION] if shown.alone else shown.colours
-    tracks = [member.travel.track[::every] for member in shown.members if member.travel is not None and shown.few]
-    return [
+    return around + [
         _line(track, name, colour, 3, digits, showlegend=True)
-        for track, name, colour in zip(tracks, names, colours, strict=False)
+        for track, name, colour in zip(tracks, names, colours, strict=True)
     ]
 
 
@@ -46,7 +56,7 @@ def moving_traces(shown: Together, k: int) -> list[dict[str, Any]]:
     else:
         few = shown.few and shown.solid
         pairs = list(zip(shown.members, shown.colours, strict=True)) if few else []
-        ends = [(m, m.tips[k], f"{m.axis} of body {i}", colour) for i, (m, colour) in enumerate(pairs)]
+        ends = [(m, m.tips[k], f"{m.axis} of {shown.named(i)}", colour) for i, (m, colour) in enumerate(pairs)]
     return [*bodies, *(_arrow(member, k, end, name, colour, digits) for member, end, name, colour in ends)]
 
 
@@ -73,14 +83,28 @@ def _solids(shown: Together, k: int, digits: int) -> dict[str, Any]:
 
 def _sites(shown: Together, k: int, digits: int) -> list[dict[str, Any]]:
     """The points of all bodies, and the lines between those of one body."""
-    gap = np.full((1, 3), np.nan)
-    sticks = np.concatenate([part for stick in shown.sticks(k) for part in (stick, gap)] or [gap])
-    sizes = [(3 if place else 7) if shown.few else (2 if place else 4) for m in shown.members for place in _places(m)]
+    first, other = _DOTS if shown.few else _MANY_DOTS
+    sizes = [other if place else first for member in shown.members for place in _places(member)]
     dots = {"mode": "markers", "marker": {"color": shown.colours_of_sites, "size": sizes}}
     return [
         _line(np.concatenate(shown.sites(k)), "points", GREY, 1, digits, **dots),
-        _without_nan(_line(sticks, "bonds", GREY, 4, digits)),
+        _pieces(shown.sticks(k), "bonds", 4 if shown.few else 2, digits),
     ]
+
+
+def _pieces(lines: Sequence[np.ndarray], name: str, width: int, digits: int, **more: Any) -> dict[str, Any]:
+    """Several grey lines (n, 3) as one trace."""
+    gap = np.full((1, 3), np.nan)
+    points = np.concatenate([part for line in lines for part in (line, gap)] or [gap])
+    return _without_nan(_line(points, name, GREY, width, digits, **more))
+
+
+def _planet(radius: float, digits: int) -> list[dict[str, Any]]:
+    points, triangles = ball(radius)
+    x, y, z = (_numbers(column, digits) for column in points.T)
+    i, j, k = triangles.T.tolist()
+    mesh = {"type": "mesh3d", "name": "planet", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k, "color": PLANET}
+    return [mesh | {"hoverinfo": "skip", "lighting": {"ambient": 0.6, "diffuse": 0.6, "specular": 0.0}}]
 
 
 def _places(member: Turning) -> range:
@@ -130,9 +154,7 @@ def _sphere() -> dict[str, Any]:
     """The unit sphere, as three great circles."""
     angle = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    gap = np.full((1, 3), np.nan)
-    points = np.concatenate([part for shift in range(3) for part in (np.roll(circle, shift, axis=1), gap)])
-    return _without_nan(_line(points, "unit sphere", GREY, 1, _DIGITS, opacity=0.6))
+    return _pieces([np.roll(circle, shift, axis=1) for shift in range(3)], "unit sphere", 1, _DIGITS, opacity=0.6)
 
 
 def _without_nan(trace: dict[str, Any]) -> dict[str, Any]:

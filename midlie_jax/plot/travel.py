@@ -4,16 +4,18 @@ An orbit is millions of times as large as a satellite. So the body is drawn larg
 the picture tells, while path and axes keep one scale.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..model.free_body import FreeBody
 from ..model.states import TravellingState
+from .around import unwrapped, wrapped
 from .motion import Motion
 from .shape import CORNER, Shape
 
-_SEEN = 0.11  # the length of the drawn axis over the size of the path, where the body must be drawn larger than it is
+SEEN = 0.11  # the length of the drawn axis over the size of the path, where the body must be drawn larger than it is
 _AT_REST = 0.02  # a path that is smaller than this, relative to the body, is not shown
 _SLIMMEST = 0.4  # the least side of the picture over the largest, so that names of axes have room
 
@@ -25,27 +27,36 @@ class Room(NamedTuple):
         extent: the size of all their tracks.
         largest: the distance of the outermost corner of the largest of them from its middle.
         apart: how far they are from each other, at first; drawn larger they leave half of it between them.
+        box: the periodic box in which they are shown, (2, 3).
     """
 
     extent: float
     largest: float
     apart: float
+    box: np.ndarray | None = None
+
+    @property
+    def magnification(self) -> float:
+        """How many times as large as they are the bodies are drawn."""
+        return _round_number(min(SEEN * CORNER * self.extent, self.apart / 4) / self.largest)
 
 
 class Travel(NamedTuple):
     """The place of a body.
 
     Attributes:
-        track: the positions of the centre of mass at the saved times, (n, 3).
+        track: the positions of the centre of mass at the saved times, (n, 3); without jumps from wall to wall.
         centres: those at the frames, (k, 3).
         size: the length of the drawn axis of the body, in the units of the positions.
         magnified: how many times as large as the body it is drawn.
+        box: the periodic box in which it is shown, (2, 3).
     """
 
     track: np.ndarray
     centres: np.ndarray
     size: float
     magnified: float
+    box: np.ndarray | None = None
 
     @property
     def in_words(self) -> str:
@@ -57,7 +68,7 @@ class Travel(NamedTuple):
     @property
     def limits(self) -> np.ndarray:
         """The least and the largest coordinates of the picture, (2, 3)."""
-        return around(self.track, 1.05 * self.size)
+        return around(self.track if self.box is None else self.box, 1.05 * self.size)
 
 
 def around(track: np.ndarray, margin: float) -> np.ndarray:
@@ -68,13 +79,17 @@ def around(track: np.ndarray, margin: float) -> np.ndarray:
     return (low + high) / 2 + np.stack([-half, half])
 
 
-def room_of(bodies: list[FreeBody], tracks: np.ndarray, shapes: list[Shape]) -> Room:
-    """The room of bodies with the tracks (n, bodies, 3)."""
-    extent = float(np.max(np.ptp(tracks, axis=(0, 1))))
-    return Room(extent, max(map(_size, bodies, shapes)), _apart(tracks[0]))
+def room_of(
+    bodies: Sequence[FreeBody], tracks: Sequence[np.ndarray], shapes: Sequence[Shape], box: np.ndarray | None = None
+) -> Room:
+    """The room of bodies, each with a track (n, 3)."""
+    if box is not None:
+        tracks = [np.concatenate([wrapped(track, box), box]) for track in tracks]
+    extent = float(np.max(np.ptp(np.concatenate(tracks), axis=0)))
+    return Room(extent, max(map(_size, bodies, shapes)), apart_by(np.stack([track[0] for track in tracks])), box)
 
 
-def _apart(places: np.ndarray) -> float:
+def apart_by(places: np.ndarray) -> float:
     """The median distance of a place (n, 3) to the nearest other one."""
     if len(places) < 2:
         return np.inf
@@ -114,12 +129,13 @@ def travel_of(
     track = np.asarray(states.position, float)
     own = _size(body, shape)
     if room is None:
-        room = room_of([body], track[:, None], [shape])
+        room = room_of([body], [track], [shape])
         if room.extent < _AT_REST * own:
             return None
-    magnified = _round_number(min(_SEEN * CORNER * room.extent, room.apart / 4) / room.largest)
+    track = track if room.box is None else unwrapped(track, room.box)
     centres = track[before] + share[:, None] * (track[after] - track[before])
-    return Travel(track, centres, magnified * own / CORNER, magnified)
+    centres = centres if room.box is None else wrapped(centres, room.box)
+    return Travel(track, centres, room.magnification * own / CORNER, room.magnification, room.box)
 
 
 def _round_number(wanted: float) -> float:

@@ -34,6 +34,7 @@ class Turning(NamedTuple):
         remarks: texts to be written on the picture.
         travel: where the body is; None if it stays where it is.
         per_frame: by how many turns it turns from frame to frame.
+        until: the first of the remarks if the path ends before the picture does or begins after it; otherwise "".
     """
 
     times: np.ndarray
@@ -49,6 +50,7 @@ class Turning(NamedTuple):
     remarks: tuple[str, ...]
     travel: Travel | None
     per_frame: float
+    until: str = ""
 
     def placed(self, k: int, points: np.ndarray) -> np.ndarray:
         """Points given from the middle of the body, where they are in the picture of frame k."""
@@ -139,6 +141,7 @@ def _turning(body: Any, motion: Motion, shape: Shape, axis: Any, times: np.ndarr
     remarks = [motion.failed] if motion.failed else []
     if not motion.failed and np.any(within != times):
         remarks.append(f"from t = {motion.times[0]:.6g} to {motion.times[-1]:.6g}")
+    until = remarks[0] if remarks else ""
     if np.max(angles) > _RESOLVED:
         share = np.round(share)
         remarks.append("frames are saved states")
@@ -167,6 +170,7 @@ def _turning(body: Any, motion: Motion, shape: Shape, axis: Any, times: np.ndarr
         remarks=tuple(remarks),
         travel=travel,
         per_frame=per_frame,
+        until=until,
     )
 
 

@@ -6,10 +6,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from .around import around_of
 from .several import Bodies, Paths, grid, panels
-from .style import BLUE, GREY, SKY
+from .style import BLUE, GREY, SKY, time_text
 from .together import Together, togethers
 from .traces import moving_traces, still_traces
 from .turning import picture_file
@@ -33,9 +35,10 @@ function follow() {
   const blue = dark.matches ? 'LIGHT_BLUE' : 'BLUE';
   document.body.style.background = paper;
   document.body.style.margin = '0';
+  const some = (change, traces) => traces.length ? Plotly.restyle(gd, change, traces) : null;  // [] would mean all
   return Plotly.relayout(gd, {'paper_bgcolor': paper, 'font.color': ink, 'updatemenus[0].bgcolor': paper})
-    .then(() => Plotly.restyle(gd, {'textfont.color': ink}, LETTERS))
-    .then(() => Plotly.restyle(gd, {'line.color': blue, 'marker.color': blue}, BLUE_LINES));
+    .then(() => some({'textfont.color': ink}, LETTERS))
+    .then(() => some({'line.color': blue, 'marker.color': blue}, BLUE_LINES));
 }
 dark.addEventListener('change', follow);
 follow().then(() => { document.body.dataset.drawn = 'yes'; });
@@ -57,8 +60,8 @@ class View:
         'top.html'
     """
 
-    def __init__(self, figure: dict[str, Any]):
-        self._figure = figure
+    def __init__(self, figure: dict[str, Any], blue: Sequence[int] = ()):
+        self._figure, self._blue = figure, list(blue)
         self.file: Path | None = None
 
     @property
@@ -67,9 +70,8 @@ class View:
         from plotly.io import to_html
 
         data = self._figure["data"]
-        blue = [place for place, trace in enumerate(data) if trace.get("line", {}).get("color") == BLUE]
         letters = [place for place, trace in enumerate(data) if "text" in trace]
-        follow = _FOLLOW.replace("BLUE_LINES", str(blue)).replace("LIGHT_BLUE", SKY).replace("BLUE", BLUE)
+        follow = _FOLLOW.replace("BLUE_LINES", str(self._blue)).replace("LIGHT_BLUE", SKY).replace("BLUE", BLUE)
         follow = follow.replace("LETTERS", str(letters))
         return to_html(self._figure, include_plotlyjs=True, auto_play=False, post_script=follow, **_PAGE)
 
@@ -103,6 +105,9 @@ def view(
     frames: int = 200,
     title: str = "",
     points: ArrayLike | None = None,
+    together: bool = False,
+    box: ArrayLike | None = None,
+    planet: float | None = None,
 ) -> View:
     """A turning body that can be looked at from all sides, played, and set to any time, in a notebook or a browser.
 
@@ -117,14 +122,16 @@ def view(
     of which only the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
 
     Bodies that act on each other are shown in one space, each in its colour, if they travel; up to six have their axes
-    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists.
+    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists. Bodies that travel and do
+    not act on each other, such as a fleet of satellites, are drawn so by `together`.
 
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
             for all, a list with one for each, or the bodies of an ensemble.
         path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
             `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
-            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`.
+            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
+            up to 500 with `together`.
             If there are more than 4,000 saved states, only every second, third, ... of them is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
         axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
@@ -134,6 +141,11 @@ def view(
         title: a line above the picture.
         points: places in the frame of the body, (a, 3), such as the atoms of a molecule: they are drawn in place of the
             solid, the first joined to each of the others; for bodies with a mass.
+        together: whether several bodies that travel are drawn in one space, instead of side by side.
+        box: the least and the largest corner of a periodic box, (2, 3), in the units of the positions. The centres of
+            the bodies are drawn in it, and no tracks; from one saved state to the next they must move by less than half
+            the box. Positions may be wrapped into the box or not.
+        planet: the radius of a ball at the origin, in the units of the positions, such as the Earth below satellites.
 
     Returns:
         The `View`, whose `file` is the file that was written.
@@ -154,11 +166,13 @@ def view(
     """
     if file is not None:
         picture_file(file, ".html")
-    shown = panels(body, path)
-    turns = togethers(shown, axis, frames, _MOST_FRAMES, points)
+    shown = panels(body, path, together)
+    around = around_of(box, planet, [panel.path for panel in shown])
+    turns = togethers(shown, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
     if find_spec("plotly") is None:
         raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.")
-    found = View(_figure([panel.name for panel in shown], turns, title))
+    figure = _figure([""] if together else [panel.name for panel in shown], turns, title)
+    found = View(figure, _alone_and_blue(figure, turns))
     if file is not None:
         found.write(file)
     return found
@@ -179,6 +193,13 @@ def _figure(names: Sequence[str], turns: Sequence[Together], title: str) -> dict
     return {"data": still + first, "layout": _layout(names, turns, title, times), "frames": frames}
 
 
+def _alone_and_blue(figure: dict[str, Any], turns: Sequence[Together]) -> list[int]:
+    """The blue lines that get another blue on a dark page: not those of a body that is told from others by its blue."""
+    alone = [_scene(k) for k, shown in enumerate(turns) if shown.alone]
+    lines = enumerate(figure["data"])
+    return [i for i, one in lines if one["scene"] in alone and one.get("line", {}).get("color") == BLUE]
+
+
 def _scene(k: int) -> str:
     """Plotly's name for the part of the page in which body k is seen."""
     return f"scene{k + 1}" if k else "scene"
@@ -193,7 +214,7 @@ def _layout(names: Sequence[str], turns: Sequence[Together], title: str, times: 
     """Where the bodies are seen, their names, the buttons and the slider."""
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
-    steps = [{"method": "animate", "label": f"{t:.4g}", "args": [[str(k)], stop]} for k, t in enumerate(times)]
+    steps = [{"method": "animate", "label": time_text(t), "args": [[str(k)], stop]} for k, t in enumerate(times)]
     rows, columns = grid(len(turns))
     places = [
         ((k % columns / columns, (k % columns + 1) / columns), (1 - (k // columns + 1) / rows, 1 - k // columns / rows))
@@ -259,9 +280,12 @@ def _seen(shown: Together, columns: float, x: tuple[float, float], y: tuple[floa
         axes = {f"{letter}axis": _lengths(letter, *ends) for letter, ends in zip("xyz", limits.T, strict=True)}
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
-    # Farther away where numbers stand at the axes, and the more so the narrower the part is.
-    near = 1.0 if limits is None else 1.75 * max(1.0, 0.6 * columns)
-    lower = 0.0 if limits is None else -0.1  # and looking at a lower place, for the names of x and y
+    near, lower = max(1.0, 0.45 * columns), 0.0  # a narrow part cuts off what is left and right
+    if limits is not None:
+        high = np.ptp(limits, axis=0)[2] / np.ptp(limits, axis=0).max()
+        # Farther away where numbers stand at the axes, and the more so the narrower the part is.
+        near = (1.75 + 0.25 * high) * max(1.0, 0.6 * columns)
+        lower = -0.1 - 0.1 * high  # and looking at a lower place, for the names of x and y
     return {
         **axes,
         "domain": {"x": list(x), "y": list(y)},
