@@ -1,6 +1,6 @@
 """What the pages share: both columns run, their difference, and the rows of a table."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -58,6 +58,12 @@ def row(label: str, theirs: float, ours: float, form: str = "seconds") -> Row:
     left, right = (in_words(value) if form == "seconds" else format(value, form) for value in (theirs, ours))
     ratio = theirs / ours
     return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e4 else f"{ratio:.2g}"
+
+
+def errors(label: str, both: Iterable[Outcome], fine: Outcome) -> Row:
+    """The row of the largest angles between the attitudes of two programs and those of a far finer run."""
+    theirs, ours = (gap("attitude", outcome.values["attitude"], fine.values["attitude"]) for outcome in both)
+    return row(label, theirs, ours, ".1e")
 
 
 def in_words(seconds: float) -> str:
