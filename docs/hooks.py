@@ -69,10 +69,8 @@ def written_out(markdown: str) -> str:
     return MARKED.sub(lambda found: "\n\n".join(f"::: {entry}" for entry in entries_of(found[1])), markdown)
 
 
-def on_page_markdown(markdown: str, page: Any = None, **_: Any) -> str:
-    """Called by mkdocs for every page. Two programs beside each other leave no room for a table of contents."""
-    if page is not None and page.file.src_uri.startswith("coming-from/"):
-        page.meta["hide"] = ["toc"]
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Called by mkdocs for every page."""
     root = str(Path(__file__).resolve().parent.parent)
     if root not in sys.path:  # these sources, whatever is installed
         sys.path.insert(0, root)
