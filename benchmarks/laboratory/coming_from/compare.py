@@ -1,6 +1,6 @@
 """What the pages share: both columns run, their difference, and the rows of a table."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -33,10 +33,10 @@ def agree(name: str, theirs: Outcome, ours: Outcome, within: float | None = None
     Raises:
         AssertionError: they differ by more than `within`, by default what the page `name` allows.
     """
-    within = module_of(name).WITHIN if within is None else within
+    allowed: float = module_of(name).WITHIN if within is None else within
     for quantity, value in ours.values.items():
         difference = gap(quantity, theirs.values[quantity], value)
-        assert difference <= within, f"{quantity} of {name} differs by {difference:.1e}, more than {within:.1e}"
+        assert difference <= allowed, f"{quantity} of {name} differs by {difference:.1e}, more than {allowed:.1e}"
 
 
 def both(name: str, later: int = 0, codes: tuple[str, str] | None = None) -> tuple[Outcome, Outcome]:
@@ -58,6 +58,12 @@ def row(label: str, theirs: float, ours: float, form: str = "seconds") -> Row:
     left, right = (in_words(value) if form == "seconds" else format(value, form) for value in (theirs, ours))
     ratio = theirs / ours
     return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e4 else f"{ratio:.2g}"
+
+
+def errors(label: str, both: Iterable[Outcome], fine: Outcome) -> Row:
+    """The row of the largest angles between the attitudes of two programs and those of a far finer run."""
+    theirs, ours = (gap("attitude", outcome.values["attitude"], fine.values["attitude"]) for outcome in both)
+    return row(label, theirs, ours, ".1e")
 
 
 def in_words(seconds: float) -> str:

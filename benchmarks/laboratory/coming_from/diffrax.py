@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from . import columns, quantities, tables
-from .alone import Outcome, run
-from .compare import Row, agree, as_they_stand, both, gap, row
+from .alone import run
+from .compare import Row, agree, as_they_stand, both, errors, row
 
 NAME, TITLE, NEEDS = "diffrax", "diffrax", ("diffrax",)
 WITHIN = 1e-6  # radians
@@ -34,7 +34,7 @@ def rows() -> Iterator[Row]:
     agree(NAME, run(left.replace("1e-10", "1e-13"), quantities(NAME)), fine, within=1e-9)
     yield from as_they_stand(NAME, 20)
     ends = [run(code, quantities(NAME)) for code in (left, right)]
-    yield _errors("largest error of the attitude, rad", ends, fine)
+    yield errors("largest error of the attitude, rad", ends, fine)
     yield from _a_thousand()
     theirs, ours = (
         run(code.rpartition("\n\n")[0] + slope, ("slope",), 20)
@@ -53,9 +53,4 @@ def _a_thousand() -> Iterator[Row]:
     finer = right.replace("dt=0.1, steps=100", "dt=0.025, steps=400").replace(
         '"SYMMETRIC[SRKN6b]", body, torque', '"SYMMETRIC[SRKN14a]", body, torque'
     )
-    yield _errors("largest error of the thousand, rad", [theirs, ours], run(finer, quantities(NAME)))
-
-
-def _errors(label: str, ends: list[Outcome], fine: Outcome) -> Row:
-    errors = [gap("attitude", end.values["attitude"], fine.values["attitude"]) for end in ends]
-    return row(label, *errors, ".1e")
+    yield errors("largest error of the thousand, rad", [theirs, ours], run(finer, quantities(NAME)))

@@ -1,15 +1,15 @@
 """The rows of docs/coming-from/heyoka.md."""
 
+import re
 from collections.abc import Iterator
 
 from . import columns, quantities, tables
 from .alone import Outcome, run
-from .compare import Row, agree, as_they_stand, gap, row
+from .compare import Row, agree, as_they_stand, errors, row
 
 NAME, TITLE, NEEDS = "heyoka", "heyoka", ("heyoka",)
 WITHIN = 1e-8  # radians
 
-_FINEST = ("tol=1e-12", "tol=1e-16")
 _WIDTHS = (1, 2, 4)
 # From the asymmetric body to the fast top, and to the methods that fit it.
 _TOP_LEFT = (("1.0, 2.0, 3.0, 3.0", "5.0, 5.0, 1.0, 20.0"), ("[1.1, -0.35, 4.0 / 3", "[0.0, 0.0, 50.0"))
@@ -26,7 +26,7 @@ def rows() -> Iterator[Row]:
     left, right = columns(NAME)
     yield from as_they_stand(NAME)
     ends = [run(code, quantities(NAME)) for code in (left, right)]
-    yield _errors("largest error of the attitude, rad", ends, run(left.replace(*_FINEST), quantities(NAME)))
+    yield errors("largest error of the attitude, rad", ends, _finest(left))
     one, many = tables(NAME)
     left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
     yield from _many("1024 bodies", left, right)
@@ -38,12 +38,11 @@ def _many(label: str, left: str, right: str) -> Iterator[Row]:
     theirs, ours = min(built, key=lambda found: found.later), run(right, quantities(NAME), 20)
     agree(NAME, theirs, ours)
     yield row(label, theirs.later, ours.later)
-    yield _errors(f"largest error of the {label}, rad", [theirs, ours], run(left.replace(*_FINEST), quantities(NAME)))
+    yield errors(f"largest error of the {label}, rad", [theirs, ours], _finest(left))
 
 
-def _errors(label: str, ends: list[Outcome], fine: Outcome) -> Row:
-    errors = [gap("attitude", end.values["attitude"], fine.values["attitude"]) for end in ends]
-    return row(label, *errors, ".1e")
+def _finest(code: str) -> Outcome:
+    return run(re.sub(r"tol=1e-\d+", "tol=1e-16", code), quantities(NAME))
 
 
 def _changed(code: str, changes: tuple[tuple[str, str], ...]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from . import columns, quantities, tables
 from .alone import run
-from .compare import Row, agree, as_they_stand, both, gap, row
+from .compare import Row, agree, as_they_stand, both, errors, row
 
 NAME, TITLE, NEEDS = "scipy", "SciPy", ("scipy",)
 WITHIN = 1e-6  # radians
@@ -32,11 +32,8 @@ def rows() -> Iterator[Row]:
     )
     finest = run(left.replace("1e-9", "3e-14"), quantities(NAME))
     agree(NAME, finest, fine, within=1e-10)
-    errors = [
-        gap("attitude", run(code, quantities(NAME)).values["attitude"], fine.values["attitude"])
-        for code in (left, right)
-    ]
-    yield row("largest error of the attitude, rad", *errors, ".1e")
+    ends = [run(code, quantities(NAME)) for code in (left, right)]
+    yield errors("largest error of the attitude, rad", ends, fine)
     yield from _a_thousand()
     yield from _long()
 
@@ -47,16 +44,23 @@ def _a_thousand() -> Iterator[Row]:
     theirs, ours = both(NAME, 3, (left, right))
     yield row("a thousand bodies", theirs.later, ours.later)
     fine = run(right.replace("dt=0.4, steps=50", f"dt={0.4 / 8}, steps={50 * 8}"), quantities(NAME))
-    errors = [gap("attitude", found.values["attitude"], fine.values["attitude"]) for found in (theirs, ours)]
-    yield row("largest error of the thousand, rad", *errors, ".1e")
+    yield errors("largest error of the thousand, rad", [theirs, ours], fine)
 
 
 def _long() -> Iterator[Row]:
     left, right = columns(NAME)
     left = left.replace("20.0", "2000.0") + _LEFT
     right = right.replace("steps=200", "steps=20000, save_every=100") + _RIGHT
-    found = [run(code, ("attitude", "energy")).values for code in (left, right)]
-    changes = [float(np.max(np.abs(values["energy"] - values["energy"][0]))) for values in found]
-    yield row("change of the energy in 2000 s, of m g l = 2", *changes, ".1e")
-    lengths = [float(np.max(np.abs(np.linalg.norm(values["attitude"], axis=-1) - 1))) for values in found]
-    yield row("change of the quaternion's length in 2000 s", *lengths, ".1e")
+    theirs, ours = (run(code, ("attitude", "energy")).values for code in (left, right))
+    changes = _change(theirs["energy"]), _change(ours["energy"])
+    yield row("change of the energy in 2000 s, of m g l = 2", changes[0], changes[1], ".1e")
+    lengths = _length(theirs["attitude"]), _length(ours["attitude"])
+    yield row("change of the quaternion's length in 2000 s", lengths[0], lengths[1], ".1e")
+
+
+def _change(energy: np.ndarray) -> float:
+    return float(np.max(np.abs(energy - energy[0])))
+
+
+def _length(attitude: np.ndarray) -> float:
+    return float(np.max(np.abs(np.linalg.norm(attitude, axis=-1) - 1)))
