@@ -114,7 +114,7 @@ def bath(figure: Any) -> None:
     axes.set(xlim=(-1, 1))
 
 
-PICTURES = {"tops": tops, "asteroid": asteroid, "binary": binary, "bath": bath}
+PICTURES = {"face-tops.png": tops, "face-asteroid.png": asteroid, "face-binary.png": binary, "face-bath.png": bath}
 
 
 def main() -> None:
@@ -124,7 +124,7 @@ def main() -> None:
     for name, draw in PICTURES.items():
         figure = new_figure(*SIZE)
         draw(figure)
-        write(figure, str(folder / f"face-{name}.png"))
+        write(figure, str(folder / name))
 
 
 if __name__ == "__main__":
