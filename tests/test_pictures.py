@@ -230,7 +230,7 @@ def told_by(page, folder, *options):
         limit = threading.Timer(200, os.killpg, (browser.pid, signal.SIGKILL))
         limit.start()
         try:
-            for line in browser.stderr:
+            for line in browser.stderr or ():
                 lines += [line] if "CONSOLE" in line else []
                 if "TOLD" in line:
                     break

@@ -160,8 +160,8 @@ class _Movie:
             self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
             self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(shown.remarks), **note)
             named = [(n, c) for n, c in zip(shown.names, shown.colours, strict=False) if n and shown.few]
-            for line, (word, colour) in enumerate(named, start=1 if heading else 0):
-                top = (y + pixels - edge - line * _LINE) / height
+            for row, (word, colour) in enumerate(named, start=1 if heading else 0):
+                top = (y + pixels - edge - row * _LINE) / height
                 self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
         if strip:
             self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
