@@ -42,7 +42,7 @@ def tops(figure: Any) -> None:
 def asteroid(figure: Any) -> None:
     """How fast Apophis turns, in sixty of the phases in which it may pass the Earth."""
     axes = figure.add_axes((0.15, 0.15, 0.81, 0.8))
-    panel(axes, "", "time from the perigee, April 2029  [h]", "turns a day  [-]")
+    panel(axes, "", "time from the perigee, April 2029  [h]", "rate of turning  [1/day]")
     starts = flyby.starts(60)
     path = ml.ensemble(
         "JACOBI[SRKN6b]", flyby.body(), flyby.torque(), starts, dt=600.0, steps=576, t0=-flyby.HALF, save_every=2
@@ -65,10 +65,10 @@ def binary(figure: Any) -> None:
     """Didymos and its moon from above, to scale, every hour of an orbit."""
     axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
     gravity = ml.torques.MutualGravity(didymos.G)
-    path = ml.integrate("JACOBI[SRKN14a]", didymos.BODY, gravity, didymos.start(), dt=300.0, steps=150)
+    path = ml.integrate("JACOBI[SRKN14a]", didymos.BODY, gravity, didymos.start(), dt=300.0, steps=144)
     places, turns = path.states.position, ml.so3.to_matrix(path.states.attitude)
     axes.plot(*np.asarray(places[:, 1, :2]).T, color=GREY, linewidth=0.8)
-    hours = range(0, len(path.times), 12)
+    hours = range(0, 144, 12)
     for moments, mass, colour, which, times in zip(
         didymos.MOMENTS, didymos.MASSES, (SKY, ORANGE), (0, 1), (hours[:1], hours), strict=True
     ):

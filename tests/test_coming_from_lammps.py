@@ -4,7 +4,6 @@ from importlib.util import find_spec
 
 import pytest
 from laboratory.coming_from import molecular_dynamics as page
-from laboratory.coming_from import page_of
 from laboratory.coming_from.alone import run
 from laboratory.coming_from.compare import agree
 

@@ -196,3 +196,9 @@ def test_bad_arguments_are_named(changes, message):
     with pytest.raises(ValueError, match=message):
         # The type checkers of the tests stand in front of the package's own checks; users do not have them.
         inspect.unwrap(ml.recommend)(**given)
+
+
+def test_it_prints_in_a_line_what_to_take():
+    found = ml.Recommendation("JACOBI[EA]", 0.125, 80, 2e-7, 3e-5, 10.0, "", ())
+    assert str(found) == "JACOBI[EA], dt 0.125, 80 steps: error 2e-07, 30 us a body; the best of 0 runs"
+    assert str(found._replace(note="It is stiff.")).splitlines()[1] == "It is stiff."

@@ -68,6 +68,12 @@ class Recommendation(NamedTuple):
     note: str
     tried: tuple[Trial, ...]
 
+    def __str__(self) -> str:
+        """What to take, in a line, and the note."""
+        found = f"{self.method}, dt {self.dt:.6g}, {self.steps} steps: error {self.error:.2g}"
+        spent = f"{1e6 * self.seconds:.3g} us a body; the best of {len(self.tried)} runs"
+        return "\n".join(filter(None, (f"{found}, {spent}", self.note)))
+
 
 def recommend(
     body: Body,

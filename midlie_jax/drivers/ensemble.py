@@ -202,10 +202,12 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
         t0.ndim == 1,
     )
     if isinstance(torque_axes, str) and torque_axes == AUTO and any(not bath.key for bath in baths_in(rows[1])):
+        several = max(bath.key.shape for bath in baths_in(torque))
+        keys, same = ("one key", ", which would all get the same noise") if several == () else (f"keys {several}", "")
         raise ValueError(
-            f"Langevin has one key for {count} bodies, which would all get the same noise; give it one for each, "
-            f"jax.random.split(key, {count}). If they are to have the same noise, say so by torque_axes, which names "
-            "the parameters that have rows, or is None."
+            f"Langevin has {keys} for {count} bodies{same}; give it one for each, "
+            f"jax.random.split(key, {count}). If all are to have the noise of one key, say so by torque_axes, which "
+            "names the parameters that have rows, or is None."
         )
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     return jax.tree.leaves(rows)

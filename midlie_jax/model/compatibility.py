@@ -67,7 +67,10 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     )
     for argument, shape, axes, least in shapes:
         if not least <= axes <= batch:
-            wanted, cure = "(3,)", "map over a batch with jax.vmap, or use midlie_jax.ensemble"
+            wanted, cure = (
+                "(3,)",
+                "use midlie_jax.ensemble or jax.vmap for many bodies, a CoupledState for bodies together",
+            )
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
             raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")

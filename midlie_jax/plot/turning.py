@@ -81,7 +81,9 @@ def picture_file(file: str | Path, ending: str) -> Path:
     """
     target = Path(file)
     if target.suffix.lower() != ending:
-        raise ValueError(f"file must end in {ending}, got {str(file)!r}.")
+        raise ValueError(
+            f"file must end in {ending}, got {str(file)!r}; midlie_jax.plot.animate writes a .gif, view an .html."
+        )
     return target
 
 

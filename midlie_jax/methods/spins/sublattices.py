@@ -300,7 +300,7 @@ def _check_neighbours(term: NeighbourField, body: Spins, lattice: tuple[int, ...
     for axis, size in enumerate(lattice):
         odd = term.closes(axis) and size % 2 == 1
         if odd if body.sublattices is None else _have_same(np.asarray(body.sublattices), axis, term.closes(axis)):
-            where = f"axis {axis} closes with an odd number of {size} places" if odd else f"axis {axis}"
+            where = f"axis {axis}, which closes with an odd number of {size} places" if odd else f"axis {axis}"
             raise ValueError(
                 f"{type(term).__name__} acts between spins of one sublattice along {where}; give "
                 "Spins(sublattices=...) in which neighbours differ, such as three instead of two, or take the method "
