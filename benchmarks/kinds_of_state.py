@@ -46,7 +46,7 @@ def rigid(name: str) -> tuple[Any, Any, Any]:
     return scene.body, scene.torque, scenes.perturbed(scene.start, BODIES, 1e-3)
 
 
-def thrown() -> tuple[Any, Any]:
+def thrown() -> tuple[Any, ...]:
     """Linear momenta and positions."""
     return tuple(jnp.broadcast_to(jnp.array(x), (BODIES, 3)) for x in ([1.0, 0.0, 2.0], [0.0, 0.0, 1.0]))
 

@@ -63,7 +63,7 @@ def rows() -> Iterator[tuple[str, str, str, str]]:
     yield row("the run above", theirs.later, ours.later)
     yield row("its first call, with compiling", theirs.first, ours.first)
     fine = run(right.replace(_STEPS, _FINE), QUANTITIES)
-    yield row("largest error of the attitudes, rad", *(_error(found, fine) for found in (theirs, ours)), ".0e")
+    yield row("largest error of the attitudes, rad", *(_error(found, fine) for found in (theirs, ours)), form=".0e")
     for case in _CASES:
         yield from _at_equal_error(left, right, case)
 

@@ -86,7 +86,9 @@ def _basilisk(left: str, right: str) -> Iterator[tuple[str, str, str, str]]:
     fine = run(right.replace(_STEPS, _FINE), QUANTITIES).values["attitude"]
     yield row("Basilisk, the run above", theirs.later, ours.later)
     yield row("its first call, with compiling", theirs.first, ours.first)
-    yield row("its largest error, rad", *(gap("attitude", x.values["attitude"], fine) for x in (theirs, ours)), ".0e")
+    yield row(
+        "its largest error, rad", *(gap("attitude", x.values["attitude"], fine) for x in (theirs, ours)), form=".0e"
+    )
     start = "\nsim.InitializeSimulation"
     best = left.replace("ns(1.0)", "ns(100.0)").replace("\nlog =", _BEST + "\nlog =")
     one = run(best, QUANTITIES, later=5)
@@ -114,7 +116,7 @@ def _orekit(left: str, right: str) -> Iterator[tuple[str, str, str, str]]:
         found = [run(code.replace("6000.0", end), QUANTITIES).values for code in (left, right)]
         _, exact = free_body([80.0, 100.0, 120.0], [0.08, -1.0, 3.6], [0.8, 0.36, -0.48, 0.0], found[0]["times"])
         errors = [gap("attitude", np.asarray(values["attitude"]), exact) for values in found]
-        yield row(f"largest error of the free motion within {float(end):.0e} s, rad", *errors, ".0e")
+        yield row(f"largest error of the free motion within {float(end):.0e} s, rad", *errors, form=".0e")
 
 
 def _java(craft: int, states: int) -> float:
