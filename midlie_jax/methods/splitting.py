@@ -166,7 +166,8 @@ class Splitting(Method):
             ok = earlier(ok, flight_ok)
             if self.scheme.flights > self.flight.per_loop:
                 return cut(motion)
-            if self.scheme.flights > 1 and stages.system.kind.compensated:
+            # Of a compensated sum both parts are needed, and XLA would repeat the flight for each of them.
+            if stages.system.kind.compensated and (self.scheme.flights > 1 or stages.system.torque is not None):
                 return split(motion)
             # A long wrench, which reads thirteen numbers, and a long flight in one loop are too much for XLA: it then
             # repeats the flight for several of these numbers.
