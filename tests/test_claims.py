@@ -132,6 +132,7 @@ def test_the_best_is_the_best_on_both_scenes():
     assert verdicts.ranked(found[0], methods[:1], found[:1], verdicts.of_its_kind) is None
 
 
+@pytest.mark.sample(0)
 def test_verdicts_are_computed_from_the_figures():
     """The paper's method gets the verdicts of the figures that it is given."""
     method = [ml.method(PAPERS)]

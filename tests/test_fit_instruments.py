@@ -82,6 +82,7 @@ def test_an_attitude_that_cannot_be_told_is_named_with_what_can_be_fixed():
     assert unseen.count("Fix attitude: make it a known quaternion inside the model") == 1
 
 
+@pytest.mark.sample(0)
 def test_degrees_are_told_from_radians_beside_a_bias_that_is_not_known():
     """By how much the rates change, in which a bias does not count."""
     guess = {"moments": fitting.Moments(MOMENTS, scale="fixed"), "rate": fitting.Free(RATE)}

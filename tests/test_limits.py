@@ -41,6 +41,7 @@ def first(dt, holds):
     return dt[np.argmax(holds)]
 
 
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["SYMMETRIC[EA]", *whole("JACOBI[EA]", "LIEMID[EA]")])
 def test_a_needle_is_stable_up_to_the_limit_of_verlet_and_a_spinning_one_up_to_that_of_the_top(name):
     gyrations = OMEGA * np.array([0.0, 0.5, 1.0])

@@ -174,7 +174,7 @@ def in_space(name):
     return jax.jit(motion)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", [*PARTICLE, "RK4"])
 def test_one_mass_for_each_particle(name, dtype):

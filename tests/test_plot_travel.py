@@ -176,7 +176,7 @@ def magnification(remarks):
     return numbers[0] if numbers else 1.0
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "steps"), [(0.5, 8), (8.0, 40), (800.0, 40), (8e6, 40)])
 def test_the_drawn_body_is_where_it_is_and_as_large_as_the_picture_says(speed, steps):
     body, path, frames = brick(), thrown(speed=speed, steps=steps), steps // 2 + 1

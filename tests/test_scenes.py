@@ -270,6 +270,7 @@ def test_published_tumbling_brick(time, rates, angles, longitude):
 
 
 # Both pass close to an unstable motion again and again, and each time what was lost to rounding grows a hundredfold.
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "tolerance"), [("slow-top", 2e-8), ("dzhanibekov", 1e-8)])
 def test_unpublished_scenes_match_the_closed_form(name, tolerance):
     (case,) = (cases(group)[name] for group in GROUPS if name in cases(group))

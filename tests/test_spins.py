@@ -297,7 +297,7 @@ def test_derivatives(name):
         assert abs(found - expected) < 1e-8
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", ["SRKN6b", "BAOAB", "BM4"])
 @pytest.mark.parametrize(("shape", "closes"), [((4, 6), True), ((4, 2, 4), False), ((6,), True), ((6,), False)])
 def test_a_checkerboard_in_two_rows_is_the_same_as_with_masks(shape, closes, name):
@@ -335,6 +335,7 @@ def test_a_batch_is_what_each_alone_is():
         assert np.allclose(many.states.spin[i], end(start)[-1], rtol=0, atol=1e-14)
 
 
+@pytest.mark.sample(0)
 def test_a_function_may_hold_a_number_that_is_not_known_yet():
     start = ml.SpinState(jnp.asarray(random_spins((4,))))
 
@@ -371,6 +372,7 @@ def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
 
 
+@pytest.mark.sample(0)
 def test_coupled_spins_in_a_heat_bath_and_free_ones():
     """Of a pair <S1 . S2> = coth x - 1/x with x = J/kT; without a field <S(t) . S(0)> = exp(-2 D t)."""
     x, count = 2.0, 1500

@@ -280,6 +280,7 @@ def test_a_store_says_what_it_holds_and_is_drawn(name, tmp_path):
     assert type(saved.path.states) is type(scenes.scene(name).start)
 
 
+@pytest.mark.sample(0)
 def test_a_flight_has_its_path_on_the_chart():
     from midlie_jax.cli.commands.record import Record
     from midlie_jax.cli.commands.run_chart import run_figure
