@@ -113,6 +113,7 @@ def test_rho_follows_the_density_and_the_motion_keeps_its_order(name):
     assert not away[4].any()
 
 
+@pytest.mark.sample(0)
 def test_it_ends_at_t1_with_the_order_of_the_method():
     out = until()
     assert out.ok.all()
@@ -168,6 +169,7 @@ def test_a_rigid_derivative_equals_differences():
     assert abs((both(one + step)[0] - both(one - step)[0]) / (2 * step) - slope) < 1e-6 * abs(slope)
 
 
+@pytest.mark.sample(0)
 def test_a_kepler_orbit_has_the_derivatives_that_a_density_asks_for():
     mu, eccentricity = 2.5, 0.8
     speed = (mu * (1 + eccentricity) / (1 - eccentricity)) ** 0.5

@@ -58,6 +58,7 @@ def test_options_are_given_where_they_help_and_no_flag_says_otherwise(
         compiler._has_avx512.cache_clear()
 
 
+@pytest.mark.sample(0)
 def test_the_bodies_are_counted(options):
     """In the arrays of an ensemble and in the axes of `jax.vmap`, together."""
     counts = []

@@ -196,7 +196,7 @@ def test_one_mass_for_each_particle(name, dtype):
             assert jnp.max(gap) <= 4 * 16 * epsilon(dtype) * jnp.max(jnp.abs(expected))
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_energy_momentum_and_derivatives_of_a_column(dtype):
     """Those of the flattened system, and by the masses the sum over the coordinates of each particle."""
@@ -233,7 +233,7 @@ def test_a_column_in_batches():
     np.testing.assert_allclose(mapped[1], alone[1].states.position[-1], rtol=1e-13)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("name", [*PARTICLE, "DOP853"])
 def test_a_column_in_diffrax(name):
     """With error control, `LieSolver` takes the steps of the flattened run."""

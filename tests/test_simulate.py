@@ -297,6 +297,7 @@ with Store(Path(sys.argv[1])).locked():
 """
 
 
+@pytest.mark.sample(0)
 def test_a_lock_ends_with_the_process_that_holds_it(tmp_path):
     """While it lives another process is refused at once; once it is killed, what is left of its lock bars nobody."""
     path = tmp_path / "run.zarr"
