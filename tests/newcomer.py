@@ -133,7 +133,7 @@ def test_what_is_not_run_is_known():
         for what, _ in NOT_RUN.findall(page.read_text()):
             assert any(matches(what, line) for line in lines), f"{name_of(page)}: {what}"
     unique = {command.line for command in COMMANDS if command.not_run and "--method" not in command.line}
-    assert len(unique) == 7, sorted(unique)
+    assert len(unique) == 5, sorted(unique)
 
 
 def mentioned_only(line):
