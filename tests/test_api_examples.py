@@ -38,6 +38,7 @@ def test_every_public_name_has_an_example(page):
 
 
 @pytest.mark.sample(0)
+@pytest.mark.filterwarnings("ignore:Setting the shape on a NumPy array:DeprecationWarning")  # in ase
 @pytest.mark.parametrize("entry", WITH_EXAMPLE)
 def test_the_example_prints_what_it_says(entry, monkeypatch, tmp_path):
     """In an empty folder, where it may write files."""
