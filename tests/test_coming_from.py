@@ -59,8 +59,9 @@ def test_both_columns_give_the_same_motion(name):
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("name", [name for name in PAGES if len(tables(name)) > 1])
 def test_further_columns_give_the_same_motion(name):
-    """Those of a second table, which may need what stands in the first."""
+    """Those of a second table, which may need what stands in the first; `FURTHER` is what its page allows there."""
     if absent := missing(name):
         pytest.skip(f"{' and '.join(absent)} is not installed")
     left, right = ("\n".join(codes) for codes in zip(*tables(name), strict=True))
-    agree(name, run(left, quantities(name)), run(right, quantities(name)))
+    within = getattr(module_of(name), "FURTHER", None)
+    agree(name, run(left, quantities(name)), run(right, quantities(name)), within)

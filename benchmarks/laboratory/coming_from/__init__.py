@@ -7,7 +7,8 @@ its name here ("_" for "-"), with
 - `HEADS`, optional: the programs at the head of the left columns, where a page has several; `(TITLE,)` unless given;
 - `NEEDS`: the packages that the left column imports, beside this one; a name in capitals is that of an environment
   variable which says in which folder a program stands;
-- `WITHIN`: the largest difference between the quantities of the two columns that the page allows;
+- `WITHIN`: the largest difference between the quantities of the two columns that the page allows, and `FURTHER`,
+  optional, that of the last of several tables;
 - `rows()`: yields the rows of the measured table, each four strings (`row` makes them): what is measured, the other
   program, midlie_jax, and the first over the second;
 - `QUANTITIES`, optional: what both columns end with, `("times", "attitude")` unless given.
