@@ -17,6 +17,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from laboratory import flyby  # noqa: E402
 from laboratory.binaries import didymos  # noqa: E402
+from matplotlib.colors import LinearSegmentedColormap  # noqa: E402
 from pages import DOCS  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
@@ -50,15 +51,10 @@ def asteroid(figure: Any) -> None:
     rate = ml.tumble(flyby.body(), path.states).effective_rate * 86400 / (2 * np.pi)
     within = np.abs(path.times) <= 15 * flyby.HOUR
     shade = np.interp(rate[:, -1], [rate.min(), rate[:, 0].mean(), rate.max()], [0.0, 0.5, 1.0])
-    for turns, share in zip(np.asarray(rate), shade, strict=True):
-        axes.plot(path.times[within] / flyby.HOUR, turns[within], color=_between(share), linewidth=0.9)
+    colours = LinearSegmentedColormap.from_list("slower to faster", [BLUE, GREY, VERMILLION])
+    for turns, colour in zip(np.asarray(rate), colours(shade), strict=True):
+        axes.plot(path.times[within] / flyby.HOUR, turns[within], color=colour, linewidth=0.9)
     axes.set(xlim=(-15, 15), ylim=(0, None))
-
-
-def _between(share: float) -> Any:
-    """Blue at 0, grey at a half, vermillion at 1."""
-    low, middle, high = (np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) / 255 for c in (BLUE, GREY, VERMILLION))
-    return tuple(low + 2 * share * (middle - low) if share < 0.5 else middle + (2 * share - 1) * (high - middle))
 
 
 def binary(figure: Any) -> None:

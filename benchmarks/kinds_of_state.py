@@ -97,6 +97,7 @@ def free(attitude: bool) -> tuple[Any, Any, Any]:
 
 # By flight or method the states that are compared with the first of them: what makes body, torque and starts.
 TOP = partial(rigid, "asymmetric-top")
+FREE = {"RigidState, no torque": partial(free, True), "MomentumState, no torque": partial(free, False)}
 SYSTEMS: dict[str, dict[str, Callable[[], tuple[Any, Any, Any]]]] = {
     "JACOBI": {
         "RigidState": TOP,
@@ -104,12 +105,11 @@ SYSTEMS: dict[str, dict[str, Callable[[], tuple[Any, Any, Any]]]] = {
         "FreeState": travelling,
         "CoupledState": coupled,
         "CompensatedState": compensated,
+        **FREE,
     },
     "SYMMETRIC": {"RigidState": partial(rigid, "P1-tilted"), "AxisState": axis, "FreeAxisState": travelling_axis},
-    **{name: {"RigidState": TOP, "DirectionState": direction} for name in ("GBS12", "DOP853")},
+    **{name: {"RigidState": TOP, "DirectionState": direction, **FREE} for name in ("GBS12", "DOP853")},
 }
-FREE = {"RigidState, no torque": partial(free, True), "MomentumState, no torque": partial(free, False)}
-SYSTEMS = {name: systems if name == "SYMMETRIC" else systems | FREE for name, systems in SYSTEMS.items()}
 METHODS = [f"{flight}[{scheme}]" for flight in ("JACOBI", "SYMMETRIC") for scheme in ("EA", "SRKN6b", "SRKN14a")]
 CASES = [(name, state) for name in (*METHODS, "GBS12", "DOP853") for state in SYSTEMS[name.partition("[")[0]]]
 

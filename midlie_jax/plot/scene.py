@@ -21,12 +21,8 @@ _TEXT = 9  # font size of the letters at the axes, points
 _SMALL = 7.0  # that of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
 _FIRST, _OTHER = 42.0, 14.0  # areas of the dots of a body drawn as points: of the first, and of each other
-_BEYOND, _PLANET, _INSIDE, _BEFORE = (
-    2.0,
-    3.0,
-    3.5,
-    4.0,
-)  # the sequence in which things are drawn, if a planet hides some of them
+# The sequence in which things are drawn, if a planet hides some of them.
+_BEYOND, _PLANET, _INSIDE, _BEFORE = 2.0, 3.0, 3.5, 4.0
 _BACKGROUND = 0.5  # opacity of the part of the track that is still to come
 
 

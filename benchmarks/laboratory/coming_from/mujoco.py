@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from . import columns, tables
-from .alone import Outcome, run
-from .compare import Row, agree, both, gap, row
+from .alone import Outcome, parts, run
+from .compare import Row, agree, both, changed, errors, row, times
 
 TITLE = "MuJoCo"
 NEEDS = ("mujoco",)
@@ -14,7 +14,7 @@ WITHIN = 2e-6  # three times the error of MuJoCo's RK4 at its step of 1 ms
 FURTHER = 3e-3  # the last column is MJX, whose own error this is
 
 _NAME, _VALUES = "mujoco", ("times", "attitude")
-METHOD, FINE = '"JACOBI[SRKN6b]"', '"GBS12"'
+_FINE = '"JACOBI[SRKN6b]"', '"GBS12"'  # from the method of the page to that of the reference
 
 # The energy in a run of 1000 s with the steps of the page. The moments are those of the right column.
 LONG_LEFT = """
@@ -53,30 +53,29 @@ attitude = state.attitude
 
 def rows() -> Iterator[Row]:
     # The other programs go on from those of the page, whose run they do not need.
-    start = tuple(code.rstrip().rpartition("\n\n")[0] + "\n\n" for code in columns(_NAME))
+    left, right = (parts(code)[0] for code in columns(_NAME))
     yield from _alone()
-    yield from _together(*start)
-    yield from _at_length(*start)
+    yield from _together(left, right)
+    yield from _at_length(left, right)
 
 
 def _alone() -> Iterator[Row]:
     theirs, ours = both(_NAME, later=5)
-    exact = run(columns(_NAME)[1].replace(METHOD, FINE), _VALUES)
-    yield row("the run above", theirs.later, ours.later)
-    yield row("its first call, with compiling", theirs.first, ours.first)
-    yield row("its error, rad", *(_error(outcome, exact) for outcome in (theirs, ours)), form=".1e")
+    exact = run(changed(columns(_NAME)[1], _FINE), _VALUES)
+    yield from times(theirs, ours)
+    yield errors("its error, rad", (theirs, ours), exact)
 
 
 def _together(left: str, right: str) -> Iterator[Row]:
     """By `rollout` and by MJX."""
     _, *later = tables(_NAME)
     thousand, mapped = ((left + theirs, right + ours) for theirs, ours in later)
-    exact = run(thousand[1].replace(METHOD, FINE), _VALUES)
+    exact = run(changed(thousand[1], _FINE), _VALUES)
     theirs, ours = run(thousand[0], _VALUES), run(thousand[1], _VALUES, 3)
     agree(_NAME, theirs, ours)
     yield row("1000 bodies", theirs.first, ours.later)  # a first run of MuJoCo is as any other
     yield row("their first call, with compiling", theirs.first, ours.first)
-    yield row("their error, rad", *(_error(outcome, exact) for outcome in (theirs, ours)), form=".1e")
+    yield errors("their error, rad", (theirs, ours), exact)
 
     spins = later[0][1].partition("\n\n")[0] + "\n\n"
     theirs, ours = run(mapped[0], _VALUES, 1), run(right + spins + later[1][1], _VALUES, 3)
@@ -84,7 +83,7 @@ def _together(left: str, right: str) -> Iterator[Row]:
     yield row("their first call, with compiling: MJX", theirs.first, ours.first)
     times = exact.values["times"]
     assert np.allclose(theirs.values["times"][0], times)
-    yield row("their error, rad: MJX", *(_error(outcome, exact) for outcome in (theirs, ours)), form=".1e")
+    yield errors("their error, rad: MJX", (theirs, ours), exact)
 
 
 def _at_length(left: str, right: str) -> Iterator[Row]:
@@ -94,10 +93,6 @@ def _at_length(left: str, right: str) -> Iterator[Row]:
     yield row("the time of these 1000 s", theirs.first, ours.later)
     theirs, ours = run(left + STEP_LEFT, ("tilted",), 3), run(right + STEP_RIGHT, ("attitude",), 3)
     yield row("one step, called from Python", theirs.later / 200, ours.later / 200)
-
-
-def _error(outcome: Outcome, exact: Outcome) -> float:
-    return gap("attitude", outcome.values["attitude"], exact.values["attitude"])
 
 
 def _drift(outcome: Outcome) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from . import columns, quantities, tables
 from .alone import run
-from .compare import Row, agree, as_they_stand, both, errors, row
+from .compare import Row, agree, as_they_stand, both, changed, errors, row
 
 NAME, TITLE, NEEDS = "scipy", "SciPy", ("scipy",)
 WITHIN = 1e-6  # radians
@@ -26,11 +26,9 @@ energy = ml.energy(body, torque, path)
 def rows() -> Iterator[Row]:
     left, right = columns(NAME)
     yield from as_they_stand(NAME)
-    fine = run(
-        right.replace("dt=0.1, steps=200", f"dt={0.1 / _FINE}, steps={200 * _FINE}, save_every={_FINE}"),
-        quantities(NAME),
-    )
-    finest = run(left.replace("1e-9", "3e-14"), quantities(NAME))
+    finer = f"dt={0.1 / _FINE}, steps={200 * _FINE}, save_every={_FINE}"
+    fine = run(changed(right, ("dt=0.1, steps=200", finer)), quantities(NAME))
+    finest = run(changed(left, ("1e-9", "3e-14")), quantities(NAME))
     agree(NAME, finest, fine, within=1e-10)
     ends = [run(code, quantities(NAME)) for code in (left, right)]
     yield errors("largest error of the attitude, rad", ends, fine)
@@ -43,14 +41,14 @@ def _a_thousand() -> Iterator[Row]:
     left, right = (f"{first}\n{second}" for first, second in zip(one, many, strict=True))
     theirs, ours = both(NAME, 3, (left, right))
     yield row("a thousand bodies", theirs.later, ours.later)
-    fine = run(right.replace("dt=0.4, steps=50", f"dt={0.4 / 8}, steps={50 * 8}"), quantities(NAME))
+    fine = run(changed(right, ("dt=0.4, steps=50", f"dt={0.4 / 8}, steps={50 * 8}")), quantities(NAME))
     yield errors("largest error of the thousand, rad", [theirs, ours], fine)
 
 
 def _long() -> Iterator[Row]:
     left, right = columns(NAME)
-    left = left.replace("20.0", "2000.0") + _LEFT
-    right = right.replace("steps=200", "steps=20000, save_every=100") + _RIGHT
+    left = changed(left, ("20.0", "2000.0")) + _LEFT
+    right = changed(right, ("steps=200", "steps=20000, save_every=100")) + _RIGHT
     theirs, ours = (run(code, ("attitude", "energy")).values for code in (left, right))
     changes = _change(theirs["energy"]), _change(ours["energy"])
     yield row("change of the energy in 2000 s, of m g l = 2", changes[0], changes[1], ".1e")

@@ -5,13 +5,11 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
-
 from midlie_jax.cli.oracles import free_body
 
 from . import tables
-from .alone import run
-from .compare import both, gap, row
+from .alone import parts, run
+from .compare import Row, both, changed, error, errors, gap, row, times
 
 TITLE, HEADS = "Basilisk or Orekit", ("Basilisk", "Orekit")
 NEEDS = "Basilisk", "orekit_jpype"
@@ -75,37 +73,33 @@ attitude = ml.free_motion(body, start, times).states.attitude
 """
 
 
-def rows() -> Iterator[tuple[str, str, str, str]]:
+def rows() -> Iterator[Row]:
     basilisk, orekit = tables("spacecraft")
     yield from _basilisk(*basilisk)
     yield from _orekit(*orekit)
 
 
-def _basilisk(left: str, right: str) -> Iterator[tuple[str, str, str, str]]:
+def _basilisk(left: str, right: str) -> Iterator[Row]:
     theirs, ours = both("spacecraft", later=5)
-    fine = run(right.replace(_STEPS, _FINE), QUANTITIES).values["attitude"]
-    yield row("Basilisk, the run above", theirs.later, ours.later)
-    yield row("its first call, with compiling", theirs.first, ours.first)
-    yield row(
-        "its largest error, rad", *(gap("attitude", x.values["attitude"], fine) for x in (theirs, ours)), form=".0e"
-    )
+    fine = run(changed(right, (_STEPS, _FINE)), QUANTITIES)
+    yield from times(theirs, ours, "Basilisk, the run above")
+    yield errors("its largest error, rad", (theirs, ours), fine, form=".0e")
     start = "\nsim.InitializeSimulation"
-    best = left.replace("ns(1.0)", "ns(100.0)").replace("\nlog =", _BEST + "\nlog =")
+    best = changed(left, ("ns(1.0)", "ns(100.0)"), ("\nlog =", _BEST + "\nlog ="))
     one = run(best, QUANTITIES, later=5)
-    many = run(best.replace(start, _MORE + start), QUANTITIES, later=1)
-    thousand = run(right.rpartition("\n\n")[0] + "\n" + _ENSEMBLE, ("attitude",), later=5)
-    errors = [gap("attitude", found.values["attitude"], fine) for found in (one, ours, thousand)]
-    if max(errors[1:]) > errors[0]:
-        raise RuntimeError(f"The error is {errors[1:]}, that of Basilisk {errors[0]:.1e}.")
+    many = run(changed(best, (start, _MORE + start)), QUANTITIES, later=1)
+    thousand = run(parts(right)[0] + _ENSEMBLE, ("attitude",), later=5)
+    theirs_off, *ours_off = (error(found, fine) for found in (one, ours, thousand))
+    if max(ours_off) > theirs_off:
+        raise RuntimeError(f"The error is {ours_off}, that of Basilisk {theirs_off:.1e}.")
     yield row("Basilisk at its best: one craft", one.later, ours.later)
     yield row("each of many craft", many.later / _IN_ONE_SIMULATION, thousand.later / _CRAFT)
-    yield row("their largest error, rad", errors[0], errors[1], ".0e")
+    yield row("their largest error, rad", theirs_off, ours_off[0], ".0e")
 
 
-def _orekit(left: str, right: str) -> Iterator[tuple[str, str, str, str]]:
+def _orekit(left: str, right: str) -> Iterator[Row]:
     theirs, ours = both("spacecraft", later=20, codes=(left, right))
-    yield row("Orekit, the run above, through Python", theirs.later, ours.later)
-    yield row("its first call, with compiling", theirs.first, ours.first)
+    yield from times(theirs, ours, "Orekit, the run above, through Python")
     states = ours.values["times"].size
     thousand = run(right + _FREE_CRAFT, ("attitude",), later=10)
     table = run(right + _FREE_STATES, ("attitude",), later=20)
@@ -113,10 +107,10 @@ def _orekit(left: str, right: str) -> Iterator[tuple[str, str, str, str]]:
     yield row(f"Orekit in Java: {_CRAFT} craft, {states} states of each, a state", _java(100, states), here[0])
     yield row(f"Orekit in Java: one craft, {_STATES} states, a state", _java(1, _STATES), here[1])
     for end in ("6000.0", f"{_LONG:.0f}.0"):
-        found = [run(code.replace("6000.0", end), QUANTITIES).values for code in (left, right)]
+        found = [run(changed(code, ("6000.0", end)), QUANTITIES).values for code in (left, right)]
         _, exact = free_body([80.0, 100.0, 120.0], [0.08, -1.0, 3.6], [0.8, 0.36, -0.48, 0.0], found[0]["times"])
-        errors = [gap("attitude", np.asarray(values["attitude"]), exact) for values in found]
-        yield row(f"largest error of the free motion within {float(end):.0e} s, rad", *errors, form=".0e")
+        theirs_off, ours_off = (gap("attitude", values["attitude"], exact) for values in found)
+        yield row(f"largest error of the free motion within {float(end):.0e} s, rad", theirs_off, ours_off, ".0e")
 
 
 def _java(craft: int, states: int) -> float:
