@@ -30,6 +30,18 @@ def test_links_between_the_pages_lead_somewhere(page):
     assert [(other, anchor) for other, anchor in found if anchor not in known[other or page.name]] == []
 
 
+def test_other_pages_name_an_entry_and_do_not_link_to_it():
+    """On the site its anchor is another than on GitHub. There, a name in backticks becomes a link by itself."""
+    own = {place.partition("#")[2] for place in links.places().values()}
+    pages = {page: page.read_text() for page in links.DOCS.rglob("*.md") if page not in PAGES}
+    found = [
+        (page.name, anchor)
+        for page in pages
+        for anchor in re.findall(r"\]\([./]*api[\w-]*\.md#([\w-]+)\)", pages[page])
+    ]
+    assert [(page, anchor) for page, anchor in found if anchor in own] == []
+
+
 def test_there_are_links():
     text = "".join(page.read_text() for page in PAGES)
     assert "[`LieSolver`](#liesolver)" in text
