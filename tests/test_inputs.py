@@ -215,6 +215,10 @@ BAD = {
     "method a number": (lambda: go(3), "method must be a name or come from midlie_jax.method.name., got int"),
     "start not a state": (lambda: go(start=jnp.ones(3)), "start must be a state"),
     "body of another kind": (lambda: go(body=PARTICLES), "RigidState belongs to a RigidBody, but body is Particles"),
+    "torque before the body": (
+        lambda: go(body=ml.torques.HeavyTop(1.0), torque=BODY),
+        "body is HeavyTop; the body comes before the torque",
+    ),
     "particles' method": (lambda: go("Verlet"), "'Verlet' moves Particles.*RigidBody.*methods"),
     "rotations' method": (lambda: go("SW", PARTICLES, None, PLACES), "'SW' moves RigidBody.*Particles"),
     "batch without vmap": (

@@ -465,6 +465,7 @@ REFUSED = {
         ),
         "spins run with a constant step",
     ),
+    "a torque of bodies": (lambda: go(ml.torques.HeavyTop(1.0), CHAIN), "no body frame.*give a field.*AppliedField"),
     "no lattice": (lambda: go(NEAR, ml.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
 }
 

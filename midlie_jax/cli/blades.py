@@ -7,7 +7,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..model import so3
-from ..model.torques.base import ReadsBody
+from ..model.torques.reads_body import ReadsBody
 from ..model.wrench import Wrench
 
 

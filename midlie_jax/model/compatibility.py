@@ -12,6 +12,7 @@ from .bodies import Particles, principal_of
 from .free_body import FreeBody
 from .masses import check_fits
 from .state import AnyState, State
+from .torques import Torque
 
 
 def check_state(name: str, state: Any) -> None:
@@ -33,6 +34,7 @@ def check_body(body: Any, state: AnyState) -> None:
             )
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
         cure = "" if own else f"; make one with midlie_jax.{kind}"
+        cure = "; the body comes before the torque" if isinstance(body, Torque) else cure
         raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
 
 

@@ -21,7 +21,8 @@ from jax import Array
 from ..._math import components as cp
 from ..._xla.apart import apart
 from ...model.states.spin import SpinState
-from ...model.torques.spins import Near, NeighbourField, SpinField
+from ...model.torques.neighbours import Near, NeighbourField
+from ...model.torques.spins import SpinField
 from ..system import System
 
 _MOST_AXES = 4  # for which the bits of an entry fit one byte

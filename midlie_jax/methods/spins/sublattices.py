@@ -25,7 +25,8 @@ from ...model.spins import Spins, checkerboard
 from ...model.state import AnyState
 from ...model.states import SpinState
 from ...model.torques import kept_terms, on_body, terms_of, without_bath
-from ...model.torques.spins import CubicAnisotropy, NeighbourField, OwnField, SpinField
+from ...model.torques.neighbours import NeighbourField
+from ...model.torques.spins import CubicAnisotropy, OwnField, SpinField
 from ...model.torques.thermal_field import ThermalField
 from ..base import Method
 from ..scheme import Scheme

@@ -93,6 +93,13 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
         """The field B = -dH/dS."""
         return -jax.grad(lambda spin: potential(cls.unchecked(spin=spin)))(state.spin)
 
+    def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
+        """A ValueError: what turns a spin is a field."""
+        raise ValueError(
+            "a SpinState has no body frame in which a torque could act; give a field, such as "
+            "midlie_jax.torques.AppliedField."
+        )
+
     def normalised(self) -> "SpinState":
         return self.unchecked(spin=self.spin / jnp.linalg.norm(self.spin, axis=-1, keepdims=True))
 

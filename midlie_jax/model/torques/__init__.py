@@ -1,18 +1,15 @@
 """Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); here are common ones.
 
-`base` defines the interface (potential energy, dependence on the body) and sums of torques. `fields` has torques that
-depend on the attitude, `spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light
-and thin gas on the facets of a surface, and `travel` what acts on bodies that travel: these return a
-`midlie_jax.Wrench`, a torque and a force.
+`base` defines the interface (potential energy, dependence on the body) and sums of torques, `reads_body` those that
+read the body, `from_functions` torques of your own from a function. `fields` has torques that depend on the attitude,
+`spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light and thin gas on the facets of
+a surface, and `travel` what acts on bodies that travel: these return a `midlie_jax.Wrench`, a torque and a force.
+`spins` and `neighbours` have fields on spins.
 """
 
-from .base import BodyTorque as BodyTorque
-from .base import FromPotential as FromPotential
-from .base import Prescribed as Prescribed
 from .base import Sum as Sum
 from .base import Torque as Torque
 from .base import TorqueLike as TorqueLike
-from .base import VelocityDependent as VelocityDependent
 from .base import kept_terms as kept_terms
 from .base import on_body as on_body
 from .base import potential_of as potential_of
@@ -26,9 +23,15 @@ from .eddy import EddyCurrents as EddyCurrents
 from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient
 from .fields import HeavyTop as HeavyTop
+from .from_functions import FromPotential as FromPotential
+from .from_functions import Prescribed as Prescribed
+from .from_functions import VelocityDependent as VelocityDependent
 from .mutual import MutualGravity as MutualGravity
+from .neighbours import DzyaloshinskiiMoriya as DzyaloshinskiiMoriya
+from .neighbours import Exchange as Exchange
 from .on_each import OnEach as OnEach
 from .rarefied import FreeMolecularDrag as FreeMolecularDrag
+from .reads_body import BodyTorque as BodyTorque
 from .rod import Rod as Rod
 from .spacecraft import Damping as Damping
 from .spacecraft import Drag as Drag
@@ -38,8 +41,6 @@ from .spacecraft import Rotors as Rotors
 from .spins import Anisotropy as Anisotropy
 from .spins import AppliedField as AppliedField
 from .spins import CubicAnisotropy as CubicAnisotropy
-from .spins import DzyaloshinskiiMoriya as DzyaloshinskiiMoriya
-from .spins import Exchange as Exchange
 from .spins import OwnField as OwnField
 from .spins import SpinField as SpinField
 from .sunlight import Sunlight as Sunlight

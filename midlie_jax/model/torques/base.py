@@ -1,4 +1,4 @@
-"""The interface of a torque, and torques made from functions or from other torques.
+"""The interface of a torque, and sums of torques.
 
 The classes are pytrees whose leaves are their parameters, so they can be mapped over and differentiated. Most have a
 potential, which `midlie_jax.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles
@@ -54,7 +54,7 @@ class Torque(eqx.Module):
     def potential(self, t: Time, state: Any) -> Array:
         """The potential energy (), torque x angle; a ValueError if the torque has no potential."""
         del t, state
-        raise _no_potential(self)
+        raise no_potential(self)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
         """A direction fixed in space about which the torque has no component, in body components; None if unknown."""
@@ -87,7 +87,8 @@ class Torque(eqx.Module):
         return self if isinstance(other, int) else Sum(other, self)
 
 
-def _no_potential(torque: Torque) -> ValueError:
+def no_potential(torque: Torque) -> ValueError:
+    """The error of a torque that was asked for its potential and has none."""
     return ValueError(f"{type(torque).__name__} has no potential energy; use midlie_jax.kinetic_energy instead.")
 
 
@@ -230,185 +231,3 @@ def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
         ['Magnus']
     """
     return kept_terms(torque, lambda term: not (isinstance(term, Torque) and term.gravitational))
-
-
-class Prescribed(Torque):
-    """A body-frame torque that is a function of time alone.
-
-    If the torque jumps, let a step end at the jump and return the mean of both sides at that time: methods of second
-    order then keep their order.
-
-    Attributes:
-        function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
-
-    Raises:
-        ValueError: the function cannot be called.
-
-    Examples:
-        >>> thruster = ml.torques.Prescribed(lambda t: jnp.array([0.0, 0.0, 0.25 * t]))
-        >>> state = ml.RigidState([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-        >>> thruster(2.0, state)
-        Array([0. , 0. , 0.5], dtype=float64)
-    """
-
-    function: Callable[[Any], Array]
-
-    def __check_init__(self) -> None:
-        require_function("function", self.function, "t")
-
-    def __call__(self, t: Time, state: Any) -> Array:
-        del state
-        return self.function(t)
-
-
-class FromPotential(Torque):
-    """The torque, or the force on particles, of a potential energy, by automatic differentiation.
-
-    Attributes:
-        function: `function(t, state) -> ()`, the potential energy; differentiable with respect to the state's pose.
-            It may be written on arrays, for example with `midlie_jax.so3.to_matrix`.
-
-    Raises:
-        ValueError: the function cannot be called.
-
-    Examples:
-        >>> torque = ml.torques.FromPotential(lambda t, state: -5.0 * ml.so3.to_matrix(state.attitude)[2, 2])
-        >>> tilted = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.1, 0.0, 0.0])))
-        >>> round(float(torque(0.0, tilted)[0]), 6)  # back to the vertical: -5 sin(0.1)
-        -0.499167
-        >>> round(float(torque.potential(0.0, tilted)), 6)
-        -4.975021
-    """
-
-    function: Callable[[Any, Any], Array]
-
-    def __check_init__(self) -> None:
-        require_function("function", self.function, "t, state")
-
-    def __call__(self, t: Time, state: Any) -> Any:
-        return type(state).force_from(lambda state: self.function(t, state), state)
-
-    def potential(self, t: Time, state: Any) -> Array:
-        return self.function(t, state)
-
-    def fixed_axis(self, state: Any) -> cp.Vector | None:
-        """The direction of a `DirectionState`, because the potential depends on nothing else."""
-        return state.fixed_direction()
-
-
-class VelocityDependent(Torque):
-    """A torque that is declared to read the momentum: damping, control, a magnetic field on a moving charge.
-
-    The kicks of the explicit methods then evaluate the torque twice (the explicit midpoint rule in the momentum), so
-    LIEMID[EA] keeps order 2. With such torques methods are neither symplectic nor exactly reversible. A run detects by
-    itself whether a torque reads the momentum. `LieSolver.order` does not trace the torque, and so relies on this
-    declaration.
-
-    Attributes:
-        function: `function(t, state) -> (3,)`, body frame.
-
-    Raises:
-        ValueError: the function cannot be called.
-
-    Examples:
-        >>> drag = ml.torques.VelocityDependent(lambda t, state: -0.5 * jnp.abs(state.momentum) * state.momentum)
-        >>> state = ml.RigidState([1.0, 2.0, 4.0], [1.0, 0.0, 0.0, 0.0])
-        >>> drag(0.0, state)
-        Array([-0.5, -2. , -8. ], dtype=float64)
-        >>> drag.velocity_dependent
-        True
-    """
-
-    function: TorqueLike
-
-    def __check_init__(self) -> None:
-        require_function("function", self.function, "t, state")
-
-    def __call__(self, t: Time, state: Any) -> Any:
-        return self.function(t, state)
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return True
-
-    def on(self, body: Any) -> Torque:
-        return VelocityDependent(on_body(self.function, body))
-
-
-class ReadsBody(Torque):
-    """Base class of torques that read the body on which they act; a run passes the body to `on`."""
-
-    def at(self, t: Time, state: Any, body: Any) -> Any:
-        """The torque (3,) on the given body, in the body frame; or a `Wrench`."""
-        raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
-
-    def potential_at(self, t: Time, state: Any, body: Any) -> Array:
-        """The potential energy () of the given body; a ValueError if the torque has no potential."""
-        del t, state, body
-        raise _no_potential(self)
-
-    def on(self, body: Any) -> Torque:
-        return OnBody(self, body)
-
-    def __call__(self, t: Time, state: Any) -> Any:
-        raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body)(t, state).")
-
-    def potential(self, t: Time, state: Any) -> Array:
-        raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body).potential(t, state).")
-
-
-class ReadsVelocity(ReadsBody):
-    """A torque that depends on the angular velocity, which it computes from the momentum and the body."""
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return True
-
-
-class OnBody(Torque):
-    """A torque that reads the body, bound to a body: a callable of (t, state).
-
-    Attributes:
-        torque: a `ReadsBody`.
-        body: the body on which the torque acts.
-    """
-
-    torque: ReadsBody
-    body: Any
-
-    def __call__(self, t: Time, state: Any) -> Any:
-        return self.torque.at(t, state, self.body)
-
-    def potential(self, t: Time, state: Any) -> Array:
-        return self.torque.potential_at(t, state, self.body)
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return self.torque.velocity_dependent
-
-
-class BodyTorque(ReadsBody):
-    """A torque that is a function of time, state and body: for example of the inertia or the angular velocity.
-
-    Attributes:
-        function: `function(t, state, body) -> (3,)`, body frame; `body` is the body passed to `integrate`, and
-            `body.velocity(state.momentum)` is its angular velocity.
-
-    Raises:
-        ValueError: the function cannot be called.
-
-    Examples:
-        >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))
-        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
-        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> brake.on(body)(0.0, state)  # in a run the torque gets the body by itself
-        Array([-0.5, -0.5, -0.5], dtype=float64)
-    """
-
-    function: Callable[[Any, Any, Any], Array]
-
-    def __check_init__(self) -> None:
-        require_function("function", self.function, "t, state, body")
-
-    def at(self, t: Time, state: Any, body: Any) -> Array:
-        return self.function(t, state, body)

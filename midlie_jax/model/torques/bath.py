@@ -14,7 +14,8 @@ from ..bath import Bath, exposures, root_of
 from ..bodies import Body, RigidBody, TensorBody, is_symmetric
 from ..rotor import Rotor
 from ..state import AnyState, Time
-from .base import ReadsBody, TorqueLike, kept_terms
+from .base import TorqueLike, kept_terms
+from .reads_body import ReadsBody
 
 _ROUNDED = 1e-5  # how far a negative eigenvalue of a tensor may be from zero, relative to the largest entry
 

@@ -11,8 +11,8 @@ from ..._checks.arguments import as_floats, as_function_of_time, require, requir
 from ..._math import components as cp
 from ..bodies import is_symmetric
 from ..state import AnyState, Time
-from .base import ReadsVelocity
 from .fields import to_body_components
+from .reads_body import ReadsVelocity
 
 
 class EddyCurrents(ReadsVelocity):

@@ -14,7 +14,8 @@ from ..._math import components as cp
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
 from ..state import AnyState, Time
-from .base import ReadsBody, Torque
+from .base import Torque
+from .reads_body import ReadsBody
 
 
 class HeavyTop(Torque):

@@ -30,7 +30,7 @@ from ..free_body import FreeBody
 from ..state import AnyState, Time
 from ..states import CoupledState
 from ..wrench import Wrench
-from .base import ReadsBody
+from .reads_body import ReadsBody
 
 _DEGREES = (0, 2, 3, 4)
 _MOST = 8  # bodies, each pair of which is written out

@@ -8,7 +8,8 @@ from jax import Array
 
 from ..._checks.arguments import require_function
 from ..state import Time
-from .base import ReadsBody, TorqueLike, on_body, potential_of, velocity_dependent
+from .base import TorqueLike, on_body, potential_of, velocity_dependent
+from .reads_body import ReadsBody
 
 
 class OnEach(ReadsBody):

@@ -16,8 +16,9 @@ from ..facets import as_amount, as_fractions, as_surface, lit, of_facets
 from ..state import AnyState, Time
 from ..surface import Surface
 from ..wrench import Wrench
-from .base import ReadsBody, Torque
+from .base import Torque
 from .fields import to_body_components
+from .reads_body import ReadsBody
 from .travel import through_air, travelling
 
 _ROOT_OF_PI = float(np.sqrt(np.pi))

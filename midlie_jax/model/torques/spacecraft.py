@@ -20,8 +20,9 @@ from .. import so3
 from ..state import AnyState, Time
 from ..states import TravellingState, attitude_of
 from ..wrench import Wrench
-from .base import ReadsBody, ReadsVelocity, Torque
+from .base import Torque
 from .fields import to_body_components
+from .reads_body import ReadsBody, ReadsVelocity
 from .travel import through_air, travelling
 
 

@@ -21,7 +21,8 @@ from ..rotor import Rotor
 from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
-from .base import ReadsBody, Torque
+from .base import Torque
+from .reads_body import ReadsBody
 
 _E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the one direction of the body that every state knows
 

@@ -1,0 +1,89 @@
+"""Torques that read the body on which they act, its moments or its angular velocity, and their binding to a body."""
+
+from collections.abc import Callable
+from typing import Any
+
+from jax import Array
+
+from ..._checks.arguments import require_function
+from ..state import Time
+from .base import Torque, no_potential
+
+
+class ReadsBody(Torque):
+    """Base class of torques that read the body on which they act; a run passes the body to `on`."""
+
+    def at(self, t: Time, state: Any, body: Any) -> Any:
+        """The torque (3,) on the given body, in the body frame; or a `Wrench`."""
+        raise NotImplementedError(f"{type(self).__name__} must define at(t, state, body).")
+
+    def potential_at(self, t: Time, state: Any, body: Any) -> Array:
+        """The potential energy () of the given body; a ValueError if the torque has no potential."""
+        del t, state, body
+        raise no_potential(self)
+
+    def on(self, body: Any) -> Torque:
+        return OnBody(self, body)
+
+    def __call__(self, t: Time, state: Any) -> Any:
+        raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body)(t, state).")
+
+    def potential(self, t: Time, state: Any) -> Array:
+        raise ValueError(f"{type(self).__name__} reads the body: call torque.on(body).potential(t, state).")
+
+
+class ReadsVelocity(ReadsBody):
+    """A torque that depends on the angular velocity, which it computes from the momentum and the body."""
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return True
+
+
+class OnBody(Torque):
+    """A torque that reads the body, bound to a body: a callable of (t, state).
+
+    Attributes:
+        torque: a `ReadsBody`.
+        body: the body on which the torque acts.
+    """
+
+    torque: ReadsBody
+    body: Any
+
+    def __call__(self, t: Time, state: Any) -> Any:
+        return self.torque.at(t, state, self.body)
+
+    def potential(self, t: Time, state: Any) -> Array:
+        return self.torque.potential_at(t, state, self.body)
+
+    @property
+    def velocity_dependent(self) -> bool:
+        return self.torque.velocity_dependent
+
+
+class BodyTorque(ReadsBody):
+    """A torque that is a function of time, state and body: for example of the inertia or the angular velocity.
+
+    Attributes:
+        function: `function(t, state, body) -> (3,)`, body frame; `body` is the body passed to `integrate`, and
+            `body.velocity(state.momentum)` is its angular velocity.
+
+    Raises:
+        ValueError: the function cannot be called.
+
+    Examples:
+        >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))
+        >>> body = ml.RigidBody([2.0, 3.0, 4.0])
+        >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
+        >>> brake.on(body)(0.0, state)  # in a run the torque gets the body by itself
+        Array([-0.5, -0.5, -0.5], dtype=float64)
+    """
+
+    function: Callable[[Any, Any, Any], Array]
+
+    def __check_init__(self) -> None:
+        require_function("function", self.function, "t, state, body")
+
+    def at(self, t: Time, state: Any, body: Any) -> Array:
+        return self.function(t, state, body)
