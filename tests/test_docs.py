@@ -127,6 +127,16 @@ def test_tables_of_benchmarks_have_their_markers():
             assert text.index(begin) < text.index(end)
 
 
+def test_what_is_copied_from_the_report_is_what_it_says():
+    """The ratios and the paragraph on the spin, which `benchmarks/work_precision.py` copies to docs/how-it-compares.md."""
+    report = (ROOT / "docs" / "reports" / "work-precision.md").read_text()
+    copy = (ROOT / "docs" / "how-it-compares.md").read_text()
+    for mark in ("ratios", "spin"):
+        text = copy.split(f"<!-- {mark} -->\n")[1].split(f"<!-- /{mark} -->")[0]
+        assert text.count("\n") >= 3
+        assert text in report
+
+
 def run_page(page):
     """Runs the blocks of a page in one namespace, in order, as a reader would copy them, in an empty folder."""
     names = {}

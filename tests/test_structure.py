@@ -85,6 +85,11 @@ def test_every_folder_is_a_floor_and_every_import_points_down():
     assert not upward(graph())
 
 
+def test_the_page_on_extending_lists_every_folder():
+    page = (ROOT / "docs" / "extending.md").read_text()
+    assert set(re.findall(r"^\| `(\w+)/` \|", page, re.MULTILINE)) == set(FLOORS) - {""}
+
+
 def test_no_modules_import_each_other_in_a_circle():
     assert not circle(graph())
 
