@@ -128,7 +128,7 @@ def test_tables_of_benchmarks_have_their_markers():
 
 
 def test_what_is_copied_from_the_report_is_what_it_says():
-    """The ratios and the paragraph on the spin, which `benchmarks/work_precision.py` copies to docs/how-it-compares.md."""
+    """The ratios and the paragraph on the spin, which `benchmarks/work_precision.py` copies to a page for readers."""
     report = (ROOT / "docs" / "reports" / "work-precision.md").read_text()
     copy = (ROOT / "docs" / "how-it-compares.md").read_text()
     for mark in ("ratios", "spin"):
