@@ -50,8 +50,8 @@ def test_the_words_are_those_of_the_same_formula_on_integers(size):
     key = tuple(int(k) for k in np.random.default_rng(3).integers(2**32, size=size))
     step, stage, member, count = 123_456_789, 3, 5, 10
     roots = [int(np.sqrt(p) % 1 * 2**32) for p in (2, 3, 5, 7, 11, 13, 17, 19)]
-    own = mixed(*(k ^ k >> 16 for k in (*key, *roots[size:4])))
-    place = mixed(*mixed(*(k ^ k >> 16 for k in (step, stage, *roots[6:]))))
+    own = mixed(*(k ^ k >> 16 for k in (*roots[size:4], *key)))
+    place = mixed(*mixed(*(k ^ k >> 16 for k in (*roots[6:], step, stage))))
     expected = []
     for block in range(3):
         row = 3 * member + block
@@ -59,6 +59,16 @@ def test_the_words_are_those_of_the_same_formula_on_integers(size):
         expected += mixed(*(k ^ (p + (r ^ r >> 16)) % 2**32 for k, p, r in zip(own, place, rows, strict=True)))
     words = jax.jit(counter.words, static_argnums=4)(tuple(map(jnp.uint32, key)), jnp.int32(step), stage, member, count)
     assert [int(w) for w in words] == expected[:count]
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_the_smallest_arguments_draw_words_like_any_others(size):
+    """Key 0 is that of most examples: at step, stage and member 0 its words, too, have about as many ones as zeros."""
+    small = np.array([[*(0,) * (size - 1), *rest] for rest in np.ndindex(2, 2, 2, 2)], np.uint32)
+    found = jax.vmap(lambda x: jnp.stack(counter.words(tuple(x[:size]), *x[size:], 4)))(small)
+    ones = np.unpackbits(np.asarray(found).view(np.uint8)).reshape(-1, 32).sum(axis=1)
+    assert 3 < ones.min()
+    assert ones.max() < 29
 
 
 @pytest.mark.sample(0)

@@ -35,9 +35,10 @@ def words(key: Sequence[Array], step: Array, stage: Array | int, member: Array |
     blocks = -(-count // 4)
     # Each of the two is mixed by itself, and once more together. What depends on the key alone, XLA computes before the
     # loop over steps; what does not depend on the body costs nothing in a loop over bodies.
-    a, b, c, d = (*key, *map(_word, _ROOTS[len(key) : 4]))
+    # The constants come first: `_mix` leaves two words of zero at its beginning as they are, and key 0 has no others.
+    a, b, c, d = (*map(_word, _ROOTS[len(key) : 4]), *key)
     own = _mix(_fold(a), _fold(b), _fold(c), _fold(d))
-    place = _mix(*_mix(*map(_fold, (_word(step), _word(stage), _word(_ROOTS[6]), _word(_ROOTS[7])))))
+    place = _mix(*_mix(*map(_fold, (_word(_ROOTS[6]), _word(_ROOTS[7]), _word(step), _word(stage)))))
     result: list[Array] = []
     for block in range(blocks):
         row = _word(member) * _word(blocks) + _word(block)
