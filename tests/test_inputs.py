@@ -176,7 +176,7 @@ BAD = {
     "sum of nothing": (lambda: ml.torques.Sum(None), "a sum of torques needs one at least"),
     "control without attitude": (
         lambda: go(torque=ml.torques.PDControl([1.0, 0, 0, 0], 1.0, 1.0), start=ml.MomentumState(jnp.ones(3))),
-        "needs the attitude; a MomentumState has none",
+        "needs the attitude, which MomentumState does not have",
     ),
     "top of particles": (
         lambda: go("Verlet", PARTICLES, ml.torques.HeavyTop(1.0), PLACES),

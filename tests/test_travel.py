@@ -170,6 +170,46 @@ def test_an_axis_moves_as_that_of_a_rigid_body(name):
     assert gap(of_axis.states, ml.AxisState.of(of_rigid.states)) < 4 * roundings(name) * epsilon("float64")
 
 
+DRIVEN = (
+    ml.torques.Damping([0.3, 0.3, 0.1])
+    + ml.torques.Rotors([0.0, 0.0, 0.8])
+    + ml.torques.ReactionWheels(lambda t: jnp.stack([0 * t, 0 * t, jnp.sin(t)]))
+)
+
+
+@pytest.mark.parametrize("name", ["SYMMETRIC[EA]", "GBS12"])
+def test_torques_of_the_spin_act_on_an_axis_as_on_a_rigid_body(name):
+    """They read the whole angular velocity, or hold vectors of the body: on an axis both must be put into space."""
+    (rigid, body), (axis, rotor) = (
+        (start("free").turning, ml.RigidBody(jnp.array([2.0, 2.0, 0.9]))),
+        (start("axis"), ml.Rotor(jnp.asarray(2.0), jnp.asarray(0.9))),
+    )
+    of_rigid, of_axis = (
+        quick(lambda s, b=b: ml.integrate(name, b, DRIVEN, s, dt=jnp.asarray(1 / 32), steps=STEPS, save_every=1))(s)
+        for s, b in ((rigid, body), (axis, rotor))
+    )
+    assert gap(of_axis.states, ml.AxisState.of(of_rigid.states)) < 4 * roundings(name) * epsilon("float64")
+
+
+@pytest.mark.parametrize(
+    ("torque", "message"),
+    [
+        (ml.torques.Damping([0.3, 0.2, 0.1]), "coefficient is .* its first two numbers must be equal"),
+        (ml.torques.Damping(0.3), r"write Rotor\(moment, along\)"),
+        (ml.torques.Rotors([0.1, 0.0, 1.0]), "no direction of the body but its axis of symmetry"),
+    ],
+)
+def test_what_an_axis_cannot_know_is_refused(torque, message):
+    for state, body in ((start("axis"), ml.Rotor(2.0)), (start("free axis"), ml.FreeBody(ml.Rotor(2.0), MASS))):
+        with pytest.raises(ValueError, match=message):
+            ml.integrate("SYMMETRIC[EA]", body, torque, state, dt=0.1, steps=2)
+
+
+def test_wheels_across_an_axis_make_a_run_fail():
+    wheels = ml.torques.ReactionWheels(lambda t: jnp.stack([t, 0 * t, 0 * t]))
+    assert not ml.integrate("SYMMETRIC[EA]", ml.Rotor(2.0), wheels, start("axis"), dt=0.1, steps=2).ok
+
+
 SYMPLECTIC = [name for name in moved_by("free") if isinstance(ml.method(name), Splitting)]
 FEW_SYMPLECTIC = ["JACOBI[EA]", "LIEMID[EA]", "SLIEMID[EA]", "DLM[EA]", "JACOBI[CHIN4A]", "JACOBI[SRKN6b]"]
 

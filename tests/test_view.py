@@ -318,7 +318,7 @@ def test_bad_input_is_named(path, options, message):
 def test_a_state_without_attitude_is_refused(path, tmp_path):
     spins = path._replace(states=ml.MomentumState(path.states.momentum))
     for show, name in ((ml.plot.animate, "a.gif"), (ml.plot.view, "a.html")):
-        with pytest.raises(ValueError, match="needs the attitude; a MomentumState has none: use a RigidState"):
+        with pytest.raises(ValueError, match="needs the attitude, which MomentumState does not have; use a RigidState"):
             show(BRICK, spins, tmp_path / name)
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match=r"file must end in \.html"):

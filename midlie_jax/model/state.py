@@ -326,7 +326,7 @@ AnyState = State[Any, Any]
 def needs_attitude(state: AnyState | type[AnyState]) -> ValueError:
     """The error where a state, or a kind of state, has no attitude."""
     kind = state if isinstance(state, type) else type(state)
-    return ValueError(f"this needs the attitude; a {kind.__name__} has none: use a RigidState.")
+    return ValueError(f"this needs the attitude, which {kind.__name__} does not have; use a RigidState.")
 
 
 StateT = TypeVar("StateT", bound=AnyState)  # the class of the states of a run

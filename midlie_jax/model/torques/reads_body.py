@@ -3,10 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
+import jax.numpy as jnp
 from jax import Array
 
 from ..._checks.arguments import require_function
-from ..state import Time
+from ..._math import components as cp
+from ..rotor import Rotor
+from ..state import AnyState, Time
 from .base import Torque, no_potential
 
 
@@ -38,6 +41,19 @@ class ReadsVelocity(ReadsBody):
     @property
     def velocity_dependent(self) -> bool:
         return True
+
+
+def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
+    """The angular velocity in the frame of the momentum. That of a `Rotor` includes the spin, so it needs `along`."""
+    turning = body.turning
+    velocity = cp.vector(turning.velocity(state.momentum))
+    if not isinstance(turning, Rotor):
+        return velocity
+    momentum, along = cp.vector(state.momentum), turning.known_along
+    axis, _ = state.in_one_frame((0.0, 0.0, 1.0), momentum)
+    # A linear molecule, whose moment about its axis is zero, does not spin.
+    spin = jnp.where(along > 0, cp.dot(axis, momentum) / jnp.where(along > 0, along, 1), 0)
+    return cp.add(velocity, cp.scale(spin - cp.dot(axis, velocity), axis))
 
 
 class OnBody(Torque):

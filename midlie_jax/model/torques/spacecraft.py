@@ -17,12 +17,13 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
 from ..._math import components as cp
 from .. import so3
+from ..rotor import Rotor
 from ..state import AnyState, Time
-from ..states import TravellingState, attitude_of
+from ..states import AxisState, TravellingState, attitude_of
 from ..wrench import Wrench
 from .base import Torque
 from .fields import to_body_components
-from .reads_body import ReadsBody, ReadsVelocity
+from .reads_body import ReadsBody, ReadsVelocity, angular_velocity_of
 from .travel import through_air, travelling
 
 
@@ -39,10 +40,12 @@ class Damping(ReadsVelocity):
     """Viscous friction, -coefficient * Omega.
 
     Attributes:
-        coefficient: torque per angular velocity, () or one for each body axis (3,), not negative.
+        coefficient: torque per angular velocity, () or one for each body axis (3,), not negative. Of an `AxisState` the
+            first two must be equal, and the body is a `Rotor(moment, along)`.
 
     Raises:
-        ValueError: a negative or not finite coefficient, or another shape.
+        ValueError: a negative or not finite coefficient, or another shape. When a run begins: an `AxisState`, and a
+            coefficient that is not the same across the axis, or a `Rotor` without `along`.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
@@ -56,9 +59,25 @@ class Damping(ReadsVelocity):
     def __init__(self, coefficient: Any):
         self.coefficient = _gain("coefficient", coefficient)
 
+    def check(self, state: AnyState) -> None:
+        if not _knows_axis_alone(state) or cp.is_traced(self.coefficient):
+            return
+        gain = np.asarray(self.coefficient)
+        if gain.ndim and np.any(gain[..., 0] != gain[..., 1]):
+            raise ValueError(
+                f"coefficient is {gain.tolist()}, but its first two numbers must be equal for {type(state).__name__}, "
+                "which knows no direction but the axis of symmetry; use a RigidState."
+            )
+
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
-        return -self.coefficient * body.velocity(state.momentum)
+        if not isinstance(body.turning, Rotor):
+            return -self.coefficient * body.velocity(state.momentum)
+        velocity, gain = angular_velocity_of(state, body), jnp.broadcast_to(self.coefficient, state.momentum.shape)
+        axis, _ = state.in_one_frame((0.0, 0.0, 1.0), velocity)
+        across = jnp.where(gain[..., 0] == gain[..., 1], gain[..., 0], jnp.nan)
+        along = (gain[..., 2] - across) * cp.dot(axis, velocity)
+        return -cp.pack(cp.add(cp.scale(across, velocity), cp.scale(along, axis)))
 
 
 class PDControl(ReadsVelocity):
@@ -110,10 +129,12 @@ class Rotors(ReadsVelocity):
     conserved, and so is the kinetic energy of the body, which `midlie_jax.energy` returns.
 
     Attributes:
-        momentum: angular momentum h of the rotors relative to the body, body frame, (3,).
+        momentum: angular momentum h of the rotors relative to the body, body frame, (3,). Of an `AxisState` it must lie
+            along the axis, the third.
 
     Raises:
-        ValueError: momentum not of shape (..., 3) or not finite.
+        ValueError: momentum not of shape (..., 3) or not finite. When a run begins: not along the axis of an
+            `AxisState`.
 
     Examples:
         >>> rotor = ml.torques.Rotors([1.0, 2.0, 4.0])
@@ -129,9 +150,14 @@ class Rotors(ReadsVelocity):
         self.momentum = as_floats("momentum", momentum, (3,))
         require_finite("momentum", self.momentum)
 
+    def check(self, state: AnyState) -> None:
+        if _knows_axis_alone(state):
+            state.in_one_frame(cp.vector(self.momentum))
+
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
-        return _cross(self.momentum, body.velocity(state.momentum))
+        # The spin of a `Rotor`, which its velocity leaves out, is along h.
+        return cp.pack(cp.cross(_in_frame(self.momentum, state), cp.vector(body.velocity(state.momentum))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
         """Zero: the torque is perpendicular to the angular velocity and does no work."""
@@ -145,7 +171,7 @@ class ReactionWheels(ReadsVelocity):
     Attributes:
         momentum: `momentum(t) -> (3,)`, the angular momentum h of all wheels relative to the body, body frame. Its
             derivative h' is computed by automatic differentiation. Make it a pytree if you differentiate with respect
-            to its parameters.
+            to its parameters. Of an `AxisState` it must lie along the axis, the third; if not, the state becomes NaN.
 
     Raises:
         ValueError: momentum cannot be called.
@@ -166,7 +192,8 @@ class ReactionWheels(ReadsVelocity):
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         t = jnp.asarray(t, state.momentum.dtype)
         momentum, rate = jax.jvp(self.momentum, (t,), (jnp.ones_like(t),))
-        return _cross(momentum, body.velocity(state.momentum)) - rate
+        turning = cp.cross(_in_frame(momentum, state), cp.vector(body.velocity(state.momentum)))
+        return cp.pack(cp.subtract(turning, _in_frame(rate, state)))
 
 
 class Drag(ReadsBody):
@@ -238,5 +265,11 @@ class Drag(ReadsBody):
         return cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return cp.pack(cp.cross(cp.vector(a), cp.vector(b)))
+def _knows_axis_alone(state: AnyState) -> bool:
+    """Whether momentum and torque are in the space frame, and of the body only its axis of symmetry is known."""
+    return isinstance(state.turning if isinstance(state, TravellingState) else state, AxisState)
+
+
+def _in_frame(of_body: Array, state: AnyState) -> cp.Vector:
+    """A vector of the body in the frame of the torque; NaN if it does not lie along an axis that alone is known."""
+    return state.in_one_frame(cp.vector(of_body))[0] if _knows_axis_alone(state) else cp.vector(of_body)

@@ -22,7 +22,7 @@ from ..state import AnyState, Time
 from ..states import TravellingState
 from ..wrench import Wrench
 from .base import Torque
-from .reads_body import ReadsBody
+from .reads_body import ReadsBody, angular_velocity_of
 
 _E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the one direction of the body that every state knows
 
@@ -290,13 +290,8 @@ class Magnus(ReadsBody):
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         state, body = travelling(self, state, body)
-        momentum, turning = cp.vector(state.momentum), body.body
-        spin = cp.vector(turning.velocity(state.momentum))
-        if isinstance(turning, Rotor):
-            axis, _ = state.in_one_frame(_E3, momentum)
-            share = 1 / turning.known_along - 1 / turning.moment
-            spin = cp.add(spin, cp.scale(share * cp.dot(axis, momentum), axis))
-        lift = cp.cross(state.to_space(spin), through_air(t, state, body, self.wind))
+        spin = state.to_space(angular_velocity_of(state, body))
+        lift = cp.cross(spin, through_air(t, state, body, self.wind))
         return Wrench(jnp.zeros_like(state.momentum), cp.pack(cp.scale(self.strength, lift)))
 
 
