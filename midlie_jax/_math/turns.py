@@ -25,13 +25,17 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
     The component along the field goes to tanh(atanh(S . B/|B|) + mobility |B|). With c = tanh(mobility |B| / 2) / |B|
 
         S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
+
+    The denominator is the length of the numerator. It is computed as that, because opposite to the field both are small,
+    and the rounding of a denominator of its own would change the length of the spin.
     """
     square, along = cp.dot(field, field), cp.dot(field, spin)
     c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)
-    bounded = c * c * square
-    factor = 1 / (1 + bounded + 2 * c * along)
-    kept = cp.scale((1 - bounded) * factor, spin)
-    return cp.add(kept, cp.scale(2 * c * (1 + c * along) * factor, field))
+    new = cp.add(cp.scale(1 - c * c * square, spin), cp.scale(2 * c * (1 + c * along), field))
+    length = cp.dot(new, new)
+    rests = length == 0  # opposite to the field to the last digit, after a damping as strong as the digits reach
+    size = 1 / jnp.sqrt(jnp.where(rests, jnp.ones_like(length), length))
+    return cp.add(cp.scale(size, new), cp.scale(rests.astype(length.dtype), spin))
 
 
 def _tanh_ratio(square: Array) -> Array:

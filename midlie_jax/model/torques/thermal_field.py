@@ -23,7 +23,8 @@ class ThermalField(Langevin):
     A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "SUBLATTICES[BAOAB]". The
     damping acts in the flights; the stage turns each spin about a random axis, as Brownian motion on the sphere with
     the diffusion constant D = kT g alpha does: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
-    exp(-H/kT) is approached with an error of second order in the step (weak order 2).
+    exp(-H/kT) is approached with an error of second order in the step (weak order 2). A stage may take D h up to 1, of
+    the step or the part of it that is its own; beyond, the spins are NaN and `ok` is False.
 
     The random numbers depend on the key, on the index of the step and of the stage, and on the place of the spin in the
     lattice; on nothing else.
@@ -96,10 +97,10 @@ class BathOfSpins(NamedTuple):
         """The spins after the time h at the time t, in stage `stage` of the step.
 
         Each is turned by three normal numbers of variance 2 D h (1 - D h / 6): so the mean of every spherical harmonic
-        of the spin is that of Brownian motion up to h^3.
+        of the spin is that of Brownian motion up to h^3. For D h > 1, where this says nothing, the spins are NaN.
         """
         spread = self.mobility * h * self.root(t) ** 2
-        size = root_of(2 * spread * jnp.maximum(1 - spread / 6, 0))
+        size = root_of(2 * spread * jnp.where(spread <= 1, 1 - spread / 6, jnp.nan))
 
         def one(member: Array, spin: cp.Vector) -> cp.Vector:
             assert self.step is not None
