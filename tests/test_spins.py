@@ -335,6 +335,51 @@ def test_a_batch_is_what_each_alone_is():
         assert np.allclose(many.states.spin[i], end(start)[-1], rtol=0, atol=1e-14)
 
 
+PAIR = np.array([1.0, 2.0])
+
+
+FIVE = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("lattice", "torque", "last"),
+    [
+        ((4, 4), ml.torques.Exchange(PAIR), ml.torques.Exchange(PAIR)),
+        ((4, 4), *[ml.torques.Exchange(1.0, periodic=(True, False)) + ml.torques.AppliedField([0.0, 0.0, 1.0])] * 2),
+        ((4, 4), *[ml.torques.DzyaloshinskiiMoriya(VECTORS)] * 2),
+        ((4, 4), ml.torques.Exchange(np.outer(FIVE, PAIR)), ml.torques.Exchange(5 * PAIR)),
+        ((4,), ml.torques.Exchange(FIVE), ml.torques.Exchange(5.0)),
+        ((), ml.torques.Anisotropy(FIVE), ml.torques.Anisotropy(5.0)),
+    ],
+    ids=["coupling", "periodic", "vectors", "rows of couplings", "rows", "single spins"],
+)
+def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, last):
+    spin, few = jnp.asarray(random_spins((5, *lattice))), {"dt": 0.1, "steps": 2, "save_every": 2}
+    found = ml.ensemble("SUBLATTICES[EA]", ml.Spins(), torque, ml.SpinState(spin), **few)
+    alone = ml.integrate("SUBLATTICES[EA]", ml.Spins(), last, ml.SpinState(spin[-1]), **few)
+    assert np.abs(found.states.spin[-1] - alone.states.spin).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("shape", "torque", "message"),
+    [
+        ((6, 4), ml.torques.Exchange(PAIR), r"coupling must be \(\) or \(1,\)"),
+        ((6, 4), ml.torques.Exchange(1.0, periodic=(True, False)), "periodic has 2 entries.*1 axes"),
+        ((6, 4, 2), ml.torques.Exchange(1.0, periodic=(True,)), "periodic has 1 entries.*2 axes"),
+        ((6, 4), ml.torques.DzyaloshinskiiMoriya(VECTORS), r"vectors must be \(1, 3\)"),
+        ((4,), ml.torques.Exchange(1.0), "needs a lattice"),
+        ((), ml.torques.AppliedField([0.0, 0.0, 1.0]), r"start.spin must be \(n, ..., 3\)"),
+    ],
+    ids=["coupling", "periodic", "closed", "vectors", "single spins", "one spin"],
+)
+@pytest.mark.parametrize("driver", [ml.ensemble, ml.simulate])
+def test_an_ensemble_refuses_a_field_of_another_lattice(driver, shape, torque, message, tmp_path):
+    place = {"out": tmp_path / "run.npz"} if driver is ml.simulate else {}
+    start = ml.SpinState(jnp.asarray(random_spins(shape)))
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        driver("SUBLATTICES[EA]", ml.Spins(), torque, start, dt=0.1, steps=2, **place)
+
+
 @pytest.mark.sample(0)
 def test_a_function_may_hold_a_number_that_is_not_known_yet():
     start = ml.SpinState(jnp.asarray(random_spins((4,))))

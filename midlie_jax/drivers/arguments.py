@@ -1,5 +1,6 @@
 """Checks of the arguments that all drivers share; they run before anything is traced."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -30,20 +31,31 @@ def as_method(method: Any) -> Method:
 
 
 def check_system(
-    method: Method, body: Any, torque: Any, start: Any, *, batch: int = 0, bath: str | None = None
+    method: Method,
+    body: Any,
+    torque: Any,
+    start: Any,
+    *,
+    batch: int = 0,
+    bath: str | None = None,
+    of_one: Callable[[], tuple[Torque, Any]] | None = None,
 ) -> Method:
     """Raises unless method, body, torque and start fit each other.
 
     Args:
         batch: number of leading axes of the state; the body has as many leading axes, or none.
         bath: why no heat bath is possible here, for a message; None where one is.
+        of_one: for a batch, returns the torque on the first body and its state. It is called for kinds of state whose
+            number of axes is not fixed, such as spins on a lattice: in these an axis of the batch would count as one of
+            the lattice.
 
     Returns:
         The method, fitted to the body.
     """
     once(_check_structure, method, body, torque, start, batch, bath)
     if isinstance(torque, Torque):
-        torque.check(start)
+        torque_of_one, one = (torque, start) if start.own_axes or of_one is None else of_one()
+        torque_of_one.check(one)
     for name, value in (("body", body), ("start", start), ("torque", torque)):
         for leaf in jax.tree.leaves(value):
             if eqx.is_inexact_array(leaf) or isinstance(leaf, np.floating):

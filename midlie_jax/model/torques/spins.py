@@ -55,22 +55,30 @@ class SpinField(Torque):
         """The energy of each spin or bond, whose sum over all axes is H."""
 
     def __call__(self, t: Time, state: Any) -> Array:
+        self.check(state)
         spin = components_of(self, state)
         return cp.pack(tuple(jnp.broadcast_to(b, x.shape) for b, x in zip(self.field(t, spin), spin, strict=True)))
 
     def potential(self, t: Time, state: Any) -> Array:
         """The energy H, ()."""
+        self.check(state)
         return jnp.sum(self.energy(t, components_of(self, state)))
 
     def check(self, state: Any) -> None:
-        components_of(self, state)
+        lattice_of(self, state)
 
 
 def components_of(torque: Torque, state: Any) -> cp.Vector:
     """The components of the spins, each (*lattice); a ValueError for a state without spins."""
+    lattice_of(torque, state)
+    return cp.vector(state.spin)
+
+
+def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
+    """The shape of the lattice; a ValueError for a state without spins."""
     if not hasattr(state, "spin"):
         raise ValueError(f"{type(torque).__name__} acts on spins, but the state is a {type(state).__name__}.")
-    return cp.vector(state.spin)
+    return state.spin.shape[:-1]
 
 
 class AppliedField(SpinField):
