@@ -472,10 +472,30 @@ REFUSED = {
         lambda: go(ml.torques.CubicAnisotropy(1.0), CHAIN, ml.Spins(0.1)),
         "no closed form.*spherical midpoint",
     ),
+    "own class": (lambda: go(SumOfSquares(), CHAIN), "depends on spins of sublattice 0.*spherical midpoint"),
+    "own class in a sum": (lambda: go(NEAR + SumOfSquares(), CHAIN), "depends on spins of sublattice 0"),
+    "own class on two": (lambda: go(Before(), CHAIN), r"depends on spins of sublattice 0.*Spins\(sublattices"),
+    "damped quartic": (
+        lambda: go(Quartic(jnp.array(0.5)), CHAIN, ml.Spins(0.1)),
+        "damped spin under Quartic has no closed form.*spherical midpoint",
+    ),
+    "friction": (
+        lambda: go(ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.Damping(5.0), CHAIN),
+        r"Damping reads the angular velocity.*midlie_jax.Spins\(damping=...\)",
+    ),
+    "frictions": (
+        lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(), ml.torques.Damping(5.0), CHAIN, dt=0.1, steps=2),
+        r"midlie_jax.Spins\(damping=...\)",
+    ),
     "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "takes gradients of forces"),
     "method": (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
     "body": (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
     "bath": (lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
+    "which bath": (
+        lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="spherical midpoint"),
+        r"heat bath, ThermalField.*no stage for it.*such as SUBLATTICES\[BAOAB\]\.",
+    ),
+    "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"add midlie_jax.torques.ThermalField\(kT, key\)"),
     "undamped bath": (
         lambda: go(ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
         "needs a damping",
@@ -513,6 +533,52 @@ REFUSED = {
     "a torque of bodies": (lambda: go(ml.torques.HeavyTop(1.0), CHAIN), "no body frame.*give a field.*AppliedField"),
     "no lattice": (lambda: go(NEAR, ml.SpinState([0.0, 0.0, 1.0])), "needs a lattice"),
 }
+
+
+class SumOfSquares(ml.torques.SpinField):
+    """A field of the user's own that reads the spin on which it acts: H = -x^2 y^2."""
+
+    def field(self, t, spin):
+        x, y, _ = spin
+        return 2 * x * y * y, 2 * x * x * y, 0 * x
+
+    def energy(self, t, spin):
+        return -((spin[0] * spin[1]) ** 2)
+
+
+class Before(ml.torques.SpinField):
+    """A field of the user's own from the place before, which has the same parameters for all spins."""
+
+    def field(self, t, spin):
+        return tuple(jnp.roll(x, 1, -1) for x in spin)
+
+    def energy(self, t, spin):
+        return 0 * spin[0]
+
+
+class Quartic(ml.torques.OwnField):
+    """H = -K sum (S . z)^4."""
+
+    strength: jax.Array
+
+    def axes(self):
+        return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0])),)
+
+    def along(self, component):
+        return 4 * self.strength * component**3
+
+    def energy(self, t, spin):
+        return -self.strength * spin[2] ** 4
+
+
+def test_a_field_of_ones_own_that_reads_neighbours_acts_as_the_same_function_does():
+    def function(t, state):
+        return jnp.roll(state.spin, 1, 0)
+
+    halves = ml.Spins(sublattices=ml.checkerboard((6,)))
+    for body, field, same in ((halves, Before(), function), (None, Before() + NEAR, ml.torques.Sum(function, NEAR))):
+        found, true = go(field, CHAIN, body), go(same, CHAIN, body)
+        assert np.abs(found.states.spin - true.states.spin).max() < 1e-14
 
 
 def go(torque, start, body=None, name="SUBLATTICES[EA]"):
