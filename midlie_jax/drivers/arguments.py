@@ -17,7 +17,8 @@ from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
 from ..model.orbits.base import orbits_in
-from ..model.torques import Torque, baths_in, without_bath
+from ..model.spins import Spins
+from ..model.torques import ThermalField, Torque, baths_in, without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -114,14 +115,17 @@ def check_bath(method: Method | None, torque: Any, refused: str | None = None) -
     if method is None:
         return
     if bath is not None and not random:
+        of_spins = isinstance(bath, ThermalField)
+        one = "SUBLATTICES[BAOAB]" if of_spins else "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
         raise ValueError(
-            f"the torque has a heat bath, Langevin, but method {method.name!r} has no stage for it; take a scheme with "
-            "one, such as JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments."
+            f"the torque has a heat bath, {type(bath).__name__}, but method {method.name!r} has no stage for it; take "
+            f"a scheme with one, such as {one}."
         )
     if bath is None and random:
+        made = "ThermalField(kT, key)" if issubclass(method.bodies, Spins) else "Langevin(kT, friction, key)"
         raise ValueError(
             f"method {method.name!r} has a stage for a heat bath, but the torque has none; add "
-            "midlie_jax.torques.Langevin(kT, friction, key), or take a scheme without the stage, such as EA."
+            f"midlie_jax.torques.{made}, or take a scheme without the stage, such as EA."
         )
 
 

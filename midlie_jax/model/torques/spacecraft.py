@@ -23,7 +23,7 @@ from ..wrench import Wrench
 from .base import Torque
 from .fields import to_body_components
 from .reads_body import ReadsBody, ReadsVelocity
-from .travel import through_air, travelling
+from .travel import acts_on_one, through_air, travelling
 
 
 def _gain(name: str, value: Any) -> Array:
@@ -76,7 +76,7 @@ class PDControl(ReadsVelocity):
 
     Raises:
         ValueError: a target that is not a unit quaternion, or gains that are negative, not finite or of another shape.
-            When called: the state has no attitude.
+            When called: the state has no attitude, or is one of several coupled bodies.
 
     Examples:
         >>> control = ml.torques.PDControl(target=[1.0, 0.0, 0.0, 0.0], proportional=2.0, derivative=3.0)
@@ -98,6 +98,8 @@ class PDControl(ReadsVelocity):
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
+        if state.several:
+            raise acts_on_one(self)
         error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
         factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
         return -self.proportional * (factor * error[..., 1:]) - self.derivative * body.velocity(state.momentum)

@@ -30,16 +30,22 @@ _E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the one direction of the body tha
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
     """State and body, if both travel; a ValueError otherwise. The body is None where it is not read."""
     if state.several:
-        raise ValueError(
-            f"{type(torque).__name__} acts on one body; for the same on each of several coupled bodies write "
-            f"midlie_jax.torques.OnEach({type(torque).__name__}(...))."
-        )
+        raise acts_on_one(torque)
     if not isinstance(state, TravellingState) or not isinstance(body, FreeBody | None):
         raise ValueError(
             f"{type(torque).__name__} acts on a body that travels, but the state is a {type(state).__name__}; use a "
             "FreeState and a FreeBody."
         )
     return state, body
+
+
+def acts_on_one(torque: Any) -> ValueError:
+    """The error where a torque of one body gets a state of coupled bodies."""
+    kind = type(torque).__name__
+    return ValueError(
+        f"{kind} acts on one body; for the same on each of several coupled bodies write "
+        f"midlie_jax.torques.OnEach({kind}(...))."
+    )
 
 
 class _Gravity(ReadsBody):
