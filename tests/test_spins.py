@@ -592,6 +592,18 @@ def test_what_is_refused(case):
         call()
 
 
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("name", ["SUBLATTICES[EA]", "spherical midpoint", "SUBLATTICES[SRKN6b]", "RK4"])
+@pytest.mark.parametrize("near", [False, True])
+def test_python_numbers_run_in_float32(name, near):
+    t = ml.torques
+    own = t.CubicAnisotropy(0.2) + t.Anisotropy(0.3) + t.Anisotropy(0.3, [0, 0.6, 0.8])
+    start = ml.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
+    path = go(own + NEAR if near else own, start, name=name)
+    assert path.ok
+    assert path.states.spin.dtype == jnp.float32
+
+
 def test_a_turn_beyond_the_longest_shows_in_ok():
     path = go(ml.torques.AppliedField([0.0, 0.0, 100.0]), CHAIN)
     assert not path.ok

@@ -26,7 +26,7 @@ from ...model.state import AnyState
 from ...model.states import SpinState
 from ...model.torques import kept_terms, on_body, terms_of, without_bath
 from ...model.torques.neighbours import NeighbourField
-from ...model.torques.spins import Anisotropy, AppliedField, OwnField, SpinField
+from ...model.torques.spins import Anisotropy, AppliedField, OwnField, SpinField, in_dtype_of
 from ...model.torques.thermal_field import ThermalField
 from ..base import Method
 from ..scheme import Scheme
@@ -273,6 +273,7 @@ def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: An
 
 
 def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vector) -> cp.Vector:
+    axis = in_dtype_of(spin, axis)
     if spins.damping is not None:
         assert term.linear is not None
         return turned_by_own(spin, axis, term.linear * spins.rate, time, spins.damping)

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_weak, is_unit, require, require_finite
 from ..._math import components as cp
 from ..state import Time
 from .base import Torque
@@ -79,6 +79,12 @@ def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
     if not hasattr(state, "spin"):
         raise ValueError(f"{type(torque).__name__} acts on spins, but the state is a {type(state).__name__}.")
     return state.spin.shape[:-1]
+
+
+def in_dtype_of(spin: cp.Vector, axis: Any) -> cp.Vector:
+    """The components of an axis in the dtype of those of the spins."""
+    x, y, z = (jnp.asarray(a, spin[0].dtype) for a in axis)
+    return x, y, z
 
 
 class AppliedField(SpinField):
@@ -160,6 +166,7 @@ class OwnField(SpinField):
         del t
         total = cp.scale(0, spin)
         for axis in self.axes():
+            axis = in_dtype_of(spin, axis)
             total = cp.add(total, cp.scale(self.along(cp.dot(axis, spin)), axis))
         return total
 
@@ -190,11 +197,12 @@ class Anisotropy(OwnField):
     def __init__(self, strength: Any, axis: Any = (0.0, 0.0, 1.0)):
         self.strength = as_floats("strength", strength)
         require_finite("strength", self.strength)
-        axis = np.asarray(axis, float) if isinstance(axis, tuple | list) else axis
-        self.axis = as_floats("axis", axis, (3,)).astype(self.strength.dtype)
-        if self.axis.ndim != 1:
-            raise ValueError(f"axis must have shape (3,), got {self.axis.shape}.")
-        require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
+        axis = as_floats("axis", np.asarray(axis, float) if isinstance(axis, tuple | list) else axis, (3,))
+        if axis.ndim != 1:
+            raise ValueError(f"axis must have shape (3,), got {axis.shape}.")
+        require("axis", axis, is_unit, "must be a unit vector", "divide it by its norm.")
+        weak = self.strength.weak_type and not cp.is_traced(axis)
+        self.axis = as_weak(axis) if weak else axis.astype(self.strength.dtype)
 
     def axes(self) -> tuple[Any, ...]:
         return (cp.vector(self.axis),)

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_function_of_time, as_weak, is_unit, require, require_finite
 from ..._math import components as cp
 from ..free_body import FreeBody
 from ..rotor import Rotor
@@ -217,8 +217,7 @@ class Oblateness(_Gravity):
         for name, value in (("mu", self.mu), ("radius", self.radius)):
             require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
         require_finite("j2", self.j2)
-        z = jnp.array([0.0, 0.0, 1.0], self.mu.dtype)
-        self.pole = z if pole is None else as_floats("pole", pole, (3,))
+        self.pole = as_weak(_E3) if pole is None else as_floats("pole", pole, (3,))
         require("pole", self.pole, is_unit, "must be a unit vector", "divide it by its norm.")
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
