@@ -451,6 +451,7 @@ def test_a_method_has_a_name_or_two():
 
 NEAR = ml.torques.Exchange(1.0)
 CHAIN = ml.SpinState(jnp.asarray(random_spins((6,))))
+TWO = {"dt": 0.1, "steps": 2}
 REFUSED = {
     "not unit": (lambda: ml.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
     "damping": (lambda: ml.Spins(-0.1), "damping must be finite and not negative"),
@@ -496,6 +497,33 @@ REFUSED = {
         r"heat bath, ThermalField.*no stage for it.*such as SUBLATTICES\[BAOAB\]\.",
     ),
     "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"add midlie_jax.torques.ThermalField\(kT, key\)"),
+    **{
+        f"shape of {name}": (lambda body=body, torque=torque: go(torque, CHAIN, body), message)
+        for name, body, torque, message in (
+            ("strength", None, ml.torques.Anisotropy(np.ones(3)), r"strength must be \(\).* or \(6,\).*got \(3,\)"),
+            ("strengths", None, ml.torques.CubicAnisotropy(np.ones((2, 6))), r"strength must be .*got \(2, 6\)"),
+            ("damping", ml.Spins(np.ones(3)), NEAR, r"damping must be \(\).* or \(6,\).*got \(3,\)"),
+            ("ratio", ml.Spins(gyromagnetic=np.ones((2, 6))), NEAR, r"gyromagnetic must be .*got \(2, 6\)"),
+            ("field", None, ml.torques.AppliedField(np.ones((5, 3))), r"value must be \(3,\).* or \(6, 3\).*\(5, 3\)"),
+        )
+    },
+    "dampings": (
+        lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(np.ones(6)), NEAR, ml.SpinState(random_spins((6, 4))), **TWO),
+        r"damping must be \(\).* or \(4,\)",
+    ),
+    "no spins": (lambda: go(NEAR, ml.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold one spin at least"),
+    "energy of a strength": (
+        lambda: ml.energy(ml.Spins(), ml.torques.Anisotropy(np.ones(3)), CHAIN),
+        "strength must be",
+    ),
+    "energy of couplings": (
+        lambda: ml.energy(ml.Spins(), ml.torques.Exchange([1.0, 2.0, 3.0]), CHAIN),
+        r"coupling must be \(\) or \(1,\)",
+    ),
+    "energy of vectors": (
+        lambda: ml.torques.DzyaloshinskiiMoriya(VECTORS).potential(0.0, CHAIN),
+        r"vectors must be \(1, 3\)",
+    ),
     "undamped bath": (
         lambda: go(ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
         "needs a damping",

@@ -59,7 +59,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
         if isinstance(body, Particles):
             check_fits(body.mass, f"{name}.position", state.momentum.shape[batch:])
         if isinstance(body, Spins):
-            _check_spins(name, state.momentum.shape, batch)
+            _check_spins(name, body, state.momentum.shape, batch)
         return
     if state.several:
         _check_several(name, body, state, batch)
@@ -81,12 +81,13 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
             raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")
 
 
-def _check_spins(name: str, shape: tuple[int, ...], batch: int) -> None:
-    """Raises unless the spins have the axes of the batch."""
+def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) -> None:
+    """Raises unless the spins have the axes of the batch, and those of a lattice that the constants fit."""
     if len(shape) <= batch:
         raise ValueError(
             f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."
         )
+    spins.check_lattice(shape[batch:-1])
 
 
 def _check_several(name: str, body: Any, state: Any, batch: int) -> None:

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, as_weak, is_unit, require, require_finite
 from ..._math import components as cp
+from ..spins import require_lattice
 from ..state import Time
 from .base import Torque
 
@@ -26,7 +27,7 @@ class SpinField(Torque):
     A field of your own is a subclass with `field` and `energy`, which work on components.
 
     Raises:
-        ValueError: when called, the state is one without spins.
+        ValueError: when called, the state is one without spins, or its lattice does not fit the parameters.
 
     Examples:
         >>> class Gradient(ml.torques.SpinField):  # of your own: along z, stronger from place to place of a chain
@@ -117,6 +118,11 @@ class AppliedField(SpinField):
     def is_uniform(self, t: Time) -> bool:
         return len(jax.eval_shape(self.value, t).shape if callable(self.value) else self.value.shape) == 1
 
+    def check(self, state: Any) -> None:
+        super().check(state)
+        if not callable(self.value):
+            require_lattice("value", self.value, lattice_of(self, state), (3,))
+
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
         field = self.value(t) if callable(self.value) else self.value
         return cp.vector(jnp.asarray(field, spin[0].dtype))
@@ -204,6 +210,9 @@ class Anisotropy(OwnField):
         weak = self.strength.weak_type and not cp.is_traced(axis)
         self.axis = as_weak(axis) if weak else axis.astype(self.strength.dtype)
 
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
+
     def axes(self) -> tuple[Any, ...]:
         return (cp.vector(self.axis),)
 
@@ -240,6 +249,9 @@ class CubicAnisotropy(OwnField):
     def __init__(self, strength: Any):
         self.strength = as_floats("strength", strength)
         require_finite("strength", self.strength)
+
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
 
     def axes(self) -> tuple[Any, ...]:
         return tuple(cp.vector(row) for row in jnp.eye(3, dtype=self.strength.dtype))
