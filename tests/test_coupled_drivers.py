@@ -210,6 +210,10 @@ REFUSED = {
     "projection": (lambda b, t, s: step(b.body, None, rigid(s), "PGBS8"), "moves one body"),
     "implicit": (lambda b, t, s: step(b.body, None, rigid(s), "AKW"), "moves one body"),
     "recommend": (lambda b, t, s: ml.recommend(b, t, s, tolerance=1e-3, duration=1.0, length=1.0), "is for one body"),
+    "control": (
+        lambda b, t, s: step(b, ml.torques.PDControl([1.0, 0.0, 0.0, 0.0], 1.0, 1.0), s),
+        r"PDControl acts on one body.*OnEach\(PDControl",
+    ),
     "one on one": (lambda b, t, s: step(first(b), ml.torques.OnEach(POINT), s.of_body(0)), "leave OnEach out"),
     "shapes": (lambda b, t, s: ml.CoupledState(*(x[0] for x in jax.tree.leaves(s))), r"\(..., N, 3\) for N bodies"),
     "counts": (lambda b, t, s: ml.CoupledState(s.momentum, s.attitude, s.linear[:1], s.position), "have"),

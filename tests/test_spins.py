@@ -335,6 +335,51 @@ def test_a_batch_is_what_each_alone_is():
         assert np.allclose(many.states.spin[i], end(start)[-1], rtol=0, atol=1e-14)
 
 
+PAIR = np.array([1.0, 2.0])
+
+
+FIVE = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("lattice", "torque", "last"),
+    [
+        ((4, 4), ml.torques.Exchange(PAIR), ml.torques.Exchange(PAIR)),
+        ((4, 4), *[ml.torques.Exchange(1.0, periodic=(True, False)) + ml.torques.AppliedField([0.0, 0.0, 1.0])] * 2),
+        ((4, 4), *[ml.torques.DzyaloshinskiiMoriya(VECTORS)] * 2),
+        ((4, 4), ml.torques.Exchange(np.outer(FIVE, PAIR)), ml.torques.Exchange(5 * PAIR)),
+        ((4,), ml.torques.Exchange(FIVE), ml.torques.Exchange(5.0)),
+        ((), ml.torques.Anisotropy(FIVE), ml.torques.Anisotropy(5.0)),
+    ],
+    ids=["coupling", "periodic", "vectors", "rows of couplings", "rows", "single spins"],
+)
+def test_in_an_ensemble_a_field_has_the_axes_of_one_lattice(lattice, torque, last):
+    spin, few = jnp.asarray(random_spins((5, *lattice))), {"dt": 0.1, "steps": 2, "save_every": 2}
+    found = ml.ensemble("SUBLATTICES[EA]", ml.Spins(), torque, ml.SpinState(spin), **few)
+    alone = ml.integrate("SUBLATTICES[EA]", ml.Spins(), last, ml.SpinState(spin[-1]), **few)
+    assert np.abs(found.states.spin[-1] - alone.states.spin).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("shape", "torque", "message"),
+    [
+        ((6, 4), ml.torques.Exchange(PAIR), r"coupling must be \(\) or \(1,\)"),
+        ((6, 4), ml.torques.Exchange(1.0, periodic=(True, False)), "periodic has 2 entries.*1 axes"),
+        ((6, 4, 2), ml.torques.Exchange(1.0, periodic=(True,)), "periodic has 1 entries.*2 axes"),
+        ((6, 4), ml.torques.DzyaloshinskiiMoriya(VECTORS), r"vectors must be \(1, 3\)"),
+        ((4,), ml.torques.Exchange(1.0), "needs a lattice"),
+        ((), ml.torques.AppliedField([0.0, 0.0, 1.0]), r"start.spin must be \(n, ..., 3\)"),
+    ],
+    ids=["coupling", "periodic", "closed", "vectors", "single spins", "one spin"],
+)
+@pytest.mark.parametrize("driver", [ml.ensemble, ml.simulate])
+def test_an_ensemble_refuses_a_field_of_another_lattice(driver, shape, torque, message, tmp_path):
+    place = {"out": tmp_path / "run.npz"} if driver is ml.simulate else {}
+    start = ml.SpinState(jnp.asarray(random_spins(shape)))
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        driver("SUBLATTICES[EA]", ml.Spins(), torque, start, dt=0.1, steps=2, **place)
+
+
 @pytest.mark.sample(0)
 def test_a_function_may_hold_a_number_that_is_not_known_yet():
     start = ml.SpinState(jnp.asarray(random_spins((4,))))
@@ -406,6 +451,7 @@ def test_a_method_has_a_name_or_two():
 
 NEAR = ml.torques.Exchange(1.0)
 CHAIN = ml.SpinState(jnp.asarray(random_spins((6,))))
+TWO = {"dt": 0.1, "steps": 2}
 REFUSED = {
     "not unit": (lambda: ml.SpinState([[1.0, 1.0, 0.0]]), "spin must be unit vectors.*divide it by its norm"),
     "damping": (lambda: ml.Spins(-0.1), "damping must be finite and not negative"),
@@ -427,10 +473,57 @@ REFUSED = {
         lambda: go(ml.torques.CubicAnisotropy(1.0), CHAIN, ml.Spins(0.1)),
         "no closed form.*spherical midpoint",
     ),
+    "own class": (lambda: go(SumOfSquares(), CHAIN), "depends on spins of sublattice 0.*spherical midpoint"),
+    "own class in a sum": (lambda: go(NEAR + SumOfSquares(), CHAIN), "depends on spins of sublattice 0"),
+    "own class on two": (lambda: go(Before(), CHAIN), r"depends on spins of sublattice 0.*Spins\(sublattices"),
+    "damped quartic": (
+        lambda: go(Quartic(jnp.array(0.5)), CHAIN, ml.Spins(0.1)),
+        "damped spin under Quartic has no closed form.*spherical midpoint",
+    ),
+    "friction": (
+        lambda: go(ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.Damping(5.0), CHAIN),
+        r"Damping reads the angular velocity.*midlie_jax.Spins\(damping=...\)",
+    ),
+    "frictions": (
+        lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(), ml.torques.Damping(5.0), CHAIN, dt=0.1, steps=2),
+        r"midlie_jax.Spins\(damping=...\)",
+    ),
     "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "takes gradients of forces"),
     "method": (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
     "body": (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
     "bath": (lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
+    "which bath": (
+        lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="spherical midpoint"),
+        r"heat bath, ThermalField.*no stage for it.*such as SUBLATTICES\[BAOAB\]\.",
+    ),
+    "no bath": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[BAOAB]"), r"add midlie_jax.torques.ThermalField\(kT, key\)"),
+    **{
+        f"shape of {name}": (lambda body=body, torque=torque: go(torque, CHAIN, body), message)
+        for name, body, torque, message in (
+            ("strength", None, ml.torques.Anisotropy(np.ones(3)), r"strength must be \(\).* or \(6,\).*got \(3,\)"),
+            ("strengths", None, ml.torques.CubicAnisotropy(np.ones((2, 6))), r"strength must be .*got \(2, 6\)"),
+            ("damping", ml.Spins(np.ones(3)), NEAR, r"damping must be \(\).* or \(6,\).*got \(3,\)"),
+            ("ratio", ml.Spins(gyromagnetic=np.ones((2, 6))), NEAR, r"gyromagnetic must be .*got \(2, 6\)"),
+            ("field", None, ml.torques.AppliedField(np.ones((5, 3))), r"value must be \(3,\).* or \(6, 3\).*\(5, 3\)"),
+        )
+    },
+    "dampings": (
+        lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(np.ones(6)), NEAR, ml.SpinState(random_spins((6, 4))), **TWO),
+        r"damping must be \(\).* or \(4,\)",
+    ),
+    "no spins": (lambda: go(NEAR, ml.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold one spin at least"),
+    "energy of a strength": (
+        lambda: ml.energy(ml.Spins(), ml.torques.Anisotropy(np.ones(3)), CHAIN),
+        "strength must be",
+    ),
+    "energy of couplings": (
+        lambda: ml.energy(ml.Spins(), ml.torques.Exchange([1.0, 2.0, 3.0]), CHAIN),
+        r"coupling must be \(\) or \(1,\)",
+    ),
+    "energy of vectors": (
+        lambda: ml.torques.DzyaloshinskiiMoriya(VECTORS).potential(0.0, CHAIN),
+        r"vectors must be \(1, 3\)",
+    ),
     "undamped bath": (
         lambda: go(ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN, name="SUBLATTICES[BAOAB]"),
         "needs a damping",
@@ -470,6 +563,52 @@ REFUSED = {
 }
 
 
+class SumOfSquares(ml.torques.SpinField):
+    """A field of the user's own that reads the spin on which it acts: H = -x^2 y^2."""
+
+    def field(self, t, spin):
+        x, y, _ = spin
+        return 2 * x * y * y, 2 * x * x * y, 0 * x
+
+    def energy(self, t, spin):
+        return -((spin[0] * spin[1]) ** 2)
+
+
+class Before(ml.torques.SpinField):
+    """A field of the user's own from the place before, which has the same parameters for all spins."""
+
+    def field(self, t, spin):
+        return tuple(jnp.roll(x, 1, -1) for x in spin)
+
+    def energy(self, t, spin):
+        return 0 * spin[0]
+
+
+class Quartic(ml.torques.OwnField):
+    """H = -K sum (S . z)^4."""
+
+    strength: jax.Array
+
+    def axes(self):
+        return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0])),)
+
+    def along(self, component):
+        return 4 * self.strength * component**3
+
+    def energy(self, t, spin):
+        return -self.strength * spin[2] ** 4
+
+
+def test_a_field_of_ones_own_that_reads_neighbours_acts_as_the_same_function_does():
+    def function(t, state):
+        return jnp.roll(state.spin, 1, 0)
+
+    halves = ml.Spins(sublattices=ml.checkerboard((6,)))
+    for body, field, same in ((halves, Before(), function), (None, Before() + NEAR, ml.torques.Sum(function, NEAR))):
+        found, true = go(field, CHAIN, body), go(same, CHAIN, body)
+        assert np.abs(found.states.spin - true.states.spin).max() < 1e-14
+
+
 def go(torque, start, body=None, name="SUBLATTICES[EA]"):
     return ml.integrate(name, body or ml.Spins(), torque, start, dt=0.1, steps=2)
 
@@ -479,6 +618,18 @@ def test_what_is_refused(case):
     call, message = REFUSED[case]
     with pytest.raises(ValueError, match=f"(?s){message}"):
         call()
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("name", ["SUBLATTICES[EA]", "spherical midpoint", "SUBLATTICES[SRKN6b]", "RK4"])
+@pytest.mark.parametrize("near", [False, True])
+def test_python_numbers_run_in_float32(name, near):
+    t = ml.torques
+    own = t.CubicAnisotropy(0.2) + t.Anisotropy(0.3) + t.Anisotropy(0.3, [0, 0.6, 0.8])
+    start = ml.SpinState(jnp.asarray(random_spins((6,), dtype="float32")))
+    path = go(own + NEAR if near else own, start, name=name)
+    assert path.ok
+    assert path.states.spin.dtype == jnp.float32
 
 
 def test_a_turn_beyond_the_longest_shows_in_ok():

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
+from midlie_jax._checks.arguments import same_dtype
 from midlie_jax.methods.splitting import Splitting
 from midlie_jax.methods.system import System
 from midlie_jax.model import orbits, so3, torques
@@ -211,3 +212,56 @@ def test_an_orbit_into_the_centre_is_a_flag():
 
     assert jax.jit(ok)(10 * ALONG)  # a hyperbola
     assert not jax.jit(ok)(PLACE)
+
+
+UP, THERE, HERE = (np.asarray(x, np.float32) for x in ([1.0, 0.0, 0.0, 0.0], [3.0, 1.0, 0.0], [0.1, 0.2, 0.3]))
+TURNING = ml.RigidBody(np.asarray([1.0, 2.0, 2.5], np.float32))
+TRAVELLING = ml.FreeBody(TURNING, 2.0)
+TURNED, TRAVELS = ml.RigidState(HERE, UP), ml.FreeState(HERE, UP, HERE, THERE)
+TWO = ml.CoupledState(*(np.stack(pair) for pair in ((HERE, HERE), (UP, UP), (HERE, HERE), (HERE, THERE))))
+SPINS = ml.SpinState(np.eye(3, dtype=np.float32))
+TETRAHEDRON = ml.Surface(
+    np.asarray([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float32),
+    [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]],
+)
+OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain form, are float32
+    "HeavyTop": (torques.HeavyTop(2.0), TURNING, TURNED),
+    "Damping": (torques.Damping(0.5), TURNING, TURNED),
+    "PDControl": (torques.PDControl(UP, 2.0, 0.5), TURNING, TURNED),
+    "EddyCurrents": (torques.EddyCurrents(0.5, HERE), TURNING, TURNED),
+    "GravityGradient": (torques.GravityGradient(None, lambda t: THERE + 0 * t, 3.0), TURNING, TURNED),
+    "Langevin": (torques.Langevin(1.0, 0.5, jax.random.key(0)), TURNING, TURNED),
+    "PointMass": (torques.PointMass(3.0), TRAVELLING, TRAVELS),
+    "Oblateness": (torques.Oblateness(3.0, 2.0, 0.1), TRAVELLING, TRAVELS),
+    "Oblateness without gradient": (torques.Oblateness(3.0, 2.0, 0.1, gradient=False), TRAVELLING, TRAVELS),
+    "Magnus": (torques.Magnus(0.1), TRAVELLING, TRAVELS),
+    "Drag": (torques.Drag(HERE, 2.0, 0.1), TRAVELLING, TRAVELS),
+    "FreeMolecularDrag": (torques.FreeMolecularDrag(TETRAHEDRON, 0.1), TRAVELLING, TRAVELS),
+    "Sunlight": (torques.Sunlight(TETRAHEDRON, UP[:3], 1.0), TURNING, TURNED),
+    "MutualGravity": (torques.MutualGravity(1.0), TRAVELLING, TWO),
+    "Rod": (torques.Rod(1.0, THERE + 1, THERE + 1), TRAVELLING, TWO),
+    "Exchange": (torques.Exchange(1.0), ml.Spins(), SPINS),
+    "Anisotropy": (torques.Anisotropy(0.3), ml.Spins(), SPINS),
+    "Anisotropy about an axis": (torques.Anisotropy(0.3, [0, 0.6, 0.8]), ml.Spins(), SPINS),
+    "CubicAnisotropy": (torques.CubicAnisotropy(0.2), ml.Spins(), SPINS),
+    "ThermalField": (torques.ThermalField(0.2, jax.random.key(0)), ml.Spins(0.1), SPINS),
+}
+WITHOUT_NUMBERS = {  # made of functions, of torques or of vectors alone, and base classes
+    *("BodyTorque", "FromPotential", "Prescribed", "ReactionWheels", "VelocityDependent", "OnEach", "Sum"),
+    *("AppliedField", "DipoleInField", "DzyaloshinskiiMoriya", "Rotors", "Thrust", "UniformGravity"),
+    *("Torque", "SpinField", "OwnField"),
+}
+
+
+def test_every_torque_with_a_number_is_tried_with_python_numbers():
+    classes = {name: value for name, value in vars(torques).items() if isinstance(value, type)}
+    public = {name for name, value in classes.items() if issubclass(value, ml.torques.Torque)}
+    assert public == {name.split()[0] for name in OF_NUMBERS} | WITHOUT_NUMBERS
+
+
+@pytest.mark.parametrize("case", OF_NUMBERS)
+def test_python_numbers_keep_float32(case):
+    torque, body, state = OF_NUMBERS[case]
+    same_dtype("the state", state.momentum, torque=torque)
+    found = jax.eval_shape(lambda t, state: torque.on(body)(t, state), jnp.float32(0.0), state)
+    assert {leaf.dtype.name for leaf in jax.tree.leaves(found)} == {"float32"}

@@ -39,6 +39,12 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     return array
 
 
+def as_weak(vector: Any) -> Array:
+    """A vector of known numbers whose dtype gives way to that of a state, as the dtype of a Python number does."""
+    with jax.ensure_compile_time_eval():  # so that its numbers are known also where a program is traced
+        return jnp.stack([jnp.asarray(float(x)) for x in np.asarray(vector)])
+
+
 def is_key(value: Any) -> bool:
     """Whether the value is an array of typed keys of `jax.random`."""
     return isinstance(value, Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)

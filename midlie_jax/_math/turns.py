@@ -26,8 +26,8 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
 
         S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
 
-    The denominator is the length of the numerator. It is computed as that, because opposite to the field both are small,
-    and the rounding of a denominator of its own would change the length of the spin.
+    The denominator is the length of the numerator, and is computed as that: opposite to the field both are small, and
+    the rounding of a denominator of its own would change the length of the spin.
     """
     square, along = cp.dot(field, field), cp.dot(field, spin)
     c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)

@@ -1,5 +1,6 @@
 """Checks of the arguments that all drivers share; they run before anything is traced."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +17,8 @@ from ..methods.registry import method as find_method
 from ..model.bodies import principal_of
 from ..model.compatibility import body_named, check_batch, check_body, check_state, check_torque
 from ..model.orbits.base import orbits_in
-from ..model.torques import Torque, baths_in, without_bath
+from ..model.spins import Spins
+from ..model.torques import ThermalField, Torque, baths_in, without_bath
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -30,20 +32,31 @@ def as_method(method: Any) -> Method:
 
 
 def check_system(
-    method: Method, body: Any, torque: Any, start: Any, *, batch: int = 0, bath: str | None = None
+    method: Method,
+    body: Any,
+    torque: Any,
+    start: Any,
+    *,
+    batch: int = 0,
+    bath: str | None = None,
+    of_one: Callable[[], tuple[Torque, Any]] | None = None,
 ) -> Method:
     """Raises unless method, body, torque and start fit each other.
 
     Args:
         batch: number of leading axes of the state; the body has as many leading axes, or none.
         bath: why no heat bath is possible here, for a message; None where one is.
+        of_one: for a batch, returns the torque on the first body and its state. It is called for kinds of state whose
+            number of axes is not fixed, such as spins on a lattice: in these an axis of the batch would count as one of
+            the lattice.
 
     Returns:
         The method, fitted to the body.
     """
     once(_check_structure, method, body, torque, start, batch, bath)
     if isinstance(torque, Torque):
-        torque.check(start)
+        torque_of_one, one = (torque, start) if start.own_axes or of_one is None else of_one()
+        torque_of_one.check(one)
     for name, value in (("body", body), ("start", start), ("torque", torque)):
         for leaf in jax.tree.leaves(value):
             if eqx.is_inexact_array(leaf) or isinstance(leaf, np.floating):
@@ -102,14 +115,17 @@ def check_bath(method: Method | None, torque: Any, refused: str | None = None) -
     if method is None:
         return
     if bath is not None and not random:
+        of_spins = isinstance(bath, ThermalField)
+        one = "SUBLATTICES[BAOAB]" if of_spins else "JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments"
         raise ValueError(
-            f"the torque has a heat bath, Langevin, but method {method.name!r} has no stage for it; take a scheme with "
-            "one, such as JACOBI[BAOAB], or SYMMETRIC[BAOAB] for two equal moments."
+            f"the torque has a heat bath, {type(bath).__name__}, but method {method.name!r} has no stage for it; take "
+            f"a scheme with one, such as {one}."
         )
     if bath is None and random:
+        made = "ThermalField(kT, key)" if issubclass(method.bodies, Spins) else "Langevin(kT, friction, key)"
         raise ValueError(
             f"method {method.name!r} has a stage for a heat bath, but the torque has none; add "
-            "midlie_jax.torques.Langevin(kT, friction, key), or take a scheme without the stage, such as EA."
+            f"midlie_jax.torques.{made}, or take a scheme without the stage, such as EA."
         )
 
 

@@ -1,5 +1,6 @@
 """`ensemble`: the driver for many bodies: checks its arguments, and runs the bodies in chunks (`chunks.py`)."""
 
+from functools import partial
 from typing import Any, NamedTuple, overload
 
 import equinox as eqx
@@ -175,7 +176,8 @@ def as_batch(
     """
     once(check_state, "start", start)
     dtype, count = start.momentum.dtype, start.momentum.shape[0] if start.momentum.ndim else 0
-    method = check_system(as_method(method), body, torque, start, batch=1, bath=bath)
+    one = partial(_torque_and_state_of_one, body, torque, start, torque_axes)
+    method = check_system(as_method(method), body, torque, start, batch=1, bath=bath, of_one=one)
     if count == 0:
         raise ValueError(
             f"start holds no bodies: its momentum has shape {start.momentum.shape}; give it one row for each body."
@@ -190,13 +192,23 @@ def as_batch(
     return Batch(method, count, mapped, shared)
 
 
+def _torque_and_state_of_one(body: Any, torque: Any, start: Any, torque_axes: Any) -> tuple[Any, Any]:
+    """The torque on the first body, and its state."""
+    marks = once(_rows_of_torque, body, torque, start, torque_axes)
+    return jax.tree.map(lambda x, own: x[0] if own else x, torque, marks), jax.tree.map(lambda x: x[0], start)
+
+
+def _rows_of_torque(body: Any, torque: Any, start: Any, torque_axes: Any) -> Any:
+    return torque_rows(torque, torque_axes, body, bool(start.batch_of(body)), start, start.momentum.shape[0])
+
+
 def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
     """For each leaf of the arguments, whether it has one row for each body."""
     body, torque, start, dt, t0 = arguments
     own_body, count = bool(start.batch_of(body)), start.momentum.shape[0]
     rows = (
         jax.tree.map(lambda _: own_body, body),
-        torque_rows(torque, torque_axes, body, own_body, start, count),
+        _rows_of_torque(body, torque, start, torque_axes),
         jax.tree.map(lambda _: True, start),
         dt.ndim == 1,
         t0.ndim == 1,

@@ -11,6 +11,7 @@ from .._checks.arguments import described
 from .bodies import Particles, principal_of
 from .free_body import FreeBody
 from .masses import check_fits
+from .spins import Spins
 from .state import AnyState, State
 from .torques import Torque
 
@@ -57,6 +58,8 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     if not state.own_axes:
         if isinstance(body, Particles):
             check_fits(body.mass, f"{name}.position", state.momentum.shape[batch:])
+        if isinstance(body, Spins):
+            _check_spins(name, body, state.momentum.shape, batch)
         return
     if state.several:
         _check_several(name, body, state, batch)
@@ -76,6 +79,15 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
             raise ValueError(f"{argument} must be {wanted}, got {shape}; {cure}.")
+
+
+def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) -> None:
+    """Raises unless the spins have the axes of the batch, and those of a lattice that the constants fit."""
+    if len(shape) <= batch:
+        raise ValueError(
+            f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."
+        )
+    spins.check_lattice(shape[batch:-1])
 
 
 def _check_several(name: str, body: Any, state: Any, batch: int) -> None:

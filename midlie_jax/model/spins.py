@@ -32,7 +32,8 @@ class Spins(Body):
             on each other.
 
     Raises:
-        ValueError: a damping that is negative or not finite, or sublattices that are not whole numbers from 0 on.
+        ValueError: a damping that is negative or not finite, or sublattices that are not whole numbers from 0 on. When
+            a run begins: damping or gyromagnetic not in the shape of the lattice.
 
     Examples:
         >>> spins, field = ml.Spins(damping=0.1), ml.torques.AppliedField([0.0, 0.0, 1.0])
@@ -70,6 +71,11 @@ class Spins(Body):
         """g = gyromagnetic / (1 + alpha^2): a spin turns by g |B| h in the time h."""
         return self.gyromagnetic if self.damping is None else self.gyromagnetic / (1 + self.damping**2)
 
+    def check_lattice(self, lattice: tuple[int, ...]) -> None:
+        """Raises unless damping and gyromagnetic ratio are those of spins on a lattice of this shape."""
+        require_lattice("damping", self.damping, lattice)
+        require_lattice("gyromagnetic", self.gyromagnetic, lattice)
+
     def inertia(self) -> "Spins":
         """The spins themselves, whose energy is that of the field alone."""
         return self
@@ -96,6 +102,23 @@ class Spins(Body):
         if self.damping is not None:
             turn = cp.add(turn, cp.scale(self.damping, cp.cross(spin, turn)))
         return cp.scale(h * self.rate, turn)
+
+
+def require_lattice(name: str, value: Array | None, lattice: tuple[int, ...], own: tuple[int, ...] = ()) -> None:
+    """Raises unless a value is one for all spins of a lattice or one for each; axes of length 1 are repeated.
+
+    Args:
+        own: the last axes of the value, of one spin.
+    """
+    if value is None:
+        return
+    axes = value.shape[: value.ndim - len(own)]
+    fits = len(axes) <= len(lattice) and all(a in (1, n) for a, n in zip(axes[::-1], lattice[::-1], strict=False))
+    if not fits or value.shape[len(axes) :] != own:
+        one = f"{own}, one for all spins," if own else "(), one for all spins,"
+        raise ValueError(
+            f"{name} must be {one} or {(*lattice, *own)}, one for each on the lattice {lattice}, got {value.shape}."
+        )
 
 
 def _labels(sublattices: Any) -> tuple[Array, int]:

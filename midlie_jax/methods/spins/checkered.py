@@ -22,7 +22,7 @@ from ..._math import components as cp
 from ..._xla.apart import apart
 from ...model.states.spin import SpinState
 from ...model.torques.neighbours import Near, NeighbourField
-from ...model.torques.spins import SpinField
+from ...model.torques.spins import AppliedField, OwnField
 from ..system import System
 
 _MOST_AXES = 4  # for which the bits of an entry fit one byte
@@ -173,4 +173,5 @@ def can_be_checkered(spins: Any, terms: list[Any], lattice: tuple[int, ...], t: 
         return False
     if not any(isinstance(term, NeighbourField) for term in terms):
         return False
-    return all(isinstance(term, SpinField) and term.is_uniform(t) for term in terms)
+    known = NeighbourField | OwnField | AppliedField  # another may read neighbours that its row does not hold
+    return all(isinstance(term, known) and term.is_uniform(t) for term in terms)

@@ -26,7 +26,7 @@ from ...model.state import AnyState
 from ...model.states import SpinState
 from ...model.torques import kept_terms, on_body, terms_of, without_bath
 from ...model.torques.neighbours import NeighbourField
-from ...model.torques.spins import CubicAnisotropy, OwnField, SpinField
+from ...model.torques.spins import Anisotropy, AppliedField, OwnField, SpinField, in_dtype_of
 from ...model.torques.thermal_field import ThermalField
 from ..base import Method
 from ..scheme import Scheme
@@ -113,16 +113,17 @@ class Sublattices(Method):
         lattice, dtype = start.spin.shape[batch:-1], start.spin.dtype
         rest, _ = without_bath(torque)
         terms = terms_of(rest)
-        if body.damping is not None and any(isinstance(term, CubicAnisotropy) for term in terms):
-            raise ValueError(
-                "a damped spin under CubicAnisotropy has no closed form; take the method 'spherical midpoint', or "
-                "leave out one of both."
-            )
+        for term in terms if body.damping is not None else ():
+            if isinstance(term, OwnField) and not isinstance(term, Anisotropy) and term.linear is None:
+                raise ValueError(
+                    f"a damped spin under {type(term).__name__} has no closed form; take the method 'spherical "
+                    "midpoint', or leave out one of both."
+                )
         count = _count(body, terms, lattice)
         for term in terms:
             if isinstance(term, NeighbourField):
                 once_for_numbers(_check_neighbours, term, body, lattice)
-            elif not isinstance(term, SpinField):
+            elif not isinstance(term, OwnField | AppliedField):
                 once_for_numbers(_check_function, term, body, lattice, count, str(dtype), not batch)
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
@@ -272,6 +273,7 @@ def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: An
 
 
 def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vector) -> cp.Vector:
+    axis = in_dtype_of(spin, axis)
     if spins.damping is not None:
         assert term.linear is not None
         return turned_by_own(spin, axis, term.linear * spins.rate, time, spins.damping)

@@ -51,6 +51,12 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
             "divide it by its norm, and put the moment of a spin into the coefficients of its energy.",
         )
 
+    def check_batch(self) -> None:
+        if 0 in self.spin.shape:
+            raise ValueError(
+                f"spin must hold one spin at least, got shape {self.spin.shape}; give no axis the length 0."
+            )
+
     @property
     def momentum(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The spin, which moves as the momentum of a body does."""

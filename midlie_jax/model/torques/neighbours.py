@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, described, require_finite
 from ..._math import components as cp
 from ..state import Time
-from .spins import SpinField, components_of
+from .spins import SpinField, lattice_of
 
 # For each place the spin of its neighbour, from an axis of the lattice and a step of 1 or -1 along it.
 Near = Callable[[int, int], cp.Vector]
@@ -30,7 +30,7 @@ class NeighbourField(SpinField):
     periodic: eqx.AbstractVar[bool | tuple[bool, ...]]
 
     def check(self, state: Any) -> None:
-        axes = components_of(self, state)[0].ndim
+        axes = len(lattice_of(self, state))
         if not axes:
             raise ValueError(f"{type(self).__name__} needs a lattice of spins (..., 3), got one spin (3,).")
         if isinstance(self.periodic, tuple) and len(self.periodic) != axes:

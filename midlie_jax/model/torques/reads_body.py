@@ -36,7 +36,18 @@ class ReadsBody(Torque):
 
 
 class ReadsVelocity(ReadsBody):
-    """A torque that depends on the angular velocity, which it computes from the momentum and the body."""
+    """A torque that depends on the angular velocity, which it computes from the momentum and the body.
+
+    Raises:
+        ValueError: when a run begins, the state is one of spins, which have no angular velocity of their own.
+    """
+
+    def check(self, state: Any) -> None:
+        if hasattr(state, "spin"):
+            raise ValueError(
+                f"{type(self).__name__} reads the angular velocity of a body, and spins have none; for friction use "
+                "midlie_jax.Spins(damping=...)."
+            )
 
     @property
     def velocity_dependent(self) -> bool:

@@ -24,7 +24,7 @@ from ..wrench import Wrench
 from .base import Torque
 from .fields import to_body_components
 from .reads_body import ReadsBody, ReadsVelocity, angular_velocity_of
-from .travel import through_air, travelling
+from .travel import acts_on_one, through_air, travelling
 
 
 def _gain(name: str, value: Any) -> Array:
@@ -60,6 +60,7 @@ class Damping(ReadsVelocity):
         self.coefficient = _gain("coefficient", coefficient)
 
     def check(self, state: AnyState) -> None:
+        super().check(state)
         if not _knows_axis_alone(state) or cp.is_traced(self.coefficient):
             return
         gain = np.asarray(self.coefficient)
@@ -95,7 +96,7 @@ class PDControl(ReadsVelocity):
 
     Raises:
         ValueError: a target that is not a unit quaternion, or gains that are negative, not finite or of another shape.
-            When called: the state has no attitude.
+            When called: the state has no attitude, or is one of several coupled bodies.
 
     Examples:
         >>> control = ml.torques.PDControl(target=[1.0, 0.0, 0.0, 0.0], proportional=2.0, derivative=3.0)
@@ -117,6 +118,8 @@ class PDControl(ReadsVelocity):
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
+        if state.several:
+            raise acts_on_one(self)
         error = so3.multiply(so3.conjugate(self.target), attitude_of(state))
         factor = jnp.where(error[..., 0] < 0, -2.0, 2.0).astype(error.dtype)  # 2 sgn(w)
         return -self.proportional * (factor * error[..., 1:]) - self.derivative * body.velocity(state.momentum)
@@ -151,6 +154,7 @@ class Rotors(ReadsVelocity):
         require_finite("momentum", self.momentum)
 
     def check(self, state: AnyState) -> None:
+        super().check(state)
         if _knows_axis_alone(state):
             state.in_one_frame(cp.vector(self.momentum))
 

@@ -14,8 +14,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_weak, is_unit, require, require_finite
 from ..._math import components as cp
+from ..spins import require_lattice
 from ..state import Time
 from .base import Torque
 
@@ -26,7 +27,7 @@ class SpinField(Torque):
     A field of your own is a subclass with `field` and `energy`, which work on components.
 
     Raises:
-        ValueError: when called, the state is one without spins.
+        ValueError: when called, the state is one without spins, or its lattice does not fit the parameters.
 
     Examples:
         >>> class Gradient(ml.torques.SpinField):  # of your own: along z, stronger from place to place of a chain
@@ -55,22 +56,36 @@ class SpinField(Torque):
         """The energy of each spin or bond, whose sum over all axes is H."""
 
     def __call__(self, t: Time, state: Any) -> Array:
+        self.check(state)
         spin = components_of(self, state)
         return cp.pack(tuple(jnp.broadcast_to(b, x.shape) for b, x in zip(self.field(t, spin), spin, strict=True)))
 
     def potential(self, t: Time, state: Any) -> Array:
         """The energy H, ()."""
+        self.check(state)
         return jnp.sum(self.energy(t, components_of(self, state)))
 
     def check(self, state: Any) -> None:
-        components_of(self, state)
+        lattice_of(self, state)
 
 
 def components_of(torque: Torque, state: Any) -> cp.Vector:
     """The components of the spins, each (*lattice); a ValueError for a state without spins."""
+    lattice_of(torque, state)
+    return cp.vector(state.spin)
+
+
+def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
+    """The shape of the lattice; a ValueError for a state without spins."""
     if not hasattr(state, "spin"):
         raise ValueError(f"{type(torque).__name__} acts on spins, but the state is a {type(state).__name__}.")
-    return cp.vector(state.spin)
+    return state.spin.shape[:-1]
+
+
+def in_dtype_of(spin: cp.Vector, axis: Any) -> cp.Vector:
+    """The components of an axis in the dtype of those of the spins."""
+    x, y, z = (jnp.asarray(a, spin[0].dtype) for a in axis)
+    return x, y, z
 
 
 class AppliedField(SpinField):
@@ -102,6 +117,11 @@ class AppliedField(SpinField):
 
     def is_uniform(self, t: Time) -> bool:
         return len(jax.eval_shape(self.value, t).shape if callable(self.value) else self.value.shape) == 1
+
+    def check(self, state: Any) -> None:
+        super().check(state)
+        if not callable(self.value):
+            require_lattice("value", self.value, lattice_of(self, state), (3,))
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
         field = self.value(t) if callable(self.value) else self.value
@@ -152,6 +172,7 @@ class OwnField(SpinField):
         del t
         total = cp.scale(0, spin)
         for axis in self.axes():
+            axis = in_dtype_of(spin, axis)
             total = cp.add(total, cp.scale(self.along(cp.dot(axis, spin)), axis))
         return total
 
@@ -182,11 +203,15 @@ class Anisotropy(OwnField):
     def __init__(self, strength: Any, axis: Any = (0.0, 0.0, 1.0)):
         self.strength = as_floats("strength", strength)
         require_finite("strength", self.strength)
-        axis = np.asarray(axis, float) if isinstance(axis, tuple | list) else axis
-        self.axis = as_floats("axis", axis, (3,)).astype(self.strength.dtype)
-        if self.axis.ndim != 1:
-            raise ValueError(f"axis must have shape (3,), got {self.axis.shape}.")
-        require("axis", self.axis, is_unit, "must be a unit vector", "divide it by its norm.")
+        axis = as_floats("axis", np.asarray(axis, float) if isinstance(axis, tuple | list) else axis, (3,))
+        if axis.ndim != 1:
+            raise ValueError(f"axis must have shape (3,), got {axis.shape}.")
+        require("axis", axis, is_unit, "must be a unit vector", "divide it by its norm.")
+        weak = self.strength.weak_type and not cp.is_traced(axis)
+        self.axis = as_weak(axis) if weak else axis.astype(self.strength.dtype)
+
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
 
     def axes(self) -> tuple[Any, ...]:
         return (cp.vector(self.axis),)
@@ -224,6 +249,9 @@ class CubicAnisotropy(OwnField):
     def __init__(self, strength: Any):
         self.strength = as_floats("strength", strength)
         require_finite("strength", self.strength)
+
+    def check(self, state: Any) -> None:
+        require_lattice("strength", self.strength, lattice_of(self, state))
 
     def axes(self) -> tuple[Any, ...]:
         return tuple(cp.vector(row) for row in jnp.eye(3, dtype=self.strength.dtype))

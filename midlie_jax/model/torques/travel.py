@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_function_of_time, as_weak, is_unit, require, require_finite
 from ..._math import components as cp
 from ..free_body import FreeBody
 from ..rotor import Rotor
@@ -30,16 +30,22 @@ _E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the one direction of the body tha
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
     """State and body, if both travel; a ValueError otherwise. The body is None where it is not read."""
     if state.several:
-        raise ValueError(
-            f"{type(torque).__name__} acts on one body; for the same on each of several coupled bodies write "
-            f"midlie_jax.torques.OnEach({type(torque).__name__}(...))."
-        )
+        raise acts_on_one(torque)
     if not isinstance(state, TravellingState) or not isinstance(body, FreeBody | None):
         raise ValueError(
             f"{type(torque).__name__} acts on a body that travels, but the state is a {type(state).__name__}; use a "
             "FreeState and a FreeBody."
         )
     return state, body
+
+
+def acts_on_one(torque: Any) -> ValueError:
+    """The error where a torque of one body gets a state of coupled bodies."""
+    kind = type(torque).__name__
+    return ValueError(
+        f"{kind} acts on one body; for the same on each of several coupled bodies write "
+        f"midlie_jax.torques.OnEach({kind}(...))."
+    )
 
 
 class _Gravity(ReadsBody):
@@ -211,8 +217,7 @@ class Oblateness(_Gravity):
         for name, value in (("mu", self.mu), ("radius", self.radius)):
             require(name, value, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
         require_finite("j2", self.j2)
-        z = jnp.array([0.0, 0.0, 1.0], self.mu.dtype)
-        self.pole = z if pole is None else as_floats("pole", pole, (3,))
+        self.pole = as_weak(_E3) if pole is None else as_floats("pole", pole, (3,))
         require("pole", self.pole, is_unit, "must be a unit vector", "divide it by its norm.")
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
