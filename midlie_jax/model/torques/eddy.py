@@ -58,7 +58,7 @@ class EddyCurrents(ReadsVelocity):
             require("tensor", self.tensor, lambda m: m >= 0, not_negative, cure)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        field = to_body_components(self.field, t, state)
+        field = to_body_components("field", self.field, t, state)
         induced = cp.cross(cp.vector(body.velocity(state.momentum)), field)
         return cp.pack(cp.cross(self._times(induced), field))
 

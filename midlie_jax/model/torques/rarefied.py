@@ -106,7 +106,7 @@ class FreeMolecularDrag(ReadsBody):
     def __call__(self, t: Time, state: AnyState) -> Any:
         if self.velocity is None:
             return super().__call__(t, state)
-        return cp.pack(self._load(t, to_body_components(self.velocity, t, state))[0])
+        return cp.pack(self._load(t, to_body_components("velocity", self.velocity, t, state))[0])
 
     def at(self, t: Time, state: AnyState, body: Any) -> Any:
         state, body = travelling(self, state, body)

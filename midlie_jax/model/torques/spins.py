@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, is_unit, require, require_finite, vector_at
 from ..._math import components as cp
 from ..state import Time
 from .base import Torque
@@ -104,7 +104,7 @@ class AppliedField(SpinField):
         return len(jax.eval_shape(self.value, t).shape if callable(self.value) else self.value.shape) == 1
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
-        field = self.value(t) if callable(self.value) else self.value
+        field = vector_at("value", self.value, t)
         return cp.vector(jnp.asarray(field, spin[0].dtype))
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:
