@@ -119,6 +119,14 @@ def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], prob
     )
 
 
+def require_numbers(caller: str, *values: Any) -> None:
+    """Raises if any leaf of the values is traced, or if every new array would be: for a function that reads numbers."""
+    traced = is_traced(*values)
+    if traced or is_traced(jnp.zeros(())):
+        what = "an argument is traced" if traced else "it is called within a function that is traced"
+        raise ValueError(f"{caller} needs numbers, but {what}; call it outside jit, vmap and grad.")
+
+
 def require_finite(name: str, value: Any) -> None:
     if is_traced(value) or np.isfinite(np.asarray(value)).all():
         return
