@@ -293,6 +293,24 @@ def test_a_box_in_thin_gas_settles_with_its_centre_of_pressure_behind():
     np.testing.assert_allclose(slope, 0)
 
 
+@pytest.mark.parametrize("thermal_speed", [None, 1.5])
+@pytest.mark.parametrize("accommodation", [1.0, 0.7])
+@pytest.mark.parametrize("facets", [1, 17])
+def test_drag_grows_with_the_speed_at_the_wall_from_zero_on(facets, accommodation, thermal_speed):
+    """Where all is accommodated the speed away is that at the wall, whose square alone has no slope at zero."""
+    plates = ml.Surface.of_facets([0.2] * facets, [[0.6, 0.0, 0.8]] * facets, [[0.0, 0.5, 0.0]] * facets)
+    gas = {"velocity": jnp.array([0.3, 0.0, 2.0]), "thermal_speed": thermal_speed}
+
+    def torque(wall, part=accommodation):
+        return torques.FreeMolecularDrag(plates, 1.0, **gas, accommodation=part, wall_speed=wall)(0.0, STILL)[2]
+
+    step = 1e-7
+    slope = float(torque(step) - torque(0.0)) / step
+    assert jax.grad(torque)(0.0) == pytest.approx(slope, rel=1e-6, abs=1e-6)
+    assert (abs(slope) > 0.01) == (accommodation == 1.0)
+    assert np.isfinite(jax.grad(torque, argnums=1)(0.0, accommodation))
+
+
 # Eddy currents.
 
 
