@@ -344,9 +344,23 @@ def test_eddy_currents_take_the_energy_that_they_say():
     np.testing.assert_allclose(torques.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
 
 
+def test_diagonals_of_three_bodies_are_written_as_the_message_says():
+    """An array (3, 3) is a tensor."""
+    rows, field = jnp.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]), jnp.array([0.4, -0.3, 1.2])
+    with pytest.raises(ValueError, match="for each of three bodies, pass jax") as error:
+        torques.EddyCurrents(rows, field)
+    tensors = eval(str(error.value).split("pass ")[-1].rstrip("."), {"jax": jax, "jnp": jnp, "tensor": rows})
+    body, start = ml.RigidBody([1.0, 1.5, 2.0]), jax.tree.map(lambda x: jnp.stack([x] * 3), STATE)
+    found = ml.ensemble("RK4", body, torques.EddyCurrents(tensors, field), start, dt=0.1, steps=1).states.momentum
+    for row, momentum in zip(rows, found, strict=True):
+        alone = ml.integrate("RK4", body, torques.EddyCurrents(row, field), STATE, dt=0.1, steps=1).states.momentum
+        np.testing.assert_allclose(momentum, alone[-1], rtol=1e-13)
+
+
 # Input that is wrong.
 
 ONE = [1.0, 0.0, 0.0]
+READINGS = "(?s)tensor must .*; or, if these are three numbers for each of three bodies, pass"
 WRONG = [
     (lambda: light(BOX, [1.0, 1.0, 0.0]), "direction must be a unit vector"),
     (lambda: light(BOX, ONE, -1.0), "flux must be finite and not negative"),
@@ -367,7 +381,14 @@ WRONG = [
         lambda: torques.FreeMolecularDrag(BOX, 1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE),
         "acts on a body that travels",
     ),
-    (lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE), "tensor must be symmetric"),
+    (
+        lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE),
+        READINGS,
+    ),
+    (
+        lambda: torques.EddyCurrents([[1.0, 2, 3], [2, 1, 3], [3, 3, 1]], ONE),
+        READINGS,
+    ),
     (lambda: torques.EddyCurrents([1.0, -1.0, 0.0], ONE), "tensor must have no negative eigenvalue"),
     (lambda: torques.EddyCurrents(np.diag([1.0, -1.0, 0.0]), ONE), "tensor must have no negative eigenvalue"),
     (lambda: torques.EddyCurrents([1.0, 2.0], ONE), "tensor must be"),
