@@ -30,6 +30,7 @@ from midlie_jax.plot.together import togethers
 pictures = benchmark("pictures")
 TIMES = jnp.linspace(0.0, 2.0, 21)
 BODY = ml.FreeBody(ml.RigidBody([0.02, 0.03, 0.04]), 1.0)
+OTHER_BODY = "a FreeState belongs to a FreeBody, but body is RigidBody"
 
 
 def fleet(count, speed=1.0):
@@ -157,6 +158,10 @@ def test_a_gif_with_a_planet_and_one_with_a_box_show_them(tmp_path):
         (lambda file: around_of(1.2, None, [fleet(2)]), r"\[\[0, 0, 0\], \[L, L, L\]\] for a box"),
         (lambda file: ml.plot.animate(BODY, fleet(2), file, box=[[1.0] * 3, [0.0] * 3]), "least corner first"),
         (lambda file: ml.plot.animate(BODY, fleet(2), file, planet=-1.0), "planet must be the radius"),
+        (lambda file: ml.plot.animate(BRICK, fleet(2), file, together=True), OTHER_BODY),
+        (lambda _: ml.plot.view(BRICK, fleet(2), together=True), OTHER_BODY),
+        (lambda file: ml.plot.animate(BRICK, fleet(1), file, planet=1.0), OTHER_BODY),
+        (lambda file: ml.plot.animate(BRICK, coupled(2)[1], file), "a CoupledState belongs to a FreeBody"),
         (lambda file: ml.plot.animate(BODY, fleet(13), file), "room for 12; choose some of them, or .* together=True"),
         (lambda file: ml.plot.animate(BODY, fleet(501), file, together=True), "room for 500; choose some"),
     ],

@@ -2,6 +2,7 @@
 
 import inspect
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -178,6 +179,13 @@ def test_a_state_that_takes_less_time_is_named(monkeypatch, worth, said):
     assert ("on a midlie_jax.DirectionState, the same run takes" in found.note) == said
 
 
+NAN = float("nan")
+FLYING = {
+    "body": ml.FreeBody(BODY, 2.0),
+    "start": ml.FreeState(START.momentum, START.attitude, jnp.ones(3), jnp.ones(3)),
+}
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -189,6 +197,11 @@ def test_a_state_that_takes_less_time_is_named(monkeypatch, worth, said):
         ({"duration": float("inf")}, "duration must be finite"),
         ({"start": ml.MomentumState(jnp.ones(3))}, "start must be a state with an attitude or an axis"),
         ({"torque": 3.0}, "torque must be None or a callable"),
+        ({"body": TOP, "torque": BODY}, "got body HeavyTop; the body comes before the torque"),
+        *(({**FLYING, "length": length}, "length must be positive") for length in (-1.0, 0.0, 0, 1e-400)),
+        *(({**FLYING, "length": length}, "length must be finite") for length in (NAN, np.inf)),
+        ({**FLYING, "length": "one"}, "length must be an array of numbers, got str"),
+        ({**FLYING, "length": (1.0, 1.0)}, r"length must be a scalar, got shape \(2,\)"),
     ],
 )
 def test_bad_arguments_are_named(changes, message):
@@ -196,6 +209,18 @@ def test_bad_arguments_are_named(changes, message):
     with pytest.raises(ValueError, match=message):
         # The type checkers of the tests stand in front of the package's own checks; users do not have them.
         inspect.unwrap(ml.recommend)(**given)
+
+
+@pytest.mark.parametrize("name", ["weight", "duration", "none"])
+def test_a_traced_argument_is_refused(name):
+    def seconds(value):
+        torque = HeavyTop(value, AXIS) if name == "weight" else TOP
+        duration = value if name == "duration" else 1.0
+        return inspect.unwrap(ml.recommend)(BODY, torque, START, tolerance=1e-3, duration=duration).seconds
+
+    what = "it is called within a function that is traced" if name == "none" else "an argument is traced"
+    with pytest.raises(ValueError, match=f"recommend needs numbers, but {what}; call it outside jit"):
+        jax.jit(seconds)(1.0)
 
 
 def test_it_prints_in_a_line_what_to_take():

@@ -339,6 +339,16 @@ def test_bad_arguments_are_named(tmp_path, out, options, message):
     assert sorted(os.listdir(tmp_path)) == ["broken.zarr", "run.zarr"]
 
 
+@pytest.mark.parametrize("given", ["momenta", "dt", "nothing"])
+def test_a_run_within_a_traced_function_is_refused(tmp_path, given):
+    def seconds(x):
+        changes = {"momenta": {"momenta": MOMENTA * x}, "dt": {"dt": x}, "nothing": {}}[given]
+        return simulated(tmp_path / "run.npz", **changes).seconds
+
+    with pytest.raises(ValueError, match=r"simulate needs numbers, but .* traced; call it outside jit"):
+        jax.jit(seconds)(0.1)
+
+
 def test_a_folder_that_cannot_be_written_is_said_before_the_run():
     with pytest.raises(OSError, match="run"):
         simulated("/proc/run.zarr")

@@ -184,3 +184,45 @@ def test_a_torque_of_the_body_reads_what_it_acts_on():
 def test_mistakes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+# ---- functions of time ----
+
+PANEL = ml.Surface.of_facets([2.0], [[1.0, 0.0, 0.0]], [[0.0, 0.5, 0.0]])
+FLYING = ml.FreeBody(BODY, 2.0), ml.FreeState(START.momentum, START.attitude, jnp.ones(3), jnp.ones(3))
+SPINNING = ml.Spins(), ml.SpinState(jnp.eye(3)[:2])
+X = (1.0, 0.0, 0.0)
+FUNCTIONS = {
+    "field of a dipole": (lambda f: torques.DipoleInField(X, f), "field", BODY, START),
+    "field of currents": (lambda f: torques.EddyCurrents(1.0, f), "field", BODY, START),
+    "force": (lambda f: torques.Thrust(f, X), "force", *FLYING),
+    "lever": (lambda f: torques.Thrust(X, f), "lever", *FLYING),
+    "velocity": (lambda f: torques.Drag(X, 1.0, 1.0, f), "velocity", BODY, START),
+    "wind": (lambda f: torques.Drag(X, 1.0, 1.0, wind=f), "wind", *FLYING),
+    "wind of a ball": (lambda f: torques.Magnus(1.0, f), "wind", *FLYING),
+    "orbit": (lambda f: torques.GravityGradient(None, f, 1.0), "orbit", BODY, START),
+    "orbit of a field": (lambda f: torques.DipoleInField(X, ml.orbits.DipoleField(f, X)), "orbit", BODY, START),
+    "wheels": (torques.ReactionWheels, "momentum", BODY, START),
+    "direction": (lambda f: torques.Sunlight(PANEL, f, 1.0), "direction", BODY, START),
+    "velocity in a gas": (lambda f: torques.FreeMolecularDrag(PANEL, 1.0, f), "velocity", BODY, START),
+    "wind of a gas": (lambda f: torques.FreeMolecularDrag(PANEL, 1.0, wind=f), "wind", *FLYING),
+    "field on spins": (torques.AppliedField, "value", *SPINNING),
+}
+RETURNED = {
+    "two": (lambda t: t * jnp.ones(2), r"an array of shape \(2,\)"),
+    "four": (lambda t: t * jnp.ones(4), r"an array of shape \(4,\)"),
+    "a number": (lambda t: t, r"an array of shape \(\)|float"),
+    "a list": (lambda t: [t, t, t], "list"),
+}
+
+
+@pytest.mark.parametrize("case", FUNCTIONS)
+@pytest.mark.parametrize("returned", RETURNED)
+def test_a_function_of_time_returns_a_vector(case, returned):
+    """JAX reads beyond the end of an array without an error, so that two or four components would do for three."""
+    make, name, body, state = FUNCTIONS[case]
+    function, what = RETURNED[returned]
+    message = rf"{name} is a function of time, which must return an array \(3,\), got ({what}); write jnp.array"
+    with pytest.raises(ValueError, match=message):
+        jax.eval_shape(lambda t: torques.on_body(make(function), body)(t, state), jnp.zeros(()))
+    jax.eval_shape(torques.on_body(make(lambda t: jnp.stack([t, t, t])), body), jnp.ones(()), state)

@@ -293,6 +293,24 @@ def test_a_box_in_thin_gas_settles_with_its_centre_of_pressure_behind():
     np.testing.assert_allclose(slope, 0)
 
 
+@pytest.mark.parametrize("thermal_speed", [None, 1.5])
+@pytest.mark.parametrize("accommodation", [1.0, 0.7])
+@pytest.mark.parametrize("facets", [1, 17])
+def test_drag_grows_with_the_speed_at_the_wall_from_zero_on(facets, accommodation, thermal_speed):
+    """Where all is accommodated the speed away is that at the wall, whose square alone has no slope at zero."""
+    plates = ml.Surface.of_facets([0.2] * facets, [[0.6, 0.0, 0.8]] * facets, [[0.0, 0.5, 0.0]] * facets)
+    gas = {"velocity": jnp.array([0.3, 0.0, 2.0]), "thermal_speed": thermal_speed}
+
+    def torque(wall, part=accommodation):
+        return torques.FreeMolecularDrag(plates, 1.0, **gas, accommodation=part, wall_speed=wall)(0.0, STILL)[2]
+
+    step = 1e-7
+    slope = float(torque(step) - torque(0.0)) / step
+    assert jax.grad(torque)(0.0) == pytest.approx(slope, rel=1e-6, abs=1e-6)
+    assert (abs(slope) > 0.01) == (accommodation == 1.0)
+    assert np.isfinite(jax.grad(torque, argnums=1)(0.0, accommodation))
+
+
 # Eddy currents.
 
 
@@ -326,9 +344,23 @@ def test_eddy_currents_take_the_energy_that_they_say():
     np.testing.assert_allclose(torques.EddyCurrents(tensor, field).on(body)(0.0, along), 0, atol=1e-15)
 
 
+def test_diagonals_of_three_bodies_are_written_as_the_message_says():
+    """An array (3, 3) is a tensor."""
+    rows, field = jnp.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]), jnp.array([0.4, -0.3, 1.2])
+    with pytest.raises(ValueError, match="for each of three bodies, pass jax") as error:
+        torques.EddyCurrents(rows, field)
+    tensors = eval(str(error.value).split("pass ")[-1].rstrip("."), {"jax": jax, "jnp": jnp, "tensor": rows})
+    body, start = ml.RigidBody([1.0, 1.5, 2.0]), jax.tree.map(lambda x: jnp.stack([x] * 3), STATE)
+    found = ml.ensemble("RK4", body, torques.EddyCurrents(tensors, field), start, dt=0.1, steps=1).states.momentum
+    for row, momentum in zip(rows, found, strict=True):
+        alone = ml.integrate("RK4", body, torques.EddyCurrents(row, field), STATE, dt=0.1, steps=1).states.momentum
+        np.testing.assert_allclose(momentum, alone[-1], rtol=1e-13)
+
+
 # Input that is wrong.
 
 ONE = [1.0, 0.0, 0.0]
+READINGS = "(?s)tensor must .*; or, if these are three numbers for each of three bodies, pass"
 WRONG = [
     (lambda: light(BOX, [1.0, 1.0, 0.0]), "direction must be a unit vector"),
     (lambda: light(BOX, ONE, -1.0), "flux must be finite and not negative"),
@@ -349,7 +381,14 @@ WRONG = [
         lambda: torques.FreeMolecularDrag(BOX, 1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE),
         "acts on a body that travels",
     ),
-    (lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE), "tensor must be symmetric"),
+    (
+        lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE),
+        READINGS,
+    ),
+    (
+        lambda: torques.EddyCurrents([[1.0, 2, 3], [2, 1, 3], [3, 3, 1]], ONE),
+        READINGS,
+    ),
     (lambda: torques.EddyCurrents([1.0, -1.0, 0.0], ONE), "tensor must have no negative eigenvalue"),
     (lambda: torques.EddyCurrents(np.diag([1.0, -1.0, 0.0]), ONE), "tensor must have no negative eigenvalue"),
     (lambda: torques.EddyCurrents([1.0, 2.0], ONE), "tensor must be"),

@@ -59,6 +59,22 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
     return array
 
 
+def vector_at(name: str, value: Any, t: Any) -> Array:
+    """The vector (..., 3) itself, or that which a function of time returns; a ValueError if it returns another thing.
+
+    JAX reads beyond the end of an array without an error: of two components the last would count twice.
+    """
+    if not callable(value):
+        return value
+    vector: Any = value(t)
+    if getattr(vector, "shape", ())[-1:] != (3,):
+        raise ValueError(
+            f"{name} is a function of time, which must return an array (3,), got {described(vector)}; write "
+            "jnp.array([x, y, z]) or jnp.stack([x, y, z]) in it."
+        )
+    return vector
+
+
 def require_function(name: str, value: Any, arguments: str) -> None:
     """Raises unless the value can be called; `arguments` are listed in the message."""
     if not callable(value):
@@ -107,6 +123,14 @@ def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], prob
         f"{name} {problem}, in {len(rows)} of {wrong.size} rows: {named}{', ...' if len(rows) > _NAMED else ''}; the "
         f"first of these is {shown(numbers[tuple(rows[0])])}; {cure}"
     )
+
+
+def require_numbers(caller: str, *values: Any) -> None:
+    """Raises if any leaf of the values is traced, or if every new array would be: for a function that reads numbers."""
+    traced = is_traced(*values)
+    if traced or is_traced(jnp.zeros(())):
+        what = "an argument is traced" if traced else "it is called within a function that is traced"
+        raise ValueError(f"{caller} needs numbers, but {what}; call it outside jit, vmap and grad.")
 
 
 def require_finite(name: str, value: Any) -> None:

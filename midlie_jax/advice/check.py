@@ -8,14 +8,12 @@ motion, and shows whether the run fails or loses the energy. `check` compares th
 import math
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import as_count
+from .._checks.arguments import as_count, require_numbers
 from .._checks.renamed import old_name
-from .._math.components import is_traced
 from ..drivers.arguments import as_method, as_scalar, check_system
 from ..drivers.ensemble import as_batch
 from ..methods.base import Method
@@ -186,8 +184,7 @@ def check(
           trial        100 steps succeed; the energy changes by ...
           rounding     about ... of the momentum in 100 steps
     """
-    if any(is_traced(leaf) for leaf in jax.tree.leaves((body, torque, start, dt, t0)) if eqx.is_array(leaf)):
-        raise ValueError("check needs numbers, but an argument is traced; call it outside jit, vmap and grad.")
+    require_numbers("check", body, torque, start, dt, t0)
     check_state("start", start)
     method = as_method(method)
     if not start.own_axes:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from .._checks.arguments import described, shown
+from .._checks.arguments import described, require, require_numbers, shown
 from ..drivers.arguments import as_scalar, check_system
 from ..methods.registry import ENTRIES, exact_flight
 from ..methods.registry import method as find_method
@@ -25,7 +25,7 @@ from ..methods.system import System
 from ..model.bodies import Body, RigidBody, principal_of
 from ..model.rotor import Rotor
 from ..model.state import AnyState
-from ..model.torques import TorqueLike
+from ..model.torques import Torque, TorqueLike
 from .check import check
 from .ladder import Candidate, Run, Trial, confirmed, ends_of, fastest_seconds, fits_of, ladder_of, trial_of
 from .one_direction import one_direction
@@ -103,15 +103,16 @@ def recommend(
             this and of the error of the position over `length`.
         duration: duration of the motion; not zero, negative to integrate back in time.
         t0: the time of the start, ().
-        length: for a body that travels, the error of the position that counts as 1; None otherwise.
+        length: for a body that travels, the error of the position that counts as 1, positive; None otherwise.
         symplectic: True to try only symplectic methods, which also keep the energy over long runs; False to try
             Runge-Kutta methods, too.
         progress: whether to print the candidate being tried to stderr; by default only if that is a terminal. Or a
             function that is called with 1 after each candidate.
 
     Raises:
-        ValueError: an argument is invalid, as for `integrate`; the tolerance is not positive, or not above rounding; or
-            no candidate reached the tolerance (the message names a torque that is stiff or not finite).
+        ValueError: an argument is invalid, as for `integrate`, or is traced; the tolerance is not positive, or not
+            above rounding; or no candidate reached the tolerance (the message names a torque that is stiff or not
+            finite).
 
     Examples:
         >>> body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0])
@@ -119,13 +120,15 @@ def recommend(
         >>> found.method, found.error <= 1e-3  # of a free body the flight alone, which is exact
         ('JACOBI[EA]', True)
     """
+    require_numbers("recommend", body, torque, start, tolerance, duration, t0, length)
     if getattr(start, "several", False):
         raise ValueError(
             "recommend is for one body; of coupled bodies compare runs with dt and dt/2, first by JACOBI[SRKN6b]."
         )
     body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
     if not isinstance(body_that_turns, RigidBody | Rotor):
-        raise ValueError(f"recommend is for bodies that turn, got body {described(body)}.")
+        cure = "; the body comes before the torque" if isinstance(body, Torque) else ""
+        raise ValueError(f"recommend is for bodies that turn, got body {described(body)}{cure}.")
     if not hasattr(start, "attitude") and not hasattr(start, "axis"):
         raise ValueError(
             f"start must be a state with an attitude or an axis, such as midlie_jax.RigidState, got {described(start)}."
@@ -135,6 +138,10 @@ def recommend(
             "length is the error of the position that counts as 1: give it for a body that travels, and for no other; "
             f"start is a {type(start).__name__}."
         )
+    if length is not None:
+        length = float(as_scalar("length", length, start.momentum.dtype))
+        cure = "it is the error of the position that counts as 1."
+        require("length", length, lambda x: x > 0, "must be positive", cure)
     try:
         tolerance = float(tolerance)
     except (TypeError, ValueError) as error:

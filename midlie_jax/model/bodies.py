@@ -44,6 +44,11 @@ def is_symmetric(matrix: np.ndarray) -> bool:
     return bool(np.allclose(matrix, np.swapaxes(matrix, -1, -2), rtol=0, atol=tolerance))
 
 
+def read_as_tensor(name: str) -> str:
+    """For messages on an array (3, 3) that is no good tensor: how to write its other reading."""
+    return f"if these are three numbers for each of three bodies, pass jax.vmap(jnp.diag)({name})"
+
+
 class Body(eqx.Module):
     """What moves: the base class of the kinds of body.
 

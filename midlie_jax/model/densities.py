@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require
+from .._checks.arguments import as_floats, require, vector_at
 from .._math import components as cp
 from .state import AnyState, Time
 from .torques import TorqueLike
@@ -70,7 +70,7 @@ class OrbitalDistance(eqx.Module):
 
     def __call__(self, t: Time, state: AnyState) -> Array:
         del state
-        position = cp.vector(self.orbit(t))
+        position = cp.vector(vector_at("orbit", self.orbit, t))
         nearness = self.reference * self.reference / cp.dot(position, position)
         slowest = 1 / (self.longest * self.longest)
         return _power(_power(nearness, 2 * self.power) + slowest * slowest, 0.25)

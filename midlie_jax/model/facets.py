@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import as_floats, as_function_of_time, described, is_unit, require
+from .._checks.arguments import as_floats, as_function_of_time, described, is_unit, require, vector_at
 from .._math import components as cp
 from .state import AnyState, Time
 from .surface import Surface
@@ -31,19 +31,19 @@ def as_direction(name: str, value: Any) -> Direction:
     return direction
 
 
-def directed(direction: Direction, t: Time) -> cp.Vector:
+def directed(name: str, direction: Direction, t: Time) -> cp.Vector:
     """The unit vector in space, as components; that of a function is normalised."""
     if not callable(direction):
         return cp.vector(direction)
-    vector = cp.vector(direction(t))
+    vector = cp.vector(vector_at(name, direction, t))
     return cp.scale(cp.inverse_root(cp.dot(vector, vector)), vector)
 
 
-def seen_from_body(direction: Direction, t: Time, state: AnyState) -> cp.Vector:
+def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
     """The unit vector in body components; a ValueError if the state does not know it."""
     if callable(direction) and state.fixed_direction() is not None:
         raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
-    return state.seen_from_body(directed(direction, t))
+    return state.seen_from_body(directed(name, direction, t))
 
 
 def as_fractions(name: str, value: Any) -> Array:

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..model.compatibility import check_body
 from ..model.states import Coupled
 from .around import NOTHING, Around
 from .motion import motion_of
@@ -133,6 +134,7 @@ def _members(panel: Panel, points: Any, around: Around) -> list[Moving]:
             return _all_in_one([panel], points, around)
         return [Moving(panel.body, panel.path, None if points is None else shape_of(panel.body, points))]
     drawn: Any = motion_of(panel.path, together=True).states
+    check_body(panel.body, states)
     bodies = each_body(panel.body, states.count)
     shapes = [shape_of(body, points) for body in bodies]
     tracks = list(np.moveaxis(np.asarray(drawn.position, float), 1, 0))
@@ -146,8 +148,10 @@ def _members(panel: Panel, points: Any, around: Around) -> list[Moving]:
 def _all_in_one(panels: Sequence[Panel], points: Any, around: Around) -> list[Moving]:
     """Bodies that do not act on each other, in one room."""
     bodies, paths = [panel.body for panel in panels], [panel.path for panel in panels]
-    shapes = [shape_of(body, points) for body in bodies]
     states: list[Any] = [motion_of(path).states for path in paths]
+    for body, one in zip(bodies, states, strict=True):
+        check_body(body, one)
+    shapes = [shape_of(body, points) for body in bodies]
     tracks = [np.asarray(one.position, float) for one in states]
     room = room_of(bodies, tracks, shapes, around.box)
     # They need no gaps, because they do not meet. All may begin at one place, and then they are not shown apart.

@@ -1,8 +1,9 @@
 """A small run in memory, written to one .npz file at its end; it cannot be resumed."""
 
 import os
+import zipfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -49,7 +50,15 @@ class Memory(Sink):
         contents: dict[str, Any] = {**described, **shared, **arrays, **whole, "first_bad": self._first_bad}
         try:
             with open(unfinished, "wb") as file:  # given a name, NumPy may append ".npz" to it
-                np.savez(file, **contents)
+                _save(file, contents)
             os.replace(unfinished, path)
         finally:
             unfinished.unlink(missing_ok=True)
+
+
+def _save(file: IO[bytes], arrays: dict[str, Any]) -> None:
+    """`numpy.savez` for arrays of any names, also those of its own arguments; it never writes a pickle."""
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, np.asanyarray(values), allow_pickle=False)

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jax.sharding import Mesh
 
-from .._checks.arguments import as_count, described
+from .._checks.arguments import as_count, described, require_numbers
 from .._checks.renamed import renamed
 from ..drivers.arguments import as_first_step, as_saving
 from ..drivers.chunks import chunk_size
@@ -24,6 +24,7 @@ from ..model.bodies import Body
 from ..model.state import StateT
 from ..model.torques import TorqueLike
 from . import processes
+from .attributes import checked_attributes, taken_names
 from .describe import attributes_of, whole_variables
 from .identity import UNSEEN, differences, identity
 from .memory import Memory
@@ -90,16 +91,18 @@ def simulate(
         chunk: as for `ensemble`: bodies of a group that are moved at once on one device.
         progress: whether to show a bar, if tqdm is installed; by default only if stderr is a terminal. Or a function
             that is called after each write with the number of body-steps written.
-        attributes: what the file is to say about the run besides what `simulate` knows: names with texts, numbers, or
-            lists of these. A resumed run keeps those with which it began.
+        attributes: what the file is to say about the run besides what `simulate` knows: names with texts, numbers,
+            lists of texts or of numbers, or arrays of NumPy or JAX. Only the name `title` may be one that the file has
+            itself. A resumed run keeps those with which it began.
 
     Returns:
         A summary with the failures of single bodies: print it, or open the file by its `open()`.
 
     Raises:
-        ValueError: as for `ensemble`; `out` exists and `resume` is False; the run in `out` is another one, and the
-            message says what has changed; the torque or `observe` calls code outside the compiled program, such as that
-            of `jax.pure_callback`, in which changes cannot be seen; another process writes to `out`.
+        ValueError: as for `ensemble`, or an argument is traced; `out` exists and `resume` is False; the run in `out` is
+            another one, and the message says what has changed; the torque or `observe` calls code outside the compiled
+            program, such as that of `jax.pure_callback`, in which changes cannot be seen; another process writes to
+            `out`; attributes of another kind, or with names that the file has itself.
         ImportError: the extra `io` is not installed.
         OSError: a part cannot be written. What was written before is kept, and the run can be resumed.
 
@@ -112,6 +115,7 @@ def simulate(
         ((4, 11, 4), True)
     """
     began = time.perf_counter()
+    require_numbers("simulate", body, torque, start, dt, t0, first_step, observe)
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps) or steps
     begin = int(as_first_step(first_step, steps))
@@ -131,8 +135,9 @@ def simulate(
         before = existing.plan
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
+    own = checked_attributes(attributes, taken_names(batch, observe, seen, plan) if attributes else ())
     computation = Computation.of(batch, observe, plan, _local(mesh))
-    described_by = {**attributes_of(batch, plan), **(attributes or {})}
+    described_by = {**attributes_of(batch, plan), **own}
     if path.suffix == ".npz":
         first_bad, computed, repaired = _in_memory(computation, path, seen, progress, described_by)
     else:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ from ..drivers.observe.series import Series
 from ..drivers.path import States
 from .describe import Whole
 from .names import named
+from .plan import Plan
 from .saved import states_of
 from .sink import Sink
 from .variables import TIME, Variable, own_dims
@@ -113,8 +115,7 @@ def merged_statistic(observe: Statistic, seen: Any, sink: Sink, interval: Array)
     of_times = isinstance(observe, Series)
     parts = (sink.read(name) for name in named(seen))
     arrays = [jnp.asarray(part[:, -1] if of_times else part) for part in parts]
-    merged = observe.merged(jax.tree.unflatten(jax.tree.structure(seen), arrays))
-    finished = observe.finished(observe.result(merged, interval))
+    finished = _finished(observe, jax.tree.unflatten(jax.tree.structure(seen), arrays), interval)
     found: Whole = {}
     for name, leaf in named(finished).items():
         values = np.asarray(leaf)
@@ -122,3 +123,15 @@ def merged_statistic(observe: Statistic, seen: Any, sink: Sink, interval: Array)
         first = observe.row_of(name) if isinstance(observe, Series) else TIME
         found[name] = (Variable((first, *own_dims(name, values.shape[1:])), values.shape, values.dtype, about), values)
     return found
+
+
+def names_of_merged(observe: Statistic, seen: Any, plan: Plan, dtype: Any) -> list[str]:
+    """The names of the variables of `merged_statistic`, without computing them; `dtype` is that of the run."""
+    axes = (plan.groups,) if isinstance(observe, Series) else (plan.groups, plan.saves)
+    parts = jax.tree.map(lambda x: jax.ShapeDtypeStruct((*axes, *x.shape), x.dtype), seen)
+    return list(named(eqx.filter_eval_shape(_finished, observe, parts, jax.ShapeDtypeStruct((), dtype))))
+
+
+def _finished(observe: Statistic, parts: Any, interval: Array) -> Any:
+    """What a file holds of the merged parts of all groups, a pytree of arrays."""
+    return observe.finished(observe.result(observe.merged(parts), interval))

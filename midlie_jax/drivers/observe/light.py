@@ -42,7 +42,8 @@ class Light(Observable):
 
     def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
         """The intensity or magnitude (), of one state."""
-        sun, observer = (seen_from_body(direction, t, state) for direction in (self.sun, self.observer))
+        directions = ("sun", self.sun), ("observer", self.observer)
+        sun, observer = (seen_from_body(name, direction, t, state) for name, direction in directions)
         total = self.intensity(sun, observer)
         if self.phase is not None:
             total = total * self.phase(jnp.arctan2(cp.norm(cp.cross(sun, observer)), cp.dot(sun, observer)))

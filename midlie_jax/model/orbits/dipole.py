@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite
+from ..._checks.arguments import as_floats, require_finite, vector_at
 from ..._math import components as cp
 
 
@@ -57,7 +57,7 @@ class DipoleField(eqx.Module):
             require_finite("turning", self.turning)
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
-        position, moment = cp.vector(self.orbit(t)), self._moment_at(t)
+        position, moment = cp.vector(vector_at("orbit", self.orbit, t)), self._moment_at(t)
         square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
         e = cp.scale(inverse, position)

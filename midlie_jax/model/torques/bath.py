@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, described, is_key, require, require_finite, shown
 from ..._math.components import is_traced
 from ..bath import Bath, exposures, root_of
-from ..bodies import Body, RigidBody, TensorBody, is_symmetric
+from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
 from ..rotor import Rotor
 from ..state import AnyState, Time
 from .base import TorqueLike, kept_terms
@@ -46,7 +46,7 @@ class Langevin(ReadsBody):
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
         friction: G, torque per angular velocity: a number (), three numbers (3,) along the principal axes of a
             `RigidBody` or `Rotor`, or a symmetric tensor (3, 3) in the frame of the body. Of coupled bodies, numbers
-            and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3).
+            and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor.
         key: a typed key, `jax.random.key(seed)`; of an ensemble (n,).
         linear_friction: g, force per velocity, likewise; for a body that travels, 0 for none. Three numbers or a tensor
             turn with the body. None for a body that does not travel.
@@ -166,12 +166,15 @@ def _friction(name: str, value: Any) -> Array:
     tensor = np.asarray(friction, np.float64)
     largest = np.abs(tensor).max(initial=0.0)
     if not is_symmetric(tensor):
-        raise ValueError(f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2.")
+        raise ValueError(
+            f"{name} must be symmetric if it is a tensor, got {shown(tensor)}; pass (G + G.T) / 2; or, "
+            f"{read_as_tensor(name)}."
+        )
     least = float(np.linalg.eigvalsh(tensor).min(initial=0.0))
     if least < -_ROUNDED * largest:
         raise ValueError(
             f"{name} must be positive semi-definite, but {shown(tensor)} has the eigenvalue {least:.3g}; check its "
-            "signs."
+            f"signs; or, {read_as_tensor(name)}."
         )
     return friction
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, as_function_of_time, require, require_finite
 from ..._math import components as cp
-from ..bodies import is_symmetric
+from ..bodies import is_symmetric, read_as_tensor
 from ..state import AnyState, Time
 from .fields import to_body_components
 from .reads_body import ReadsVelocity
@@ -24,7 +24,7 @@ class EddyCurrents(ReadsVelocity):
 
     Attributes:
         tensor: M, (), (3,) for the diagonal, or a symmetric tensor (3, 3); body frame, torque time / field^2: S m^4 in
-            SI units, with the field in T.
+            SI units, with the field in T. An array (3, 3) is always a tensor, and never the diagonals of three bodies.
         field: B, space frame, (3,), or a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField`.
 
     Raises:
@@ -52,13 +52,14 @@ class EddyCurrents(ReadsVelocity):
         not_negative = "must have no negative eigenvalue"
         cure = "currents take energy, and give none."
         if shape[-2:] == (3, 3):
-            require("tensor", self.tensor, is_symmetric, "must be symmetric", "pass (M + M.T) / 2.")
-            require("tensor", self.tensor, _not_negative, not_negative, cure)
+            other = read_as_tensor("tensor")
+            require("tensor", self.tensor, is_symmetric, "must be symmetric", f"pass (M + M.T) / 2; or, {other}.")
+            require("tensor", self.tensor, _not_negative, not_negative, f"{cure[:-1]}; or, {other}.")
         else:
             require("tensor", self.tensor, lambda m: m >= 0, not_negative, cure)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        field = to_body_components(self.field, t, state)
+        field = to_body_components("field", self.field, t, state)
         induced = cp.cross(cp.vector(body.velocity(state.momentum)), field)
         return cp.pack(cp.cross(self._times(induced), field))
 

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite, vector_at
 from ..._math import components as cp
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
@@ -119,8 +119,7 @@ class DipoleInField(Torque):
         field = self.field
         if callable(field):
             require_all_directions(state)
-            field = field(t)
-        return state.in_one_frame(cp.vector(self.moment), cp.vector(field))
+        return state.in_one_frame(cp.vector(self.moment), cp.vector(vector_at("field", field, t)))
 
     def __call__(self, t: Time, state: AnyState) -> Array:
         return cp.pack(cp.cross(*self._together(t, state)))
@@ -177,7 +176,7 @@ class GravityGradient(ReadsBody):
 
     def _local(self, t: Time, state: AnyState) -> tuple[Array, cp.Vector]:
         """3 mu/r^3, and the unit vector u in body components."""
-        position = cp.vector(self.orbit(t))
+        position = cp.vector(vector_at("orbit", self.orbit, t))
         square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
         return 3 * self.mu * inverse / square, require_all_directions(state).seen_from_body(cp.scale(inverse, position))
@@ -201,10 +200,10 @@ class GravityGradient(ReadsBody):
         return RigidBody(self.moments, physical=False)
 
 
-def to_body_components(vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
+def to_body_components(name: str, vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
     """The body components of a space vector, which is given as an array (3,) or as a function of time."""
     if callable(vector):
-        return require_all_directions(state).seen_from_body(cp.vector(vector(t)))
+        return require_all_directions(state).seen_from_body(cp.vector(vector_at(name, vector, t)))
     return state.seen_from_body(cp.vector(vector))
 
 

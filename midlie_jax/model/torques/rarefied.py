@@ -106,7 +106,7 @@ class FreeMolecularDrag(ReadsBody):
     def __call__(self, t: Time, state: AnyState) -> Any:
         if self.velocity is None:
             return super().__call__(t, state)
-        return cp.pack(self._load(t, to_body_components(self.velocity, t, state))[0])
+        return cp.pack(self._load(t, to_body_components("velocity", self.velocity, t, state))[0])
 
     def at(self, t: Time, state: AnyState, body: Any) -> Any:
         state, body = travelling(self, state, body)
@@ -123,10 +123,10 @@ class FreeMolecularDrag(ReadsBody):
         square = cp.dot(velocity, velocity)
         wall = jnp.asarray(self.wall_speed, square.dtype)
         if self.thermal_speed is None:
-            torque, force = sum_over_rows(_cold, columns, (velocity, square, wall * wall))
+            torque, force = sum_over_rows(_cold, columns, (velocity, square, (wall * wall, wall)))
         else:
             thermal = jnp.asarray(self.thermal_speed, square.dtype)
-            torque, force = sum_over_rows(_warm, columns, (velocity, square, wall * wall, thermal))
+            torque, force = sum_over_rows(_warm, columns, (velocity, square, (wall * wall, wall), thermal))
         density = self.density(t) if callable(self.density) else self.density
         factor = -0.5 * jnp.asarray(density, square.dtype)
         return cp.scale(factor, torque), cp.scale(factor, force)
@@ -147,12 +147,27 @@ def _warm(row: Any, argument: Any) -> tuple[cp.Vector, cp.Vector]:
 
 
 def _on_facet(
-    row: Any, velocity: cp.Vector, met: Array, pressure: Array | None, square: Array, wall: Array
+    row: Any, velocity: cp.Vector, met: Array, pressure: Array | None, square: Array, wall: tuple[Array, Array]
 ) -> tuple[cp.Vector, cp.Vector]:
     """Torque and force without -rho/2: of what is met, m, and of the pressure of a gas at rest, c^2 Z / 2."""
     normal, centroid, area, accommodation = row[0:3], row[3:6], row[6], row[7]
-    away = cp.root(0.5 * (1 - accommodation) * square + accommodation * wall)
+    away = _speed_away(square, accommodation, *wall)
     push = _ROOT_OF_PI / 2 * away * met
     push = push if pressure is None else push + pressure
     force = cp.scale(area, cp.add(cp.scale(met, velocity), cp.scale(push, normal)))
     return cp.cross(centroid, force), force
+
+
+@jax.custom_jvp
+def _speed_away(square: Array, accommodation: Array, wall_square: Array, wall: Array) -> Array:
+    """v_r, from v^2, a, v_w^2 and v_w, of which the value needs the square alone."""
+    del wall
+    return cp.root(0.5 * (1 - accommodation) * square + accommodation * wall_square)
+
+
+@_speed_away.defjvp
+def _speed_away_tangent(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
+    """At zero, where the square alone would say that nothing changes, v_r is sqrt(a) v_w."""
+    value, change = jax.jvp(_speed_away.fun, primals, tangents)
+    at_zero = cp.root(primals[1]) * tangents[3]
+    return value, change + jnp.where(value > 0, jnp.zeros_like(at_zero), at_zero)

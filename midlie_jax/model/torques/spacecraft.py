@@ -14,7 +14,15 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, is_unit, require, require_finite, require_function
+from ..._checks.arguments import (
+    as_floats,
+    as_function_of_time,
+    is_unit,
+    require,
+    require_finite,
+    require_function,
+    vector_at,
+)
 from ..._math import components as cp
 from .. import so3
 from ..rotor import Rotor
@@ -195,7 +203,7 @@ class ReactionWheels(ReadsVelocity):
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         t = jnp.asarray(t, state.momentum.dtype)
-        momentum, rate = jax.jvp(self.momentum, (t,), (jnp.ones_like(t),))
+        momentum, rate = jax.jvp(lambda t: vector_at("momentum", self.momentum, t), (t,), (jnp.ones_like(t),))
         turning = cp.cross(_in_frame(momentum, state), cp.vector(body.velocity(state.momentum)))
         return cp.pack(cp.subtract(turning, _in_frame(rate, state)))
 
@@ -257,7 +265,7 @@ class Drag(ReadsBody):
     def __call__(self, t: Time, state: AnyState) -> Array:
         if self.velocity is None:
             return super().__call__(t, state)
-        force = self._force(to_body_components(self.velocity, t, state))
+        force = self._force(to_body_components("velocity", self.velocity, t, state))
         return cp.pack(cp.cross(cp.vector(self.lever), force))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_weak, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_weak, is_unit, require, require_finite, vector_at
 from ..._math import components as cp
 from ..spins import require_lattice
 from ..state import Time
@@ -124,7 +124,7 @@ class AppliedField(SpinField):
             require_lattice("value", self.value, lattice_of(self, state), (3,))
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
-        field = self.value(t) if callable(self.value) else self.value
+        field = vector_at("value", self.value, t)
         return cp.vector(jnp.asarray(field, spin[0].dtype))
 
     def energy(self, t: Time, spin: cp.Vector) -> Array:

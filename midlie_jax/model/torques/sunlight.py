@@ -91,7 +91,7 @@ class Sunlight(Torque):
                 )
 
     def __call__(self, t: Time, state: AnyState) -> Any:
-        sun = seen_from_body(self.direction, t, state)
+        sun = seen_from_body("direction", self.direction, t, state)
         flux = self.flux(t) if callable(self.flux) else self.flux
         pressure = -jnp.asarray(flux, sun[0].dtype) / self.speed_of_light
         columns = self._columns()

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, as_function_of_time, as_weak, is_unit, require, require_finite
+from ..._checks.arguments import as_floats, as_function_of_time, as_weak, is_unit, require, require_finite, vector_at
 from ..._math import components as cp
 from ..free_body import FreeBody
 from ..rotor import Rotor
@@ -305,7 +305,7 @@ def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any
     velocity = cp.vector(state.linear / body.mass)
     if wind is None:
         return velocity
-    return cp.subtract(velocity, cp.vector(wind(t) if callable(wind) else wind))
+    return cp.subtract(velocity, cp.vector(vector_at("wind", wind, t)))
 
 
 class Thrust(Torque):
@@ -338,6 +338,6 @@ class Thrust(Torque):
 
     def __call__(self, t: Time, state: AnyState) -> Any:
         state, _ = travelling(self, state, None)
-        vectors = (cp.vector(v(t) if callable(v) else v) for v in (self.force, self.lever))
+        vectors = (cp.vector(vector_at(name, getattr(self, name), t)) for name in ("force", "lever"))
         force, lever = (state.in_one_frame(v)[0] for v in vectors)
         return Wrench(cp.pack(cp.cross(lever, force)), cp.pack(state.to_space(force)))
