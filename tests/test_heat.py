@@ -1,7 +1,7 @@
 """Bodies in a heat bath: what its stage does exactly, the distributions of Maxwell and Boltzmann, random numbers."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -403,6 +403,13 @@ def messages():
     several = at_rest(3)
     particle = ml.Particles(jnp.ones(1))
 
+    def many(name, body, start, *friction, kT=KT):
+        starts, keyed = (
+            jax.tree.map(lambda x: jnp.tile(x, (4, 1)), start),
+            Langevin(kT, *friction[:1], keys(4), *friction[1:]),
+        )
+        return lambda: ml.ensemble(name, body, keyed, starts, **run)
+
     def go(method="JACOBI[BAOAB]", body=body, torque=bath, start=start, **options):
         return lambda: ml.integrate(method, body, torque, start, **{**run, **options})
 
@@ -441,6 +448,20 @@ def messages():
             go("SYMMETRIC[BAOAB]", rotor, Langevin(KT, [1.0, 2.0, 3.0], key), axis),
             "the first two are equal",
         ),
+        # What is wrong with the bath of one body is said of many in the same words.
+        "many travel": (many("JACOBI[BAOAB]", free, moving, 1.0), "give Langevin the linear_friction"),
+        "many do not travel": (many("JACOBI[BAOAB]", body, start, 1.0, 1.0), "leave out linear_friction"),
+        "two numbers of many": (
+            many("JACOBI[BAOAB]", body, start, jnp.ones(2)),
+            "friction of one run must be of shape",
+        ),
+        "two temperatures of many": (many("JACOBI[BAOAB]", body, start, 1.0, kT=jnp.ones(2)), "kT must be one number"),
+        "three numbers of many in a frame": (
+            many("JACOBI[BAOAB]", ml.TensorBody(np.diag(MOMENTS)), start, [1.0, 2.0, 3.0]),
+            "give the tensor",
+        ),
+        "many oblique axes": (many("SYMMETRIC[BAOAB]", rotor, axis, [1.0, 2.0, 3.0]), "the first two are equal"),
+        "many unknown spins": (many("SYMMETRIC[BAOAB]", ml.Rotor(2.0), axis, 1.0), r"Rotor\(moment, along\)"),
         "unknown spin": (go("SYMMETRIC[BAOAB]", ml.Rotor(2.0), bath, axis), r"Rotor\(moment, along\)"),
         "reversible": (go(adjoint=ml.Reversible()), "symmetric method"),
         "gradients": (
@@ -458,6 +479,15 @@ def messages():
             "no heat bath acts on a ParticleState",
         ),
     }
+
+
+def test_an_oblique_axis_is_refused_also_after_a_run_that_was_right():
+    """What is remembered of the first run is of its shapes, not of its numbers."""
+    axis = ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+    run = partial(ml.integrate, "SYMMETRIC[BAOAB]", ml.Rotor(2.0, 1.0), start=axis, dt=0.1, steps=2)
+    assert run(torque=Langevin(KT, [1.0, 1.0, 3.0], jax.random.key(0))).ok
+    with pytest.raises(ValueError, match="the first two are equal"):
+        run(torque=Langevin(KT, [1.0, 2.0, 3.0], jax.random.key(0)))
 
 
 @pytest.mark.parametrize("case", messages())

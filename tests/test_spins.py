@@ -232,6 +232,24 @@ def test_a_damped_spin_in_a_field_is_the_closed_form_at_any_step(dtype):
     assert np.abs(np.asarray(path.states.spin) - expected).max() < {"float64": 1e-14, "float32": 3e-6}[dtype]
 
 
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("damping", [4.0, 10.0, 100.0])
+def test_a_damped_spin_opposite_to_the_field_keeps_its_length(damping, dtype):
+    """There the closed form divides two small numbers; to the last digit opposite, a spin rests."""
+    spins = np.array([[0.0, 0.0, -1.0], [1e-3, 0.0, -1.0], [1e-6, 0.0, -1.0], [0.6, 0.0, -0.8]])
+    spins = (spins / np.linalg.norm(spins, axis=1, keepdims=True)).astype(dtype)
+    path = run("SUBLATTICES[EA]", damping, ml.torques.AppliedField(jnp.array([0.0, 0.0, 1.0], dtype)), spins, 1.0, 3)
+    assert path.ok
+    assert np.abs(np.linalg.norm(path.states.spin.astype(float), axis=-1) - 1).max() < 8 * np.finfo(dtype).eps
+    np.testing.assert_array_equal(path.states.spin[0], spins[0])
+
+
+def test_a_bath_too_hot_for_its_step_makes_a_run_fail():
+    """D h = 2: the law of the stage holds up to 1."""
+    torque = ml.torques.AppliedField([0.0, 0.0, 1.0]) + ml.torques.ThermalField(40.0, jax.random.key(1))
+    assert not go(torque, CHAIN, ml.Spins(damping=1.0), "SUBLATTICES[BAOAB]").ok
+
+
 def test_a_damping_of_zero_may_be_an_array():
     start, torque = ml.SpinState(jnp.asarray(random_spins((4, 2)))), ml.torques.Exchange(1.0)
     ends = [ml.integrate("SUBLATTICES[EA]", ml.Spins(a), torque, start, dt=0.1, steps=8) for a in (0, jnp.zeros(()))]

@@ -76,8 +76,8 @@ def _check_structure(method: Method, body: Any, torque: Any, start: Any, batch: 
     check_moves(method, body, start)
     check_torque(torque)
     check_bath(method, torque, bath)
-    for heat in baths_in(torque) if batch == 0 else ():
-        heat.check_on(start, body)
+    for heat in baths_in(torque):
+        heat.check_kind(start, body) if batch else heat.check_on(start, body)
     check_batch("start", body, start, batch)
     for leaf in jax.tree.leaves(start):
         if leaf.dtype != start.momentum.dtype:

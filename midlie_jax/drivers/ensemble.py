@@ -15,7 +15,7 @@ from ..model.bodies import Body
 from ..model.compatibility import check_state
 from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
-from ..model.torques import TorqueLike, baths_in
+from ..model.torques import Langevin, TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
 from .chunks import chunk_size, run_ensemble, shared_tables
@@ -214,6 +214,8 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
         t0.ndim == 1,
     )
     if isinstance(torque_axes, str) and torque_axes == AUTO and any(not bath.key for bath in baths_in(rows[1])):
+        for bath in baths_in(torque):
+            _check_bath_of_one(bath, body, start, own_body, count)
         several = max(bath.key.shape for bath in baths_in(torque))
         keys, same = ("one key", ", which would all get the same noise") if several == () else (f"keys {several}", "")
         raise ValueError(
@@ -223,6 +225,13 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
         )
     count_rows(("body", "torque", "start", "dt", "t0"), arguments, rows, count)
     return jax.tree.leaves(rows)
+
+
+def _check_bath_of_one(bath: Langevin, body: Any, start: Any, own_body: bool, count: int) -> None:
+    """Raises what is wrong with a bath that has a key for each body, but cannot be read as one for each."""
+    if bath.key.shape == (count,):
+        one = jax.tree.map(lambda x: x[0] if x.shape[:1] == (count,) else x, bath)
+        one.check_on(jax.tree.map(lambda x: x[0], start), jax.tree.map(lambda x: x[0], body) if own_body else body)
 
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:

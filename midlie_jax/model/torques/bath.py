@@ -15,7 +15,7 @@ from ..bodies import Body, RigidBody, TensorBody, is_symmetric, read_as_tensor
 from ..rotor import Rotor
 from ..state import AnyState, Time
 from .base import TorqueLike, kept_terms
-from .reads_body import ReadsBody
+from .reads_body import ReadsBody, knows_axis_alone
 
 _ROUNDED = 1e-5  # how far a negative eigenvalue of a tensor may be from zero, relative to the largest entry
 
@@ -121,18 +121,33 @@ class Langevin(ReadsBody):
                 f"a bath of one run has one key, got {self.key.shape} of them; several are for midlie_jax.ensemble."
             )
 
-    def check_on(self, state: AnyState, body: Any) -> None:
-        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
+    def check(self, state: AnyState) -> None:
+        for name in ("friction", "linear_friction") if knows_axis_alone(state) else ():
+            friction = getattr(self, name)
+            if friction is None or is_traced(friction) or friction.shape[-1:] != (3,) or friction.shape[-2:] == (3, 3):
+                continue
+            numbers = np.asarray(friction)
+            if np.any(numbers[..., 0] != numbers[..., 1]):
+                raise _not_symmetric(name, friction, state)
+
+    def check_kind(self, state: AnyState, body: Any) -> None:
+        """What `check_on` finds without looking at shapes, which in an ensemble have an axis of the bodies."""
         kind = type(state).__name__
         if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
             raise ValueError(f"no heat bath acts on a {kind}, but on rigid bodies and rotors; leave out Langevin.")
-        self.check_numbers()
         if (state.rotation is None) != (self.linear_friction is None):
             raise ValueError(
                 f"a {kind} travels: give Langevin the linear_friction, or 0 for none."
                 if state.rotation is not None
                 else f"a {kind} does not travel: leave out linear_friction."
             )
+        if isinstance(body.turning, Rotor):
+            body.turning.known_along  # noqa: B018 - raises if it is not known
+
+    def check_on(self, state: AnyState, body: Any) -> None:
+        """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
+        self.check_kind(state, body)
+        self.check_numbers()
         count = state.momentum.shape[-2] if state.several else None
         for name in ("friction", "linear_friction"):
             friction = getattr(self, name)
@@ -192,15 +207,16 @@ def _check_one(name: str, friction: Array, state: AnyState, count: int | None, b
             f"{name} has three numbers, for the principal axes, but the body is a {type(turning).__name__} in a frame "
             "of its own; give the tensor (3, 3) in that frame."
         )
-    if isinstance(turning, Rotor) and name == "friction":
-        turning.known_along  # noqa: B018 - raises if it is not known
-    if isinstance(turning, Rotor) and shape:
-        symmetric = not tensor and (is_traced(friction) or np.all(np.asarray(friction[..., 0] == friction[..., 1])))
-        if not symmetric:
-            raise ValueError(
-                f"{name} on a {type(state).__name__} must be a number, or three numbers of which the first two are "
-                f"equal, got {shown(friction)}; use a state with an attitude for another friction."
-            )
+    if isinstance(turning, Rotor) and tensor:
+        raise _not_symmetric(name, friction, state)
+
+
+def _not_symmetric(name: str, friction: Array, state: AnyState) -> ValueError:
+    got = f"shape {friction.shape}" if is_traced(friction) else shown(friction)
+    return ValueError(
+        f"{name} on a {type(state).__name__} must be a number, or three numbers of which the first two are equal, got "
+        f"{got}; use a state with an attitude for another friction."
+    )
 
 
 def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin | None]:

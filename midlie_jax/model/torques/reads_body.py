@@ -10,6 +10,7 @@ from ..._checks.arguments import require_function
 from ..._math import components as cp
 from ..rotor import Rotor
 from ..state import AnyState, Time
+from ..states import AxisState, TravellingState
 from .base import Torque, no_potential
 
 
@@ -52,6 +53,11 @@ class ReadsVelocity(ReadsBody):
     @property
     def velocity_dependent(self) -> bool:
         return True
+
+
+def knows_axis_alone(state: AnyState) -> bool:
+    """Whether momentum and torque are in the space frame, and of the body only its axis of symmetry is known."""
+    return isinstance(state.turning if isinstance(state, TravellingState) else state, AxisState)
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:

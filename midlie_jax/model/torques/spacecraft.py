@@ -27,11 +27,11 @@ from ..._math import components as cp
 from .. import so3
 from ..rotor import Rotor
 from ..state import AnyState, Time
-from ..states import AxisState, TravellingState, attitude_of
+from ..states import TravellingState, attitude_of
 from ..wrench import Wrench
 from .base import Torque
 from .fields import to_body_components
-from .reads_body import ReadsBody, ReadsVelocity, angular_velocity_of
+from .reads_body import ReadsBody, ReadsVelocity, angular_velocity_of, knows_axis_alone
 from .travel import acts_on_one, through_air, travelling
 
 
@@ -69,7 +69,7 @@ class Damping(ReadsVelocity):
 
     def check(self, state: AnyState) -> None:
         super().check(state)
-        if not _knows_axis_alone(state) or cp.is_traced(self.coefficient):
+        if not knows_axis_alone(state) or cp.is_traced(self.coefficient):
             return
         gain = np.asarray(self.coefficient)
         if gain.ndim and np.any(gain[..., 0] != gain[..., 1]):
@@ -163,7 +163,7 @@ class Rotors(ReadsVelocity):
 
     def check(self, state: AnyState) -> None:
         super().check(state)
-        if _knows_axis_alone(state):
+        if knows_axis_alone(state):
             state.in_one_frame(cp.vector(self.momentum))
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
@@ -277,11 +277,6 @@ class Drag(ReadsBody):
         return cp.scale(-self.density * self.area / 2 * cp.norm(velocity), velocity)
 
 
-def _knows_axis_alone(state: AnyState) -> bool:
-    """Whether momentum and torque are in the space frame, and of the body only its axis of symmetry is known."""
-    return isinstance(state.turning if isinstance(state, TravellingState) else state, AxisState)
-
-
 def _in_frame(of_body: Array, state: AnyState) -> cp.Vector:
     """A vector of the body in the frame of the torque; NaN if it does not lie along an axis that alone is known."""
-    return state.in_one_frame(cp.vector(of_body))[0] if _knows_axis_alone(state) else cp.vector(of_body)
+    return state.in_one_frame(cp.vector(of_body))[0] if knows_axis_alone(state) else cp.vector(of_body)

@@ -53,13 +53,16 @@ class ThermalField(Langevin):
         self.check_numbers()
         return jnp.zeros_like(state.momentum)
 
-    def check_on(self, state: AnyState, body: Any) -> None:
+    def check_kind(self, state: AnyState, body: Any) -> None:
         if not isinstance(body, Spins):
             raise ValueError(
                 f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies take Langevin."
             )
         if body.damping is None:
             raise ValueError("ThermalField needs a damping, Spins(damping=...): its strength follows from it.")
+
+    def check_on(self, state: AnyState, body: Any) -> None:
+        self.check_kind(state, body)
         self.check_numbers()
 
     def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
