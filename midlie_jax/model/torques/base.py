@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 from jax import Array
 
-from ..._checks.arguments import require_function
+from ..._checks.arguments import shown
 from ..._math import components as cp
 from ..state import Time
 from ..wrench import Wrench
@@ -71,6 +71,10 @@ class Torque(eqx.Module):
         """Whether the force is that of gravity, which an accelerometer does not feel."""
         return False
 
+    def _without_gravity(self) -> TorqueLike | None:
+        """See `without_gravity`."""
+        return None if self.gravitational else self
+
     def check(self, state: Any) -> None:
         """Raises a ValueError if the torque, by its numbers, cannot act on this kind of state."""
 
@@ -84,7 +88,7 @@ class Torque(eqx.Module):
 
     def __radd__(self, other: TorqueLike | int) -> "Torque":
         """The sum of a function and this torque; 0, with which Python's `sum` starts, counts as no torque."""
-        return self if isinstance(other, int) else Sum(other, self)
+        return self if type(other) is int and other == 0 else Sum(other, self)  # a ValueError for another number
 
 
 def no_potential(torque: Torque) -> ValueError:
@@ -164,7 +168,11 @@ class Sum(Torque):
         if not self.terms:
             raise ValueError("a sum of torques needs one at least; pass a torque that is not None.")
         for term in self.terms:
-            require_function("a torque", term, "t, state")
+            if not callable(term):
+                raise ValueError(
+                    f"a torque must be a function of (t, state), got {shown(term)} in a sum; a torque that does not "
+                    "change is midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."
+                )
 
     def __call__(self, t: Time, state: Any) -> Any:
         return reduce(_sum, [term(t, state) for term in self.terms])
@@ -176,6 +184,13 @@ class Sum(Torque):
     @property
     def velocity_dependent(self) -> bool:
         return any(velocity_dependent(term) for term in self.terms)
+
+    @property
+    def gravitational(self) -> bool:
+        return all(isinstance(term, Torque) and term.gravitational for term in self.terms)
+
+    def _without_gravity(self) -> TorqueLike | None:
+        return _with_terms(self, [without_gravity(term) for term in self.terms])
 
     def check(self, state: Any) -> None:
         for term in self.terms:
@@ -202,11 +217,15 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
         ['HeavyTop']
     """
     if isinstance(torque, Sum):
-        terms = [kept_terms(term, kept) for term in torque.terms]
-        if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
-            return torque
-        return Sum(*terms) if any(term is not None for term in terms) else None
+        return _with_terms(torque, [kept_terms(term, kept) for term in torque.terms])
     return None if torque is None or not kept(torque) else torque
+
+
+def _with_terms(torque: Sum, terms: list[TorqueLike | None]) -> TorqueLike | None:
+    """The sum of other terms: itself if they are its own, None if all are None."""
+    if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
+        return torque
+    return Sum(*terms) if any(term is not None for term in terms) else None
 
 
 def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
@@ -225,9 +244,11 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
     """The torque without its terms of gravity: itself if there are none, None if nothing else is left.
 
+    Also of a sum within `OnEach`.
+
     Examples:
         >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)
         >>> [type(term).__name__ for term in ml.torques.terms_of(ml.torques.without_gravity(torque))]
         ['Magnus']
     """
-    return kept_terms(torque, lambda term: not (isinstance(term, Torque) and term.gravitational))
+    return torque._without_gravity() if isinstance(torque, Torque) else torque
