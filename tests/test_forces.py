@@ -256,4 +256,4 @@ def test_a_sum_is_gravity_if_all_its_terms_are():
     assert rest_of(each(PUSH + PUSH)).torque.terms == (PUSH, PUSH)
     pushes = each(PUSH)
     assert rest_of(pushes) is pushes
-    assert sum([WEIGHT, PULL]).terms == (WEIGHT, PULL)
+    assert ml.torques.terms_of(sum([WEIGHT, PULL], start=WEIGHT)) == [WEIGHT, WEIGHT, PULL]

@@ -71,8 +71,8 @@ class Torque(eqx.Module):
         """Whether the force is that of gravity, which an accelerometer does not feel."""
         return False
 
-    def _without_gravity(self) -> TorqueLike | None:
-        """See `without_gravity`."""
+    def without_gravity(self) -> TorqueLike | None:
+        """The torque without its terms of gravity, or None if nothing else is left: see the function of this name."""
         return None if self.gravitational else self
 
     def check(self, state: Any) -> None:
@@ -88,7 +88,11 @@ class Torque(eqx.Module):
 
     def __radd__(self, other: TorqueLike | int) -> "Torque":
         """The sum of a function and this torque; 0, with which Python's `sum` starts, counts as no torque."""
-        return self if type(other) is int and other == 0 else Sum(other, self)  # a ValueError for another number
+        if isinstance(other, int):
+            if isinstance(other, bool) or other:
+                raise _no_torque(other)
+            return self
+        return Sum(other, self)
 
 
 def no_potential(torque: Torque) -> ValueError:
@@ -169,10 +173,7 @@ class Sum(Torque):
             raise ValueError("a sum of torques needs one at least; pass a torque that is not None.")
         for term in self.terms:
             if not callable(term):
-                raise ValueError(
-                    f"a torque must be a function of (t, state), got {shown(term)} in a sum; a torque that does not "
-                    "change is midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."
-                )
+                raise _no_torque(term)
 
     def __call__(self, t: Time, state: Any) -> Any:
         return reduce(_sum, [term(t, state) for term in self.terms])
@@ -189,7 +190,7 @@ class Sum(Torque):
     def gravitational(self) -> bool:
         return all(isinstance(term, Torque) and term.gravitational for term in self.terms)
 
-    def _without_gravity(self) -> TorqueLike | None:
+    def without_gravity(self) -> TorqueLike | None:
         return _with_terms(self, [without_gravity(term) for term in self.terms])
 
     def check(self, state: Any) -> None:
@@ -199,6 +200,13 @@ class Sum(Torque):
 
     def on(self, body: Any) -> Torque:
         return Sum(*(on_body(term, body) for term in self.terms))
+
+
+def _no_torque(term: Any) -> ValueError:
+    return ValueError(
+        f"a torque must be a function of (t, state), got {shown(term)} in a sum; a torque that does not change is "
+        "midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."
+    )
 
 
 def _sum(a: Any, b: Any) -> Any:
@@ -251,4 +259,4 @@ def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
         >>> [type(term).__name__ for term in ml.torques.terms_of(ml.torques.without_gravity(torque))]
         ['Magnus']
     """
-    return torque._without_gravity() if isinstance(torque, Torque) else torque
+    return torque.without_gravity() if isinstance(torque, Torque) else torque

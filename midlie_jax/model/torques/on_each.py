@@ -62,6 +62,6 @@ class OnEach(ReadsBody):
     def gravitational(self) -> bool:
         return getattr(self.torque, "gravitational", False)
 
-    def _without_gravity(self) -> TorqueLike | None:
+    def without_gravity(self) -> TorqueLike | None:
         rest = without_gravity(self.torque)
         return self if rest is self.torque else None if rest is None else OnEach(rest)
