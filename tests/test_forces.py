@@ -235,3 +235,25 @@ def test_simulate_names_what_it_writes(kind, tmp_path):
         assert data[named].attrs["units"]
         assert data[named].attrs["frame"] in ("body", "space", "body to space")
         assert data[named].dims[-1] in ("axis", "space_axis", "quaternion")
+
+
+WEIGHT, PULL = ml.torques.UniformGravity([0.0, 0.0, -9.81]), ml.torques.PointMass(3.0)
+PUSH = ml.torques.Thrust([1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+
+
+def test_a_sum_is_gravity_if_all_its_terms_are():
+    """Also a sum on each of several bodies; and what is left without gravity is the rest of it."""
+    each, rest_of = ml.torques.OnEach, ml.torques.without_gravity
+    for torque, gravity in ((WEIGHT, True), (WEIGHT + PULL, True), (WEIGHT + PUSH, False), (PUSH + PUSH, False)):
+        assert torque.gravitational == each(torque).gravitational == (each(torque) + each(torque)).gravitational
+        assert torque.gravitational == gravity
+        assert (rest_of(torque) is None) == (rest_of(each(torque)) is None) == gravity
+    assert not (WEIGHT + (lambda t, state: state.momentum)).gravitational
+    mixed = each(WEIGHT + PUSH + (PULL + PUSH))
+    rest = rest_of(mixed + WEIGHT)
+    assert [type(term) for term in ml.torques.terms_of(rest)] == [ml.torques.OnEach]
+    assert ml.torques.terms_of(rest.terms[0].torque) == [PUSH, PUSH]
+    assert rest_of(each(PUSH + PUSH)).torque.terms == (PUSH, PUSH)
+    pushes = each(PUSH)
+    assert rest_of(pushes) is pushes
+    assert ml.torques.terms_of(sum([WEIGHT, PULL], start=WEIGHT)) == [WEIGHT, WEIGHT, PULL]

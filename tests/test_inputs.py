@@ -5,6 +5,7 @@ import re
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from cases import CLASSES, each, rows, run, setup
@@ -150,6 +151,8 @@ BAD = {
     "weight text": (lambda: ml.torques.HeavyTop("x"), "weight must be an array of numbers"),
     "dipole shape": (lambda: ml.torques.DipoleInField(jnp.ones(2), jnp.ones(3)), r"moment must have shape \(3,\)"),
     "field NaN": (lambda: ml.torques.DipoleInField(jnp.ones(3), jnp.full(3, NAN)), "field must be finite"),
+    "mu infinite": (lambda: ml.torques.GravityGradient(jnp.ones(3), lambda t: None, np.inf), "mu must be .* finite"),
+    "mass infinite": (lambda: ml.torques.PointMass(np.inf), "mu must be positive and finite, got inf"),
     "mu negative": (lambda: ml.torques.GravityGradient(jnp.ones(3), lambda t: None, -1.0), "mu must be positive"),
     "orbit shape": (lambda: ml.orbits.CircularOrbit(jnp.ones(2), jnp.ones(3), 1.0), r"position must have shape"),
     "orbit NaN": (lambda: ml.orbits.KeplerOrbit(jnp.ones(3), jnp.full(3, NAN), 1.0), "velocity must be finite"),
@@ -206,6 +209,27 @@ BAD = {
         lambda: go(body=SINGLE, start=SLOW, t0=1e300, dt=0.1),
         "t0 must be finite",
     ),
+    "end beyond the dtype": (
+        lambda: go(body=SINGLE, start=SLOW, dt=2e38),
+        r"t0 \+ \(first_step \+ steps\) dt must be finite in float32, got inf; choose a larger unit",
+    ),
+    "beginning beyond the dtype": (
+        lambda: go(body=SINGLE, start=SLOW, dt=1e38, first_step=-4, steps=5),
+        "dt must be finite in float32, got -inf",
+    ),
+    "end of many beyond the dtype": (
+        lambda: ml.ensemble(
+            "SW",
+            SINGLE,
+            None,
+            jax.tree.map(lambda x: x[None].repeat(2, 0), SLOW),
+            dt=jnp.array([0.1, 2e38], jnp.float32),
+            steps=2,
+        ),
+        "dt must be finite in float32",
+    ),
+    "dt too large for a float": (lambda: go(dt=10**400), "dt must be finite, got an integer that is too large"),
+    "weight too large for a float": (lambda: ml.torques.HeavyTop(10**400), "weight must be finite, got an integer"),
     "unknown method": (lambda: ml.method("nobody"), "unknown method 'nobody'; choose from JACOBI.EA., .*Verlet"),
     "unknown name": (lambda: go("AKV"), "unknown method 'AKV'; did you mean 'AKW'"),
     "other case": (lambda: go("verlet"), "did you mean 'Verlet'"),
@@ -379,3 +403,29 @@ def test_particles_fail_with_a_flag():
     for name in ("Verlet", "implicit midpoint"):
         assert go(name, PARTICLES, force, PLACES, steps=1).ok
         assert not go(name, PARTICLES, force, PLACES, steps=4).ok
+
+
+@pytest.mark.parametrize("dt", [1e34, -1.5e38])
+def test_a_long_step_has_times(dt):
+    """Up to the largest number of the dtype."""
+    rest = ml.RigidState(0 * SLOW.momentum, SLOW.attitude)
+    path = go(body=SINGLE, start=rest, dt=dt, save_every=1)
+    np.testing.assert_allclose(path.times, np.float32(dt) * np.arange(3, dtype=np.float32), rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("add", "shown"),
+    [
+        (lambda torque: 7 + torque, "7"),
+        (lambda torque: torque + 0.5, "0.5"),
+        (lambda torque: False + torque, "False"),
+        (lambda torque: sum([torque, torque], 1), "1"),
+    ],
+)
+def test_a_number_is_no_torque(monkeypatch, add, shown):
+    """Zero alone, with which Python's sum begins."""
+    torque = ml.torques.HeavyTop(1.0)
+    assert 0 + torque is torque
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match=rf"must be a function of \(t, state\), got {shown} in a sum.*Prescribed"):
+        add(torque)

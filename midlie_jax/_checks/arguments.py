@@ -17,6 +17,7 @@ from jax import Array
 from .._math.components import is_traced
 
 FLOATS = ("float32", "float64")
+_TOO_LARGE = "{name} must be finite, got an integer that is too large; check its units, and write it as a float."
 _NAMED = 8  # the most rows that a message names
 
 
@@ -28,6 +29,8 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     try:
         # A Python integer becomes a Python float: a weak type, which works with float32 and float64.
         array = jnp.asarray(float(value) if type(value) is int else value)
+    except OverflowError as error:
+        raise ValueError(_TOO_LARGE.format(name=name)) from error
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {described(value)}.") from error
     if jnp.issubdtype(array.dtype, jnp.integer):
@@ -43,6 +46,15 @@ def as_weak(vector: Any) -> Array:
     """A vector of known numbers whose dtype gives way to that of a state, as the dtype of a Python number does."""
     with jax.ensure_compile_time_eval():  # so that its numbers are known also where a program is traced
         return jnp.stack([jnp.asarray(float(x)) for x in np.asarray(vector)])
+
+
+def as_number(name: str, value: float | int, dtype: Any) -> np.ndarray:
+    """A Python number as an array () of NumPy; infinite if it is beyond the dtype."""
+    try:
+        with np.errstate(over="ignore"):
+            return np.asarray(value, dtype)
+    except OverflowError as error:
+        raise ValueError(_TOO_LARGE.format(name=name)) from error
 
 
 def is_key(value: Any) -> bool:

@@ -32,9 +32,10 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
     square, along = cp.dot(field, field), cp.dot(field, spin)
     c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)
     new = cp.add(cp.scale(1 - c * c * square, spin), cp.scale(2 * c * (1 + c * along), field))
-    length = cp.dot(new, new)
-    rests = length == 0  # opposite to the field to the last digit, after a damping as strong as the digits reach
-    size = 1 / jnp.sqrt(jnp.where(rests, jnp.ones_like(length), length))
+    length, one = cp.dot(new, new), jnp.ones_like(square)
+    rests = length == 0  # opposite to the field to the last digit, where the damping is as strong as the digits reach
+    # The `where` also keeps XLA from an inverse root, whose last digit is another in another program.
+    size = 1 / jnp.where(rests, one, jnp.sqrt(jnp.where(rests, one, length)))
     return cp.add(cp.scale(size, new), cp.scale(rests.astype(length.dtype), spin))
 
 

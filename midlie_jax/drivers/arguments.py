@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import as_count, as_floats, described, require_finite, same_dtype, shown
+from .._checks.arguments import as_count, as_floats, as_number, described, require, require_finite, same_dtype, shown
 from .._math.components import is_traced
 from .._xla.structure import once, once_for_numbers
 from ..methods.base import Method
@@ -143,14 +143,30 @@ def as_argument(name: str, value: Any, dtype: Any) -> Any:
     """`as_scalar` for a program that is called at once: of a Python number an array of NumPy, which is made faster."""
     if isinstance(value, bool) or not isinstance(value, float | int):
         return as_scalar(name, value, dtype)
-    with np.errstate(over="ignore"):  # infinity is refused below
-        array = np.asarray(value, dtype)
+    array = as_number(name, value, dtype)
     require_finite(name, array)
     return array
 
 
+def check_ends(t0: Any, dt: Any, first: Any, steps: int) -> None:
+    """Raises unless the times of a run are finite in its dtype, that of dt; traced times are not checked."""
+    if is_traced(t0, dt, first):
+        return
+    dtype, last = np.asarray(dt).dtype, float(first) + steps
+    t0, dt = (np.asarray(x, np.float64) for x in (t0, dt))
+    with np.errstate(over="ignore", invalid="ignore"):
+        ends = [(t0 + n * dt).astype(dtype) for n in (last, float(first))]
+    for end in ends:
+        problem, cure = f"must be finite in {dtype}", "choose a larger unit of time, or fewer or shorter steps."
+        require("t0 + (first_step + steps) dt", end, np.isfinite, problem, cure)
+
+
 def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps: int) -> None:
-    """Raises if the run asks for the torque at times that a table in it does not hold; traced times are not checked."""
+    """Raises if the run ends at no finite time, or asks for the torque at times that a table in it does not hold.
+
+    Traced times are not checked.
+    """
+    check_ends(t0, dt, first, steps)
     if not orbits_in(torque) or is_traced(t0, dt, first):
         return
     before, after = method.asks

@@ -13,7 +13,6 @@ from .._xla.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
-from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
 from ..model.torques import Langevin, TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
@@ -236,8 +235,6 @@ def _check_bath_of_one(bath: Langevin, body: Any, start: Any, own_body: bool, co
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
     """`check_times` of the bodies of an ensemble."""
-    if not orbits_in((batch.mapped[1], batch.shared[1])):
-        return
     _, torque, _, dt, t0 = eqx.combine(batch.mapped, batch.shared)
     check_times(batch.method, torque, t0, dt, first, steps)
 

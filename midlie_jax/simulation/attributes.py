@@ -44,12 +44,12 @@ def checked_attributes(attributes: Any, taken: Iterable[str]) -> dict[str, Any]:
 
 def _checked_value(name: str, value: Any) -> Any:
     """A text, a Python number, or a list of these, of the same value."""
-    problem = ""
+    array, problem = np.empty(0, object), ""
     try:
         array = np.asarray(value)
-        kind = array.dtype.kind
     except Exception as error:  # a ragged list, a traced array, or whatever an object of the user raises
-        kind, problem = "", f" ({type(error).__name__})"
+        problem = f" ({type(error).__name__})"
+    kind = array.dtype.kind
     if kind not in ("b", "i", "u", "f", "U") or _mixed(value, kind):
         raise ValueError(
             f"attributes has the entry {name!r}: {shown(value)}{problem}, but takes a text, a number, or a list of "

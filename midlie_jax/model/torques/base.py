@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 from jax import Array
 
-from ..._checks.arguments import require_function
+from ..._checks.arguments import shown
 from ..._math import components as cp
 from ..state import Time
 from ..wrench import Wrench
@@ -71,6 +71,10 @@ class Torque(eqx.Module):
         """Whether the force is that of gravity, which an accelerometer does not feel."""
         return False
 
+    def without_gravity(self) -> TorqueLike | None:
+        """The torque without its terms of gravity, or None if nothing else is left: see the function of this name."""
+        return None if self.gravitational else self
+
     def check(self, state: Any) -> None:
         """Raises a ValueError if the torque, by its numbers, cannot act on this kind of state."""
 
@@ -84,7 +88,11 @@ class Torque(eqx.Module):
 
     def __radd__(self, other: TorqueLike | int) -> "Torque":
         """The sum of a function and this torque; 0, with which Python's `sum` starts, counts as no torque."""
-        return self if isinstance(other, int) else Sum(other, self)
+        if isinstance(other, int):
+            if isinstance(other, bool) or other:
+                raise _no_torque(other)
+            return self
+        return Sum(other, self)
 
 
 def no_potential(torque: Torque) -> ValueError:
@@ -164,7 +172,8 @@ class Sum(Torque):
         if not self.terms:
             raise ValueError("a sum of torques needs one at least; pass a torque that is not None.")
         for term in self.terms:
-            require_function("a torque", term, "t, state")
+            if not callable(term):
+                raise _no_torque(term)
 
     def __call__(self, t: Time, state: Any) -> Any:
         return reduce(_sum, [term(t, state) for term in self.terms])
@@ -177,6 +186,13 @@ class Sum(Torque):
     def velocity_dependent(self) -> bool:
         return any(velocity_dependent(term) for term in self.terms)
 
+    @property
+    def gravitational(self) -> bool:
+        return all(isinstance(term, Torque) and term.gravitational for term in self.terms)
+
+    def without_gravity(self) -> TorqueLike | None:
+        return _with_terms(self, [without_gravity(term) for term in self.terms])
+
     def check(self, state: Any) -> None:
         for term in self.terms:
             if isinstance(term, Torque):
@@ -184,6 +200,13 @@ class Sum(Torque):
 
     def on(self, body: Any) -> Torque:
         return Sum(*(on_body(term, body) for term in self.terms))
+
+
+def _no_torque(term: Any) -> ValueError:
+    return ValueError(
+        f"a torque must be a function of (t, state), got {shown(term)} in a sum; a torque that does not change is "
+        "midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."
+    )
 
 
 def _sum(a: Any, b: Any) -> Any:
@@ -202,11 +225,15 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
         ['HeavyTop']
     """
     if isinstance(torque, Sum):
-        terms = [kept_terms(term, kept) for term in torque.terms]
-        if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
-            return torque
-        return Sum(*terms) if any(term is not None for term in terms) else None
+        return _with_terms(torque, [kept_terms(term, kept) for term in torque.terms])
     return None if torque is None or not kept(torque) else torque
+
+
+def _with_terms(torque: Sum, terms: list[TorqueLike | None]) -> TorqueLike | None:
+    """The sum of other terms: itself if they are its own, None if all are None."""
+    if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
+        return torque
+    return Sum(*terms) if any(term is not None for term in terms) else None
 
 
 def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
@@ -225,9 +252,11 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
     """The torque without its terms of gravity: itself if there are none, None if nothing else is left.
 
+    Also of a sum within `OnEach`.
+
     Examples:
         >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)
         >>> [type(term).__name__ for term in ml.torques.terms_of(ml.torques.without_gravity(torque))]
         ['Magnus']
     """
-    return kept_terms(torque, lambda term: not (isinstance(term, Torque) and term.gravitational))
+    return torque.without_gravity() if isinstance(torque, Torque) else torque

@@ -146,7 +146,8 @@ class GravityGradient(ReadsBody):
         mu: gravitational parameter of the attracting mass, (), length^3/time^2.
 
     Raises:
-        ValueError: moments not positive and of shape (..., 3), or mu not positive; moments with a `TensorBody`.
+        ValueError: moments not positive and of shape (..., 3), or mu not positive and finite; moments with a
+            `TensorBody`.
 
     Examples:
         >>> mu = 3.986e14  # of the Earth, m^3/s^2
@@ -165,7 +166,8 @@ class GravityGradient(ReadsBody):
         self.moments = None if moments is None else RigidBody(moments, physical=False).moments
         self.orbit = orbit
         self.mu = as_floats("mu", mu)
-        require("mu", self.mu, lambda m: m > 0, "must be positive", "pass G times the attracting mass.")
+        mass = "pass G times the attracting mass."
+        require("mu", self.mu, lambda m: np.isfinite(m) & (m > 0), "must be positive and finite", mass)
 
     def on(self, body: Any) -> Torque:
         if self.moments is None:

@@ -8,7 +8,7 @@ from jax import Array
 
 from ..._checks.arguments import require_function
 from ..state import Time
-from .base import TorqueLike, on_body, potential_of, velocity_dependent
+from .base import TorqueLike, on_body, potential_of, velocity_dependent, without_gravity
 from .reads_body import ReadsBody
 
 
@@ -61,3 +61,7 @@ class OnEach(ReadsBody):
     @property
     def gravitational(self) -> bool:
         return getattr(self.torque, "gravitational", False)
+
+    def without_gravity(self) -> TorqueLike | None:
+        rest = without_gravity(self.torque)
+        return self if rest is self.torque else None if rest is None else OnEach(rest)

@@ -132,8 +132,8 @@ class PointMass(_Gravity):
         gradient: False leaves out the terms of second order: the body is pulled like a point, and not turned.
 
     Raises:
-        ValueError: mu not positive. When called: body and state do not travel; with the gradient, a `Rotor` has no
-            `along`.
+        ValueError: mu not positive and finite. When called: body and state do not travel; with the gradient, a `Rotor`
+            has no `along`.
 
     Examples:
         >>> earth = ml.torques.PointMass(mu=3.986e14)  # m^3/s^2
@@ -149,7 +149,8 @@ class PointMass(_Gravity):
     def __init__(self, mu: Any, *, gradient: bool = True):
         self.gradient = gradient
         self.mu = as_floats("mu", mu)
-        require("mu", self.mu, lambda m: m > 0, "must be positive", "pass G times the attracting mass.")
+        mass = "pass G times the attracting mass."
+        require("mu", self.mu, lambda m: np.isfinite(m) & (m > 0), "must be positive and finite", mass)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Wrench:
         del t
