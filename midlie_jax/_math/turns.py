@@ -9,6 +9,7 @@ from . import components as cp
 from .short_series import WIDEST_SQUARE, half_turn
 
 _SMALL = 1e-4  # below, tanh(y)/y is taken from its series in y^2
+_LEAST_DENOMINATOR = 0.01  # a hundred roundings of the length of a spin
 
 
 def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
@@ -26,17 +27,17 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
 
         S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
 
-    The denominator is the length of the numerator, and is computed as that: opposite to the field both are small, and
-    the rounding of a denominator of its own would change the length of the spin.
+    The denominator is small only for a spin opposite to a field so strong that its mobility |B| is more than 2.9; there
+    the spin's length would be lost by rounding. Where it is below `_LEAST_DENOMINATOR` the result is NaN, so that `ok`
+    is False.
     """
     square, along = cp.dot(field, field), cp.dot(field, spin)
     c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)
-    new = cp.add(cp.scale(1 - c * c * square, spin), cp.scale(2 * c * (1 + c * along), field))
-    length, one = cp.dot(new, new), jnp.ones_like(square)
-    rests = length == 0  # opposite to the field to the last digit, where the damping is as strong as the digits reach
-    # The `where` also keeps XLA from an inverse root, whose last digit is another in another program.
-    size = 1 / jnp.where(rests, one, jnp.sqrt(jnp.where(rests, one, length)))
-    return cp.add(cp.scale(size, new), cp.scale(rests.astype(length.dtype), spin))
+    bounded = c * c * square
+    denominator = 1 + bounded + 2 * c * along
+    factor = 1 / jnp.where(denominator >= _LEAST_DENOMINATOR, denominator, jnp.nan)
+    kept = cp.scale((1 - bounded) * factor, spin)
+    return cp.add(kept, cp.scale(2 * c * (1 + c * along) * factor, field))
 
 
 def _tanh_ratio(square: Array) -> Array:
