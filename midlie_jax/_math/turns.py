@@ -9,7 +9,8 @@ from . import components as cp
 from .short_series import WIDEST_SQUARE, half_turn
 
 _SMALL = 1e-4  # below, tanh(y)/y is taken from its series in y^2
-_LEAST_DENOMINATOR = 0.01  # a hundred roundings of the length of a spin
+_UNTOUCHED = 100  # roundings of |S|^2
+_LEAST_DENOMINATOR = 0.05
 
 
 def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
@@ -20,6 +21,16 @@ def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
     return cp.add(spin, cp.rotation_change((within * w, x, y, z), spin))
 
 
+def unit(spin: cp.Vector) -> cp.Vector:
+    """Spins whose length differs from one by more than a hundred roundings get one that is closer to it; others stay.
+
+    So the digits of an ordinary run do not depend on how this sum was compiled.
+    """
+    excess = cp.dot(spin, spin) - 1
+    far = jnp.abs(excess) > _UNTOUCHED * cp.epsilon(excess)
+    return cp.scale(jnp.where(far, 1 - excess / 2, jnp.ones_like(excess)), spin)
+
+
 def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
     """Spins after damping S' = (mobility / h) S x (B x S) in a field that does not change, for the time h.
 
@@ -27,9 +38,9 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
 
         S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
 
-    The denominator is small only for a spin opposite to a field so strong that its mobility |B| is more than 2.9; there
-    the spin's length would be lost by rounding. Where it is below `_LEAST_DENOMINATOR` the result is NaN, so that `ok`
-    is False.
+    The denominator is small for a spin opposite to a strong field, and an error of the length grows by about its
+    inverse square. Where it is less than `_LEAST_DENOMINATOR`, so that mobility |B| is more than 2, the result is NaN,
+    so that `ok` is False.
     """
     square, along = cp.dot(field, field), cp.dot(field, spin)
     c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)

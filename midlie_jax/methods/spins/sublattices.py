@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from ..._math import components as cp
-from ..._math.turns import damped, turned, turned_by_own
+from ..._math.turns import damped, turned, turned_by_own, unit
 from ..._xla.fusion import split
 from ..._xla.structure import once_for_numbers
 from ...model.bodies import Body
@@ -158,7 +158,12 @@ class Sublattices(Method):
     ) -> tuple[AnyMotion, Any, Array | bool]:
         parts = _Parts.of(system)
         take = self._step_in_loop if self.loops_for(system) else self._step_unrolled
-        spin, known = take(parts, system, t0, t1, h, motion.momentum, force)
+        spin = motion.momentum
+        if system.inertia.spins.damping is not None:
+            # The closed forms of damping are those of unit vectors. Opposite to the field they move a length away from
+            # one faster than the spin away from the field, so that roundings would grow to anything.
+            spin = split(unit(spin) if system.inertia.checkered is None else tuple(map(unit, spin)))
+        spin, known = take(parts, system, t0, t1, h, spin, force)
         return Motion(spin, ()), known if self.keeps_force(system) else None, True
 
     def _step_unrolled(
