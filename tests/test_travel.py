@@ -177,6 +177,7 @@ DRIVEN = (
 )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["SYMMETRIC[EA]", "GBS12"])
 def test_torques_of_the_spin_act_on_an_axis_as_on_a_rigid_body(name):
     """They read the whole angular velocity, or hold vectors of the body: on an axis both must be put into space."""

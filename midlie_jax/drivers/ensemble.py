@@ -215,10 +215,10 @@ def _with_rows(arguments: Any, torque_axes: Any) -> list[bool]:
     if isinstance(torque_axes, str) and torque_axes == AUTO and any(not bath.key for bath in baths_in(rows[1])):
         for bath in baths_in(torque):
             _check_bath_of_one(bath, body, start, own_body, count)
-        several = max(bath.key.shape for bath in baths_in(torque))
+        several, kind = max((bath.key.shape, type(bath).__name__) for bath in baths_in(torque))
         keys, same = ("one key", ", which would all get the same noise") if several == () else (f"keys {several}", "")
         raise ValueError(
-            f"Langevin has {keys} for {count} bodies{same}; give it one for each, "
+            f"{kind} has {keys} for {count} bodies{same}; give it one for each, "
             f"jax.random.split(key, {count}). If all are to have the noise of one key, say so by torque_axes, which "
             "names the parameters that have rows, or is None."
         )
