@@ -277,7 +277,7 @@ def test_energy_of_an_ensemble_and_of_particles():
     assert energy.shape == (51,)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
     many = ml.ParticleState(jnp.ones((4, 2)), jnp.ones((4, 2)))
-    with pytest.raises(ValueError, match="of an ensemble of particles map energy"):
+    with pytest.raises(ValueError, match="an ensemble of ParticleState map energy"):
         ml.energy(mass, spring, ml.ensemble("Verlet", mass, spring, many, dt=0.01, steps=4, save_every=1))
 
 

@@ -76,7 +76,7 @@ def energy(
         state, t, path_shape = motion.states, motion.times, motion.times.shape
         if not state.own_axes and len(path_shape) != motion.ok.ndim + 1:
             raise ValueError(
-                f"for a path of an ensemble of {type(state).__name__} map energy over its states by jax.vmap and pass t."
+                f"for an ensemble of {type(state).__name__} map energy over its states by jax.vmap and pass t."
             )
     else:
         raise ValueError(f"motion must be a state or a path, got {described(motion)}.")
