@@ -25,8 +25,9 @@ def time_of(t0: Array, dt: Array, n: Array) -> Array:
 
     Computed from the index, because in float32 a sum of many dt would lose whole steps. The index is split into two
     parts of its own sign, each of which a float32 represents exactly; parts of different signs would cancel. The power
-    of two is taken by the index: with a long step it would be infinite, and infinity times an index of zero is NaN.
+    of two is taken as an integer: with a long step it would be infinite, and infinity times an index of zero is NaN.
     """
     high = jnp.where(n < 0, -(-n >> _EXACT_BITS), n >> _EXACT_BITS)
-    low = n - (high << _EXACT_BITS)
-    return t0 + (high.astype(dt.dtype) * 2**_EXACT_BITS * dt + low.astype(dt.dtype) * dt)
+    high = high << _EXACT_BITS
+    low = n - high
+    return t0 + (high.astype(dt.dtype) * dt + low.astype(dt.dtype) * dt)
