@@ -23,9 +23,10 @@ from ..methods.runge_kutta import RungeKutta
 from ..methods.schemes import SCHEMES
 from ..methods.system import System
 from ..model.bodies import Body, RigidBody, principal_of
+from ..model.compatibility import order_cure
 from ..model.rotor import Rotor
 from ..model.state import AnyState
-from ..model.torques import Torque, TorqueLike
+from ..model.torques import TorqueLike
 from .check import check
 from .ladder import Candidate, Run, Trial, confirmed, ends_of, fastest_seconds, fits_of, ladder_of, trial_of
 from .one_direction import one_direction
@@ -127,8 +128,7 @@ def recommend(
         )
     body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
     if not isinstance(body_that_turns, RigidBody | Rotor):
-        cure = "; the body comes before the torque" if isinstance(body, Torque) else ""
-        raise ValueError(f"recommend is for bodies that turn, got body {described(body)}{cure}.")
+        raise ValueError(f"recommend is for bodies that turn, got body {described(body)}{order_cure(body)}.")
     if not hasattr(start, "attitude") and not hasattr(start, "axis"):
         raise ValueError(
             f"start must be a state with an attitude or an axis, such as midlie_jax.RigidState, got {described(start)}."

@@ -35,8 +35,13 @@ def check_body(body: Any, state: AnyState) -> None:
             )
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
         cure = "" if own else f"; make one with midlie_jax.{kind}"
-        cure = "; the body comes before the torque" if isinstance(body, Torque) else cure
+        cure = order_cure(body) or cure
         raise ValueError(f"a {type(state).__name__} belongs to a {kind}, but body is {described(body)}{cure}.")
+
+
+def order_cure(body: Any) -> str:
+    """For messages on a body of the wrong kind: what to do if it is a torque; else ""."""
+    return "; the body comes before the torque" if isinstance(body, Torque) else ""
 
 
 def body_named(body: Any) -> str:

@@ -61,10 +61,6 @@ class ThermalField(Langevin):
         if body.damping is None:
             raise ValueError("ThermalField needs a damping, Spins(damping=...): its strength follows from it.")
 
-    def check_on(self, state: AnyState, body: Any) -> None:
-        self.check_kind(state, body)
-        self.check_numbers()
-
     def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
         """The bath of a run whose state has this kind."""
         assert body.damping is not None
