@@ -13,6 +13,7 @@ from .._xla.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.compatibility import check_state
+from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
 from ..model.torques import Langevin, TorqueLike, baths_in
 from .adjoints import Adjoint, as_adjoint
@@ -235,7 +236,9 @@ def _check_bath_of_one(bath: Langevin, body: Any, start: Any, own_body: bool, co
 
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
     """`check_times` of the bodies of an ensemble."""
-    _, torque, _, dt, t0 = eqx.combine(batch.mapped, batch.shared)
+    (_, torque, _, *own), (_, shared_torque, _, *shared) = batch.mapped, batch.shared
+    torque = eqx.combine(torque, shared_torque) if orbits_in((torque, shared_torque)) else None
+    dt, t0 = (one if one is not None else other for one, other in zip(own, shared, strict=True))
     check_times(batch.method, torque, t0, dt, first, steps)
 
 
