@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from itertools import count
 from pathlib import Path
 
 import jax
@@ -53,7 +54,16 @@ def pytest_configure(config):
 
 # Files whose laws read the same compiled runs; the others are one group each.
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
-BEGAN = time.monotonic()
+BEGAN = time.time()
+# Linux gives a process 65530 maps of memory (vm.max_map_count), each compiled loop takes three, and XLA, given no more,
+# ends the process with a segmentation fault.
+MOST_MAPS = 30_000
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node):
+    """All workers go by one clock, also the one that takes the place of a worker that crashed."""
+    node.workerinput["began"] = BEGAN
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -89,9 +99,27 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_runtest_setup(item):
-    limit = item.config.option.minutes
-    if limit is not None and time.monotonic() - BEGAN > 60 * limit:
+    limit, began = item.config.option.minutes, getattr(item.config, "workerinput", {}).get("began", BEGAN)
+    if limit is not None and time.time() - began > 60 * limit:
         pytest.skip(f"{limit:g} minutes are over")
+
+
+TORN_DOWN = count(1)
+
+
+def pytest_runtest_teardown():
+    if next(TORN_DOWN) % 16 == 0 and maps_of_memory() > MOST_MAPS:  # to count them takes up to 30 ms
+        gc.unfreeze()
+        jax.clear_caches()
+        gc.collect()
+        gc.freeze()
+
+
+def maps_of_memory():
+    try:
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:  # not Linux
+        return 0
 
 
 @pytest.fixture(scope="module", autouse=True)
