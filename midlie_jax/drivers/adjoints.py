@@ -242,9 +242,10 @@ def _summing_once(steps: Steps, progress: Progress) -> Step:
     """`steps.take`, whose reverse derivative adds up over bodies after the loop what belongs to parameters they share.
 
     This holds for parameters of few numbers, which a step reads as scalars. A loop within the step would read them as
-    arrays with a row for each body, also in a run without derivatives, so such a step stays as it is.
+    arrays with a row for each body, also in a run without derivatives, so such a step stays as it is; and so does one on
+    a mesh whose axes are part of the arrays' types, because the rows of a copy would lack them.
     """
-    if steps.nested:
+    if steps.nested or jax.sharding.get_abstract_mesh().explicit_axes:
         return steps.take
     index = jax.tree.map(lambda x: x[0], steps.inputs)
     take, arrays = jax.closure_convert(steps.take, progress, index)
