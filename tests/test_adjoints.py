@@ -239,6 +239,38 @@ def test_forward_mode_alone_refuses_reverse_mode():
 
 
 BATCH = 1003  # a number that nothing else in the program has
+SECONDS = jnp.linspace(0.0, 1.0, 200)
+SUN = jnp.array([1.0, 0.0, 0.0])
+SIDEWAYS = jnp.array([0.0, 1.1, 0.0])
+SURFACE = ml.Surface.ellipsoid([3.0, 2.0, 1.0], 80)
+TORQUES = {
+    "a table": lambda number: lambda t, state: number * jnp.interp(t, SECONDS, SECONDS**2) * state.attitude[1:],
+    "an orbit": lambda mu: ml.torques.GravityGradient(None, ml.orbits.KeplerOrbit(SUN, SIDEWAYS, mu), mu),
+    "facets": lambda flux: ml.torques.Sunlight(SURFACE, SUN, flux, 0.3, 0.3, 0.2),
+    "a bath": lambda number: ml.torques.HeavyTop(number) + ml.torques.Langevin(number, number, jax.random.key(0)),
+    "a weight": ml.torques.HeavyTop,
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", TORQUES)
+def test_a_run_computes_nothing_anew_for_each_body_that_all_share(kind):
+    """Without a derivative its program is that of a run that has no reverse derivative."""
+
+    def end(adjoint, number, momentum):
+        method = "JACOBI[BAOAB]" if kind == "a bath" else "JACOBI[EA]"
+        start, run = ml.RigidState(momentum, jnp.asarray(CASE.attitude)), {"dt": 0.05, "steps": 8, "save_every": 8}
+        return ml.integrate(
+            method, ml.RigidBody([1.0, 1.8, 2.3]), TORQUES[kind](number), start, adjoint=adjoint, **run
+        ).states.momentum[-1]
+
+    def size(adjoint):
+        program = (
+            real(jax.vmap(partial(end, adjoint), (None, 0))).lower(jnp.asarray(0.3), jnp.ones((BATCH, 3))).compile()
+        )
+        return program.as_text().count(f"[{BATCH}"), program.memory_analysis().temp_size_in_bytes
+
+    assert size(ml.Checkpointed()) == size(ml.Forward())
 
 
 @pytest.mark.sample(0)

@@ -49,7 +49,7 @@ class Steps(NamedTuple):
         number: how many steps.
         total: how many steps the run has in all.
         unroll: steps per iteration of the loop.
-        nested: whether a step holds a loop.
+        fused: whether a step is one loop over the bodies of a batch: no loop of its own, no costly torque, no bath.
     """
 
     take: Step
@@ -59,7 +59,7 @@ class Steps(NamedTuple):
     number: int
     total: int
     unroll: int
-    nested: bool
+    fused: bool
 
 
 class Adjoint(eqx.Module):
@@ -241,11 +241,12 @@ def _every(number: int, total: int, size: int) -> int:
 def _summing_once(steps: Steps, progress: Progress) -> Step:
     """`steps.take`, whose reverse derivative adds up over bodies after the loop what belongs to parameters they share.
 
-    This holds for parameters of few numbers, which a step reads as scalars. A loop within the step would read them as
-    arrays with a row for each body, also in a run without derivatives, so such a step stays as it is; and so does one on
-    a mesh whose axes are part of the arrays' types, because the rows of a copy would lack them.
+    This holds for parameters of few numbers, which a step reads as scalars, and only where a step is one loop over the
+    bodies. Elsewhere a run would read the copies as arrays with a row for each body, also without derivatives: a table,
+    an orbit or the facets of a surface that all bodies share would be computed anew for each. On a mesh whose axes are
+    part of the arrays' types the rows of a copy would lack them.
     """
-    if steps.nested or jax.sharding.get_abstract_mesh().explicit_axes:
+    if not steps.fused or jax.sharding.get_abstract_mesh().explicit_axes:
         return steps.take
     index = jax.tree.map(lambda x: x[0], steps.inputs)
     take, arrays = jax.closure_convert(steps.take, progress, index)

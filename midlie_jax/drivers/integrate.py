@@ -228,8 +228,9 @@ def run_of_body(
             return in_leg(leg, n - first, save_every, method, take, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
         steps = intervals * save_every
-        functions, nested = (partial(advance, dt), take_back, take_again), method.loops_for(system)
-        inputs = Steps(*functions, (indices, rows), save_every, steps, unroll, nested)
+        functions = partial(advance, dt), take_back, take_again
+        fused = not (method.loops_for(system) or system.costly or system.bath is not None or system.kind.apart)
+        inputs = Steps(*functions, (indices, rows), save_every, steps, unroll, fused)
         return adjoint.run(inputs, progress)
 
     progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
