@@ -252,7 +252,7 @@ TORQUES = {
 }
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", TORQUES)
 def test_a_run_computes_nothing_anew_for_each_body_that_all_share(kind):
     """Without a derivative its program is that of a run that has no reverse derivative."""
