@@ -155,6 +155,7 @@ def no_measuring(monkeypatch):
     monkeypatch.setattr(command, "_measured", lambda bench, methods: [measured(m.name) for m in methods])
 
 
+@pytest.mark.sample(0)
 def test_the_command_prints_and_writes_figures_and_verdicts(no_measuring, tmp_path, capsys):
     script.main(
         [

@@ -210,6 +210,7 @@ def test_run_reports_the_conservation_laws_of_a_batch_of_tops():
     assert re.fullmatch(r"\S+ s of (processor|wall) time on .+ \(median, ±\d+%\)", seen["run time"])
 
 
+@pytest.mark.sample(0)
 def test_run_of_a_free_body_keeps_all_of_the_spatial_momentum():
     seen = facts(midlie("run", "tumbling-brick", "--steps", "50"))
     size, what = seen["momentum error, largest relative"].split(maxsplit=1)

@@ -394,12 +394,13 @@ def test_a_scene_is_whole(name, dtype):
     assert scene.name == name
     assert all(text and "\n" not in text for text in (scene.title, scene.source, scene.units))
     arrays = jax.tree.leaves((scene.body, scene.torque, scene.start, scene.axes))
-    assert {leaf.dtype for leaf in arrays} == {jnp.dtype(dtype or "float64")}
+    # A default, such as the pole of an oblate planet, is weakly typed: it takes the dtype of what it meets.
+    assert {leaf.dtype for leaf in arrays if not leaf.weak_type} == {jnp.dtype(dtype or "float64")}
     assert abs(scene.steps * scene.dt / scene.duration - 1) < 1e-12
     if scene.torque is not None:
         torque = on_body(scene.torque, scene.body)(jnp.zeros((), dtype), scene.start)
         for part in jax.tree.leaves(torque):  # of a body that travels, the torque and the force
-            assert part.shape == (3,)
+            assert part.shape == scene.start.momentum.shape
             assert part.dtype == scene.start.momentum.dtype
             assert jnp.isfinite(part).all()
 

@@ -293,6 +293,7 @@ def test_a_box_in_thin_gas_settles_with_its_centre_of_pressure_behind():
     np.testing.assert_allclose(slope, 0)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("thermal_speed", [None, 1.5])
 @pytest.mark.parametrize("accommodation", [1.0, 0.7])
 @pytest.mark.parametrize("facets", [1, 17])
