@@ -172,9 +172,11 @@ def test_the_command_prints_and_writes_figures_and_verdicts(no_measuring, tmp_pa
     assert all(f"| `{name}` |" in text for name in (HAS, LACKS))
 
 
+@pytest.mark.sample(0)
 def test_the_command_measures_two_methods_at_a_time_in_order(monkeypatch, capsys):
+    found = measured(HAS)  # before `measure` is replaced
     monkeypatch.setattr(command, "Bench", lambda *steps: bench())
-    monkeypatch.setattr(Bench, "measure", lambda self, method, done: measured(HAS)._replace(method=method.name))
+    monkeypatch.setattr(Bench, "measure", lambda self, method, done: found._replace(method=method.name))
     script.main(["--methods", LACKS, HAS, PAPERS, "--steps", str(STEPS)])
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()[2:5]] == [LACKS, HAS, PAPERS]
 
