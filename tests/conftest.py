@@ -99,20 +99,20 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_runtest_setup(item):
-    limit, began = item.config.option.minutes, getattr(item.config, "workerinput", {}).get("began", BEGAN)
+    limit, began = item.config.option.minutes, getattr(item.config, "workerinput", {"began": BEGAN})["began"]
     if limit is not None and time.time() - began > 60 * limit:
         pytest.skip(f"{limit:g} minutes are over")
 
 
-TORN_DOWN = count(1)
+TESTS = count(1)  # of this process, that have ended
 
 
 def pytest_runtest_teardown():
-    if next(TORN_DOWN) % 16 == 0 and maps_of_memory() > MOST_MAPS:  # to count them takes up to 30 ms
-        gc.unfreeze()
+    """Forgets compiled programs before the process has no more maps of memory; to count these takes up to 30 ms."""
+    if next(TESTS) % 16 == 0 and maps_of_memory() > MOST_MAPS:
         jax.clear_caches()
+        gc.unfreeze()  # what refers to programs in a circle is collected, too
         gc.collect()
-        gc.freeze()
 
 
 def maps_of_memory():

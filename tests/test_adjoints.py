@@ -258,16 +258,14 @@ def test_a_run_computes_nothing_anew_for_each_body_that_all_share(kind):
     """Without a derivative its program is that of a run that has no reverse derivative."""
 
     def end(adjoint, number, momentum):
-        method = "JACOBI[BAOAB]" if kind == "a bath" else "JACOBI[EA]"
-        start, run = ml.RigidState(momentum, jnp.asarray(CASE.attitude)), {"dt": 0.05, "steps": 8, "save_every": 8}
-        return ml.integrate(
-            method, ml.RigidBody([1.0, 1.8, 2.3]), TORQUES[kind](number), start, adjoint=adjoint, **run
-        ).states.momentum[-1]
+        method, body = "JACOBI[BAOAB]" if kind == "a bath" else "JACOBI[EA]", ml.RigidBody([1.0, 1.8, 2.3])
+        start = ml.RigidState(momentum, jnp.asarray(CASE.attitude))
+        run = {"dt": 0.05, "steps": 8, "save_every": 8, "adjoint": adjoint}
+        return ml.integrate(method, body, TORQUES[kind](number), start, **run).states.momentum[-1]
 
     def size(adjoint):
-        program = (
-            real(jax.vmap(partial(end, adjoint), (None, 0))).lower(jnp.asarray(0.3), jnp.ones((BATCH, 3))).compile()
-        )
+        run = real(jax.vmap(partial(end, adjoint), (None, 0)))
+        program = run.lower(jnp.asarray(0.3), jnp.ones((BATCH, 3))).compile()
         return program.as_text().count(f"[{BATCH}"), program.memory_analysis().temp_size_in_bytes
 
     assert size(ml.Checkpointed()) == size(ml.Forward())

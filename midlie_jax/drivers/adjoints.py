@@ -49,7 +49,8 @@ class Steps(NamedTuple):
         number: how many steps.
         total: how many steps the run has in all.
         unroll: steps per iteration of the loop.
-        fused: whether a step is one loop over the bodies of a batch: no loop of its own, no costly torque, no bath.
+        fused: whether a step is one loop over the bodies of a batch: it holds no other loop, no torque that has
+            loops of its own, and no bath.
     """
 
     take: Step
