@@ -310,7 +310,9 @@ class _Stages(NamedTuple):
 
     def bathe(self, b: float, c: float, stage: int, motion: AnyMotion) -> AnyMotion:
         t = self._time(c)
-        return self.system.of_members([own.bathed(b, t, stage, one) for own, one in self.system.members(motion)])
+        bathed = self.system.of_members([own.bathed(b, t, stage, one) for own, one in self.system.members(motion)])
+        # The exposures are those of a whole step. A step of length zero leaves the motion as it is.
+        return jax.tree.map(lambda old, new: jnp.where(self.h == 0, old, new), motion, bathed)
 
     def kick(self, b: Any, c: Any, motion: AnyMotion, force: Any) -> AnyMotion:
         if force is None:
