@@ -1,0 +1,402 @@
+"""Scenes for the laws of execution paths: one for each registered method, state, torque and heat bath.
+
+Every quantity is of order one. `test_paths.py` checks that no public torque, state or method lacks a scene.
+"""
+
+import inspect
+from itertools import product
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import midlie_jax as ml
+from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.methods.schemes import SCHEMES
+from midlie_jax.methods.stages import BATH
+
+torques, orbits = ml.torques, ml.orbits
+DT, T0, BODIES = 1 / 64, 0.3, 3
+
+
+class Scene(NamedTuple):
+    """One run.
+
+    Attributes:
+        method: the name of the method.
+        body, start: of one body (or of one set of coupled bodies), in float64.
+        torque: likewise; or, if the method is random, a function of the random key.
+    """
+
+    method: str
+    body: Any
+    torque: Any
+    start: Any
+
+    @property
+    def random(self) -> bool:
+        return ml.method(self.method).random
+
+
+def cast(tree: Any, dtype: str) -> Any:
+    """The tree with its floating-point arrays in a dtype."""
+    return jax.tree.map(lambda x: jnp.asarray(x, dtype) if eqx.is_inexact_array_like(x) else x, tree)
+
+
+def starts_of(start: Any, count: int) -> Any:
+    """`count` different initial states: row 0 is `start`. Spins are rotated, other momenta are scaled."""
+
+    def row(i: int) -> Any:
+        if isinstance(start, ml.SpinState):
+            rotation = ml.so3.to_matrix(ml.so3.exp(jnp.array([0.0, 0.05 * (i % 7), 0.0], start.spin.dtype)))
+            return ml.SpinState(jnp.einsum("ij,...j->...i", rotation, start.spin))
+        return eqx.tree_at(lambda s: s.momentum, start, start.momentum * (1 - 0.03 * (i % 7)))
+
+    return jax.tree.map(lambda *x: jnp.stack(x), *map(row, range(count)))
+
+
+# ---- bodies and states ----
+
+TURN = np.array(ml.so3.exp(jnp.array([0.5, -0.3, 0.8])))
+MOMENTUM = np.array([0.5, 0.4, -0.6])
+AXIS = np.array(ml.so3.to_matrix(jnp.asarray(TURN)))[:, 2]
+RIGID = ml.RigidBody([1.0, 2.0, 2.5])
+TOP = ml.RigidBody([1.6, 1.6, 1.0])
+LINEAR, POSITION = np.array([0.3, 0.7, -0.2]), np.array([2.1, 0.4, -0.6])
+TENSOR = ml.TensorBody([[1.8, 0.2, 0.1], [0.2, 2.0, -0.1], [0.1, -0.1, 2.4]])
+
+
+def _rows(count: int, of_axes: bool = False) -> tuple[Any, ...]:
+    """Momenta, attitudes (or axes), linear momenta and positions of `count` bodies."""
+    rng = np.random.default_rng(count)
+    momentum, linear = 0.4 * rng.normal(size=(2, count, 3))
+    attitude = rng.normal(size=(count, 4))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    position = rng.normal(size=(count, 3)) * 0.2 + 1.5 * np.arange(count)[:, None]
+    if of_axes:
+        attitude = np.array(ml.so3.to_matrix(jnp.asarray(attitude)))[..., 2]
+        momentum = momentum + 0.5 * attitude
+    return momentum, attitude, linear, position
+
+
+def _coupled(count: int, of_axes: bool, travels: bool) -> tuple[Any, Any]:
+    moments = np.array([1.0, 1.3, 1.5]) * np.linspace(1, 1.4, count)[:, None]
+    body: Any = ml.Rotor(moments[:, 1], moments[:, 0]) if of_axes else ml.RigidBody(moments)
+    kinds = {
+        (False, False): ml.CoupledRigidState,
+        (True, False): ml.CoupledAxisState,
+        (False, True): ml.CoupledState,
+        (True, True): ml.CoupledFreeAxisState,
+    }
+    numbers = _rows(count, of_axes)
+    start = kinds[of_axes, travels](*(numbers if travels else numbers[:2]))
+    return (ml.FreeBody(body, np.linspace(1.0, 1.5, count)) if travels else body), start
+
+
+def spins_on(*lattice: int) -> ml.SpinState:
+    spin = np.random.default_rng(3).normal(size=(*lattice, 3))
+    return ml.SpinState(spin / np.linalg.norm(spin, axis=-1, keepdims=True))
+
+
+# Name: body and start.
+STATES: dict[str, tuple[Any, Any]] = {
+    "rigid": (RIGID, ml.RigidState(MOMENTUM, TURN)),
+    "top": (TOP, ml.RigidState(MOMENTUM, TURN)),
+    "tensor": (TENSOR, ml.RigidState(MOMENTUM, TURN)),
+    "momentum": (RIGID, ml.MomentumState(MOMENTUM)),
+    "direction": (RIGID, ml.DirectionState(MOMENTUM, AXIS)),
+    "compensated": (RIGID, ml.CompensatedState(MOMENTUM, TURN)),
+    "axis": (ml.Rotor(1.6, 1.0), ml.AxisState(MOMENTUM, AXIS)),
+    "free": (ml.FreeBody(RIGID, 1.5), ml.FreeState(MOMENTUM, TURN, LINEAR, POSITION)),
+    "free tensor": (ml.FreeBody(TENSOR, 1.5), ml.FreeState(MOMENTUM, TURN, LINEAR, POSITION)),
+    "free axis": (ml.FreeBody(ml.Rotor(1.6, 1.0), 1.5), ml.FreeAxisState(MOMENTUM, AXIS, LINEAR, POSITION)),
+    "free top": (ml.FreeBody(TOP, 1.5), ml.FreeState(MOMENTUM, TURN, LINEAR, POSITION)),
+    "two": _coupled(2, False, True),
+    "five": _coupled(5, False, True),
+    "two rigid": _coupled(2, False, False),
+    "five rigid": _coupled(5, False, False),
+    "two axes": _coupled(2, True, False),
+    "five axes": _coupled(5, True, False),
+    "two free axes": _coupled(2, True, True),
+    "five free axes": _coupled(5, True, True),
+    "particles": (ml.Particles([[1.0], [2.0]]), ml.ParticleState(0.3 * np.ones((2, 3)), np.eye(3)[:2])),
+    "spins": (ml.Spins(), spins_on(4)),
+    "lattice": (ml.Spins(damping=0.2, sublattices=ml.checkerboard((2, 4))), spins_on(2, 4)),
+}
+
+
+def swing(t: Any, state: Any) -> Any:
+    """A torque that changes with time, written on arrays."""
+    pull = jnp.stack([jnp.cos(2 * t), jnp.sin(3 * t), jnp.ones_like(t)])
+    lever = jnp.array([0.3, -0.5, 0.4], pull.dtype)
+    return jnp.cross(lever, ml.so3.to_matrix(state.attitude).T @ pull)
+
+
+def _third_axes(state: Any) -> Any:
+    if hasattr(state, "direction"):
+        return state.direction
+    return state.axis if hasattr(state, "axis") else ml.so3.to_matrix(state.attitude)[..., 2]
+
+
+def pull(t: Any, state: Any) -> Any:
+    """The potential of a field that changes with time on each third axis, springs, and neighbours."""
+    axes = _third_axes(state)
+    value = 0.4 * jnp.sum(jnp.atleast_2d(axes)[:, 2]) * jnp.cos(2 * t)
+    if axes.ndim == 2:
+        value = value + 0.3 * jnp.sum(jnp.sum(axes, 0) ** 2)
+    return value + 0.2 * jnp.sum(state.position**2) if hasattr(state, "position") else value
+
+
+def spring(t: Any, state: Any) -> Any:
+    return -(2 + jnp.sin(t)) * state.position
+
+
+def torque_for(state: str) -> Any:
+    """The torque on a kind of state in the scenes of methods and states."""
+    if state in ("spins", "lattice"):
+        return torques.Exchange(0.4) + torques.AppliedField([0.1, 0.2, 0.7])
+    if state == "momentum":
+        return torques.Prescribed(lambda t: jnp.stack([jnp.cos(t), t, 0.3 * jnp.ones_like(t)]))
+    if state == "particles":
+        return spring
+    if state in ("rigid", "tensor", "top", "compensated"):  # torques on arrays, in a sum
+        return torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) + swing
+    return torques.FromPotential(pull)
+
+
+# ---- torques ----
+
+SURFACE = ml.Surface.of_facets(
+    [1.0, 0.7, 0.5],
+    [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.0, -1.0, 0.0]],
+    [[0.3, 0.5, 0.0], [0.1, 0.2, 0.4], [0.2, -0.4, 0.1]],
+)
+KEPLER = orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 1.1, 0.2], 1.0)
+CIRCULAR = orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 0.6, 0.8], 1.0)
+_TIMES = np.linspace(-2.0, 6.0, 81)
+TABLE = orbits.TableOrbit(_TIMES, np.array(jax.vmap(KEPLER)(jnp.asarray(_TIMES))))
+PRESCRIBED = torques.Prescribed(lambda t: jnp.stack([jnp.cos(t), 0.3 * t, jnp.sin(2 * t)]))
+
+
+class Quartic(torques.OwnField):
+    strength: jax.Array
+
+    def axes(self):
+        return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0], self.strength.dtype)),)
+
+    def along(self, component):
+        return 4 * self.strength * component**3
+
+    def energy(self, t, spin):
+        return -self.strength * spin[2] ** 4
+
+
+class Spiral(torques.SpinField):
+    strength: jax.Array
+
+    def field(self, t, spin):
+        return (self.strength * jnp.cos(t) + 0 * spin[0], 0 * spin[1], self.strength + 0 * spin[2])
+
+    def energy(self, t, spin):
+        return -self.strength * (jnp.cos(t) * spin[0] + spin[2])
+
+    def is_uniform(self, t):
+        return True
+
+
+class Back(torques.Torque):
+    stiffness: jax.Array
+
+    def __call__(self, t, state):
+        return -self.stiffness * ml.so3.log(state.attitude)
+
+
+# Name: the kind of state and the torque. The class of the torque, and those in a sum, count as covered.
+TORQUES: dict[str, tuple[str, Any]] = {
+    "none": ("top", None),
+    "function": ("top", swing),
+    "Torque": ("top", Back(jnp.array(0.8))),
+    "Sum": ("top", torques.HeavyTop(0.7) + swing + PRESCRIBED),
+    "HeavyTop": ("top", torques.HeavyTop(0.9)),
+    "DipoleInField": ("top", torques.DipoleInField([0.4, 0.1, 0.8], lambda t: jnp.stack([jnp.cos(t), 0.3 * t, t]))),
+    "FromPotential": ("top", torques.FromPotential(pull)),
+    "Prescribed": ("top", PRESCRIBED),
+    "VelocityDependent": ("top", torques.VelocityDependent(lambda t, s: -0.4 * jnp.abs(s.momentum) * s.momentum)),
+    "BodyTorque": ("tensor", torques.BodyTorque(lambda t, s, body: -0.4 * body.velocity(s.momentum))),
+    "Damping": ("top", torques.Damping([0.2, 0.3, 0.4])),
+    "PDControl": ("top", torques.PDControl([0.8, 0.6, 0.0, 0.0], 0.9, 0.4)),
+    "ReactionWheels": ("top", torques.ReactionWheels(lambda t: jnp.stack([jnp.sin(t), 0.2 * t, 0.4 * t]))),
+    "Rotors": ("top", torques.Rotors([0.2, -0.4, 0.6])),
+    "EddyCurrents": ("top", torques.EddyCurrents(0.4, [0.2, 0.5, 0.9])),
+    "GravityGradient": ("top", torques.GravityGradient(None, CIRCULAR, 1.0)),
+    "GravityGradient, Kepler": ("top", torques.GravityGradient(None, KEPLER, 1.0)),
+    "GravityGradient, table": ("top", torques.GravityGradient(None, TABLE, 1.0)),
+    "DipoleField": ("top", torques.DipoleInField([0.4, 0.1, 0.8], orbits.DipoleField(KEPLER, [0.1, 0.2, 0.9], 1.0))),
+    "Drag": ("top", torques.Drag([0.1, 0.0, 0.4], 0.8, 1.0, [0.9, 0.3, 0.0])),
+    "FreeMolecularDrag": ("top", torques.FreeMolecularDrag(SURFACE, 0.4, [0.9, 0.3, 0.2], wall_speed=0.3)),
+    "Sunlight": ("top", torques.Sunlight(SURFACE, [0.6, 0.0, 0.8], 2e8)),
+    "UniformGravity": ("free top", torques.UniformGravity([0.1, 0.0, -0.9])),
+    "PointMass": ("free top", torques.PointMass(1.2)),
+    "Oblateness": ("free top", torques.PointMass(1.2) + torques.Oblateness(1.2, 0.4, 0.2)),
+    "Magnus": ("free top", torques.Magnus(0.3)),
+    "Thrust": ("free top", torques.Thrust([0.1, 0.2, 0.4], [0.3, 0.0, -0.2])),
+    "Wrench": ("free axis", lambda t, s: ml.Wrench(jnp.cross(s.axis, jnp.stack([t, t, 1 + t])), -0.5 * s.position)),
+    "MutualGravity": ("two", torques.MutualGravity(0.5)),
+    "MutualGravity, many": ("five", torques.MutualGravity(0.3)),
+    "OnEach": ("two", torques.OnEach(torques.UniformGravity([0.1, 0.0, -0.9])) + torques.MutualGravity(0.3)),
+    "Rod": ("five", torques.Rod(1.5, [2.0, 2.0, 3.0], [0.5, 0.5, 0.4])),
+    "AppliedField": ("spins", torques.AppliedField([0.1, 0.2, 0.7])),
+    "Exchange": ("spins", torques.Exchange(0.4)),
+    "DzyaloshinskiiMoriya": ("spins", torques.DzyaloshinskiiMoriya([[0.1, 0.2, 0.3]])),
+    "Anisotropy": ("spins", torques.Anisotropy(0.4)),
+    "CubicAnisotropy": ("spins", torques.CubicAnisotropy(0.4)),
+    "OwnField": ("spins", Quartic(jnp.array(0.3))),
+    "SpinField": ("spins", Spiral(jnp.array(0.3))),
+}
+# Torques whose scenes are those of baths, and names in `midlie_jax.torques` that are no torques with numbers.
+HEAT = {"Langevin", "ThermalField"}
+
+# ---- baths ----
+
+
+def langevin(state: str, kT: Any = 0.7, friction: Any = 0.8) -> Any:
+    """A heat bath on a kind of state, as a function of the random key."""
+    linear = 0.5 if STATES[state][1].rotation is not None else None
+    return lambda key: torques.Langevin(kT, friction, key, linear_friction=linear)
+
+
+def thermal(key: Any) -> Any:
+    return torque_for("lattice") + torques.ThermalField(0.3, key)
+
+
+def with_field(bath: Any, torque: Any) -> Any:
+    return lambda key: torque + bath(key)
+
+
+BATHS: dict[str, tuple[str, Any]] = {
+    "free": ("rigid", langevin("rigid")),
+    "field": ("rigid", with_field(langevin("rigid"), torques.HeavyTop(0.9, [0.48, 0.6, 0.64]))),
+    "kT(t)": ("top", with_field(langevin("top", lambda t: 0.5 + 0.1 * t), torques.HeavyTop(0.9))),
+    "tensor": ("tensor", langevin("tensor", friction=np.diag([0.4, 0.6, 0.9]) + 0.1)),
+    "axis": ("axis", with_field(langevin("axis"), torques.FromPotential(pull))),
+    "travelling": ("free", with_field(langevin("free"), torques.FromPotential(pull))),
+    "travelling axis": ("free axis", langevin("free axis")),
+    "two": ("two", with_field(langevin("two"), torques.FromPotential(pull))),
+    "five": ("five", with_field(langevin("five"), torques.FromPotential(pull))),
+    "spins": ("lattice", thermal),
+}
+HEATED = [name for name, scheme in SCHEMES.items() if any(kind == BATH for kind, _ in scheme.stages)]
+
+
+# ---- scenes ----
+
+DEFAULT = {"particles": "Verlet", "spins": "SUBLATTICES[EA]", "lattice": "SUBLATTICES[EA]"}
+OTHERS = {
+    "direction": ("GBS12", "LIEMID[E1]", "JACOBI[SRKN14a]"),
+    "momentum": ("GBS12", "SW"),
+    "tensor": ("GBS12", "LIEMID[I]"),
+    "compensated": ("JACOBI[SRKN14a]", "GBS12"),
+    "axis": ("SYMMETRIC[SRKN6b]", "GBS12"),
+    "free": ("JACOBI[SRKN14a]", "GBS12", "RK4", "LIEMID[EA]"),
+    "free axis": ("SYMMETRIC[SRKN6b]", "GBS12"),
+    "two": ("JACOBI[SRKN6b]", "GBS12"),
+    "five": ("JACOBI[SRKN6b]", "GBS12", "DLM[EA]"),
+    "lattice": ("SUBLATTICES[SRKN6b]",),
+}
+SYMMETRIC = {"top", "free top", "axis", "free axis", "two axes", "five axes", "two free axes", "five free axes"}
+
+
+def default_method(state: str, scheme: str = "EA") -> str:
+    """A fast method for a kind of state."""
+    if state in DEFAULT:
+        return DEFAULT[state].replace("EA", scheme)
+    return f"{'SYMMETRIC' if state in SYMMETRIC else 'JACOBI'}[{scheme}]"
+
+
+def _state_of(method: Any) -> str:
+    """The kind of state of the scene of a registered method."""
+    bodies = getattr(method, "bodies", ml.RigidBody)
+    if issubclass(bodies, ml.Spins):
+        return "lattice" if method.random else "spins"
+    if issubclass(bodies, ml.Particles):
+        return "particles"
+    flight = getattr(method, "flight", None)
+    return "top" if flight is not None and flight.equal_moments else "rigid"
+
+
+def _plain_torque(method: Any, state: str) -> Any:
+    if method.random:
+        return thermal if state == "lattice" else langevin(state)
+    needs_potential = "PGBS" in method.name
+    return torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) if needs_potential else torque_for(state)
+
+
+def of_methods() -> dict[str, Scene]:
+    found = {}
+    for name, entry in ENTRIES.items():
+        state = _state_of(entry.method)
+        found[f"method {name}"] = Scene(name, *_with(state, _plain_torque(entry.method, state)))
+    return found
+
+
+def of_schemes() -> dict[str, Scene]:
+    """One scene for each scheme, also those without a registered method."""
+    found = {}
+    for name, scheme in SCHEMES.items():
+        if name in HEATED or any(entry.endswith(f"[{name}]") for entry in ENTRIES):
+            continue
+        torque = torques.HeavyTop(0.9, [0.48, 0.6, 0.64]) if scheme.gradients else torque_for("rigid")
+        found[f"scheme {name}"] = Scene(f"JACOBI[{name}]", *_with("rigid", torque))
+    return found
+
+
+def of_torques() -> dict[str, Scene]:
+    found = {}
+    for name, (state, torque) in TORQUES.items():
+        found[f"torque {name}"] = Scene(default_method(state), *_with(state, torque))
+    return found
+
+
+def of_states() -> dict[str, Scene]:
+    """Each kind of state with a fast method, and with those of `OTHERS` that move it."""
+    found = {}
+    for state in STATES:
+        for method in (default_method(state), *OTHERS.get(state, ())):
+            found[f"state {state}, {method}"] = Scene(method, *_with(state, torque_for(state)))
+    return found
+
+
+def of_baths() -> dict[str, Scene]:
+    found = {}
+    for (bath, (state, torque)), scheme in product(BATHS.items(), HEATED):
+        found[f"bath {bath}, {scheme}"] = Scene(default_method(state, scheme), *_with(state, torque))
+    found["bath free, DLM[BAOAB]"] = Scene("DLM[BAOAB]", *_with("rigid", langevin("rigid")))
+    found["bath free, SYMMETRIC[BAOAB]"] = Scene("SYMMETRIC[BAOAB]", *_with("top", langevin("top")))
+    return found
+
+
+def _with(state: str, torque: Any) -> tuple[Any, Any, Any]:
+    body, start = STATES[state]
+    return body, torque, start
+
+
+SCENES = of_torques() | of_states() | of_baths() | of_methods() | of_schemes()
+
+
+def classes_in(torque: Any) -> set[str]:
+    """The names of the classes of a torque and of those inside it."""
+    names = {kind.__name__ for kind in type(torque).__mro__}
+    for value in vars(torque).values() if isinstance(torque, torques.Torque) else ():
+        for one in value if isinstance(value, tuple) else (value,):
+            names |= classes_in(one)
+    return names
+
+
+def public_torques() -> set[str]:
+    return {name for name, kind in vars(torques).items() if inspect.isclass(kind) and issubclass(kind, torques.Torque)}
+
+
+def public_states() -> set[str]:
+    return {n for n in dir(ml) if inspect.isclass(getattr(ml, n)) and issubclass(getattr(ml, n), ml.State)} - {"State"}

@@ -1,0 +1,482 @@
+"""The law of paths: any two ways to compute the same thing agree.
+
+To the bit where the documentation promises it, otherwise to rounding. The scenes are those of `path_scenes.py`: every
+registered method and scheme, and every public state, torque and heat bath. `make test` runs one path of each;
+the others are in `make test-rest`.
+"""
+
+import zlib
+from functools import cache, partial
+from itertools import chain, product
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import path_scenes
+import pytest
+from cases import DTYPES, REAL, epsilon
+from path_scenes import BODIES, DT, SCENES, T0, cast, starts_of
+
+import midlie_jax as ml
+from midlie_jax._xla import compiler
+from midlie_jax.drivers.arguments import as_method
+from midlie_jax.drivers.clock import ends_of_step
+from midlie_jax.methods.registry import ENTRIES
+
+STEPS = 66
+# Units in the last place of the largest number of a state. A method that solves equations stops a few units away from
+# the solution.
+ALLOWED, SOLVED = 16 * STEPS, 256 * STEPS
+
+
+class Case(NamedTuple):
+    """A scene in a dtype, with several bodies that differ in their initial states and random keys."""
+
+    name: str
+    dtype: str
+
+    @property
+    def scene(self) -> path_scenes.Scene:
+        return SCENES[self.name]
+
+    @property
+    def body(self) -> Any:
+        return cast(self.scene.body, self.dtype)
+
+    def starts(self, count: int = BODIES) -> Any:
+        return cast(starts_of(self.scene.start, count), self.dtype)
+
+    def keys(self, count: int = BODIES) -> Any:
+        """The same key for the same body, whatever their number."""
+        return jax.vmap(partial(jax.random.fold_in, jax.random.key(7)))(jnp.arange(count))
+
+    def torque(self, key: Any) -> Any:
+        return cast(self.scene.torque(key) if self.scene.random else self.scene.torque, self.dtype)
+
+    def start(self, row: int) -> Any:
+        return jax.tree.map(lambda x: x[row], self.starts())
+
+    def run(self, row: int = 0, *, start: Any = None, **options: Any) -> ml.Path:
+        """One run of `integrate`."""
+        torque = self.torque(self.keys()[row])
+        return integrate(self.scene.method, self.body, torque, self.start(row) if start is None else start, **options)
+
+    def together(self, count: int, **options: Any) -> ml.Path:
+        """One run of `ensemble`."""
+        torque = self.torque(self.keys(count))
+        given = {"dt": DT, "t0": T0, "steps": STEPS, "save_every": None, **options}
+        return ml.ensemble(self.scene.method, self.body, torque, self.starts(count), **given)
+
+    @property
+    def allowed(self) -> float:
+        return (SOLVED if as_method(self.scene.method).solves else ALLOWED) * epsilon(self.dtype)
+
+
+def integrate(method: str, body: Any, torque: Any, start: Any, **options: Any) -> ml.Path:
+    return ml.integrate(method, body, torque, start, **{"dt": DT, "t0": T0, "steps": STEPS, "save_every": 1, **options})
+
+
+@cache
+def reference(case: Case, row: int = 0) -> Any:
+    """The states of a body after 0 to `STEPS` steps, each saved."""
+    path = case.run(row)
+    assert bool(path.ok)
+    return jax.tree.map(np.asarray, path.states)
+
+
+def at(states: Any, index: Any) -> Any:
+    return jax.tree.map(lambda x: np.asarray(x)[index], states)
+
+
+def agree(found: Any, expected: Any, allowed: float) -> None:
+    """Every array of a state within the allowed relative error of its size; to the bit if this is 0."""
+    for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        x, y = np.asarray(x), np.asarray(y)
+        assert x.dtype == y.dtype
+        assert np.all(np.isfinite(x))
+        if allowed == 0:
+            np.testing.assert_array_equal(x, y)
+        else:
+            np.testing.assert_allclose(x, y, rtol=0, atol=allowed * max(1.0, float(np.abs(y).max(initial=0.0))))
+
+
+# ---- paths: each gives pairs of states that must agree ----
+
+
+def every(save_every: int) -> Any:
+    """States saved every `save_every` steps."""
+
+    def pairs(case: Case, tmp_path: Any) -> Any:
+        steps = STEPS // save_every * save_every
+        path = case.run(steps=steps, save_every=save_every)
+        assert path.ok
+        yield path.states, at(reference(case), slice(0, steps + 1, save_every))
+
+    return pairs
+
+
+def at_the_end(case: Case, tmp_path: Any) -> Any:
+    for steps in (1, 2, 3, STEPS):
+        path = case.run(steps=steps, save_every=None)
+        assert path.ok
+        yield path.states, at(reference(case), steps)
+
+
+def few(case: Case, tmp_path: Any) -> Any:
+    for steps in (1, 2, 3):
+        yield case.run(steps=steps).states, at(reference(case), slice(0, steps + 1))
+
+
+def continued(case: Case, tmp_path: Any) -> Any:
+    """From a saved state, with the index of its step."""
+    for first in (1, 33, 64):
+        start = jax.tree.map(lambda x, first=first: jnp.asarray(x[first]), reference(case))
+        end = case.run(start=start, first_step=first, steps=STEPS - first, save_every=None)
+        yield end.states, at(reference(case), STEPS)
+
+
+def scanned(case: Case, tmp_path: Any) -> Any:
+    """The user's own `lax.scan` over single steps."""
+
+    def step(torque: Any, state: Any, n: Any) -> tuple[Any, None]:
+        path = integrate(case.scene.method, case.body, torque, state, steps=1, save_every=None, first_step=n)
+        return path.states, None
+
+    @eqx.filter_jit
+    def run(start: Any, torque: Any) -> Any:
+        return jax.lax.scan(partial(step, torque), start, jnp.arange(STEPS, dtype=jnp.int32))[0]
+
+    yield run(case.start(0), case.torque(case.keys()[0])), at(reference(case), STEPS)
+
+
+def jitted(case: Case, tmp_path: Any) -> Any:
+    run = eqx.filter_jit(partial(integrate, case.scene.method, save_every=None))
+    yield run(case.body, case.torque(case.keys()[1]), case.start(1)).states, at(reference(case, 1), STEPS)
+
+
+def mapped(case: Case, tmp_path: Any, jit: Any = lambda f: f) -> Any:
+    """`jax.vmap` over the initial states and keys."""
+    run = jit(jax.vmap(lambda start, key: case_run(case, start, key)))
+    ends = run(case.starts(), case.keys()).states
+    for row in range(BODIES):
+        yield at(ends, row), at(reference(case, row), STEPS)
+
+
+def case_run(case: Case, start: Any, key: Any, **options: Any) -> ml.Path:
+    return integrate(case.scene.method, case.body, case.torque(key), start, **{"save_every": None, **options})
+
+
+def ensembles(count: int, **options: Any) -> Any:
+    def pairs(case: Case, tmp_path: Any) -> Any:
+        path = case.together(count, **options)
+        assert path.ok.all()
+        saved = options.get("save_every")
+        index = STEPS if saved is None else slice(0, STEPS + 1, saved)
+        for row in range(min(count, BODIES)):
+            yield at(path.states, row), at(reference(case, row), index)
+        if count > 2 * BODIES:  # the last of many, alone
+            last = jax.tree.map(lambda x: x[-1], case.starts(count))
+            alone = integrate(case.scene.method, case.body, case.torque(case.keys(count)[-1]), last, save_every=None)
+            yield at(path.states, -1), alone.states
+
+    return pairs
+
+
+def simulated(case: Case, tmp_path: Any) -> Any:
+    """In one part and in several, which must have the same bits."""
+    ends = []
+    for name, cut in (("one", {}), ("several", {"group": 2, "span": 1, "chunk": 2})):
+        out = tmp_path / f"{name}.zarr"
+        given = {"dt": DT, "t0": T0, "steps": STEPS, "save_every": 22, "progress": False, "chunk": 2, **cut}
+        torque = case.torque(case.keys())
+        run = ml.simulate(case.scene.method, case.body, torque, case.starts(), out=out, **given)
+        ends.append(jax.tree.map(np.asarray, run.states()))
+    agree(ends[1], ends[0], 0.0)
+    for row in range(BODIES):
+        yield at(ends[0], row), at(reference(case, row), slice(0, STEPS + 1, 22))
+
+
+def solved(case: Case, tmp_path: Any) -> Any:
+    """`LieSolver` with constant steps."""
+    term = ml.RigidBodyTerm(case.body, case.torque(case.keys()[0]))
+    times = jnp.asarray(T0 + DT * np.arange(STEPS + 1), case.dtype)
+    solution = diffrax.diffeqsolve(
+        term,
+        ml.LieSolver(case.scene.method),
+        times[0],
+        times[-1],
+        None,
+        case.start(0),
+        stepsize_controller=diffrax.StepTo(ts=times),
+        max_steps=STEPS,
+    )
+    assert solution.ys is not None
+    yield at(solution.ys, -1), at(reference(case), STEPS)
+
+
+PATHS = {
+    "at the end": at_the_end,
+    **{f"every {n}": every(n) for n in (2, 31, 32, 33, STEPS)},
+    "few steps": few,
+    "continued": continued,
+    "scan": scanned,
+    "jit": jitted,
+    "vmap": mapped,
+    "jit(vmap)": partial(mapped, jit=jax.jit),
+    "ensemble of 1": ensembles(1),
+    "ensemble of 2": ensembles(2, chunk=1),
+    "ensemble of 3": ensembles(3, save_every=33, chunk=2),
+    "ensemble of 257": ensembles(257, chunk=64),
+    "simulate": simulated,
+    "LieSolver": solved,
+}
+# One kind of scene each for all paths.
+ANCHORS = [
+    "method JACOBI[EA]",
+    "bath kT(t), BAOAB",
+    "method GBS12",
+    "state free, JACOBI[SRKN14a]",
+    "state five axes, SYMMETRIC[EA]",
+    "bath two, OBABO",
+    "bath spins, ABOBA",
+    "state compensated, JACOBI[EA]",
+    "torque GravityGradient, table",
+    "method SW",
+    "state particles, Verlet",
+]
+# Paths that are promised to the bit.
+BITS = ["at the end", *(name for name in PATHS if name.startswith("every")), "few steps", "continued"]
+
+
+def dtype_of(*names: str) -> str:
+    """One of the two dtypes, by turns that depend on the names alone."""
+    return DTYPES[zlib.crc32("".join(names).encode()) % 2]
+
+
+def is_solvable(name: str) -> bool:
+    """Whether diffrax can solve a scene: without noise, and not of spins."""
+    return not (SCENES[name].random or isinstance(SCENES[name].start, ml.SpinState))
+
+
+def first_of_each() -> list[tuple[str, str]]:
+    """Every scene with the cheapest path, the end alone; then two further paths of every scene, by turns."""
+    others = [path for path in PATHS if path != "at the end"]
+    found = [(name, "at the end") for name in SCENES]
+    for turn, name in enumerate(SCENES):
+        for shift in (0, len(others) // 2):
+            found.append((name, others[(turn + shift) % len(others)]))
+    return found
+
+
+ALL = list(dict.fromkeys([*first_of_each(), *product(ANCHORS, PATHS)]))
+ALL = [(name, path) for name, path in ALL if path != "LieSolver" or is_solvable(name)]
+
+
+def test_every_public_kind_has_a_scene():
+    """A new method is in the law by being registered; a new torque or state must be added to `path_scenes.py`."""
+    torques = set().union(*(path_scenes.classes_in(scene.torque) for scene in SCENES.values() if not scene.random))
+    assert path_scenes.public_torques() - torques == path_scenes.HEAT
+    assert {type(scene.start).__name__ for scene in SCENES.values()} == path_scenes.public_states()
+    assert {*ENTRIES} <= {scene.method for scene in SCENES.values()}
+    assert {*ANCHORS} <= {*SCENES}
+
+
+@pytest.mark.sample(len(SCENES))
+@pytest.mark.parametrize(("name", "path"), ALL)
+def test_a_path_agrees_with_a_run_that_saves_every_step(name, path, tmp_path):
+    case = Case(name, dtype_of(name, path))
+    for found, expected in PATHS[path](case, tmp_path):
+        agree(found, expected, case.allowed)
+
+
+@pytest.fixture
+def as_for_users(monkeypatch):
+    """Programs of their own, compiled as users get them; `conftest.py` has others compiled in a hurry."""
+    monkeypatch.setattr(compiler, "compiler_options", lambda bodies: REAL)
+    reference.cache_clear()
+    yield
+    reference.cache_clear()
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("name", ["bath kT(t), BAOAB", *(name for name in ANCHORS if name != "bath kT(t), BAOAB")])
+def test_saved_states_and_continued_runs_have_the_same_bits(name, as_for_users, tmp_path):
+    """The sums of GBS methods are rounded once or twice, as the compiler likes: these have the same last digits."""
+    case = Case(name, "float64")
+    for found, expected in chain.from_iterable(PATHS[path](case, tmp_path) for path in BITS):
+        agree(found, expected, case.allowed if name == "method GBS12" else 0.0)
+
+
+@pytest.mark.sample(24)
+@pytest.mark.parametrize(
+    "name", sorted(SCENES, key=lambda name: (not name.startswith("bath"), zlib.crc32(name.encode())))
+)
+def test_a_step_of_no_length_is_the_identity(name):
+    """To the bit, for the motion in principal axes. The force is the one at the start."""
+    case = Case(name, dtype_of(name))
+    method = as_method(case.scene.method).fitted(case.body)
+
+    @eqx.filter_jit
+    def step(start: Any, torque: Any, t0: Any, dt: Any, h: Any) -> Any:
+        system = method.system(case.body, torque, start, t0, dt)
+        before = method.begin(system, start, t0)
+        n = jnp.asarray(5, jnp.int32)
+        return before, method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n, h), h, before)[0]
+
+    t0, dt = (jnp.asarray(x, case.dtype) for x in (T0, DT))
+    before, after = step(case.start(0), case.torque(case.keys()[0]), t0, dt, jnp.zeros_like(dt))
+    agree(after.motion, before.motion, 0.0)
+    assert after.ok
+
+
+# ---- derivatives ----
+
+
+def numbers_of(case: Case) -> tuple[Any, Any, Any]:
+    """The real numbers of initial state and torque, a random direction among them, and weights of the final state."""
+    given = eqx.partition((case.start(0), case.torque(case.keys()[0])), eqx.is_inexact_array)
+    rng = np.random.default_rng(5)
+
+    def normal(tree: Any) -> Any:
+        return jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), tree)
+
+    return given, normal(given[0]), normal(case.start(0))
+
+
+def ends_of(how: str, case: Case, start: Any, torque: Any, adjoint: Any) -> Any:
+    """The final state of a run, in one of several ways."""
+    options = {"steps": 24, "dt": 2 * DT}
+    if how == "ensemble":
+        many = jax.tree.map(lambda x: jnp.stack([x, x]), start)
+        torque_axes = None
+        path = ml.ensemble(
+            case.scene.method, case.body, torque, many, t0=T0, **options, adjoint=adjoint, torque_axes=torque_axes
+        )
+        return jax.tree.map(lambda x: x[1], path.states)
+    every = {"saved": 4, "end": None}[how]
+    path = integrate(case.scene.method, case.body, torque, start, **options, save_every=every, adjoint=adjoint)
+    return path.states if every is None else jax.tree.map(lambda x: x[-1], path.states)
+
+
+ADJOINTS = {
+    "checkpoints": ml.Checkpointed(),
+    "few checkpoints": ml.Checkpointed(every=4),
+    "reversible": ml.Reversible(),
+    "forward": ml.Forward(),
+}
+WAYS = [*product(("end", "saved", "ensemble"), ADJOINTS)]
+# The derivative of each of these is that of all of its kind.
+SMOOTH = [
+    "method JACOBI[EA]",
+    "bath kT(t), BAOAB",
+    "method JACOBI[SRKN6b]",
+    "method LIEMID[EA]",
+    "method GBS12",
+    "state free, JACOBI[EA]",
+    "torque GravityGradient, Kepler",
+    "torque GravityGradient, table",
+    "torque MutualGravity, many",
+    "state axis, SYMMETRIC[EA]",
+    "state lattice, SUBLATTICES[EA]",
+    "bath travelling, BAOAB",
+    "method LIEMID[I]",
+    "torque Sunlight",
+    "state compensated, JACOBI[EA]",
+]
+
+
+@cache
+def difference(name: str) -> float:
+    """The derivative along the direction by central differences of runs with the number of steps as an argument."""
+    case = Case(name, "float64")
+    (numbers, others), direction, weights = numbers_of(case)
+
+    def value(e: float) -> float:
+        moved = jax.tree.map(lambda x, d: x + e * d, numbers, direction)
+        end = ends_of("end", case, *eqx.combine(moved, others), None)
+        return float(sum(jnp.sum(x * w) for x, w in zip(*map(jax.tree.leaves, (end, weights)), strict=True)))
+
+    e = 1e-5
+    return (8 * (value(e) - value(-e)) - (value(2 * e) - value(-2 * e))) / (12 * e)
+
+
+@pytest.mark.sample(3)
+@pytest.mark.parametrize(("name", "way"), [*zip(SMOOTH, WAYS * 2, strict=False), *product(SMOOTH[:3], WAYS[1:])])
+def test_derivatives_agree(name, way):
+    """Reverse and forward, with each adjoint, and differences; and the value is that without a derivative."""
+    how, adjoint = way
+    case = Case(name, "float64")
+    method = as_method(case.scene.method)
+    if adjoint == "reversible" and (case.scene.random or not method.symmetric):
+        adjoint = "checkpoints"
+    (numbers, others), direction, weights = numbers_of(case)
+
+    def loss(numbers: Any) -> Any:
+        end = ends_of(how, case, *eqx.combine(numbers, others), ADJOINTS[adjoint])
+        return sum(jnp.sum(x * w) for x, w in zip(*map(jax.tree.leaves, (end, weights)), strict=True))
+
+    plain = loss(numbers)
+    if adjoint == "forward":
+        value, slope = jax.jit(lambda x, d: jax.jvp(loss, (x,), (d,)))(numbers, direction)
+    else:
+        value, gradient = jax.jit(jax.value_and_grad(loss))(numbers)
+        slope = sum(jnp.sum(x * d) for x, d in zip(*map(jax.tree.leaves, (gradient, direction)), strict=True))
+    np.testing.assert_allclose(value, plain, rtol=case.allowed, atol=case.allowed)
+    np.testing.assert_allclose(slope, difference(name), rtol=1e-7, atol=1e-7)
+
+
+# ---- what is observed ----
+
+OBSERVED = {
+    "rigid": [ml.observe.AngularVelocity(), ml.observe.Axis(), ml.observe.Energy(), ml.observe.SpatialMomentum()],
+    "free": [ml.observe.Position(), ml.observe.Velocity(), ml.observe.Energy()],
+}
+STATISTICS = {
+    "mean": ml.observe.Mean(ml.observe.Axis()),
+    "histogram": ml.observe.Histogram(lambda t, state: state.momentum[2], [-1.0, -0.6, -0.5, 0.0, 1.0]),
+}
+
+
+def with_potential(state: str) -> Any:
+    return ml.torques.HeavyTop(0.9) if state == "rigid" else ml.torques.PointMass(1.2)
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("driver", ["integrate", "ensemble", "jit"])
+@pytest.mark.parametrize("state", OBSERVED)
+def test_observables_are_those_of_the_saved_states(state, driver):
+    body, start = path_scenes.STATES[state]
+    torque, observe = with_potential(state), {str(n): one for n, one in enumerate(OBSERVED[state])}
+    if driver == "ensemble":
+        run = partial(ml.ensemble, "JACOBI[EA]", body, torque, starts_of(start, BODIES), dt=DT, steps=12, save_every=4)
+    else:
+        run = partial(ml.integrate, "JACOBI[EA]", body, torque, start, dt=DT, steps=12, save_every=4)
+    call = jax.jit(run) if driver == "jit" else run
+    path, seen = call(), run(observe=observe)
+    for one, found in zip(observe.values(), seen.states.values(), strict=True):
+        of_all = jax.vmap(lambda t, state, one=one: one.of(t, state, body, torque))
+        of_all = jax.vmap(of_all, (None, 0)) if driver == "ensemble" else of_all
+        agree(found, of_all(path.times, path.states), 1e-13)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("save_every", [None, 1, 33])
+@pytest.mark.parametrize("chunk", [1, 2, 5])
+@pytest.mark.parametrize("name", STATISTICS)
+def test_statistics_are_those_of_the_saved_states(name, chunk, save_every):
+    """Of five bodies in chunks; the end alone, and saved states."""
+    body, start = path_scenes.STATES["rigid"]
+    run = partial(ml.ensemble, "JACOBI[EA]", body, ml.torques.HeavyTop(0.9), starts_of(start, 5), dt=DT, steps=STEPS)
+    states = run(save_every=STEPS if save_every is None else save_every).states
+    states = jax.tree.map(lambda x: x[:, -1], states) if save_every is None else states
+    found = run(save_every=save_every, observe=STATISTICS[name], chunk=chunk).states
+    if name == "histogram":
+        numbers = np.asarray(states.momentum[..., 2])
+        count = np.apply_along_axis(lambda x: np.histogram(x, [-1.0, -0.6, -0.5, 0.0, 1.0])[0], 0, numbers)
+        np.testing.assert_array_equal(found, count.T if save_every is not None else count)
+    else:
+        axes = np.asarray(ml.so3.to_matrix(states.attitude))[..., 2]
+        np.testing.assert_allclose(found.mean, axes.mean(0), rtol=0, atol=1e-13)
