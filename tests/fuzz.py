@@ -6,19 +6,22 @@ by more than its bound while `ok` is True, and nothing may be raised from inside
 
 A program is compiled once for each method, dtype, kind of torque and batch; all else is data, many bodies at a time.
 Arguments that make no sense (`fuzz_arguments.py`) and runs that are changed between stop and resumption
-(`fuzz_resume.py`) get a tenth of the time each.
+(`fuzz_resume.py`) get a tenth of the time each, and execution paths (`fuzz_paths.py`) a fifth.
 """
 
 import argparse
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import conftest  # noqa: F401  (float64 on, strict promotion)
 import extended
+import fuzz_paths
 import fuzz_resume
 import jax
 import jax.numpy as jnp
@@ -328,6 +331,12 @@ def resumed(case: fuzz_resume.Case) -> None:
     fuzz_resume.check(case)
 
 
+def along_paths(drawn: fuzz_paths.Drawn) -> None:
+    TALLY["paths"] += 1
+    with tempfile.TemporaryDirectory() as folder:
+        fuzz_paths.check(drawn, Path(folder))
+
+
 def counted_file(damage: Any) -> None:
     TALLY["files"] += 1
     TALLY[f"files {check_damage(damage)}"] += 1
@@ -347,7 +356,8 @@ CLASSES = {
     "rows": Search(0.1, drawn, rows_counted),
     "resume": Search(0.1, lambda: fuzz_resume.CASES, resumed, examples=10),
     "files": Search(0.1, damages, counted_file, examples=10),
-    "motion": Search(0.6, lambda: CASES, check),
+    "paths": Search(0.2, lambda: fuzz_paths.CASES, along_paths, examples=20),
+    "motion": Search(0.4, lambda: CASES, check),
 }
 
 

@@ -57,11 +57,11 @@ class Case(NamedTuple):
         return cast(self.scene.torque(key) if self.scene.random else self.scene.torque, self.dtype)
 
     def start(self, row: int) -> Any:
-        return jax.tree.map(lambda x: x[row], self.starts())
+        return jax.tree.map(lambda x: x[row], self.starts(row + 1))
 
     def run(self, row: int = 0, *, start: Any = None, **options: Any) -> ml.Path:
         """One run of `integrate`."""
-        torque = self.torque(self.keys()[row])
+        torque = self.torque(self.keys(row + 1)[row])
         return integrate(self.scene.method, self.body, torque, self.start(row) if start is None else start, **options)
 
     def together(self, count: int, **options: Any) -> ml.Path:
@@ -80,9 +80,9 @@ def integrate(method: str, body: Any, torque: Any, start: Any, **options: Any) -
 
 
 @cache
-def reference(case: Case, row: int = 0) -> Any:
+def reference(case: Case, row: int = 0, first_step: int = 0) -> Any:
     """The states of a body after 0 to `STEPS` steps, each saved."""
-    path = case.run(row)
+    path = case.run(row, first_step=first_step)
     assert bool(path.ok)
     return jax.tree.map(np.asarray, path.states)
 
