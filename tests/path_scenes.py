@@ -11,6 +11,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from cases import turn
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax.methods.registry import ENTRIES
@@ -59,9 +61,14 @@ def starts_of(start: Any, count: int) -> Any:
 
 # ---- bodies and states ----
 
-TURN = np.array(ml.so3.exp(jnp.array([0.5, -0.3, 0.8])))
+
+def third_axis(attitude: np.ndarray) -> np.ndarray:
+    return Rotation.from_quat(attitude, scalar_first=True).as_matrix()[..., 2]
+
+
+TURN = turn(0.5, -0.3, 0.8)
 MOMENTUM = np.array([0.5, 0.4, -0.6])
-AXIS = np.array(ml.so3.to_matrix(jnp.asarray(TURN)))[:, 2]
+AXIS = third_axis(TURN)
 RIGID = ml.RigidBody([1.0, 2.0, 2.5])
 TOP = ml.RigidBody([1.6, 1.6, 1.0])
 LINEAR, POSITION = np.array([0.3, 0.7, -0.2]), np.array([2.1, 0.4, -0.6])
@@ -76,7 +83,7 @@ def _rows(count: int, of_axes: bool = False) -> tuple[Any, ...]:
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     position = rng.normal(size=(count, 3)) * 0.2 + 1.5 * np.arange(count)[:, None]
     if of_axes:
-        attitude = np.array(ml.so3.to_matrix(jnp.asarray(attitude)))[..., 2]
+        attitude = third_axis(attitude)
         momentum = momentum + 0.5 * attitude
     return momentum, attitude, linear, position
 
@@ -176,7 +183,7 @@ SURFACE = ml.Surface.of_facets(
 KEPLER = orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 1.1, 0.2], 1.0)
 CIRCULAR = orbits.CircularOrbit([1.0, 0.0, 0.0], [0.0, 0.6, 0.8], 1.0)
 _TIMES = np.linspace(-2.0, 6.0, 81)
-TABLE = orbits.TableOrbit(_TIMES, np.array(jax.vmap(KEPLER)(jnp.asarray(_TIMES))))
+TABLE = orbits.TableOrbit(_TIMES, np.stack([np.cos(_TIMES), np.sin(_TIMES), 0.1 * np.sin(2 * _TIMES)], axis=-1))
 PRESCRIBED = torques.Prescribed(lambda t: jnp.stack([jnp.cos(t), 0.3 * t, jnp.sin(2 * t)]))
 
 

@@ -25,6 +25,7 @@ from midlie_jax._xla import compiler
 from midlie_jax.drivers.arguments import as_method
 from midlie_jax.drivers.clock import ends_of_step
 from midlie_jax.methods.registry import ENTRIES
+from midlie_jax.model.torques.reads_body import ReadsBody
 
 STEPS = 66
 # Units in the last place of the largest number of a state. A method that solves equations stops a few units away from
@@ -480,3 +481,49 @@ def test_statistics_are_those_of_the_saved_states(name, chunk, save_every):
     else:
         axes = np.asarray(ml.so3.to_matrix(states.attitude))[..., 2]
         np.testing.assert_allclose(found.mean, axes.mean(0), rtol=0, atol=1e-13)
+
+
+# ---- the physics of every torque, in its cheapest form ----
+
+
+def has_potential(torque: Any) -> bool:
+    """Whether all terms state a potential of their own, and none reads the velocity."""
+    base, reads = ml.torques.Torque, ml.torques.BodyTorque
+
+    def own(term: Any) -> bool:
+        if not isinstance(term, base) or ml.torques.velocity_dependent(term):
+            return False
+        if isinstance(term, ReadsBody):
+            return type(term).potential_at is not reads.potential_at
+        return type(term).potential is not base.potential
+
+    return torque is not None and all(map(own, ml.torques.terms_of(torque)))
+
+
+def along(vectors: Any, directions: Any) -> Any:
+    return np.sum(vectors * directions, axis=-1, keepdims=True) * directions
+
+
+# The sums over pairs of five bodies take long to compile, and are those of two.
+CONSERVATIVE = [
+    n
+    for n in SCENES
+    if n.startswith("torque") and n != "torque MutualGravity, many" and has_potential(SCENES[n].torque)
+]
+
+
+@pytest.mark.parametrize("name", CONSERVATIVE)
+def test_a_torque_is_minus_the_slope_of_its_potential(name):
+    """For spins across each spin, because no field along a spin acts on it."""
+    scene = SCENES[name]
+    body, torque, start = (cast(x, "float64") for x in (scene.body, scene.torque, scene.start))
+    torque = ml.torques.on_body(torque, body)
+
+    @jax.jit
+    def both(t: Any) -> Any:
+        return torque(t, start), ml.torques.FromPotential(torque.potential)(t, start)
+
+    for found, expected in zip(*map(jax.tree.leaves, both(jnp.asarray(0.4))), strict=True):
+        if isinstance(start, ml.SpinState):
+            found, expected = (x - along(x, np.asarray(start.spin)) for x in (found, expected))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * max(1.0, float(np.abs(expected).max())))
