@@ -2,7 +2,8 @@
 # PYTHON=python3.11 chooses another Python for a new .venv.
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
 #   make test               a fixed set of the tests, under 5 minutes on two cores: all but what is marked `sample`
-#   make test-rest          what make test leaves out: an hour; MINUTES=45 skips what would begin later
+#   make test-rest          what make test leaves out: an hour; MINUTES=45 skips what would begin later; BEGIN=7 begins at
+#                           another file
 #   make test-all           both: all laws for one method of each kind
 #   make test-full          every law for every method, dtype and driver: hours
 #   make notebooks          executes the notebooks, each of which must end without an error within 3 minutes; LIMIT=400
@@ -10,6 +11,7 @@
 #   make notebooks-write    makes the notebooks from their scripts, with their outputs: notebooks/*.ipynb
 #   make lint               formatting, lint, types
 #   make fuzz [MINUTES=5]   a random search for wrong results
+#   make mutants            thirty wrong lines, each of which a test of make test must find
 #   make bench              the benchmarks
 #   make claims             what is claimed of the methods, measured: docs/reports/claims.md and its picture
 #   make rivals             error against time beside other programs: docs/reports/work-precision.md and its charts
@@ -36,8 +38,8 @@ PYTEST = .venv/bin/pytest -n 2 --no-loadscope-reorder
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := chart
-.PHONY: chart test test-rest test-all test-full test-gpu test-kernels notebooks notebooks-write lint fuzz bench claims rivals gpu \
-	kernels docs figures test-release test-lowest
+.PHONY: chart test test-rest test-all test-full test-gpu test-kernels notebooks notebooks-write lint fuzz mutants bench \
+	claims rivals gpu kernels docs figures test-release test-lowest
 .NOTPARALLEL: # pip must not run twice at once in one environment
 
 chart: .venv/.cli
@@ -50,7 +52,7 @@ test-all: .venv/.test
 	$(PYTEST)
 
 test-rest: .venv/.test
-	$(PYTEST) --rest $(if $(MINUTES),--minutes $(MINUTES))
+	$(PYTEST) --rest $(if $(MINUTES),--minutes $(MINUTES)) $(if $(BEGIN),--begin $(BEGIN))
 
 test-full: .venv/.test
 	$(PYTEST) -m "full or not full"
@@ -79,6 +81,9 @@ lint: .venv/.lint
 
 fuzz: .venv/.fuzz
 	.venv/bin/python tests/fuzz.py --minutes $(or $(MINUTES),5)
+
+mutants: .venv/.test
+	.venv/bin/python tests/mutants.py --all
 
 bench: .venv/.bench
 	.venv/bin/python benchmarks/run.py

@@ -36,6 +36,9 @@ def pytest_addoption(parser):
     parser.addoption("--accelerator", action="store_true", help="run on an accelerator; fail without one")
     parser.addoption("--sample", action="store_true", help="of a law marked sample(n) its first n parameters")
     parser.addoption("--rest", action="store_true", help="what --sample leaves out")
+    parser.addoption(
+        "--begin", type=int, default=0, metavar="N", help="begin at a file that depends on N, evenly spread"
+    )
     parser.addoption("--minutes", type=float, metavar="N", help="skip the tests that would begin after N minutes")
 
 
@@ -96,6 +99,12 @@ def pytest_collection_modifyitems(config, items):
         chosen.append(sampled == config.option.sample)
     config.hook.pytest_deselected(items=[item for item, own in zip(items, chosen, strict=True) if not own])
     items[:] = [item for item, own in zip(items, chosen, strict=True) if own]
+    files = list(dict.fromkeys(item.path for item in items))
+    if config.option.begin and files:
+        # Multiples of the golden section are spread evenly: a few values of N begin in all parts of the list.
+        first = files[int(config.option.begin * 0.6180339887 % 1 * len(files))]
+        begin = next(n for n, item in enumerate(items) if item.path == first)
+        items[:] = items[begin:] + items[:begin]
 
 
 def pytest_runtest_setup(item):
