@@ -44,7 +44,12 @@ class Scene(NamedTuple):
 
 def cast(tree: Any, dtype: str) -> Any:
     """The tree with its floating-point arrays in a dtype."""
-    return jax.tree.map(lambda x: jnp.asarray(x, dtype) if eqx.is_inexact_array_like(x) else x, tree)
+
+    def one(x: Any) -> Any:
+        is_array = isinstance(x, np.ndarray | jax.Array)
+        return jnp.asarray(x, dtype) if is_array and jnp.issubdtype(x.dtype, jnp.floating) else x
+
+    return jax.tree.map(one, tree)
 
 
 def starts_of(start: Any, count: int) -> Any:
@@ -389,7 +394,22 @@ def _with(state: str, torque: Any) -> tuple[Any, Any, Any]:
     return body, torque, start
 
 
-SCENES = of_torques() | of_states() | of_baths() | of_methods() | of_schemes()
+def of_sums() -> dict[str, Scene]:
+    """All torques on one kind of state at once: the cheapest program that has each of them."""
+    found = {}
+    for state in ("top", "free top", "spins"):
+        all_ = torques.Sum(*(torque for own, torque in TORQUES.values() if own == state))
+        found[f"all torques on {state}"] = Scene(default_method(state), *_with(state, all_))
+    return found
+
+
+SCENES = of_sums() | of_torques() | of_states() | of_baths() | of_methods() | of_schemes()
+# The cheapest scenes that have every state, every torque and every bath on every kind of state.
+CHEAPEST = [
+    *of_sums(),
+    *(f"state {state}, {default_method(state)}" for state in STATES),
+    *(f"bath {bath}, {HEATED[n % len(HEATED)]}" for n, bath in enumerate(BATHS)),
+]
 
 
 def classes_in(torque: Any) -> set[str]:
