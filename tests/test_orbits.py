@@ -60,9 +60,9 @@ def exact(orbit, s):
 
 
 def elements(e, **more):
-    given = {"periapsis": Q, "time_of_periapsis": 0.0} | more
+    given = {"inclination": 0.4, "periapsis": Q, "time_of_periapsis": 0.0} | more
     return orbits.KeplerOrbit.from_elements(
-        mu=MU, eccentricity=e, inclination=0.4, ascending_node=-1.0, argument_of_periapsis=2.0, **given
+        mu=MU, eccentricity=e, ascending_node=-1.0, argument_of_periapsis=2.0, **given
     )
 
 
@@ -340,6 +340,8 @@ THREE = np.eye(3)
         (lambda: elements(1.0, periapsis=None, semi_major_axis=2.0), "a parabola has none"),
         (lambda: elements(1.0, time_of_periapsis=None, mean_anomaly=0.1), "mean_anomaly has no meaning on a parabola"),
         (lambda: elements(2.0, time_of_periapsis=None, true_anomaly=2.2), "true_anomaly must be where the orbit is"),
+        (lambda: elements(0.5, inclination=97.4), "inclination must be between 0 and pi, got 97.4; give radians"),
+        (lambda: elements(0.5, inclination=-0.1), "inclination must be between 0 and pi, got -0.1"),
         (lambda: orbits.TableOrbit([0.0, 1.0, 1.0], THREE), r"times must ascend, but times\[2\] = 1.0 follows 1.0"),
         (lambda: orbits.TableOrbit([0.0, np.nan, 1.0], THREE), "times must be finite"),
         (lambda: orbits.TableOrbit([0.0], THREE[:1]), "at least 2"),
@@ -352,3 +354,41 @@ THREE = np.eye(3)
 def test_mistakes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+IN_KM = [7e3, 0.0, 0.0], [0.0, 7.5, 0.0]  # and km/s, about the Earth
+IN_METRES = [7e6, 0.0, 0.0], [0.0, 7.5e3, 0.0]
+OF_EARTH = {"km": 3.986e5, "m": 3.986e14}
+
+
+def gradient_on(kind, place, speed, mu):
+    """The torque on an orbit of this kind, whose own mu fits its speed, about a mass with another mu."""
+    own = OF_EARTH["km" if place[0] < 1e5 else "m"]
+    angle = np.linspace(0.0, 1.0, 9)[:, None]
+    rows = np.cos(angle) * np.asarray([place]) + np.sin(angle) * place[0] / speed[1] * np.asarray([speed])
+    made = {
+        "circle": lambda: orbits.CircularOrbit(place, speed, own),
+        "ellipse": lambda: orbits.KeplerOrbit(place, speed, own),
+        "table": lambda: orbits.TableOrbit(angle[:, 0] * place[0] / speed[1], rows),
+    }
+    return torques.GravityGradient(None, made[kind](), mu)
+
+
+@pytest.mark.parametrize("kind", ["circle", "ellipse", "table"])
+def test_an_orbit_in_kilometres_with_mu_in_metres_is_noticed(kind):
+    for numbers, unit in ((IN_KM, "km"), (IN_METRES, "m")):
+        gradient_on(kind, *numbers, OF_EARTH[unit])
+    for numbers, unit in ((IN_KM, "m"), (IN_METRES, "km")):
+        with pytest.raises(ValueError, match="orbit and mu must be in the same units, but speed"):
+            gradient_on(kind, *numbers, OF_EARTH[unit])
+
+
+def test_legal_orbits_of_any_speed_pass_the_check_of_units():
+    """Far out on a thin ellipse, a fast hyperbola, a place at rest; the inclinations at both ends of their range."""
+    for inclination in (0.0, np.pi, np.float32(np.pi)):
+        elements(0.5, inclination=inclination)
+    thin = orbits.KeplerOrbit([1.0, 0.0, 0.0], [0.0, 0.02, 0.0], 1.0)
+    fast = orbits.KeplerOrbit([100.0, 0.0, 0.0], [0.0, 30.0, 0.0], 1.0)
+    still = orbits.TableOrbit([0.0, 1.0], [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    for orbit in (thin, fast, still, lambda t: jnp.array([1.0, 0.0, 0.0])):
+        torques.GravityGradient(None, orbit, 1.0)

@@ -18,6 +18,7 @@ from .._math.components import is_traced
 
 FLOATS = ("float32", "float64")
 _TOO_LARGE = "{name} must be finite, got an integer that is too large; check its units, and write it as a float."
+LEAST_ULPS = 4  # the least step of a clock, in units in the last place of its time
 _NAMED = 8  # the most rows that a message names
 
 
@@ -28,7 +29,8 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     """
     try:
         # A Python integer becomes a Python float: a weak type, which works with float32 and float64.
-        array = jnp.asarray(float(value) if type(value) is int else value)
+        with np.errstate(over="ignore"):  # an error below says more than the warning
+            array = jnp.asarray(float(value) if type(value) is int else value)
     except OverflowError as error:
         raise ValueError(_TOO_LARGE.format(name=name)) from error
     except (TypeError, ValueError) as error:
@@ -37,9 +39,23 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
         array = array.astype(jnp.result_type(float))
     if array.dtype.name not in FLOATS:
         raise ValueError(f"{name} must be float32 or float64, got {array.dtype}; cast it with .astype(jnp.float32).")
+    if array.dtype == np.float32 and not isinstance(value, Array) and getattr(value, "dtype", None) != np.float32:
+        _require_held(name, value, array)
     if shape is not None and array.shape[max(array.ndim - len(shape), 0) :] != shape:
         raise ValueError(f"{name} must have shape {shape} (leading batch axes allowed), got {array.shape}.")
     return array
+
+
+def _require_held(name: str, value: Any, array: Array) -> None:
+    """Raises if the largest of the numbers becomes infinite in float32, or is below all normal numbers."""
+    if is_traced(array):
+        return
+    largest, limits = float(np.max(np.abs(np.asarray(value, np.float64)), initial=0.0)), np.finfo(np.float32)
+    if 0 < largest < float(limits.tiny) or float(limits.max) < largest < np.inf:
+        raise ValueError(
+            f"{name} must be 0, or between {limits.tiny:.0e} and {limits.max:.0e} in float32, got {largest:.3g}; "
+            f"{in_wider(np.float32, 'take other units')}"
+        )
 
 
 def as_weak(vector: Any) -> Array:
@@ -116,6 +132,20 @@ def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: 
         raise ValueError(f"{name} {problem}, got {shown(numbers)}; {cure}")
 
 
+def in_wider(dtype: Any, cure: str = "") -> str:
+    """The cure of a message on numbers that the dtype cannot hold: for float32 float64, or what is given."""
+    if np.dtype(dtype) == np.float64:
+        return f"{cure}."
+    return f'{cure}{", or " if cure else ""}use float64: jax.config.update("jax_enable_x64", True).'
+
+
+def cure_of(value: Any, cure: str) -> str:
+    """The cure of a message on numbers: also float64, if they are infinite, or all zero, in float32."""
+    if is_traced(value) or np.asarray(value).dtype != np.float32:
+        return f"{cure}."
+    return in_wider(np.float32, cure) if np.isinf(value).any() or not np.any(value) else f"{cure}."
+
+
 def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
     """`require` for vectors (..., n): for a batch the message tells how many rows are wrong, and which.
 
@@ -148,7 +178,39 @@ def require_numbers(caller: str, *values: Any) -> None:
 def require_finite(name: str, value: Any) -> None:
     if is_traced(value) or np.isfinite(np.asarray(value)).all():
         return
-    require(name, value, np.isfinite, "must be finite", "check where the NaN or infinity comes from.")
+    require(name, value, np.isfinite, "must be finite", cure_of(value, "check where the NaN or infinity comes from"))
+
+
+def require_resolved(name: str, times: Any, dtype: Any, start: Any = None) -> None:
+    """Raises if the dtype cannot tell the times apart, because they are far from zero and close to each other.
+
+    Half of the intervals between two different times must be at least `LEAST_ULPS` units in the last place of the
+    later time. So times from zero on are right, as each is rounded relative to itself.
+
+    Args:
+        name: for the message.
+        times: (n,), as the user gives them, before they are rounded to the dtype.
+        dtype: the one in which they are used.
+        start: one more time, or None.
+    """
+    if is_traced(times, start):
+        return
+    numbers = np.asarray(times, np.float64)
+    numbers = numbers if start is None else np.append(numbers, float(start))
+    gaps = np.diff(numbers)
+    if gaps.min(initial=0.0) < 0:
+        numbers = np.sort(numbers)
+        gaps = np.diff(numbers)
+    gaps, ends = gaps[gaps > 0], np.maximum(np.abs(numbers[1:]), np.abs(numbers[:-1]))[gaps > 0]
+    if not gaps.size or not np.isfinite(ends).all():
+        return
+    least = np.spacing(ends.astype(dtype)).astype(np.float64)
+    if np.median(gaps / least) < LEAST_ULPS:
+        raise ValueError(
+            f"{name} must be at least {LEAST_ULPS} units in the last place apart, {LEAST_ULPS * least.max():.3g} in "
+            f"{np.dtype(dtype)} at t = {ends.max():.9g}, got {np.median(gaps):.3g}; "
+            f"{in_wider(dtype, 'count time from the start')}"
+        )
 
 
 def is_unit(vectors: np.ndarray) -> Any:

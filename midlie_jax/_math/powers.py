@@ -21,6 +21,12 @@ def power(n: Array, dtype: Any) -> Array:
     return jax.lax.bitcast_convert_type((n + bias) << digits, dtype)
 
 
+def bounded(n: Array, dtype: Any) -> Array:
+    """2^n, or the nearest power of two that is a normal number."""
+    bias = _BITS[str(dtype)][2]
+    return power(jnp.clip(n, 1 - bias, bias), dtype)
+
+
 def unit(x: Array) -> tuple[Array, Array]:
     """The largest power of two that is at most x > 0, and its inverse; for zero, zero and a large number."""
     _, _, bias = _BITS[str(x.dtype)]

@@ -14,7 +14,7 @@ from jax import Array
 
 from .._checks.arguments import as_count, require_numbers
 from .._checks.renamed import old_name
-from ..drivers.arguments import as_method, as_scalar, check_system
+from ..drivers.arguments import as_method, as_scalar, check_clock, check_system
 from ..drivers.ensemble import as_batch
 from ..methods.base import Method
 from ..methods.limits import resonance, resonance_half_width
@@ -197,6 +197,7 @@ def check(
         )
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
+    check_clock(t0, dt)
     axes = start.momentum.ndim - start.own_axes
     if axes not in (0, 1):
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")

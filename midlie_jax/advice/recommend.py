@@ -13,10 +13,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from .._checks.arguments import described, require, require_numbers, shown
-from ..drivers.arguments import as_scalar, check_system
+from ..drivers.arguments import as_scalar, check_clock, check_system
 from ..methods.registry import ENTRIES, exact_flight
 from ..methods.registry import method as find_method
 from ..methods.runge_kutta import RungeKutta
@@ -160,6 +161,7 @@ def recommend(
     check_system(find_method(exact_method(body)), body, torque, start, bath=refused)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * speed_of(body, start) / _FIRST_TURN))
+    check_clock(t0, np.asarray(span / guess, start.momentum.dtype))
     runs: dict[str, dict[int, Run]] = {}
     compiled: dict[str, Candidate] = {}
     print_progress = _progress_printer(progress, len(names))

@@ -33,7 +33,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._checks.arguments import as_count, described, require_finite, same_dtype
+from .._checks.arguments import LEAST_ULPS, as_count, described, require_finite, same_dtype
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import fuse
@@ -47,7 +47,7 @@ from ..model.state import AnyState, StateT
 from ..model.states import SpinState
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
-from .arguments import as_method, as_saving, as_scalar, check_span, check_step, check_system
+from .arguments import as_method, as_saving, as_scalar, check_clock, check_span, check_step, check_system
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
@@ -205,8 +205,17 @@ def integrate_adaptive(
         if not cp.is_traced(t0, t1):
             check_span("torque", torque, t0, t1)
             check_span("density", density, t0, t1)
+    _check_first_step(density, dt, t0, rho, start)
     all_steps = t1 is None or isinstance(adjoint, Checkpointed)
     return _run(method, body, torque, start, density, dt, t0, t1, rho, steps, save_every, all_steps, observe)
+
+
+def _check_first_step(density: Any, dt: Array, t0: Array, rho: Any, start: AnyState) -> None:
+    """Raises unless the first step, dt over the density, moves the clock; numbers that are traced are not checked."""
+    if cp.is_traced(density, dt, t0, rho, start) or abs(dt) >= LEAST_ULPS * cp.epsilon(dt) * abs(t0):
+        return  # as in every ordinary run
+    value = density(t0, start) if rho is None else rho
+    check_clock(t0, jnp.where(jnp.asarray(value) > 0, dt / value, dt))
 
 
 @tuned_jit

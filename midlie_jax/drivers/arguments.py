@@ -9,7 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import as_count, as_floats, as_number, described, require, require_finite, same_dtype, shown
+from .._checks.arguments import (
+    LEAST_ULPS,
+    as_count,
+    as_floats,
+    as_number,
+    described,
+    in_wider,
+    require,
+    require_finite,
+    same_dtype,
+    shown,
+)
 from .._math.components import is_traced
 from .._xla.structure import once, once_for_numbers
 from ..methods.base import Method
@@ -131,11 +142,11 @@ def check_bath(method: Method | None, torque: Any, refused: str | None = None) -
 
 def as_scalar(name: str, value: Any, dtype: Any) -> Array:
     """A finite number () in the dtype of the run."""
-    array = as_floats(name, value)
-    if array.ndim:
-        raise ValueError(f"{name} must be a scalar, got shape {array.shape}; map over a batch with jax.vmap.")
-    array = array.astype(dtype)
-    require_finite(name, array)  # after the cast, because a narrower dtype may turn the number into infinity
+    given = as_floats(name, value)
+    if given.ndim:
+        raise ValueError(f"{name} must be a scalar, got shape {given.shape}; map over a batch with jax.vmap.")
+    array = given.astype(dtype)
+    _require_held(name, array, given)  # after the cast, because a narrower dtype may turn the number into infinity
     return array
 
 
@@ -144,31 +155,62 @@ def as_argument(name: str, value: Any, dtype: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, float | int):
         return as_scalar(name, value, dtype)
     array = as_number(name, value, dtype)
-    require_finite(name, array)
+    _require_held(name, array, value)
     return array
 
 
-def check_ends(t0: Any, dt: Any, first: Any, steps: int) -> None:
-    """Raises unless the times of a run are finite in its dtype, that of dt; traced times are not checked."""
+def _require_held(name: str, array: Any, value: Any) -> None:
+    """Raises unless a number that was cast to the dtype of the run is finite, and zero only if it was zero."""
+    if is_traced(array, value):
+        return
+    number, held = float(value), float(array)
+    if np.isfinite(held) and (held or not number):
+        return
+    if np.isfinite(number):
+        must = "not be zero" if not held else "be finite"
+        cure = in_wider(array.dtype, "take other units")
+        raise ValueError(f"{name} must {must} in {array.dtype}, got {number:.3g}; {cure}")
+    require_finite(name, array)
+
+
+def check_clock(t0: Any, dt: Any, first: Any = 0, steps: int = 0) -> None:
+    """Raises unless the times of a run, t0 + n dt, are finite and move in its dtype, that of dt.
+
+    A step must be at least `LEAST_ULPS` units in the last place of t0: below, a torque of time would stand still, and
+    then jump. The number of steps has no such limit. Times are computed from the index, so those of a long run from a
+    small t0 are right to their last place, even where float32 gives the same time to neighbouring steps, beyond 2^24.
+
+    Traced times are not checked.
+    """
     if is_traced(t0, dt, first):
         return
     dtype, last = np.asarray(dt).dtype, float(first) + steps
     t0, dt = (np.asarray(x, np.float64) for x in (t0, dt))
-    if float(abs(t0).max()) + max(abs(last), abs(float(first))) * float(abs(dt).max()) <= float(np.finfo(dtype).max):
+    limits, away, step = np.finfo(dtype), float(abs(t0).max()), abs(dt)
+    shortest, longest = (float(step), float(step)) if step.ndim == 0 else (float(step.min()), float(step.max()))
+    far = away + max(abs(last), abs(float(first))) * longest
+    if far <= float(limits.max) and shortest >= LEAST_ULPS * float(limits.eps) * away:
         return  # as in every ordinary run, at the price of a few microseconds
     with np.errstate(over="ignore", invalid="ignore"):
         ends = [(t0 + n * dt).astype(dtype) for n in (last, float(first))]
     for end in ends:
-        problem, cure = f"must be finite in {dtype}", "choose a larger unit of time, or fewer or shorter steps."
+        problem, cure = f"must be finite in {dtype}", in_wider(dtype, "choose a larger unit of time, or fewer steps")
         require("t0 + (first_step + steps) dt", end, np.isfinite, problem, cure)
+    least, steps_of_all = np.broadcast_arrays(LEAST_ULPS * np.spacing(abs(t0).astype(dtype)), step)
+    slow = steps_of_all < least
+    if slow.any():
+        raise ValueError(
+            f"dt must be at least {LEAST_ULPS} units in the last place of t0, {least[slow][0]:.3g} in {dtype}, got "
+            f"{steps_of_all[slow][0]:.3g}; {in_wider(dtype, 'count time from the start, with a small t0')}"
+        )
 
 
 def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps: int) -> None:
-    """Raises if the run ends at no finite time, or asks for the torque at times that a table in it does not hold.
+    """Raises as `check_clock`, or if the run asks for the torque at times that a table in it does not hold.
 
     Traced times are not checked.
     """
-    check_ends(t0, dt, first, steps)
+    check_clock(t0, dt, first, steps)
     if not orbits_in(torque) or is_traced(t0, dt, first):
         return
     before, after = method.asks

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._checks.arguments import as_floats, require_finite
+from .._checks.arguments import as_floats, require_finite, require_resolved
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import begin, fuse
@@ -48,7 +48,8 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     Args:
         body: a `RigidBody`, a `TensorBody` in a frame of your own, a `Rotor`, or a `FreeBody` of one of these.
         start: the state at the time t0, of any kind that belongs to the body.
-        times: (n,), any times, not necessarily sorted, before and after t0.
+        times: (n,), any times, not necessarily sorted, before and after t0; so near zero that the dtype of the start
+            can tell them apart.
         t0: the time of the start, ().
 
     Returns:
@@ -69,11 +70,12 @@ def free_motion(body: Body, start: StateT, times: Any, *, t0: float | Array = 0.
     """
     mover = "SYMMETRIC[EA]" if isinstance(getattr(body, "turning", body), Rotor) else "JACOBI[EA]"
     check_system(as_method(mover), body, None, start)
-    times = as_floats("times", times)
+    given, times = times, as_floats("times", times)
     if times.ndim != 1:
         raise ValueError(f"times must have shape (n,), got {times.shape}; map over a batch with jax.vmap.")
     times = times.astype(start.momentum.dtype)
     require_finite("times", times)
+    require_resolved("times", given, times.dtype, t0)
     t0 = as_scalar("t0", t0, start.momentum.dtype)
     run = _run_of_several if start.several else _run
     return run(body, start, times - t0)._replace(times=times)

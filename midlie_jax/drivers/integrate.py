@@ -91,7 +91,8 @@ def integrate(
         steps: number of steps.
         save_every: save the state every `save_every` steps, the start first; must divide `steps`. None: the state at
             the end alone, without a leading axis.
-        t0: time of step 0, ().
+        t0: time of step 0, (). The size of dt must be at least 4 units in the last place of t0, or times would not
+            move: in float32 count time from the start, or use float64.
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
             integer index. So a run continued from a saved state, with the index of that state as `first_step`, equals
             the uninterrupted run, bit for bit. (GBS methods: to the last digits, unless both runs have the same

@@ -15,9 +15,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from .._checks.arguments import require, require_finite
+from .._checks.arguments import require, require_finite, require_resolved
 from .._math.components import is_traced
-from ..drivers.arguments import as_method
+from ..drivers.arguments import as_method, check_clock
 from ..drivers.clock import time_of
 from ..drivers.integrate import integrate
 from ..drivers.path import Path
@@ -147,6 +147,7 @@ def states_at(
         raise ValueError(f"times must have shape (n,) with n >= 1, got {known.shape}.")
     require_finite("times", known)
     require("times", known, lambda x: np.diff(x) >= 0, "must ascend", "sort them.")
+    require_resolved("times", times, known.dtype, t0)
     check_grid(known, dt, t0)
     times = jnp.asarray(known)
     grid = Grid.of(known, float(dt), float(t0))
@@ -158,10 +159,11 @@ def states_at(
 
 
 def check_grid(times: np.ndarray, dt: Any, t0: Any) -> None:
-    """Raises a ValueError unless the step is positive and no time is before the start."""
+    """Raises a ValueError unless the step is positive and moves the clock, and no time is before the start."""
     if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0):
         raise ValueError(f"dt must be a positive finite Python number, got {dt!r}.")
     if not (isinstance(t0, (int, float)) and math.isfinite(t0)):
         raise ValueError(f"t0 must be a finite Python number, got {t0!r}.")
     if times.min() < t0:
         raise ValueError(f"times must not be before the start at t0 = {t0:g}, got {times.min():g}; give an earlier t0.")
+    check_clock(np.asarray(t0, times.dtype), np.asarray(dt, times.dtype))

@@ -13,9 +13,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from .._checks.arguments import as_floats, require, require_finite, require_rows
+from .._checks.arguments import as_floats, cure_of, in_wider, require, require_finite, require_rows
 from .._checks.renamed import old_name
 from .._math import components as cp
+from .._math.powers import unit as power_of_two
 from . import masses, so3
 from .inertia import Inertia
 
@@ -27,10 +28,21 @@ _SYMMETRY_TOLERANCE = 1e-5  # relative to the largest entry of the tensor
 _RANGE_EXPONENT = 0.8
 
 
-def is_within_range(moments: np.ndarray) -> Any:
-    """Whether moments or masses leave room for the intermediate results of the methods."""
-    smallest = float(np.finfo(moments.dtype).tiny) ** _RANGE_EXPONENT
-    return (moments >= smallest) & (moments <= 1 / smallest)
+def require_within_range(name: str, value: Any, units: str) -> None:
+    """Raises unless moments or masses leave room for the intermediate results of the methods.
+
+    Args:
+        units: whose change is a cure.
+    """
+    smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
+    cure = in_wider(value.dtype, f"take other units of {units}")
+    require_rows(
+        name,
+        value,
+        lambda x: (x >= smallest) & (x <= 1 / smallest),
+        f"must be between {smallest:.0e} and {1 / smallest:.0e} in {value.dtype}",
+        cure,
+    )
 
 
 def _triangle(moments: np.ndarray) -> Any:
@@ -131,11 +143,13 @@ class RigidBody(Body):
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         require_rows(
-            "moments", self.moments, masses.is_positive, "must be positive and finite", cure or "check units and order."
+            "moments",
+            self.moments,
+            masses.is_positive,
+            "must be positive and finite",
+            cure or cure_of(self.moments, "check units and order"),
         )
-        require_rows(
-            "moments", self.moments, is_within_range, "are out of range", "take other units of mass or length."
-        )
+        require_within_range("moments", self.moments, "mass or length")
         if physical:
             require_rows(
                 "moments",
@@ -166,7 +180,9 @@ class RigidBody(Body):
         tensor = as_floats("tensor", tensor, (3, 3))
         require_finite("tensor", tensor)
         require("tensor", tensor, is_symmetric, "must be symmetric", "pass (J + J.T) / 2 if it differs by rounding.")
-        moments, axes = jnp.linalg.eigh(tensor)
+        unit, per_unit = power_of_two(jnp.max(jnp.abs(tensor), axis=(-1, -2)))
+        moments, axes = jnp.linalg.eigh(per_unit[..., None, None] * tensor)
+        moments = unit[..., None] * moments
         sign = jnp.where(jnp.linalg.det(axes) < 0, -1, 1).astype(axes.dtype)
         return cls(moments, physical=physical), axes * sign[..., None, None]
 

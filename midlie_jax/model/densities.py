@@ -71,7 +71,8 @@ class OrbitalDistance(eqx.Module):
     def __call__(self, t: Time, state: AnyState) -> Array:
         del state
         position = cp.vector(vector_at("orbit", self.orbit, t))
-        nearness = self.reference * self.reference / cp.dot(position, position)
+        x, y, z = (p / self.reference for p in position)
+        nearness = 1 / (x * x + y * y + z * z)
         slowest = 1 / (self.longest * self.longest)
         return _power(_power(nearness, 2 * self.power) + slowest * slowest, 0.25)
 
@@ -114,9 +115,10 @@ class TorqueSize(eqx.Module):
         self.power = float(power)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        torque = cp.vector(self.torque(t, state))
-        square = cp.dot(torque, torque) + self.floor * self.floor
-        return _power(square / (self.reference * self.reference), self.power / 2)
+        # Divided first, because squares of the torques on small particles are below the range of float32.
+        x, y, z = (torque / self.reference for torque in cp.vector(self.torque(t, state)))
+        floor = self.floor / self.reference
+        return _power(x * x + y * y + z * z + floor * floor, self.power / 2)
 
 
 class Spin(eqx.Module):
@@ -151,8 +153,9 @@ class Spin(eqx.Module):
     def __call__(self, t: Time, state: AnyState) -> Array:
         del t
         momentum, moments = cp.vector(state.momentum), cp.vector(self.moments)
-        x, y, z = (p / i for p, i in zip(momentum, moments, strict=True))
-        return jnp.sqrt(x * x + y * y + z * z + self.floor * self.floor) / self.reference
+        x, y, z = (p / i / self.reference for p, i in zip(momentum, moments, strict=True))
+        floor = self.floor / self.reference
+        return jnp.sqrt(x * x + y * y + z * z + floor * floor)
 
 
 def _power(x: Array, exponent: float) -> Array:

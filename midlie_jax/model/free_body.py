@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
-from .bodies import Body, RigidBody, TensorBody, is_within_range
+from .bodies import Body, RigidBody, TensorBody, require_within_range
 from .masses import is_positive
 from .rotor import Rotor
 
@@ -85,7 +85,7 @@ class FreeBody(Body):
             )
         mass = as_floats("mass", mass)
         require_rows("mass", mass, is_positive, "must be positive and finite", "check its units.")
-        require_rows("mass", mass, is_within_range, "is out of range", "take another unit of mass.")
+        require_within_range("mass", mass, "mass")
         if mass.shape not in ((), body.batch):
             raise ValueError(f"mass must be () or {body.batch}, one for each body, got {mass.shape}.")
         self.body, self.mass = body, jnp.broadcast_to(mass, body.batch)

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .._checks.arguments import described
+from .._checks.arguments import described, in_wider, require
+from .._math.powers import unit
 
 _NAMED = 3  # the most edges or faces that a message names
 
@@ -21,24 +22,33 @@ class Solid(NamedTuple):
     Attributes:
         volume: (), length^3.
         centre: the centre of mass, (3,), length.
-        second: the integral of y y^T over the volume, with y from the centre of mass, (3, 3), length^5.
+        spread: the mean of y y^T over the volume, with y from the centre of mass, (3, 3), length^2.
     """
 
     volume: Array
     centre: Array
-    second: Array
+    spread: Array
 
     @property
-    def inertia(self) -> Array:
-        """The inertia tensor about the centre of mass, (3, 3)."""
-        return jnp.trace(self.second) * jnp.eye(3, dtype=self.second.dtype) - self.second
+    def per_mass(self) -> Array:
+        """The inertia tensor about the centre of mass over the mass, (3, 3)."""
+        return jnp.trace(self.spread) * jnp.eye(3, dtype=self.spread.dtype) - self.spread
+
+    def times(self, length: Array) -> "Solid":
+        """The solid of `length` times the size, a ValueError if the dtype does not hold its volume."""
+        volume = self.volume * length * length * length
+        limits = np.finfo(volume.dtype)
+        cure = in_wider(volume.dtype, "take another unit of length")
+        held = f"must enclose a volume of {limits.tiny:.0e} to {limits.max:.0e} in {volume.dtype}"
+        require("surface", volume, lambda v: (np.abs(v) > limits.tiny) & (np.abs(v) <= limits.max), held, cure)
+        return Solid(volume, self.centre * length, self.spread * length * length)
 
     def joined(self, other: "Solid") -> "Solid":
         """Both together."""
         volume = self.volume + other.volume
         centre = (self.volume * self.centre + other.volume * other.centre) / volume
-        seconds = (s.second + s.volume * _outer(s.centre - centre) for s in (self, other))
-        return Solid(volume, centre, sum(seconds, start=jnp.zeros_like(self.second)))
+        shares = ((s.spread + _outer(s.centre - centre)) * (s.volume / volume) for s in (self, other))
+        return Solid(volume, centre, sum(shares, start=jnp.zeros_like(self.spread)))
 
 
 def _outer(v: Array) -> Array:
@@ -53,13 +63,16 @@ def solid_of(corners: Array) -> Solid:
     """
     inside = jnp.mean(corners, axis=(0, 1))
     x = corners - inside[None, None, :]
+    length, per_length = unit(jnp.max(jnp.abs(x)))  # a power of two, with which fifth powers stay within the dtype
+    x = per_length * x
     six = jnp.sum(x[:, 0] * jnp.cross(x[:, 1], x[:, 2]), axis=-1)  # times the volume of a tetrahedron
     total = jnp.sum(x, axis=1)
     volume = jnp.sum(six) / 6
     centre = jnp.sum(six[:, None] * total, axis=0) / (24 * volume)
     squares = jnp.einsum("nki,nkj->nij", x, x) + total[:, :, None] * total[:, None, :]
-    second = jnp.sum(six[:, None, None] * squares, axis=0) / 120
-    return Solid(volume, inside + centre, second - volume * _outer(centre))
+    spread = jnp.sum(six[:, None, None] * squares, axis=0) / (120 * volume)
+    solid = Solid(volume, centre, spread - _outer(centre)).times(length)
+    return solid._replace(centre=inside + solid.centre)
 
 
 def as_faces(value: Any, vertices: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_rows
 from .._math import components as cp
-from .bodies import Body, is_within_range
+from .bodies import Body, require_within_range
 from .masses import is_positive
 
 _UNITS = "check its units."
@@ -68,7 +68,7 @@ class Rotor(Body):
     def __init__(self, moment: Any, along: Any = None):
         self.moment = as_floats("moment", moment)
         require_rows("moment", self.moment, is_positive, "must be positive and finite", "check its units.")
-        require_rows("moment", self.moment, is_within_range, "is out of range", "take other units of mass or length.")
+        require_within_range("moment", self.moment, "mass or length")
         self.along = None if along is None else as_floats("along", along)
         if self.along is not None:
             if self.along.shape != self.moment.shape:

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from .._checks.arguments import as_floats, require, require_finite, same_dtype
 from .._math import components as cp
+from .._math.powers import unit
 from .bodies import RigidBody
 from .free_body import FreeBody
 from .rotor import Rotor
@@ -55,18 +56,22 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
     """
     masses, places = as_floats("masses", masses), as_floats("places", places)
     _check_points(masses, places)
-    centred = places - jnp.sum(masses[:, None] * places, axis=0, keepdims=True) / jnp.sum(masses)
-    x, y, z = cp.vector(centred)
+    total = jnp.sum(masses)
+    masses = masses / total
+    centred = places - jnp.sum(masses[:, None] * places, axis=0, keepdims=True)
+    length, per_length = unit(jnp.max(jnp.abs(centred)))  # a power of two, whose square the dtype may not hold
+    x, y, z = cp.vector(per_length * centred)
     xx, yy, zz, yz, zx, xy = (jnp.sum(masses * product) for product in (x * x, y * y, z * z, y * z, z * x, x * y))
     tensor = jnp.stack([yy + zz, -xy, -zx, -xy, xx + zz, -yz, -zx, -yz, xx + yy]).reshape(3, 3)
     moments, axes = jnp.linalg.eigh(tensor)
-    points = centred @ axes
-    if not cp.is_traced(moments) and moments[0] <= cp.epsilon(moments) ** _LINE * moments[2]:
-        return _on_a_line(masses, points, moments)
+    points, on_a_line = centred @ axes, moments[0] <= cp.epsilon(moments) ** _LINE * moments[2]
+    moments = moments * total * length * length
+    if not cp.is_traced(on_a_line) and on_a_line:
+        return _on_a_line(total, points, moments)
     first, second = (_sign(points[:, k], points) for k in (0, 1))
     third = first * second * jnp.sign(jnp.linalg.det(axes))
     signs = cp.pack((first, second, third))
-    return FreeBody(RigidBody(moments), jnp.sum(masses)), points * signs[None, :]
+    return FreeBody(RigidBody(moments), total), points * signs[None, :]
 
 
 def _check_points(masses: Array, places: Array) -> None:
@@ -87,7 +92,7 @@ def _check_points(masses: Array, places: Array) -> None:
         )
 
 
-def _on_a_line(masses: Array, points: Array, moments: Array) -> tuple[FreeBody, Array]:
+def _on_a_line(mass: Array, points: Array, moments: Array) -> tuple[FreeBody, Array]:
     """The rotor: the axis of the least moment, the first, becomes the third."""
     along, size = points[:, 0], jnp.max(jnp.abs(points))
     if jnp.max(jnp.abs(points[:, 1:])) > cp.epsilon(points) ** _NO_SIGN * size:
@@ -97,7 +102,7 @@ def _on_a_line(masses: Array, points: Array, moments: Array) -> tuple[FreeBody, 
         )
     zeros = jnp.zeros_like(along)
     third = cp.pack((zeros, zeros, _sign(along, points) * along))
-    return FreeBody(Rotor(moments[2], jnp.zeros_like(moments[2])), jnp.sum(masses)), third
+    return FreeBody(Rotor(moments[2], jnp.zeros_like(moments[2])), mass), third
 
 
 def _sign(coordinates: Array, points: Array) -> Array:

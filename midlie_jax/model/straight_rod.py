@@ -109,7 +109,7 @@ def straight_rod(
     )  # fmt: skip
     attitude = so3.from_matrix(jnp.stack([across, jnp.cross(along, across), along], axis=-1))
     piece = whole / count
-    area, second = jnp.pi * thick**2, jnp.pi * thick**4 / 4
+    area, square = jnp.pi * thick**2, thick**2 / 4  # their product is the second moment of the cross section
     # The bodies are at the ends of the elements and share them; what a clamp holds is left out.
     share = np.where((np.arange(count + 1) % count) == 0, 0.5, 1.0)[clamped:]
     mass = heavy * piece * jnp.asarray(share, area.dtype) * area
@@ -118,7 +118,7 @@ def straight_rod(
     torque = Rod(
         piece,
         jnp.stack([_SHEAR_FACTOR * shear * area, _SHEAR_FACTOR * shear * area, modulus * area]),
-        jnp.stack([modulus * second, modulus * second, 2 * shear * second]),
+        jnp.stack([modulus * area * square, modulus * area * square, 2 * shear * area * square]),
         clamp=(place, attitude) if clamped else None,
     )
     nodes = piece * jnp.arange(int(clamped), count + 1, dtype=piece.dtype)

@@ -19,6 +19,7 @@ from .._checks.arguments import (
     same_dtype,
 )
 from .._math import components as cp
+from .._math.powers import unit as unit_of
 from . import so3
 from .bodies import RigidBody, TensorBody
 from .polyhedra import Solid, as_faces, require_area, solid_of, sphere
@@ -68,11 +69,13 @@ class Surface(eqx.Module):
             raise ValueError(f"vertices must be (v, 3), got {vertices.shape}; map over several surfaces with jax.vmap.")
         require_finite("vertices", vertices)
         corners = vertices[as_faces(faces, len(vertices))]
-        doubled = jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        edges = corners[:, 1:] - corners[:, :1]
+        unit, per_unit = unit_of(jnp.max(jnp.abs(edges)))
+        doubled = jnp.cross(per_unit * edges[:, 0], per_unit * edges[:, 1])
         length = jnp.linalg.norm(doubled, axis=-1)
         if not cp.is_traced(length):
             require_area(np.asarray(length))
-        self.areas, self.normals = length / 2, doubled / length[:, None]
+        self.areas, self.normals = length / 2 * unit * unit, doubled / length[:, None]
         self.centroids = jnp.mean(corners, axis=1)
         self.solid = solid_of(corners)
         cure = "turn every face round: faces[:, ::-1]."
@@ -157,12 +160,13 @@ class Surface(eqx.Module):
         """
         axes = _lengths("semi_axes", semi_axes)
         directions, angles = (jnp.asarray(x, axes.dtype) for x in sphere(as_count("facets", facets)))
-        product = axes[0] * axes[1] * axes[2]
-        vectors = product * angles[:, None] * directions / axes[None, :]
+        unit, per_unit = unit_of(jnp.max(axes))
+        relative = per_unit * axes
+        product = relative[0] * relative[1] * relative[2]
+        vectors = product * angles[:, None] * directions / relative[None, :]
         areas = jnp.linalg.norm(vectors, axis=-1)
-        volume = 4 / 3 * np.pi * product
-        solid = Solid(volume, jnp.zeros_like(axes), jnp.diag(volume / 5 * axes**2))
-        return cls._of(areas, vectors / areas[:, None], directions * axes[None, :], solid)
+        solid = Solid(4 / 3 * np.pi * product, jnp.zeros_like(axes), jnp.diag(relative**2 / 5)).times(unit)
+        return cls._of(areas * unit * unit, vectors / areas[:, None], directions * axes[None, :], solid)
 
     @classmethod
     def box(cls, lengths: Any) -> "Surface":
@@ -178,7 +182,9 @@ class Surface(eqx.Module):
         x, y, z = edges
         normals = jnp.asarray(_FACES_OF_BOX, edges.dtype)
         areas = jnp.repeat(jnp.stack([y * z, z * x, x * y]), 2)
-        solid = Solid(x * y * z, jnp.zeros_like(edges), jnp.diag(x * y * z / 12 * edges**2))
+        unit, per_unit = unit_of(jnp.max(edges))
+        a, b, c = relative = per_unit * edges
+        solid = Solid(a * b * c, jnp.zeros_like(edges), jnp.diag(relative**2 / 12)).times(unit)
         return cls._of(areas, normals, normals * edges[None, :] / 2, solid)
 
     @property
@@ -204,7 +210,7 @@ class Surface(eqx.Module):
 
     def inertia(self, density: Any) -> Float[Array, "3 3"]:
         """The inertia tensor of the homogeneous solid about its centre of mass, (3, 3), mass length^2."""
-        return _density(density) * self._inside().inertia
+        return self.mass(density) * self._inside().per_mass
 
     def body(self, density: Any) -> TensorBody:
         """The homogeneous body in the frame of the surface, whose origin must be the centre of mass.
@@ -262,7 +268,7 @@ class Surface(eqx.Module):
         """The surface in the frame whose axes are the columns."""
         solid = self.solid
         if solid is not None:
-            solid = Solid(solid.volume, solid.centre @ axes, axes.T @ solid.second @ axes)
+            solid = Solid(solid.volume, solid.centre @ axes, axes.T @ solid.spread @ axes)
         return self._of(self.areas, self.normals @ axes, self.centroids @ axes, solid)
 
     def _inside(self) -> Solid:
@@ -274,7 +280,7 @@ class Surface(eqx.Module):
         solid = self._inside()
         if cp.is_traced(solid):
             return
-        radius = np.sqrt(np.trace(np.asarray(solid.second)) / float(solid.volume))
+        radius = np.sqrt(np.trace(np.asarray(solid.spread)))
         if np.linalg.norm(np.asarray(solid.centre)) > _CENTRED * radius:
             raise ValueError(
                 f"the origin must be the centre of mass, which is at {np.asarray(solid.centre)}; take "

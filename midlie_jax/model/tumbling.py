@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float
 from .._checks.arguments import as_floats, require, require_finite, shown
 from .._math import components as cp
 from .._math.complete import amplitude, complete, fraction_of
+from .._math.powers import unit as power_of_two
 from . import so3
 from .bodies import Body, RigidBody, principal_of
 from .compatibility import check_body, check_state
@@ -190,10 +191,10 @@ def _start_of(
     principal: RigidBody, frame: Any, wanted: Array, rotation: Array, pole: Array, s: Array, phi: Array, short: bool
 ) -> tuple[Array, Array]:
     """The momentum and the attitude of `tumbling`, of checked arguments; `short` is static."""
-    moments, order, sign = _sorted(principal)
+    moments, order, sign, largest = _sorted(principal)
     i1, i2, i3 = moments if short else moments[::-1]
     shape = _shape_with((i1, i2, i3), wanted, jnp.asarray(short))
-    size = shape.period / rotation
+    size = shape.period / rotation * largest[0]
     angle = amplitude(shape.m1, s - jnp.round(s))
     c, n = jnp.cos(angle), jnp.sin(angle)
     first, second, third = shape.amplitudes
@@ -248,8 +249,9 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
     if frame is not None:
         momentum = cp.pack(cp.rotate_back(frame, cp.vector(momentum)))
         attitude = None if attitude is None else cp.pack(cp.multiply(cp.quaternion(attitude), frame))
-    moments, order, sign = _sorted(principal)
+    moments, order, sign, largest = _sorted(principal)
     unit, size = _unit(momentum)
+    rate = size * largest[1]
     a, b, c = cp.vector(jnp.take_along_axis(unit, jnp.broadcast_to(order, unit.shape), axis=-1))
     ia, ib, ic = moments
     near = a * a * (1 - ib / ia) + c * c * (1 - ib / ic)  # 1 - 2 E Ib
@@ -277,22 +279,27 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
     return Tumble(
         short,
         energy * ic,
-        2 * pi / ((slower + by_turn) * size),
-        2 * pi / (slower * size),
-        shape.period / size,
-        energy * size,
+        2 * pi / ((slower + by_turn) * rate),
+        2 * pi / (slower * rate),
+        shape.period / rate,
+        energy * rate,
         size,
         pole,
         (fraction_of(shape.m1, angle), phi),
     )
 
 
-def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array]:
-    """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1."""
+def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array, tuple[Array, Array]]:
+    """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1.
+
+    The moments are in units of a power of two, the last result, with its inverse: their cubes stay within the dtype.
+    """
     order = jnp.argsort(body.moments, axis=-1)
     moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))
+    largest = power_of_two(moments[2])
     a, b, c = cp.vector(order)
-    return moments, order, jnp.sign((b - a) * (c - a) * (c - b)).astype(body.moments.dtype)
+    sign = jnp.sign((b - a) * (c - a) * (c - b)).astype(body.moments.dtype)
+    return cp.scale(largest[1], moments), order, sign, largest
 
 
 def _further_turns(axis: str, mode: str) -> int:
@@ -357,8 +364,10 @@ def _shape_with(moments: cp.Vector, wanted: Array, short: Array) -> _Shape:
 
 def _unit(vector: Array) -> tuple[Array, Array]:
     """The direction and the length of a vector."""
+    unit, per_unit = power_of_two(jnp.max(jnp.abs(vector), axis=-1))
+    vector = vector * per_unit[..., None]
     length = jnp.linalg.norm(vector, axis=-1)
-    return vector / length[..., None], length
+    return vector / length[..., None], length * unit
 
 
 def _smallest_turn(a: Array, b: Array) -> Array:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require
 from ..._math import components as cp
+from ..._math.powers import unit
 from .light import Light
 
 _NONE = 1e-30  # a square of a sine below this counts as zero
@@ -54,7 +55,8 @@ class EllipsoidBrightness(Light):
 
 def _intensity(axes: cp.Vector, sun: cp.Vector, observer: cp.Vector) -> Array:
     """The formula of `EllipsoidBrightness` without angles: |s x v| = |o x v| = |s x o|."""
-    a, b, c = axes
+    length, per_length = unit(cp.largest(axes))  # powers of two: squares of inverse axes stay within the dtype
+    a, b, c = cp.scale(per_length, axes)
     s, o = ((x / a, y / b, z / c) for x, y, z in (sun, observer))
     v, across = cp.add(s, o), cp.cross(s, o)
     s2, o2, v2, square = (cp.dot(u, u) for u in (s, o, v, across))
@@ -70,4 +72,4 @@ def _intensity(axes: cp.Vector, sun: cp.Vector, observer: cp.Vector) -> Array:
         product = product * jnp.where(dot < 0, size - dot, 1 / jnp.where(bent, size + jnp.abs(dot), jnp.ones_like(dot)))
     logarithm = jnp.log(jnp.where(bent, product, jnp.ones_like(product)))
     cosines = jnp.sqrt(o2) * dots[0] + jnp.sqrt(s2) * dots[1]
-    return np.pi / 2 * a * b * c / v2 * (cosines + square / jnp.sqrt(v2) * logarithm)
+    return length * (np.pi / 2 * a * b * c / v2 * (cosines + square / jnp.sqrt(v2) * logarithm)) * length

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
-from ..._checks.arguments import as_floats, require, require_finite
+from ..._checks.arguments import as_floats, require, require_finite, require_resolved
 from ..._math import components as cp
 from ...model.state import AnyState
 from ...model.torques import TorqueLike
@@ -110,6 +110,7 @@ def rows(times: Any, values: Any, shape: tuple[int, ...], whole: bool = False) -
     if array.shape != (t.size, *shape):
         raise ValueError(f"values must have shape {(t.size, *shape)}, one row for each time, got {array.shape}.")
     require_finite("times", t)
+    require_resolved("times", times, array.dtype)
     require("times", t, lambda x: np.diff(x) >= 0, "must ascend", "sort the rows by time, for example with np.argsort.")
     present = ~jnp.isnan(array)
     array = jnp.where(present, array, jnp.zeros_like(array))

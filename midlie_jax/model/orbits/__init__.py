@@ -1,6 +1,7 @@
 """Orbits, and a magnetic field along an orbit: inputs of torques and step densities.
 
-`base` defines the interface, `circular`, `kepler` (with `elements`) and `table` are orbits, `dipole` is the field.
+`base` defines the interface, `circular`, `kepler` (with `elements`) and `table` are orbits, `dipole` is the field, and
+`units` has units in which their numbers are about one.
 """
 
 from .base import Orbit as Orbit

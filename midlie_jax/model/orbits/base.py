@@ -5,8 +5,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
+
+from ..._math import components as cp
+
+# Kilometres in place of metres, in the orbit or in mu, change v^2 r / mu by 1e9.
+_LEAST_RATIO, _LARGEST_RATIO = 1e-5, 1e7
 
 
 class Orbit(eqx.Module):
@@ -26,6 +32,10 @@ class Orbit(eqx.Module):
         """The first and the last time at which the position is known, or None for an orbit without such limits."""
         return None
 
+    def known(self) -> tuple[Any, Any] | None:
+        """Positions (..., 3) and velocities (..., 3) that are known without a time, to check units; or None."""
+        return None
+
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t).")
 
@@ -37,6 +47,24 @@ class Orbit(eqx.Module):
         """
         t = jnp.asarray(t, jnp.result_type(float, t))
         return jax.jvp(self, (t,), (jnp.ones_like(t),))[1]
+
+
+def check_units(orbit: Any, mu: Any) -> None:
+    """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle.
+
+    On a hyperbola it is above 2, and large far from the mass, so the limits are wide. An orbit at rest is not checked.
+    """
+    rows = orbit.known() if isinstance(orbit, Orbit) else None
+    if rows is None or cp.is_traced(rows, mu):
+        return
+    r, v = (np.linalg.norm(np.asarray(x, np.float64), axis=-1) for x in rows)
+    ratios, mu = v * v * r, np.asarray(mu, np.float64)
+    least, largest = float(ratios.min() / mu.max()), float(ratios.max() / mu.min())
+    if 0 < largest < _LEAST_RATIO or least > _LARGEST_RATIO:
+        raise ValueError(
+            f"orbit and mu must be in the same units, but speed^2 distance / mu is {least:.2g} to {largest:.2g}, and 1 "
+            "on a circle; convert one, or pass lambda t: orbit(t) for a path that gravity does not determine."
+        )
 
 
 def orbits_in(tree: Any) -> list[Orbit]:

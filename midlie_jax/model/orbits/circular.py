@@ -9,7 +9,9 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require, require_finite, require_rows, shown
 from ..._math import components as cp
+from ..._math.powers import unit
 from .base import Orbit
+from .units import Units
 
 
 class CircularOrbit(Orbit):
@@ -53,16 +55,29 @@ class CircularOrbit(Orbit):
         require_rows(
             "position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "give the place."
         )
-        square = jnp.sum(self.position**2, axis=-1, keepdims=True)
-        along = direction - self.position * (jnp.sum(direction * self.position, axis=-1, keepdims=True) / square)
+        dtype = jnp.result_type(self.position, mu)
+        units = Units.of(cp.vector(self.position.astype(dtype)), mu.astype(dtype))
+        place, direction = self.position * units.per_length[..., None], _scaled(direction)
+        square = jnp.sum(place**2, axis=-1, keepdims=True)
+        along = direction - place * (jnp.sum(direction * place, axis=-1, keepdims=True) / square)
         _require_across(direction, along)
-        self.across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
-        self.rate = jnp.sqrt(mu / square[..., 0] ** 1.5)
+        across = along * jnp.sqrt(square / jnp.sum(along**2, axis=-1, keepdims=True))
+        self.across = across * units.length[..., None]
+        self.rate = jnp.sqrt(units.of_mu * mu / square[..., 0] ** 1.5) * units.per_time
+
+    def known(self) -> tuple[Array, Array]:
+        """Position and velocity at t = 0."""
+        return self.position, self.across * self.rate[..., None]
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         angle = self.rate * t
         c, s = jnp.cos(angle), jnp.sin(angle)
         return cp.pack(cp.add(cp.scale(c, cp.vector(self.position)), cp.scale(s, cp.vector(self.across))))
+
+
+def _scaled(vector: Array) -> Array:
+    """The vector (..., 3) divided by a power of two of its size; zero unchanged."""
+    return vector * unit(jnp.max(jnp.abs(vector), axis=-1, keepdims=True))[1]
 
 
 def _require_across(direction: Array, across: Array) -> None:

@@ -58,11 +58,10 @@ class DipoleField(eqx.Module):
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         position, moment = cp.vector(vector_at("orbit", self.orbit, t)), self._moment_at(t)
-        square = cp.dot(position, position)
-        inverse = 1 / jnp.sqrt(square)
-        e = cp.scale(inverse, position)
+        inverse = 1 / jnp.sqrt(cp.dot(position, position))
+        e, moment = cp.scale(inverse, position), cp.scale(self.constant * inverse, moment)
         field = cp.subtract(cp.scale(3 * cp.dot(moment, e), e), moment)
-        return cp.pack(cp.scale(self.constant * inverse / square, field))
+        return cp.pack(cp.scale(inverse, cp.scale(inverse, field)))
 
     def _moment_at(self, t: Any) -> cp.Vector:
         x, y, z = cp.vector(self.moment)

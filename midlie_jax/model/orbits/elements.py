@@ -10,6 +10,7 @@ from ..._checks.arguments import as_floats, require, require_finite
 from ..._math import components as cp
 
 _SIZES = ("periapsis", "semi_major_axis", "semi_latus_rectum")
+_ROUNDED = 1e-5  # radians by which an inclination may leave its range
 _PLACES = ("time_of_periapsis", "true_anomaly", "mean_anomaly")
 
 
@@ -44,7 +45,8 @@ def of_elements(
     elif place_name == "mean_anomaly":
         fits = _pair(lambda _, e: e != 1, e)
         require(place_name, place, fits, "has no meaning on a parabola", "give time_of_periapsis.")
-        time = epoch - place * jnp.sqrt((q / jnp.abs(1 - e)) ** 3 / mu)
+        axis = q / jnp.abs(1 - e)
+        time = epoch - place * (axis * jnp.sqrt(axis / mu))
     else:
         time = place
     inclination, node, argument = (
@@ -53,6 +55,8 @@ def of_elements(
     )
     for name, value in (("inclination", inclination), ("ascending_node", node), ("argument_of_periapsis", argument)):
         require_finite(name, value)
+    within = "must be between 0 and pi"
+    require("inclination", inclination, _is_inclination, within, "give radians, as of np.deg2rad.")
     q, e, cosine, sine, inclination, node, argument, mu = jnp.broadcast_arrays(
         *(jnp.asarray(x) for x in (q, e, cosine, sine, inclination, node, argument, mu))
     )
@@ -62,6 +66,11 @@ def of_elements(
     position = cp.add(cp.scale(distance * cosine, towards), cp.scale(distance * sine, across))
     velocity = cp.add(cp.scale(-speed * sine, towards), cp.scale(speed * (e + cosine), across))
     return cp.pack(position), cp.pack(velocity), time
+
+
+def _is_inclination(angle: np.ndarray) -> Any:
+    """Whether an angle is between 0 and pi, up to rounding."""
+    return (angle >= -_ROUNDED) & (angle <= np.pi + _ROUNDED)
 
 
 def _axes(inclination: Array, node: Array, argument: Array) -> tuple[cp.Vector, cp.Vector]:

@@ -15,6 +15,7 @@ from ..._math.universal import Place
 from ..._xla.fusion import split
 from .base import Orbit
 from .elements import of_elements
+from .units import Units
 
 _NEARLY_ROUND = 0.5  # below this eccentricity nothing is computed from the direction of the periapsis
 
@@ -98,7 +99,7 @@ class KeplerOrbit(Orbit):
         Args:
             mu: gravitational parameter, length^3/time^2.
             eccentricity: 0 for a circle, below 1 for an ellipse, 1 for a parabola, above for a hyperbola.
-            inclination: angle between the normal of the orbit and z, radians.
+            inclination: angle between the normal of the orbit and z, radians, between 0 and pi.
             ascending_node: angle from x to where the orbit crosses the xy plane upwards, about z, radians.
             argument_of_periapsis: angle from there to the periapsis, in the direction of motion, radians.
             periapsis: distance of the periapsis, length.
@@ -110,7 +111,8 @@ class KeplerOrbit(Orbit):
             epoch: the time of the anomaly, by default 0.
 
         Raises:
-            ValueError: not exactly one of the alternatives, an element out of its range, or not finite.
+            ValueError: not exactly one of the alternatives, an element out of its range, or not finite; an inclination
+                in degrees, beyond pi.
         """
         mu, eccentricity = as_floats("mu", mu), as_floats("eccentricity", eccentricity)
         sizes, places = (
@@ -120,6 +122,10 @@ class KeplerOrbit(Orbit):
         angles = (inclination, ascending_node, argument_of_periapsis)
         position, velocity, time = of_elements(mu, eccentricity, sizes, angles, places, epoch)
         return cls(position, velocity, mu, time)
+
+    def known(self) -> tuple[Array, Array]:
+        """The position and the velocity at the epoch."""
+        return self.position, self.velocity
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         return cp.pack(_place(cp.vector(self.position), cp.vector(self.velocity), self.mu, t - self.epoch))
@@ -131,6 +137,8 @@ def _place(position: cp.Vector, velocity: cp.Vector, mu: Array, t: Array) -> cp.
 
     Three loops, of what does not change, of the root and of the position: in one XLA would repeat parts of it.
     """
+    dtype = jnp.result_type(mu, *position, *velocity)
+    position, velocity, mu = jax.tree.map(lambda x: x.astype(dtype), (position, velocity, mu))
     return split(split(_Orbit.of(position, velocity, mu)).at(t))
 
 
@@ -154,6 +162,9 @@ class _Orbit(NamedTuple):
     def of(cls, position: cp.Vector, velocity: cp.Vector, mu: Array) -> "_Orbit":
         """The orbit with this position and velocity at its epoch."""
         stop = jax.lax.stop_gradient
+        units = Units.of(position, mu)
+        position, velocity = cp.scale(units.per_length, position), cp.scale(units.per_speed, velocity)
+        mu = units.of_mu * mu
         q, eccentricity = stop(_shape(position, velocity, mu))
         rate = jnp.sqrt(mu / q) / q
         r, v = cp.scale(1 / q, position), cp.scale(1 / (rate * q), velocity)
@@ -185,8 +196,9 @@ class _Orbit(NamedTuple):
         place, speed, since = jax.tree.map(valued, back, exact)
         square = cp.dot(place, place)
         per_r = cp.inverse_root(square)
-        units = Place(alpha, square * per_r, cp.dot(place, speed))
-        return cls(units, place, speed, since, per_r, rate, q, eccentricity, stop(alpha))
+        here = Place(alpha, square * per_r, cp.dot(place, speed))
+        rate, q = rate * units.per_time, q * units.length
+        return cls(here, place, speed, since, per_r, rate, q, eccentricity, stop(alpha))
 
     def at(self, t: Array) -> cp.Vector:
         """The position at a time since the epoch."""

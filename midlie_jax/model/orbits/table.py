@@ -8,8 +8,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..._checks.arguments import as_floats, require_finite
+from ..._checks.arguments import as_floats, require_finite, require_resolved
 from ..._math import components as cp
+from ..._math.powers import unit
 from .base import Orbit
 
 _EVEN = 1e-5  # times that differ from even ones by less than this fraction of an interval are found by arithmetic
@@ -37,7 +38,8 @@ class TableOrbit(Orbit):
         velocities: of the same shape, length/time: those given, or the slopes.
 
     Raises:
-        ValueError: times not ascending, fewer than 2, or wrong shapes; or a value that is not finite.
+        ValueError: times not ascending, fewer than 2, too close for their dtype, or wrong shapes; or a value that is
+            not finite.
 
     Examples:
         >>> times = np.arange(0.0, 601.0, 60.0)
@@ -59,6 +61,7 @@ class TableOrbit(Orbit):
         if self.times.ndim != 1 or self.times.size < 2:
             raise ValueError(f"times must have shape (k,) with k at least 2, got {self.times.shape}.")
         require_finite("times", self.times)
+        require_resolved("times", times, self.times.dtype)
         self.even = False
         if not cp.is_traced(self.times):
             self.even = _are_even(np.asarray(self.times, np.float64))
@@ -79,6 +82,10 @@ class TableOrbit(Orbit):
     def span(self) -> tuple[Array, Array]:
         """The first and the last time."""
         return self.times[0], self.times[-1]
+
+    def known(self) -> tuple[Array, Array]:
+        """Positions and velocities of the rows."""
+        return self.positions, self.velocities
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
         first, last = self.span
@@ -123,6 +130,8 @@ def _slopes(times: Array, positions: Array) -> Array:
     begin = np.clip(np.arange(count) - width // 2, 0, count - width)
     rows = begin[:, None] + np.arange(width)
     here = np.arange(count) - begin  # the index of the row among its neighbours
+    _, per_span = unit(times[-1] - times[0])  # a power of two: products of four intervals stay within the dtype
+    times = times * per_span
     near = times[rows]
     # Lagrange's polynomials in barycentric form (J.-P. Berrut, L. N. Trefethen, SIAM Rev. 46 (2004) 501, section 9.3).
     gaps = near[:, :, None] - near[:, None, :] + jnp.eye(width, dtype=times.dtype)[None]
@@ -133,4 +142,4 @@ def _slopes(times: Array, positions: Array) -> Array:
     # Differences from the row itself, whose factor is minus the sum of the others.
     steps = positions[..., rows, :] - positions[..., :, None, :]
     factor = jnp.expand_dims(factor, (*range(steps.ndim - 3), -1))
-    return jnp.sum(factor * steps, axis=-2)
+    return jnp.sum(factor * steps, axis=-2) * per_span

@@ -13,6 +13,7 @@ from ..._checks.arguments import as_floats, as_function_of_time, is_unit, requir
 from ..._math import components as cp
 from ..bodies import RigidBody, TensorBody
 from ..orbits import Orbit
+from ..orbits.base import check_units
 from ..state import AnyState, Time
 from .base import Torque
 from .reads_body import ReadsBody
@@ -147,7 +148,8 @@ class GravityGradient(ReadsBody):
 
     Raises:
         ValueError: moments not positive and of shape (..., 3), or mu not positive and finite; moments with a
-            `TensorBody`.
+            `TensorBody`; an orbit of this package whose speeds do not fit mu, as of one in kilometres and mu in SI
+            units.
 
     Examples:
         >>> mu = 3.986e14  # of the Earth, m^3/s^2
@@ -168,6 +170,7 @@ class GravityGradient(ReadsBody):
         self.mu = as_floats("mu", mu)
         mass = "pass G times the attracting mass."
         require("mu", self.mu, lambda m: np.isfinite(m) & (m > 0), "must be positive and finite", mass)
+        check_units(orbit, self.mu)
 
     def on(self, body: Any) -> Torque:
         if self.moments is None:
@@ -181,7 +184,9 @@ class GravityGradient(ReadsBody):
         position = cp.vector(vector_at("orbit", self.orbit, t))
         square = cp.dot(position, position)
         inverse = 1 / jnp.sqrt(square)
-        return 3 * self.mu * inverse / square, require_all_directions(state).seen_from_body(cp.scale(inverse, position))
+        return 3 * self.mu * inverse * inverse * inverse, require_all_directions(state).seen_from_body(
+            cp.scale(inverse, position)
+        )
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         strength, u = self._local(t, state)

@@ -181,24 +181,30 @@ class _Body(NamedTuple):
     def in_frame_of_user(self, vector: cp.Vector) -> cp.Vector:
         return vector if self.frame is None else cp.rotate(self.frame, vector)
 
-    def field(self, u: cp.Vector, degree: int, sign: float) -> "list[tuple[int, float, Array, cp.Vector]]":
-        """The terms of this body alone: degree, factor, <|x|^n P_n> without the factor, and its gradient with u.
+    def field(
+        self, u: cp.Vector, inverse: Array, degree: int, sign: float
+    ) -> "list[tuple[int, float, Array, cp.Vector]]":
+        """The terms of this body alone: degree, factor, <|x/r|^n P_n> without the factor, and its gradient with u.
 
         Args:
             u: the unit vector between the bodies, in the principal axes of this one.
+            inverse: 1/r. It multiplies the moments, whose powers alone may be beyond the range of the dtype.
             degree: the last degree.
             sign: 1 for the first body, whose points have d = a; -1 for the second.
         """
+        square = inverse * inverse
         terms = list[tuple[int, float, Array, cp.Vector]]()
         if degree >= 2:
-            along = cp.times(self.second, u)
-            terms.append((2, 0.5, 3 * cp.dot(u, along) - self.trace, cp.scale(6, along)))
+            along = cp.scale(square, cp.times(self.second, u))
+            terms.append((2, 0.5, 3 * cp.dot(u, along) - square * self.trace, cp.scale(6, along)))
         if self.third is not None:
-            terms.append((3, 0.5 * sign, *self._in_axes_of_user(u, self._third)))
-        if degree >= 4:
-            terms.append(
-                (4, 0.125, *(self._ellipsoid(u) if self.fourth is None else self._in_axes_of_user(u, self._fourth)))
-            )
+            value, gradient = self._in_axes_of_user(u, self._third)
+            terms.append((3, 0.5 * sign, inverse * (square * value), cp.scale(inverse, cp.scale(square, gradient))))
+        if degree >= 4 and self.fourth is not None:
+            value, gradient = self._in_axes_of_user(u, self._fourth)
+            terms.append((4, 0.125, square * (square * value), cp.scale(square, cp.scale(square, gradient))))
+        elif degree >= 4:
+            terms.append((4, 0.125, *self._ellipsoid(u, square)))
         return terms
 
     def _in_axes_of_user(self, u: cp.Vector, term: Any) -> tuple[Array, cp.Vector]:
@@ -222,9 +228,9 @@ class _Body(NamedTuple):
         value = 35 * cp.dot(u, thrice) - 30 * cp.dot(u, once) + 3 * jnp.trace(pairs)
         return value, cp.subtract(cp.scale(140, thrice), cp.scale(60, once))
 
-    def _ellipsoid(self, u: cp.Vector) -> tuple[Array, cp.Vector]:
+    def _ellipsoid(self, u: cp.Vector, square: Array) -> tuple[Array, cp.Vector]:
         """The term of degree 4 of a homogeneous ellipsoid, whose second moments are m/5 times its squared semi-axes."""
-        per_mass = 5 * cp.reciprocal(self.mass)
+        per_mass = 5 * cp.reciprocal(self.mass) * square
         a, t = cp.scale(per_mass, self.second), per_mass * self.trace
         once = cp.times(a, u)
         twice = cp.times(a, once)
@@ -261,12 +267,12 @@ class _Pair:
     def potential(self) -> Array:
         """V."""
         weight = -self.G * self.inverse
-        total = weight * (self.first.mass * self.second.mass)
+        total = weight * self.first.mass * self.second.mass
         for body, other, u, sign in self._each():
-            for degree, factor, value, _ in body.field(u, self.degree, sign):
-                total = total + factor * weight * other.mass * value * self.inverse**degree
+            for _, factor, value, _ in body.field(u, self.inverse, self.degree, sign):
+                total = total + factor * weight * other.mass * value
         if self.degree >= 4:
-            total = total + 0.125 * weight * self.inverse**4 * self._both()[0]
+            total = total + 0.125 * weight * self.first.mass * self.second.mass * self._both()[0]
         return total
 
     def load(self) -> tuple[cp.Vector, cp.Vector, cp.Vector]:
@@ -274,11 +280,11 @@ class _Pair:
         of_first, torque = self._own(*self._each()[0])
         of_second, other_torque = self._own(*self._each()[1])
         weight = self.G * self.inverse
-        pull = cp.scale(-weight * self.inverse * (self.first.mass * self.second.mass), self.u)
+        pull = cp.scale(-weight * self.inverse * self.first.mass * self.second.mass, self.u)
         force = cp.add(pull, cp.add(of_first, cp.rotate(self.between, of_second)))
         if self.degree >= 4:
             value, gradient, turn = self._both()
-            strength = 0.125 * weight * self.inverse**4
+            strength = 0.125 * weight * self.first.mass * self.second.mass
             force = cp.add(force, cp.scale(strength * self.inverse, _slope(4, value, self.u, gradient)))
             # This term changes no total angular momentum: both torques and r x force add up to zero.
             opposite = cp.scale(-strength, cp.add(turn, cp.cross(self.u, gradient)))
@@ -290,8 +296,8 @@ class _Pair:
         """The force on the second body by the terms of one body alone, and the torque on that body, in its axes."""
         weight = self.G * self.inverse * other.mass
         force = torque = cp.scale(0, u)
-        for degree, factor, value, gradient in body.field(u, self.degree, sign):
-            strength = factor * weight * self.inverse**degree
+        for degree, factor, value, gradient in body.field(u, self.inverse, self.degree, sign):
+            strength = factor * weight
             force = cp.add(force, cp.scale(strength * self.inverse, _slope(degree, value, u, gradient)))
             torque = cp.add(torque, cp.scale(-strength, cp.cross(u, gradient)))
         return force, torque
@@ -302,15 +308,19 @@ class _Pair:
     def _both(self) -> tuple[Array, cp.Vector, cp.Vector]:
         """The term of degree 4 with the second moments A, B of both bodies, without the factor 1/8.
 
-        It is 210 a b - 30 (b tr A + a tr B + 4 u.A B u) + 6 tr A tr B + 12 tr A B, with a = u.A u and b = u.B u.
+        It is 210 a b - 30 (b tr A + a tr B + 4 u.A B u) + 6 tr A tr B + 12 tr A B, with a = u.A u and b = u.B u; here
+        of moments for each mass and r^2, numbers without a unit.
 
         Returns:
             The term, its gradient with u, and its derivative with a turn of the first body; in the axes of the first.
         """
-        first, turned = self.first.second, _turned(self.between, self.second.second)
+        square = self.inverse * self.inverse
+        factors = [square * cp.reciprocal(body.mass) for body in (self.first, self.second)]
+        first, second = (cp.scale(c, body.second) for c, body in zip(factors, (self.first, self.second), strict=True))
+        turned = _turned(self.between, second)
         of_first, of_second = cp.times(first, self.u), _times(turned, self.u)
         a, b = cp.dot(self.u, of_first), cp.dot(self.u, of_second)
-        s, t = self.first.trace, self.second.trace
+        s, t = factors[0] * self.first.trace, factors[1] * self.second.trace
         again = cp.times(first, of_second)
         both = cp.add(again, _times(turned, of_first))
         product = first[0] * turned[0][0] + first[1] * turned[1][1] + first[2] * turned[2][2]

@@ -122,34 +122,33 @@ class FreeMolecularDrag(ReadsBody):
         columns = *normals, *centroids, surface.areas, accommodation
         square = cp.dot(velocity, velocity)
         wall = jnp.asarray(self.wall_speed, square.dtype)
-        if self.thermal_speed is None:
-            torque, force = sum_over_rows(_cold, columns, (velocity, square, (wall * wall, wall)))
-        else:
-            thermal = jnp.asarray(self.thermal_speed, square.dtype)
-            torque, force = sum_over_rows(_warm, columns, (velocity, square, (wall * wall, wall), thermal))
+        # Within the sum, because products of areas, levers and squares of speeds may be beyond the range of the dtype.
         density = self.density(t) if callable(self.density) else self.density
         factor = -0.5 * jnp.asarray(density, square.dtype)
-        return cp.scale(factor, torque), cp.scale(factor, force)
+        if self.thermal_speed is None:
+            return sum_over_rows(_cold, columns, (factor, velocity, square, (wall * wall, wall)))
+        thermal = jnp.asarray(self.thermal_speed, square.dtype)
+        return sum_over_rows(_warm, columns, (factor, velocity, square, (wall * wall, wall), thermal))
 
 
 def _cold(row: Any, argument: Any) -> tuple[cp.Vector, cp.Vector]:
-    velocity, square, wall = argument
-    return _on_facet(row, velocity, 2 * lit(cp.dot(row[0:3], velocity)), None, square, wall)
+    factor, velocity, square, wall = argument
+    return _on_facet(row, velocity, 2 * factor * lit(cp.dot(row[0:3], velocity)), None, square, wall)
 
 
 def _warm(row: Any, argument: Any) -> tuple[cp.Vector, cp.Vector]:
-    velocity, square, wall, thermal = argument
+    factor, velocity, square, wall, thermal = argument
     ahead = cp.dot(row[0:3], velocity)
     x = ahead / thermal
     z = 1 + jax.lax.erf(x)
-    met = thermal / _ROOT_OF_PI * jnp.exp(-x * x) + ahead * z
-    return _on_facet(row, velocity, met, thermal * thermal / 2 * z, square, wall)
+    met = factor * (thermal / _ROOT_OF_PI * jnp.exp(-x * x) + ahead * z)
+    return _on_facet(row, velocity, met, factor * (thermal * thermal) / 2 * z, square, wall)
 
 
 def _on_facet(
     row: Any, velocity: cp.Vector, met: Array, pressure: Array | None, square: Array, wall: tuple[Array, Array]
 ) -> tuple[cp.Vector, cp.Vector]:
-    """Torque and force without -rho/2: of what is met, m, and of the pressure of a gas at rest, c^2 Z / 2."""
+    """Torque and force: of what is met, -rho/2 m, and of the pressure of a gas at rest, -rho/2 c^2 Z / 2."""
     normal, centroid, area, accommodation = row[0:3], row[3:6], row[6], row[7]
     away = _speed_away(square, accommodation, *wall)
     push = _ROOT_OF_PI / 2 * away * met

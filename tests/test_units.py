@@ -1,0 +1,315 @@
+"""The law of units: numbers in other units give the result in these units, or an error that says what to do.
+
+Lengths, masses and times are scaled by powers of two, which changes no digit of a product, in float32 and float64 over
+the range of the dtype; among the units are those in which a nanoparticle, an asteroid, a planet and the Sun have their
+SI values. No result is NaN, infinite or zero instead.
+"""
+
+from collections.abc import Callable
+from itertools import product
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import CLASSES, DTYPES, ROTATION, epsilon, suited, whole
+from unit_cases import (
+    CASES,
+    DENSITIES,
+    FORCE,
+    FUNCTIONS,
+    INERTIA,
+    MOMENTUM,
+    NUMBER,
+    ORBITS,
+    TIME,
+    TORQUE,
+    TORQUES,
+    WITHOUT_UNITS,
+    WRENCH,
+    Case,
+    Units,
+    rigid,
+    turning,
+)
+
+import midlie_jax as ml
+from midlie_jax._checks.arguments import require_resolved
+from midlie_jax.drivers.arguments import check_clock
+from midlie_jax.model import densities, orbits, torques
+
+# Powers of two of the units of length, mass and time in which the numbers of this file, of about one, are SI values.
+SCENES = {
+    "nanoparticle": (-27, -66, -20),
+    "bacterium": (-20, -50, -10),
+    "satellite": (0, 5, 0),
+    "asteroid": (9, 40, 13),
+    "moonlet": (14, 55, 16),
+    "planet": (23, 82, 16),
+    "Sun": (29, 100, 21),
+    "orbit of a planet about the Sun": (37, 12, 22),
+    "outer comet": (47, 30, 38),
+}
+EXTREMES = {
+    "float32": [(40, 0, 0), (-36, 0, 0), (0, 80, 0), (0, -80, 0), (0, 0, 50), (0, 0, -50), (30, -90, 40), (-30, 90, 9)],
+    "float64": [(300, 0, 0), (-300, 0, 0), (0, 600, 0), (0, -600, 0), (0, 0, 400), (0, 0, -400), (200, -700, 300)],
+}
+
+
+# ---- the law ----
+
+
+def results(case: Case, u: Units) -> list[np.ndarray] | str | None:
+    """The results, compiled; the message if the arguments are refused; None if the dtype does not hold a number."""
+    try:
+        arguments = jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, np.ndarray) else x, case.build(u))
+        if not u.held:
+            return None
+        eager = case.call in EAGER
+        found = case.call(*arguments) if eager else _compiled(case.call)(*arguments)
+    except ValueError as error:
+        return str(error) if u.held else None
+    return [np.asarray(x, np.float64) for x in jax.tree.leaves(found)]
+
+
+EAGER = {FUNCTIONS[name].call for name in ("TensorBody", "Surface", "from_points", "free_motion", "tumbling", "Rotor")}
+_COMPILED: dict[Any, Any] = {}
+
+
+def _compiled(call: Any) -> Any:
+    return _COMPILED.setdefault(call, eqx.filter_jit(call))
+
+
+def dimensions(case: Case, count: int) -> list[Any]:
+    if case.found == WRENCH:
+        return [TORQUE, FORCE]
+    leaves = jax.tree.leaves(case.found, is_leaf=lambda x: x is None or (isinstance(x, tuple) and _is_dimension(x)))
+    return leaves * count if len(leaves) == 1 else leaves
+
+
+def _is_dimension(value: tuple[Any, ...]) -> bool:
+    return len(value) == 3 and all(isinstance(x, int) for x in value)
+
+
+def differs(case: Case, dtype: str, powers: tuple[int, int, int]) -> str:
+    """What is wrong with a call in these units; nothing if it gives the result, or says that float64 is the cure."""
+    reference, u = results(case, Units(dtype)), Units(dtype, powers)
+    found = results(case, u)
+    assert isinstance(reference, list), reference
+    if found is None:
+        return ""
+    if isinstance(found, str):
+        return "" if dtype == "float32" and "jax_enable_x64" in found else found
+    for x, y, dimension in zip(found, reference, dimensions(case, len(reference)), strict=True):
+        expected, held = u.scaled(y, dimension or NUMBER)
+        if dimension is None or not held:
+            continue
+        slack = ROUNDED * epsilon(dtype) * np.max(np.abs(expected), initial=0.0)
+        if not np.all(np.abs(x - expected) <= slack):
+            return f"{x.ravel()[:3]} and not {expected.ravel()[:3]}"
+    return ""
+
+
+ROUNDED = 64  # units in the last place of the largest component
+FIRST = ("EllipsoidBrightness", "tumble", "straight_rod")  # of the functions those whose results once were wrong
+
+
+def check_units(dtype: str, name: str) -> None:
+    wrong = {powers: differs(CASES[name], dtype, powers) for powers in (*SCENES.values(), *EXTREMES[dtype])}
+    assert not any(wrong.values()), {powers: text for powers, text in wrong.items() if text}
+
+
+@pytest.mark.sample(len(TORQUES | ORBITS))
+@pytest.mark.parametrize(("dtype", "name"), [*product(DTYPES, TORQUES | ORBITS)])
+def test_torques_and_orbits_in_other_units_are_the_same(dtype, name):
+    check_units(dtype, name)
+
+
+@pytest.mark.sample(len(FIRST))
+@pytest.mark.parametrize(
+    ("dtype", "name"), [*product(DTYPES, sorted(DENSITIES | FUNCTIONS, key=lambda x: x not in FIRST))]
+)
+def test_functions_in_other_units_give_the_same(dtype, name):
+    check_units(dtype, name)
+
+
+def public(module: Any, kind: Any = object) -> set[str]:
+    """The names of the public classes of a module or package that are of a kind."""
+    found = {name: value for name, value in vars(module).items() if isinstance(value, type) and name[0] != "_"}
+    return {
+        name
+        for name, value in found.items()
+        if issubclass(value, kind) and value.__module__.startswith(module.__name__)
+    }
+
+
+def test_every_public_name_is_under_the_law_or_has_no_units():
+    """A new torque, orbit, density, observable or function is named here or above, or this fails."""
+    tried = {name.split()[0].split(".")[0] for name in CASES}
+    named = {name.split()[0] for name in (*TORQUES, *ORBITS, *DENSITIES)}
+    assert public(torques, torques.Torque) | public(orbits) | public(densities) == named | WITHOUT_UNITS
+    quantities = public(ml.observe, ml.observe.Observable)
+    assert quantities <= tried | OBSERVED, quantities - tried - OBSERVED
+    functions = {
+        name for name in vars(ml)["__all__"] if callable(getattr(ml, name)) and not isinstance(getattr(ml, name), type)
+    }
+    assert functions <= tried | RUNS, functions - tried - RUNS
+
+
+# Observables made of functions or of others, or without units.
+OBSERVED = {"Axis", "Function", "Observable", "Together"}
+# Functions that run others, or take numbers without units: names, keys, points of no dimension.
+RUNS = {
+    *("check", "ensemble", "fit", "integrate", "integrate_adaptive", "method", "methods", "recommend", "scatter"),
+    *("simulate", "checkerboard", "flights", "schemes"),
+}
+
+
+# ---- runs ----
+
+OTHERS = [name for name in ROTATION if name not in CLASSES]
+RUN_UNITS = [(-20, -50, -10), (9, 40, 13), (14, 55, 16), (0, 90, 0), (30, -90, 40), (-30, 90, 9), (0, 0, -50)]
+
+
+def steps_of(name: str, u: Units) -> Any:
+    body = ml.RigidBody(suited(name, jnp.asarray(u([1.0, 2.0, 2.5], INERTIA))))
+    torque = torques.HeavyTop(jnp.asarray(u(2.0, TORQUE)), (0.48, -0.6, 0.64))
+    state = jax.tree.map(jnp.asarray, turning(u))
+    return body, torque, state, u(0.02, TIME)
+
+
+@pytest.mark.sample(len(CLASSES))
+@pytest.mark.parametrize(("dtype", "name"), [*product(DTYPES, CLASSES), *whole(*product(DTYPES, OTHERS))])
+def test_a_run_in_other_units_is_the_same_run(dtype, name):
+    run = jax.jit(lambda body, torque, start, dt: ml.integrate(name, body, torque, start, dt=dt, steps=4))
+    reference = run(*steps_of(name, Units(dtype)))
+    assert reference.ok
+    for powers in RUN_UNITS:
+        u = Units(dtype, powers)
+        path = run(*steps_of(name, u))
+        assert u.held
+        assert path.ok
+        np.testing.assert_allclose(path.states.attitude, reference.states.attitude, atol=ROUNDED * epsilon(dtype))
+        scaled, _ = u.scaled(reference.states.momentum, MOMENTUM)
+        np.testing.assert_allclose(path.states.momentum, scaled, atol=ROUNDED * epsilon(dtype) * np.abs(scaled).max())
+
+
+# ---- SI values, and what the dtype does not hold ----
+
+SUN, YEAR = 1.32712e20, 3.156e7
+
+
+def test_orbits_about_the_sun_in_si_units_and_float32():
+    """From the Earth to beyond Neptune; compiled, where XLA makes mu squared of quotients of quotients."""
+    for distance in (1.496e11, 4.5e12, 6e13):
+        numbers = [distance, 0.0, 0.0], [0.0, 0.9 * np.sqrt(SUN / distance), 0.0], SUN
+        single = [np.asarray(x, np.float32) for x in numbers]
+        time = 0.01 * np.sqrt(distance**3 / SUN)
+        for kind in (orbits.KeplerOrbit, orbits.CircularOrbit):
+            orbit, exact = kind(*single), kind(*(x.astype(float) for x in single))
+            found = jax.jit(lambda orbit, t: orbit(t))(orbit, np.float32(time))
+            np.testing.assert_allclose(found, exact(float(np.float32(time))), atol=8 * epsilon("float32") * distance)
+
+
+@pytest.mark.parametrize("moment", [5e-32, 8e37])
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda x: ml.RigidBody(x * np.ones(3, np.float32)),
+        ml.Rotor,
+        lambda x: ml.TensorBody(x * np.eye(3, dtype=np.float32)),
+    ],
+)
+def test_moments_beyond_float32_name_the_cure(made, moment):
+    """Those of a nanoparticle and of the Earth, in kg m^2."""
+    with pytest.raises(ValueError, match=r"must be between 5e-31 and 2e\+30 in float32.*jax_enable_x64"):
+        made(np.float32(moment))
+    assert made(float(moment)) if made is ml.Rotor else ml.RigidBody(moment * np.ones(3))
+
+
+@pytest.mark.parametrize("value", [1e40, 1e-50, [1e39, 0.0, 1.0]])
+def test_python_numbers_that_float32_does_not_hold_name_the_cure(value):
+    with jax.enable_x64(False), pytest.raises(ValueError, match=r"in float32, got 1e.*jax_enable_x64"):
+        ml.torques.UniformGravity(value) if isinstance(value, list) else ml.torques.HeavyTop(value)
+    with jax.enable_x64(False):
+        assert ml.torques.UniformGravity([1e-60, 0.0, 9.81]).acceleration.dtype == np.float32
+
+
+# ---- times that do not move ----
+
+LATE = 1.77e9  # seconds since 1970
+SINGLE = Units("float32")
+TWO = jax.tree.map(lambda x: jnp.stack([x, x]), turning(SINGLE))
+
+
+def late(driver: Callable[..., Any], start: Any = None, **options: Any) -> Any:
+    start = turning(SINGLE) if start is None else start
+    options = {"dt": 0.1, "steps": 10, "t0": LATE} | options
+    return driver("JACOBI[EA]", rigid(SINGLE), None, start, **options)
+
+
+MINUTES = 8e8 + 10 * np.arange(721.0)
+FROZEN = {
+    "integrate": lambda path: late(ml.integrate),
+    "integrate backwards": lambda path: late(ml.integrate, dt=-0.1, t0=-LATE),
+    "ensemble": lambda path: late(ml.ensemble, TWO, t0=jnp.array([0.0, LATE], jnp.float32)),
+    "simulate": lambda path: late(ml.simulate, TWO, out=path / "run.npz"),
+    "integrate_adaptive": lambda path: late(ml.integrate_adaptive, density=lambda t, state: 1 + 0 * t),
+    "check": lambda path: late(ml.check),
+    "recommend": lambda path: ml.recommend(
+        rigid(SINGLE), None, turning(SINGLE), tolerance=1e-2, duration=10.0, t0=LATE
+    ),
+    "free_motion": lambda path: ml.free_motion(rigid(SINGLE), turning(SINGLE), MINUTES),
+    "free_motion of rounded times": lambda path: ml.free_motion(
+        rigid(SINGLE), turning(SINGLE), MINUTES.astype(np.float32)
+    ),
+    "free_motion of one time": lambda path: ml.free_motion(rigid(SINGLE), turning(SINGLE), [LATE + 10], t0=LATE),
+    "Rates": lambda path: ml.fitting.Rates(MINUTES, np.zeros((721, 3), np.float32), 1.0),
+    "Observed": lambda path: ml.fitting.Observed(MINUTES, np.zeros(721, np.float32), 1.0, lambda t, s, b, v: t),
+    "fit": lambda path: ml.fit(
+        lambda values: (rigid(SINGLE), None, turning(SINGLE)),
+        {"x": ml.fitting.Free(jnp.float32(1.0))},
+        ml.fitting.Rates(np.float32(LATE) + 1e4 * np.arange(9, dtype=np.float32), np.zeros((9, 3), np.float32), 1.0),
+        method="RK4",
+        dt=0.5,
+        t0=LATE,
+    ),
+    "states_at": lambda path: ml.fitting.states_at("RK4", rigid(SINGLE), None, turning(SINGLE), MINUTES, dt=1.0),
+    "TableOrbit": lambda path: orbits.TableOrbit(
+        np.float32(LATE) + 128 * np.arange(9, dtype=np.float32), np.ones((9, 3), np.float32)
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FROZEN)
+def test_times_that_do_not_move_are_refused(name, tmp_path):
+    with pytest.raises(ValueError, match=r"4 units in the last place.*jax_enable_x64"):
+        FROZEN[name](tmp_path)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_step_of_four_last_places_is_taken_and_a_long_run_from_zero_too(dtype):
+    t0 = np.asarray(LATE, dtype)
+    four = 4 * np.spacing(t0)
+    check_clock(t0, four, 0, 10**6)
+    check_clock(-t0, -four)
+    check_clock(np.stack([t0, 0 * t0]), np.stack([four, four / 100]))
+    check_clock(np.zeros((), dtype), np.asarray(0.1, dtype), 2**31 - 10, 9)
+    for late_step in (four / 2, -four / 2):
+        with pytest.raises(ValueError, match="4 units in the last place of t0"):
+            check_clock(t0, late_step)
+    with pytest.raises(ValueError, match="4 units in the last place of t0"):
+        check_clock(np.stack([t0, 0 * t0]), four / 2)
+
+
+def test_times_near_zero_may_be_of_any_number_and_order():
+    random = np.random.default_rng(0)
+    for times in (
+        random.uniform(-1e3, 1e3, 100_000), np.logspace(-8, 8, 1000), np.arange(2.0**20), [LATE], [0.0, LATE],
+        np.concatenate([1e6 * k + 60 * np.arange(100.0) for k in range(100)]), np.repeat(np.arange(100.0), 5),
+    ):  # fmt: skip
+        require_resolved("times", times, "float32")
+    with pytest.raises(ValueError, match="times must be at least 4 units"):
+        require_resolved("times", np.concatenate([1e8 * k + 10 * np.arange(100.0) for k in range(9)]), "float32")

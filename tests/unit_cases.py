@@ -1,0 +1,358 @@
+"""Calls of every torque, orbit, density, observable and function, with the dimensions of their numbers and results.
+
+`test_units.py` holds them to the law of units.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from cases import turn
+
+import midlie_jax as ml
+from midlie_jax.model import densities, orbits, torques
+
+# Exponents of length, mass and time.
+NUMBER, LENGTH, MASS, TIME, RATE = (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1)
+SPEED, ACCELERATION, MU, AREA = (1, 0, -1), (1, 0, -2), (3, 0, -2), (2, 0, 0)
+INERTIA, MOMENTUM, PUSH, FORCE, ENERGY = (2, 1, 0), (2, 1, -1), (1, 1, -1), (1, 1, -2), (2, 1, -2)
+DENSITY, FRICTION, CURVATURE = (-3, 1, 0), (2, 1, -1), (-1, 0, 0)
+
+ROOM = 10  # powers of two between numbers that are asked for and the ends of the range
+
+
+class Units:
+    """Numbers in the dtype and in units scaled by powers of two; `held` is False if the dtype does not hold one."""
+
+    def __init__(self, dtype: str, powers: tuple[int, int, int] = (0, 0, 0)):
+        self.dtype, self.powers, self.held = dtype, powers, True
+
+    def scaled(self, value: Any, dimension: tuple[int, int, int]) -> tuple[np.ndarray, bool]:
+        """Numbers in these units, and whether the largest is a normal number of the dtype, with some room."""
+        power, value = int(np.dot(dimension, self.powers)), np.asarray(value, np.float64)
+        largest, limits = np.max(np.abs(value), initial=0.0), np.finfo(self.dtype)
+        held = largest == 0 or limits.minexp + ROOM < np.log2(largest) + power < limits.maxexp - ROOM
+        with np.errstate(over="ignore", under="ignore"):
+            return np.ldexp(value, power), bool(held)
+
+    def __call__(self, value: Any, dimension: tuple[int, int, int] = NUMBER) -> np.ndarray:
+        exact, held = self.scaled(value, dimension)
+        self.held = self.held and held
+        with np.errstate(over="ignore", under="ignore"):
+            return exact.astype(self.dtype)
+
+
+class Case(NamedTuple):
+    """A call: `build(units)` makes the arguments of `call`, and `found` has the dimensions of its results."""
+
+    build: Callable[[Units], tuple[Any, ...]]
+    call: Callable[..., Any]
+    found: Any
+
+
+# ---- the numbers of all cases ----
+
+UP = turn(0.5, -0.3, 0.8)
+VECTOR, OTHER = [0.3, -0.5, 0.4], [0.7, 0.2, -0.6]
+UNIT = [0.48, -0.6, 0.64]
+FACETS = [0.5, 0.7], [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], [[0.1, 0.5, 0.2], [0.3, -0.2, 0.4]]
+
+
+def rigid(u: Units) -> Any:
+    return ml.RigidBody(u([1.0, 2.0, 2.5], INERTIA))
+
+
+def free(u: Units) -> Any:
+    return ml.FreeBody(rigid(u), u(3.0, MASS))
+
+
+def turning(u: Units) -> Any:
+    return ml.RigidState(u([1.0, 0.8, -1.3], MOMENTUM), u(UP))
+
+
+def travelling(u: Units) -> Any:
+    return ml.FreeState(u([1.0, 0.8, -1.3], MOMENTUM), u(UP), u([2.0, -1.0, 0.5], PUSH), u([3.0, -7.0, 2.0], LENGTH))
+
+
+def pair(u: Units) -> Any:
+    body = ml.FreeBody(ml.RigidBody(u([[1.0, 2.0, 2.5], [0.6, 0.7, 0.8]], INERTIA)), u([3.0, 1.0], MASS))
+    rows = u([[1.0, 0.8, -1.3], OTHER], MOMENTUM), u([UP, [1.0, 0.0, 0.0, 0.0]]), u([VECTOR, OTHER], PUSH)
+    return body, ml.CoupledState(*rows, u([[3.0, -7.0, 2.0], [0.0, 1.0, 0.0]], LENGTH))
+
+
+def chain(u: Units) -> Any:
+    return ml.Spins(), ml.SpinState(u([[0.0, 0.6, 0.8], [0.0, -0.8, 0.6], [1.0, 0.0, 0.0]]))
+
+
+def surface(u: Units) -> Any:
+    areas, normals, centroids = FACETS
+    return ml.Surface.of_facets(u(areas, AREA), u(normals), u(centroids, LENGTH))
+
+
+def round_orbit(u: Units) -> Any:
+    return orbits.CircularOrbit(u([3.0, -7.0, 2.0], LENGTH), u(VECTOR, SPEED), u(20.0, MU))
+
+
+def ellipse(u: Units) -> Any:
+    return orbits.KeplerOrbit(u([3.0, -7.0, 2.0], LENGTH), u([1.0, 1.2, 0.3], SPEED), u(20.0, MU), u(0.25, TIME))
+
+
+def table(u: Units) -> Any:
+    times = np.array([-1.0, 0.0, 1.0, 2.5, 3.0, 4.0])
+    places = np.stack([3 * np.cos(times / 2), 3 * np.sin(times / 2), 0.1 * times], axis=-1)
+    return orbits.TableOrbit(u(times, TIME), u(places, LENGTH))
+
+
+# ---- torques ----
+
+
+def on(make: Callable[[Units], Any], scene: Callable[[Units], Any], found: Any) -> Case:
+    """A torque on the body and the state of a scene, at a time."""
+
+    def build(u: Units) -> tuple[Any, ...]:
+        made = scene(u)
+        body, state = made if isinstance(made, tuple) else (None, made)
+        return make(u), body, state, u(0.75, TIME)
+
+    return Case(build, lambda torque, body, state, t: torques.on_body(torque, body)(t, state), found)
+
+
+def alone(u: Units) -> Any:
+    return rigid(u), turning(u)
+
+
+def moving(u: Units) -> Any:
+    return free(u), travelling(u)
+
+
+LOAD = ml.Wrench(jnp.zeros(3), jnp.zeros(3))  # for its structure
+WRENCH = "wrench"
+TORQUE = ENERGY
+FIELD = ENERGY  # of spins, which have no dimension here
+
+TORQUES = {
+    "HeavyTop": on(lambda u: torques.HeavyTop(u(2.0, TORQUE), (0.48, -0.6, 0.64)), alone, TORQUE),
+    "DipoleInField": on(lambda u: torques.DipoleInField(u(VECTOR, TORQUE), u(OTHER)), alone, TORQUE),
+    "GravityGradient": on(lambda u: torques.GravityGradient(None, round_orbit(u), u(20.0, MU)), alone, TORQUE),
+    "GravityGradient on an ellipse": on(
+        lambda u: torques.GravityGradient(u([1.0, 2.0, 2.5], INERTIA), ellipse(u), u(20.0, MU)), alone, TORQUE
+    ),
+    "GravityGradient on a table": on(lambda u: torques.GravityGradient(None, table(u), u(6.0, MU)), alone, TORQUE),
+    "EddyCurrents": on(lambda u: torques.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR)), alone, TORQUE),
+    "Damping": on(lambda u: torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
+    "PDControl": on(lambda u: torques.PDControl(u([1.0, 0, 0, 0]), u(2.0, TORQUE), u(0.5, FRICTION)), alone, TORQUE),
+    "Rotors": on(lambda u: torques.Rotors(u(VECTOR, MOMENTUM)), alone, TORQUE),
+    "ReactionWheels": on(
+        lambda u: torques.ReactionWheels(jax.tree_util.Partial(_wheels, u(VECTOR, MOMENTUM), u(2.0, TIME))),
+        alone,
+        TORQUE,
+    ),
+    "Drag": on(
+        lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY), u(OTHER, SPEED)), alone, TORQUE
+    ),
+    "Drag of a free body": on(lambda u: torques.Drag(u(VECTOR, LENGTH), u(2.0, AREA), u(0.1, DENSITY)), moving, WRENCH),
+    "Sunlight": on(
+        lambda u: torques.Sunlight(
+            surface(u), u(UNIT), u(5.0, (0, 1, -3)), 0.3, 0.2, 0.5, speed_of_light=u(2.0, SPEED)
+        ),
+        moving,
+        WRENCH,
+    ),
+    "FreeMolecularDrag": on(lambda u: torques.FreeMolecularDrag(surface(u), u(0.1, DENSITY)), moving, WRENCH),
+    "FreeMolecularDrag in a warm gas": on(
+        lambda u: torques.FreeMolecularDrag(
+            surface(u), u(0.1, DENSITY), u(OTHER, SPEED), wall_speed=u(0.2, SPEED), thermal_speed=u(0.6, SPEED)
+        ),
+        alone,
+        TORQUE,
+    ),
+    "UniformGravity": on(lambda u: torques.UniformGravity(u(VECTOR, ACCELERATION)), moving, WRENCH),
+    "PointMass": on(lambda u: torques.PointMass(u(20.0, MU)), moving, WRENCH),
+    "Oblateness": on(lambda u: torques.Oblateness(u(20.0, MU), u(2.0, LENGTH), 0.1, u(UNIT)), moving, WRENCH),
+    "Magnus": on(lambda u: torques.Magnus(u(0.2, MASS), u(VECTOR, SPEED)), moving, WRENCH),
+    "Thrust": on(lambda u: torques.Thrust(u(VECTOR, FORCE), u(OTHER, LENGTH)), moving, WRENCH),
+    "MutualGravity": on(lambda u: torques.MutualGravity(u(2.0, (3, -1, -2)), degree=4), pair, WRENCH),
+    "OnEach": on(lambda u: torques.OnEach(torques.PointMass(u(20.0, MU))), pair, WRENCH),
+    "Rod": on(
+        lambda u: torques.Rod(u(6.0, LENGTH), u([2.0, 2.0, 5.0], FORCE), u([1.0, 1.0, 0.7], (3, 1, -2))), pair, WRENCH
+    ),
+    "Langevin": on(lambda u: torques.Langevin(u(1.0, ENERGY), u(0.5, FRICTION), jax.random.key(0)), alone, TORQUE),
+    "AppliedField": on(lambda u: torques.AppliedField(u(VECTOR, FIELD)), chain, FIELD),
+    "Exchange": on(lambda u: torques.Exchange(u(1.5, FIELD)), chain, FIELD),
+    "DzyaloshinskiiMoriya": on(lambda u: torques.DzyaloshinskiiMoriya(u([VECTOR], FIELD)), chain, FIELD),
+    "Anisotropy": on(lambda u: torques.Anisotropy(u(0.7, FIELD), u(UNIT)), chain, FIELD),
+    "CubicAnisotropy": on(lambda u: torques.CubicAnisotropy(u(0.7, FIELD)), chain, FIELD),
+    "ThermalField": on(lambda u: torques.ThermalField(u(1.0, FIELD), jax.random.key(0)), chain, FIELD),
+    "Sum": on(lambda u: torques.HeavyTop(u(2.0, TORQUE)) + torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
+}
+# Made of functions alone, whose numbers are the user's, and base classes.
+WITHOUT_UNITS = {
+    *("BodyTorque", "FromPotential", "Prescribed", "VelocityDependent", "Torque", "SpinField", "OwnField", "Orbit"),
+}
+
+
+def _wheels(momentum: Any, time: Any, t: Any) -> Any:
+    return momentum * (1 + t / time)
+
+
+# ---- orbits, densities, functions of bodies and states ----
+
+
+def at(make: Callable[[Units], Any], found: Any) -> Case:
+    """An orbit or a field at a time."""
+    return Case(lambda u: (make(u), u(0.75, TIME)), lambda orbit, t: orbit(t), found)
+
+
+def of(function: Callable[..., Any], build: Callable[[Units], tuple[Any, ...]], found: Any) -> Case:
+    return Case(build, function, found)
+
+
+def elements(u: Units, eccentricity: float, **size_and_place: Any) -> Any:
+    angles = {"inclination": 0.9, "ascending_node": 0.4, "argument_of_periapsis": 1.3}
+    return orbits.KeplerOrbit.from_elements(mu=u(20.0, MU), eccentricity=u(eccentricity), **angles, **size_and_place)
+
+
+ORBITS = {
+    "CircularOrbit": at(round_orbit, LENGTH),
+    "KeplerOrbit": at(ellipse, LENGTH),
+    "KeplerOrbit of a hyperbola": at(
+        lambda u: elements(u, 2.0, periapsis=u(3.0, LENGTH), time_of_periapsis=u(0.1, TIME)), LENGTH
+    ),
+    "KeplerOrbit of a mean anomaly": at(
+        lambda u: elements(u, 0.3, semi_major_axis=u(3.0, LENGTH), mean_anomaly=u(0.3), epoch=u(0.5, TIME)), LENGTH
+    ),
+    "TableOrbit": at(table, LENGTH),
+    "DipoleField": at(lambda u: orbits.DipoleField(ellipse(u), u(VECTOR, LENGTH), u(2.0, AREA), u(0.5, RATE)), NUMBER),
+}
+DENSITIES = {
+    "OrbitalDistance": of(
+        lambda d, state, t: d(t, state),
+        lambda u: (densities.OrbitalDistance(ellipse(u), u(5.0, LENGTH)), turning(u), u(0.75, TIME)),
+        NUMBER,
+    ),
+    "TorqueSize": of(
+        lambda d, state: d(0.0, state),
+        lambda u: (densities.TorqueSize(torques.HeavyTop(u(2.0, TORQUE)), u(2.0, TORQUE), u(0.5, TORQUE)), turning(u)),
+        NUMBER,
+    ),
+    "Spin": of(
+        lambda d, state: d(0.0, state),
+        lambda u: (densities.Spin(u([1.0, 2.0, 2.5], INERTIA), u(2.0, RATE), u(0.1, RATE)), turning(u)),
+        NUMBER,
+    ),
+}
+
+
+def light(u: Units) -> tuple[Any, Any]:
+    return ml.observe.EllipsoidBrightness(u([3.0, 2.0, 1.0], LENGTH), u([1.0, 0, 0]), u([0.0, 1, 0])), turning(u)
+
+
+def box_light(u: Units) -> tuple[Any, Any]:
+    law = ml.observe.LommelSeeliger(0.1)
+    return ml.observe.Brightness(surface(u), u([0.8, 0, 0.6]), u([0.0, 0.6, 0.8]), law), turning(u)
+
+
+def observed(observable: Any) -> Callable[..., Any]:
+    return lambda torque, body, state, t: observable.of(t, state, body, torque)
+
+
+def scene(u: Units) -> tuple[Any, ...]:
+    return torques.PointMass(u(20.0, MU)), free(u), travelling(u), u(0.75, TIME)
+
+
+TUMBLE = (None, NUMBER, TIME, TIME, TIME, RATE, MOMENTUM, NUMBER, (NUMBER, NUMBER))
+VERTICES = [[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 2.0]]
+FACES = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+
+
+def solid(u: Units) -> tuple[Any, ...]:
+    return u(VERTICES, LENGTH), u(0.5, DENSITY)
+
+
+def of_solid(vertices: Any, density: Any) -> Any:
+    made = ml.Surface(vertices, FACES).centred()
+    body = made.body(density)
+    return made.areas, made.normals, made.volume, made.centre_of_mass, made.mass(density), body.principal.moments
+
+
+FUNCTIONS = {
+    "kinetic_energy": of(ml.kinetic_energy, moving, ENERGY),
+    "energy": of(lambda torque, body, state, t: ml.energy(body, torque, state, t), scene, ENERGY),
+    "angular_velocity": of(ml.angular_velocity, alone, RATE),
+    "spatial_angular_velocity": of(ml.spatial_angular_velocity, alone, RATE),
+    "spatial_momentum": of(ml.spatial_momentum, lambda u: (travelling(u),), MOMENTUM),
+    "linear_momentum": of(ml.linear_momentum, lambda u: (travelling(u),), PUSH),
+    "velocity": of(ml.velocity, moving, SPEED),
+    "tumble": of(lambda body, state: tuple(ml.tumble(body, state)), alone, TUMBLE),
+    "tumbling": of(
+        lambda body, slow, fast: ml.tumbling(
+            body,
+            precession_period=slow,
+            rotation_period=fast,
+            axis="short",
+            pole=jnp.array([0, 0.6, 0.8], slow.dtype),
+            phases=(0.1, 0.2),
+            mode="short",
+        ),
+        lambda u: (rigid(u), u(3.9, TIME), u(12.0, TIME)),
+        (MOMENTUM, NUMBER),
+    ),
+    "free_motion": of(
+        lambda body, state, times: ml.free_motion(body, state, times).states,
+        lambda u: (*alone(u), u([0.0, 0.5, -2.0], TIME)),
+        (MOMENTUM, NUMBER),
+    ),
+    "TensorBody": of(
+        lambda tensor: ml.TensorBody(tensor),
+        lambda u: (u([[3.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 4.0]], INERTIA),),
+        (INERTIA, None),
+    ),
+    "Particles": of(
+        lambda mass, momentum: ml.Particles(mass).velocity(momentum),
+        lambda u: (u([[2.0, 0.5, 0.0], [0.5, 3.0, 0.0], [0.0, 0.0, 1.0]], MASS), u(VECTOR, PUSH)),
+        SPEED,
+    ),
+    "Rotor": of(
+        lambda moment, momentum: ml.Rotor(moment).velocity(momentum),
+        lambda u: (u(2.0, INERTIA), u(VECTOR, MOMENTUM)),
+        RATE,
+    ),
+    "Surface": of(of_solid, solid, (AREA, NUMBER, (3, 0, 0), LENGTH, MASS, INERTIA)),
+    "Surface.ellipsoid": of(
+        lambda axes: ml.Surface.ellipsoid(axes, 20).areas, lambda u: (u([3.0, 2.0, 1.0], LENGTH),), AREA
+    ),
+    "Surface.box": of(lambda sides: ml.Surface.box(sides).areas, lambda u: (u([3.0, 2.0, 1.0], LENGTH),), AREA),
+    "from_points": of(
+        lambda masses, places: ml.from_points(masses, places),
+        lambda u: (u([2.0, 1.0, 1.5, 0.5], MASS), u(VERTICES, LENGTH)),
+        ((INERTIA, MASS), LENGTH),
+    ),
+    "sites": of(ml.sites, lambda u: (travelling(u), u(VERTICES, LENGTH)), LENGTH),
+    "wrench_on_sites": of(
+        ml.wrench_on_sites, lambda u: (travelling(u), u(VERTICES, LENGTH), u(VERTICES, FORCE)), (TORQUE, FORCE)
+    ),
+    "straight_rod": of(
+        lambda *sizes: _rod(*sizes),
+        lambda u: (u(6.0, LENGTH), u(0.5, LENGTH), u(3.0, DENSITY), u(2.0, (-1, 1, -2))),
+        ((INERTIA, MASS), (LENGTH, FORCE, (3, 1, -2)), (MOMENTUM, NUMBER, PUSH, LENGTH)),
+    ),
+    "EllipsoidBrightness": of(lambda light, state: light(0.0, state), light, AREA),
+    "Brightness": of(lambda light, state: light(0.0, state), box_light, AREA),
+    "Energy": of(observed(ml.observe.Energy()), scene, ENERGY),
+    "SpatialMomentum": of(observed(ml.observe.SpatialMomentum()), scene, MOMENTUM),
+    "AngularVelocity": of(observed(ml.observe.AngularVelocity()), scene, RATE),
+    "Position": of(observed(ml.observe.Position()), scene, LENGTH),
+    "Velocity": of(observed(ml.observe.Velocity()), scene, SPEED),
+    "Tumbling": of(lambda *x: tuple(observed(ml.observe.Tumbling())(*x)), scene, TUMBLE),
+}
+
+
+def _rod(length: Any, radius: Any, density: Any, modulus: Any) -> Any:
+    axes = (jnp.zeros(3, length.dtype), jnp.array([0, 0, 1], length.dtype), jnp.array([1, 0, 0], length.dtype))
+    rod = ml.straight_rod(3, *axes, length=length, radius=radius, density=density, youngs_modulus=modulus)
+    return tuple(rod)
+
+
+CASES = TORQUES | ORBITS | DENSITIES | FUNCTIONS
