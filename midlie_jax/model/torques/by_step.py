@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from ..._checks.arguments import as_floats, require, require_finite, shown
 from ..._math import components as cp
+from ..._xla.fusion import split
 from ..state import Time
 from ..wrench import Wrench
 from .base import Torque
@@ -213,7 +214,7 @@ def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
     """A torque with the value in the step from t0 to t1 in place of each part that has one, at any depth."""
 
     def replaced(leaf: Any) -> Any:
-        return _Constant(leaf.mean(t0, t1, h)) if isinstance(leaf, ByStep) else leaf
+        return _Constant(split(leaf.mean(t0, t1, h))) if isinstance(leaf, ByStep) else leaf
 
     return jax.tree.map(replaced, tree, is_leaf=_is_node)
 
