@@ -82,7 +82,7 @@ class Held(ByStep):
     t0: Float[Array, "*batch"]
 
     def __init__(self, values: Any, dt: Any, t0: Any = 0.0):
-        self.values = _rows("values", values)
+        self.values = _rows("values", values, 2)
         self.dt, self.t0 = as_floats("dt", dt), as_floats("t0", t0)
         require("dt", self.dt, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
         require_finite("t0", self.t0)
@@ -91,10 +91,10 @@ class Held(ByStep):
         """Raises if a step of the run, not traced, is longer than an interval."""
         if cp.is_traced(h, self.dt):
             return
-        longest, shortest = np.max(np.abs(np.asarray(h))), np.min(np.asarray(self.dt))
-        if longest > shortest * (1 + _SLACK * float(np.finfo(longest.dtype).eps)):
+        longest, shortest = float(np.max(np.abs(np.asarray(h)))), float(np.min(np.asarray(self.dt)))
+        if longest > shortest * (1 + _SLACK * float(np.finfo(np.asarray(h).dtype).eps)):
             raise ValueError(
-                f"dt must be at most the interval of midlie_jax.torques.Held, {shown(shortest)}, got {shown(longest)}; "
+                f"dt must be at most the interval of midlie_jax.torques.Held, {shortest:g}, got {longest:g}; "
                 "take an integer fraction of it."
             )
 
@@ -122,6 +122,7 @@ class Held(ByStep):
         """The value in the interval with this number, zero outside."""
 
         def of(values: Array) -> Array:
+            values = _vectors("values", values, 2)
             within = (number >= 0) & (number < len(values))
             index = jnp.clip(number, 0, len(values) - 1).astype(jnp.int32)
             return jnp.where(within, values[index], jnp.zeros_like(values[0]))
@@ -168,7 +169,7 @@ class Pulses(ByStep):
         require(
             "width", self.width, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check units."
         )
-        self.torque = _rows("torque", torque, of_all=True)
+        self.torque = _rows("torque", torque, 1)
 
     def __call__(self, t: Time, state: Any = None) -> Any:
         del state
@@ -193,6 +194,7 @@ class Pulses(ByStep):
         """The sum over pulses of weight times torque."""
 
         def of(torque: Array) -> Array:
+            torque = _vectors("torque", torque, 1)
             if torque.ndim < 2:
                 return jnp.sum(weights) * torque
             if len(torque) != len(weights):
@@ -237,13 +239,18 @@ def _slack(place: Array) -> Array:
     return _SLACK * cp.epsilon(place) * (1 + jnp.abs(place))
 
 
-def _rows(name: str, value: Any, of_all: bool = False) -> Any:
-    """Vectors (K, 3), or a wrench of two such arrays; with `of_all` also one vector (3,)."""
+def _rows(name: str, value: Any, axes: int) -> Any:
+    """Finite vectors with at least this many axes, or a wrench of two such arrays."""
     if isinstance(value, Wrench):
-        torque, force = _rows(name, value.torque, of_all), _rows(name, value.force, of_all)
-        return Wrench(torque, force)
-    array = as_floats(name, value, (3,))
-    if array.ndim < (1 if of_all else 2):
-        raise ValueError(f"{name} must have shape (K, 3), one row for each interval, got {array.shape}; add an axis.")
+        return Wrench(_rows(name, value.torque, axes), _rows(name, value.force, axes))
+    array = _vectors(name, as_floats(name, value), axes)
     require_finite(name, array)
+    return array
+
+
+def _vectors(name: str, array: Array, axes: int) -> Array:
+    """The array itself; a ValueError unless it holds vectors and has at least this many axes."""
+    if array.ndim < axes or array.shape[-1] != 3:
+        shape = "(K, 3), one row for each interval" if axes == 2 else "(3,), or (P, 3) with one row for each pulse"
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}; stack the vectors along the first axis.")
     return array
