@@ -254,7 +254,15 @@ def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     wrong = jump_error(trials.batch, dt, own.steps)
     error, judged = own.error(half, method.order)
     return Check(
-        *(method.name, dt, stable and wrong <= _LARGEST_JUMP, own.steps, own.lasted == own.steps, own.lasted, own.energy_error),
+        *(
+            method.name,
+            dt,
+            stable and wrong <= _LARGEST_JUMP,
+            own.steps,
+            own.lasted == own.steps,
+            own.lasted,
+            own.energy_error,
+        ),
         *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
         *(nearest, harmonic, resonant, math.copysign(suggested, dt), own.rounding),
         *(wrong, error, judged),

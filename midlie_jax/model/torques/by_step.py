@@ -87,17 +87,6 @@ class Held(ByStep):
         require("dt", self.dt, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
         require_finite("t0", self.t0)
 
-    def check_step(self, h: Any) -> None:
-        """Raises if a step of the run, not traced, is longer than an interval."""
-        if cp.is_traced(h, self.dt):
-            return
-        longest, shortest = float(np.max(np.abs(np.asarray(h)))), float(np.min(np.asarray(self.dt)))
-        if longest > shortest * (1 + _SLACK * float(np.finfo(np.asarray(h).dtype).eps)):
-            raise ValueError(
-                f"dt must be at most the interval of midlie_jax.torques.Held, {shortest:g}, got {longest:g}; "
-                "take an integer fraction of it."
-            )
-
     def __call__(self, t: Time, state: Any = None) -> Any:
         del state
         place = (t - self.t0) / self.dt
@@ -221,9 +210,17 @@ def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
     return jax.tree.map(replaced, tree, is_leaf=_is_node)
 
 
-def held_in(tree: Any) -> list[Held]:
-    """All `Held` in a torque, at any depth."""
-    return [leaf for leaf in _nodes(tree) if isinstance(leaf, Held)]
+def check_steps(tree: Any, h: Any) -> None:
+    """Raises if a step of the run is longer than an interval of a `Held` in the torque, as far as both are known."""
+    for held in (leaf for leaf in _nodes(tree) if isinstance(leaf, Held)):
+        if cp.is_traced(h, held.dt):
+            continue
+        longest, shortest = float(np.max(np.abs(np.asarray(h)))), float(np.min(np.asarray(held.dt)))
+        if longest > shortest * (1 + _SLACK * float(np.finfo(np.asarray(h).dtype).eps)):
+            raise ValueError(
+                f"dt must be at most the interval of midlie_jax.torques.Held, {shortest:g}, got {longest:g}; take an "
+                "integer fraction of it."
+            )
 
 
 def _nodes(tree: Any) -> list[Any]:
