@@ -68,6 +68,8 @@ PARTS = {
     "DirectionState": (ml.DirectionState, {"momentum": [1.0, 2.0, 3.0], "direction": [0.0, 0.0, 1.0]}),
     "HeavyTop": (ml.torques.HeavyTop, {"weight": 1.0, "axis": (0.0, 0.0, 1.0)}),
     "Prescribed": (ml.torques.Prescribed, {"function": lambda t: jnp.ones(3)}),
+    "Held": (ml.torques.Held, {"values": np.ones((2, 3)), "dt": 0.1, "t0": 0.0}),
+    "Pulses": (ml.torques.Pulses, {"starts": [0.0, 1.0], "width": 0.1, "torque": [0.0, 0.0, 1.0]}),
     "ReactionWheels": (ml.torques.ReactionWheels, {"momentum": lambda t: jnp.ones(3)}),
     "Sum": (lambda one, two: ml.torques.Sum(one, two), {"one": TORQUES[1], "two": TORQUES[3]}),
     "method": (ml.method, {"name": "JACOBI", "scheme": "EA"}),

@@ -235,6 +235,8 @@ TORQUES: dict[str, tuple[str, Any]] = {
     "DipoleInField": ("top", torques.DipoleInField([0.4, 0.1, 0.8], lambda t: jnp.stack([jnp.cos(t), 0.3 * t, t]))),
     "FromPotential": ("top", torques.FromPotential(pull)),
     "Prescribed": ("top", PRESCRIBED),
+    "Held": ("top", torques.Held(np.linspace(-0.6, 0.9, 96).reshape(32, 3), 4 * DT, t0=T0)),
+    "Pulses": ("top", torques.Pulses([0.31, 0.52, 1.1], 0.05, [0.3, -0.5, 0.9])),
     "VelocityDependent": ("top", torques.VelocityDependent(lambda t, s: -0.4 * jnp.abs(s.momentum) * s.momentum)),
     "BodyTorque": ("tensor", torques.BodyTorque(lambda t, s, body: -0.4 * body.velocity(s.momentum))),
     "Damping": ("top", torques.Damping([0.2, 0.3, 0.4])),

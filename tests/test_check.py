@@ -9,7 +9,7 @@ from cases import equal_moments, quick, whole
 import midlie_jax as ml
 from midlie_jax.cli import scenes
 from midlie_jax.methods import limits
-from midlie_jax.model.torques import Damping, DipoleInField, HeavyTop
+from midlie_jax.model.torques import Damping, DipoleInField, HeavyTop, Prescribed
 
 BODY = ml.RigidBody([1.0, 1.0, 1.2])
 OMEGA = 2.0
@@ -133,6 +133,71 @@ def test_the_suggested_step_was_tried(name, system, dt):
     scale = kinetic[0] + jnp.ptp(energies - kinetic)
     assert jnp.max(jnp.abs(energies - energies[0])) <= 0.6 * scale
     assert ml.check(name, body, torque, start, dt=found.suggested).sane
+
+
+PUSH = jnp.array([0.0, 0.0, 5.0])
+
+
+def pushed(within, ends=0.0):
+    """A torque that acts for the half of every second for which `within` holds, with a factor at the ends of these."""
+
+    def push(t):
+        place = t % 1
+        return jnp.where((place == 0) | (place == 0.5), ends, jnp.where(within(place), 1.0, 0.0)) * PUSH
+
+    return Prescribed(push)
+
+
+TABLE = jnp.asarray(np.random.default_rng(0).normal(size=(100, 3)))
+IN_TIME = {  # a torque, and whether it jumps where steps of 1/8 or 0.1 do not know it
+    "short pulses": (Prescribed(lambda t: jnp.where(t % 3 < 0.02, PUSH, 0 * PUSH)), 0.1, True),
+    "at ends of steps": (pushed(lambda t: t < 0.5), 1 / 8, True),
+    "with the mean at the ends": (pushed(lambda t: t < 0.5, 0.5), 1 / 8, False),
+    "a value for each step": (Prescribed(lambda t: TABLE[jnp.floor(t * 8).astype(int) % 100]), 1 / 8, True),
+    "a wrench": (lambda t, state: ml.Wrench(0 * PUSH, jnp.where(t % 3 < 0.02, PUSH, 0 * PUSH)), 0.1, True),
+    "steep": (Prescribed(lambda t: jnp.tanh(20 * jnp.sin(t)) * PUSH), 0.1, False),
+    "pulses": (ml.torques.Pulses(3.0 * np.arange(9), 0.02, PUSH), 0.1, False),
+    "controls": (ml.torques.Held(TABLE, 1 / 8) + HeavyTop(1.0), 1 / 8, False),
+    "both": (
+        ml.torques.Held(TABLE, 0.1) + Prescribed(lambda t: jnp.where(t % 3 < 0.02, 200 * PUSH, 0 * PUSH)),
+        0.1,
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", IN_TIME)
+@pytest.mark.sample(1)
+def test_jumps_of_a_torque_in_time_are_found(case):
+    torque, dt, jumps = IN_TIME[case]
+    one = ml.RigidBody([1e4, 1e4, 1.2e4])
+    start = SPINNING
+    if case == "a wrench":
+        one, start = ml.FreeBody(one, 1.0), ml.FreeState(*start.parts(), *2 * [jnp.zeros(3)])
+    found = ml.check(EA, one, torque, start, dt=dt, steps=200)
+    assert found.solved
+    assert (found.jump_error > 0.05) == jumps
+    assert found.sane != jumps
+    assert ("torques.Pulses or Held" in str(found)) == jumps
+    if case == "short pulses":  # one step reads a pulse, or none; both edges are in one step of 5 widths
+        assert found.jump_error == pytest.approx(2.5, rel=0.5)
+
+
+@pytest.mark.sample(0)
+def test_the_verdict_is_not_about_accuracy_and_the_error_is_said():
+    """The error of a top that nutates: mostly that of a phase, found by the order and half the step."""
+    state = ml.RigidState([0.0, 0.3, 3.6], ml.so3.exp(jnp.array([0.1, 0.0, 0.0])))
+    found = ml.check(EA, BODY, HeavyTop(5.0), state, dt=0.2, steps=400)
+    assert found.sane
+    assert found.judged == "attitude"
+    run = {"steps": 200, "save_every": 2}
+    coarse = ml.integrate(EA, BODY, HeavyTop(5.0), state, dt=0.2, **run).states.attitude
+    fine = ml.integrate("GBS12", BODY, HeavyTop(5.0), state, dt=0.2, **run).states.attitude
+    true = jnp.max(jnp.linalg.norm(ml.so3.log(ml.so3.multiply(ml.so3.conjugate(fine), coarse)), axis=-1))
+    assert found.error == pytest.approx(float(true), rel=0.3)
+    assert "not judged by the verdict; the error is about" in str(found)
+    short = ml.check(EA, BODY, HeavyTop(5.0), state, dt=0.2, steps=100)
+    assert short.error < found.error
 
 
 @pytest.mark.sample(0)

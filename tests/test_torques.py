@@ -237,6 +237,8 @@ OF_NUMBERS = {  # each number is one of Python; vectors, which have no plain for
     "Magnus": (torques.Magnus(0.1), TRAVELLING, TRAVELS),
     "Drag": (torques.Drag(HERE, 2.0, 0.1), TRAVELLING, TRAVELS),
     "FreeMolecularDrag": (torques.FreeMolecularDrag(TETRAHEDRON, 0.1), TRAVELLING, TRAVELS),
+    "Held": (torques.Held(HERE[None], 0.1), TURNING, TURNED),
+    "Pulses": (torques.Pulses(HERE, 0.1, HERE), TURNING, TURNED),
     "Sunlight": (torques.Sunlight(TETRAHEDRON, UP[:3], 1.0), TURNING, TURNED),
     "MutualGravity": (torques.MutualGravity(1.0), TRAVELLING, TWO),
     "Rod": (torques.Rod(1.0, THERE + 1, THERE + 1), TRAVELLING, TWO),

@@ -1,8 +1,9 @@
-"""`check`: says before a run whether a step is sane for a method, body, torque and start, and suggests one that is.
+"""`check`: says before a run whether a step is stable for a method, body, torque and start, and suggests one that is.
 
 A trial of some thousand steps (`trials.py`) measures the angles of the steps and the rates of the torque along the
 motion, and shows whether the run fails or loses the energy. `check` compares these with the limits of
-`methods/limits.py`.
+`methods/limits.py`. It asks whether the torque jumps in time within steps (`jumps.py`), and a trial with half the step
+shows how accurate the motion is (`accuracy.py`); of accuracy there is no verdict.
 """
 
 import math
@@ -24,24 +25,30 @@ from ..model.compatibility import check_state
 from ..model.state import AnyState
 from ..model.torques import TorqueLike
 from .facts import FAST
+from .jumps import jump_error
 from .rounding import Rounding
 from .trials import Trial, Trials
 
 _HARMONICS = (1, 2, 3)  # which resonances h omega = pi / k are looked for
 _MOST_COUPLED = 32  # coupled bodies, whose torques are linearised all together
 _NO_BATH = "check looks at single motions, of which a heat bath makes another every time"
+_LARGEST_JUMP, _SMALL_JUMP = 0.05, 1e-3  # the share of the impulse that makes a step not sane, and that is printed
+_JUMPS = "the torque jumps in time, and steps read it at instants; use midlie_jax.torques.Pulses or Held"
+_LOST = 0.3  # radians
 _OFF = 0.95  # the factor that shortens a suggested step, until it is off every resonance
 _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
 
 
 class Check(NamedTuple):
-    """Whether a step is sane; prints as a short text. For a batch of states each number is that of the worst state.
+    """Whether a step is sane: stable, not accurate. For a batch of states each number is that of the worst state.
+
+    Prints as a short text. A sane step can lose the phase of a motion completely within the run: see `error`.
 
     Attributes:
         method: name of the method.
         dt: the step.
         sane: whether `solved` holds, `turn` is at most 0.8 `reach`, `stiffness` is at most half of `limit`, the step is
-            off every resonance, and `energy_error` is at most half, where it is defined.
+            off every resonance, `energy_error` is at most half, where it is defined, and `jump_error` at most 0.05.
         steps: the number of steps of the trial.
         solved: whether all steps of the trial succeeded, with finite numbers.
         lasted: the number of steps after which the states were last seen to be good; `steps` if `solved`. The states
@@ -66,9 +73,15 @@ class Check(NamedTuple):
         rounding: estimates the rounding errors of the run; `rounding.error(steps)` is the relative error of the
             momentum after a number of steps, and `rounding.loses(steps)` says whether the run needs a
             `CompensatedState`.
+        jump_error: what jumps of the torque in time, within steps or at their ends, can add to its impulse, relative to
+            this; 0 if it does not jump, or does so only by `midlie_jax.torques.Held` and `Pulses`, which are exact.
+        error: about the error of the attitude in radians in the first half of the trial, from a run with half the step
+            and the order of the method; for states without an attitude that of the axis or the direction, or the
+            relative error of the momentum. NaN if a run fails. It does not enter into `sane`.
+        judged: what `error` is of: "attitude", "axis", "direction" or "momentum".
         suggested: the longest step found, with the sign of dt, that is sane by a trial of its own. Infinity if nothing
-            turns the body; 0 if no sane step was found. It may not be sane beyond the length of the trial, and need not
-            be accurate: `midlie_jax.recommend` measures accuracy.
+            turns the body; 0 if no sane step was found. Jumps of the torque do not enter. It may not be sane beyond the
+            length of the trial, and need not be accurate: `midlie_jax.recommend` measures accuracy.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -95,6 +108,9 @@ class Check(NamedTuple):
     resonant: bool
     suggested: float
     rounding: Rounding
+    jump_error: float
+    error: float
+    judged: str
 
     order = old_name("Check", "order", "harmonic")
 
@@ -113,7 +129,8 @@ class Check(NamedTuple):
             if not math.isfinite(self.rate):
                 better += ": the torque or its derivative is not finite"
         else:
-            better = f"a step of {self.suggested:.2g} is" + ("" if self.sane else ", by a trial of its own")
+            better = f"a step of {self.suggested:.2g} is" + (" stable" if self.jump_error > _LARGEST_JUMP else "")
+            better += "" if self.sane else ", by a trial of its own"
         reach = f"the method reaches {self.reach:.2g}" if math.isfinite(self.reach) else "no limit is known"
         parts = [("step", f"{verdict}; {better}"), ("turn a step", f"{self.turn:.2g} rad; {reach}")]
         if self.rate:
@@ -133,8 +150,20 @@ class Check(NamedTuple):
         else:
             trial = f"{self.steps} steps succeed; the energy changes by {self.energy_error:.1g} of its scale"
         parts.append(("trial", trial))
+        if self.jump_error > _SMALL_JUMP:
+            parts.append(("jumps", f"up to {self.jump_error:.2g} times the impulse can be wrong: {_JUMPS}"))
+        parts.append(("accuracy", self._accuracy))
         parts.append(("rounding", self.rounding.text(steps)))
         return parts
+
+    @property
+    def _accuracy(self) -> str:
+        told = "not judged by the verdict"
+        if math.isnan(self.error):
+            return told
+        unit = "of the momentum" if self.judged == "momentum" else f"rad of the {self.judged}"
+        lost = "; the phase of the motion is lost" if self.error > _LOST else ""
+        return f"{told}; the error is about {self.error:.1g} {unit} after {self.steps // 2} steps{lost}"
 
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.parts)
@@ -153,7 +182,10 @@ def check(
     t0: float | Array = 0.0,
     torque_axes: Any = "auto",
 ) -> Check:
-    """Finds by trials, before a run, whether a step is sane, and which step would be.
+    """Finds by trials, before a run, whether a step is sane (stable), and which step would be.
+
+    The verdict is about stability, not about accuracy: a step that is sane can lose the phase of a motion within the
+    run. The printed text has an estimate of the error; `midlie_jax.recommend` finds a step for an accuracy.
 
     Compiling takes some seconds; further calls with the same torque function compile nothing.
 
@@ -182,6 +214,7 @@ def check(
           turn a step  0.5 rad; the method reaches 1.2
           torque       rate 2, times the step 0.02; the limit is 2
           trial        100 steps succeed; the energy changes by ...
+          accuracy     not judged by the verdict; the error is about ...
           rounding     about ... of the momentum in 100 steps
     """
     require_numbers("check", body, torque, start, dt, t0)
@@ -214,15 +247,26 @@ def check(
 
 def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
     """The verdict; `kicked` tells whether there are kicks, which can resonate with the motion."""
-    own, method = trials.run(dt), trials.batch.method
+    own, half, method = trials.run(dt), trials.run(dt / 2), trials.batch.method
     nearest, harmonic, resonant = _nearest_resonance(own.h, own.nutation, own.rates * kicked)
     bounds = own.bounds
-    sane = own.fine and own.h <= bounds.longest and not resonant
-    suggested = max(_suggested(trials, own, dt, kicked), own.h if sane else 0.0)
+    stable = own.fine and own.h <= bounds.longest and not resonant
+    suggested = max(_suggested(trials, own, dt, kicked), own.h if stable else 0.0)
+    wrong = jump_error(trials.batch, dt, own.steps)
+    error, judged = own.error(half, method.order)
     return Check(
-        *(method.name, dt, sane, own.steps, own.lasted == own.steps, own.lasted, own.energy_error),
+        *(
+            method.name,
+            dt,
+            stable and wrong <= _LARGEST_JUMP,
+            own.steps,
+            own.lasted == own.steps,
+            own.lasted,
+            own.energy_error,
+        ),
         *(own.h * bounds.turn_rate, float(method.reach), bounds.rate, own.h * bounds.rate, bounds.limit),
         *(nearest, harmonic, resonant, math.copysign(suggested, dt), own.rounding),
+        *(wrong, error, judged),
     )
 
 

@@ -16,6 +16,7 @@ from ..drivers.path import Path
 from ..methods.base import Method
 from ..model.state import AnyState
 from ..model.states import RigidState
+from .accuracy import difference
 from .facts import Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
@@ -66,6 +67,7 @@ class Trial(NamedTuple):
         longest_at_start: the longest step that both allow at the start.
         nutation, rates: those of `Facts` for each body at the start, (bodies,); of the rates, the largest modulus.
         rounding: the estimate of rounding errors, from the means over time of each body's `Facts`.
+        states: the states looked at, (bodies, times).
     """
 
     h: float
@@ -77,11 +79,20 @@ class Trial(NamedTuple):
     nutation: np.ndarray
     rates: np.ndarray
     rounding: Rounding
+    states: Any
 
     @property
     def fine(self) -> bool:
         """Whether the run succeeded and, if there is an energy, kept it."""
         return self.lasted == self.steps and not self.energy_error > ENERGY_SHARE
+
+    def error(self, half: "Trial", order: int) -> tuple[float, str]:
+        """`Check.error` and `Check.judged`, from the same trial with half the step."""
+        here = jax.tree.map(lambda x: x[:, : (x.shape[1] + 1) // 2], self.states)
+        there = jax.tree.map(lambda x: x[:, ::2], half.states)
+        apart, judged = difference(here, there)
+        failed = self.lasted < self.steps or half.lasted < half.steps
+        return math.nan if failed else apart * 2**order / (2**order - 1), judged
 
 
 class Trials:
@@ -118,6 +129,7 @@ class Trials:
             at_start.nutation,
             np.max(np.abs(at_start.rates), axis=-1),
             _rounding(batch.mapped[2], abs(dt), facts, trusted),
+            path.states,
         )
 
 

@@ -174,9 +174,7 @@ def _begins_with_force(method: Method, system: System) -> bool:
     """Whether a step begins by using the torque at its start, which the previous step has stored."""
     if method.keeps_force(system):
         return True
-    if not isinstance(method, Splitting) or system.torque is None or system.reads_momentum:
-        return False
-    return method.scheme.stages[0][0] == KICK
+    return isinstance(method, Splitting) and system.keeps_torque and method.scheme.stages[0][0] == KICK
 
 
 @eqx.filter_jit
@@ -202,7 +200,7 @@ def _step(
         The state at the end, its error, the data of the cubic dense output, the torque at the start as one array, the
         memory, and whether the step succeeded.
     """
-    motion = system.motion(y0)
+    system, motion = system.in_step(start_time, end_time, h), system.motion(y0)
     keeps_force, begins_with_force = method.keeps_force(system), _begins_with_force(method, system)
     if made_jump is not False:
         fresh = partial(_new_memory, system, start_time, motion, begins_with_force)

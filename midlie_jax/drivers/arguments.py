@@ -30,6 +30,7 @@ from ..model.compatibility import body_named, check_batch, check_body, check_sta
 from ..model.orbits.base import orbits_in
 from ..model.spins import Spins
 from ..model.torques import ThermalField, Torque, baths_in, without_bath
+from ..model.torques.by_step import check_steps
 
 LAST_STEP = 2**31 - 1  # the largest step index: steps are counted in 32 bits
 
@@ -211,6 +212,7 @@ def check_times(method: Method, torque: Any, t0: Any, dt: Any, first: Any, steps
     Traced times are not checked.
     """
     check_clock(t0, dt, first, steps)
+    check_steps(torque, dt)
     if not orbits_in(torque) or is_traced(t0, dt, first):
         return
     before, after = method.asks

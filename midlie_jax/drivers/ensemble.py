@@ -16,6 +16,7 @@ from ..model.compatibility import check_state
 from ..model.orbits.base import orbits_in
 from ..model.state import AnyState, StateT
 from ..model.torques import Langevin, TorqueLike, baths_in
+from ..model.torques.by_step import is_by_step
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
 from .chunks import chunk_size, run_ensemble, shared_tables
@@ -237,7 +238,8 @@ def _check_bath_of_one(bath: Langevin, body: Any, start: Any, own_body: bool, co
 def check_times_of_batch(batch: Batch, first: Any, steps: int) -> None:
     """`check_times` of the bodies of an ensemble."""
     (_, torque, _, *own), (_, shared_torque, _, *shared) = batch.mapped, batch.shared
-    torque = eqx.combine(torque, shared_torque) if orbits_in((torque, shared_torque)) else None
+    torques = torque, shared_torque
+    torque = eqx.combine(*torques) if orbits_in(torques) or is_by_step(torques) else None
     dt, t0 = (one if one is not None else other for one, other in zip(own, shared, strict=True))
     check_times(batch.method, torque, t0, dt, first, steps)
 

@@ -227,6 +227,7 @@ class Method(eqx.Module):
         """
         system, clock, h, progress = begin((system, clock, h, progress))
         t0, t1, rest = times(clock)
+        system = system.in_step(t0, t1, h)
         motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)
         rest = (rest, *known) if known else rest
         result = all_promoted((Progress(motion, force, earlier(progress.verdict, ok)), rest), axes)

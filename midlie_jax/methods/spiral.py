@@ -50,7 +50,7 @@ class Spiral(Method):
         return 2 * _LARGEST_DECAY if -direction.real > abs(direction.imag) else 2.0
 
     def keeps_force(self, system: System) -> bool:
-        return system.torque is not None and not system.reads_momentum
+        return system.keeps_torque
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any

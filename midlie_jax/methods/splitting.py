@@ -115,7 +115,7 @@ class Splitting(Method):
         return System.of(body, rest, start, t)._replace(bath=prepared)
 
     def keeps_force(self, system: System) -> bool:
-        return system.torque is not None and self.scheme.reuses_force and not system.reads_momentum
+        return self.scheme.reuses_force and system.keeps_torque
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any

@@ -17,6 +17,7 @@ from ..model.free_body import Momenta, Place
 from ..model.state import AnyState, P, Q
 from ..model.states.members import Inertias
 from ..model.torques import Torque, TorqueLike, on_body, velocity_dependent
+from ..model.torques.by_step import in_step, is_by_step
 from ..model.wrench import Wrench
 
 T = TypeVar("T")
@@ -49,6 +50,7 @@ class System(NamedTuple):
         long: whether the torque has so many operations that its derivative does not fit one loop with the flight's.
         frame: the quaternion that rotates principal components to the user's; None where both are the same.
         bath: the heat bath, or None.
+        by_step: whether a part of the torque has a constant value in each step; see `in_step`.
     """
 
     inertia: Any
@@ -59,6 +61,7 @@ class System(NamedTuple):
     long: bool
     frame: Any = None
     bath: Bath | None = None
+    by_step: bool = False
 
     @classmethod
     def of(cls, body: Body, torque: TorqueLike | None, start: AnyState, t: Array, *, whole: bool = False) -> "System":
@@ -74,8 +77,9 @@ class System(NamedTuple):
         if torque is None:
             return cls._of(body, None, start, None, reads=False, whole=whole)
         torque = on_body(torque, body)
+        by_step = is_by_step(torque)
         try:
-            torque_traits = traits(torque, t, start)
+            torque_traits = traits(in_step(torque, t, t, t) if by_step else torque, t, start)
         except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
             raise ValueError(
                 "the torque needs numbers where JAX has none yet: write jnp.where(condition, a, b) for an `if`, and "
@@ -83,7 +87,7 @@ class System(NamedTuple):
             ) from error
         read = torque_traits.reads[1]
         reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.momenta)
-        return cls._of(body, torque, start, torque_traits, reads=reads, whole=whole)
+        return cls._of(body, torque, start, torque_traits, reads=reads, whole=whole)._replace(by_step=by_step)
 
     @classmethod
     def _of(
@@ -115,6 +119,18 @@ class System(NamedTuple):
     def at_step(self, n: Array) -> "System":
         """The system in the step of this index, on which the random numbers of a bath depend."""
         return self if self.bath is None else self._replace(bath=self.bath._replace(step=n))
+
+    def in_step(self, t0: Array, t1: Array, h: Array) -> "System":
+        """The system in the step from t0 to t1 of length h, with the values that parts of the torque have in it."""
+        if not self.by_step:
+            return self
+        inertia, torque = in_step((self.inertia, self.torque), t0, t1, h)
+        return self._replace(inertia=inertia, torque=torque)
+
+    @property
+    def keeps_torque(self) -> bool:
+        """Whether the torque at the end of a step is that at the start of the next, whose momentum is another."""
+        return self.torque is not None and not self.reads_momentum and not self.by_step
 
     def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
         """The motion after the bath's stage of this coefficient, the number `stage` in the step, at the time t."""

@@ -27,11 +27,13 @@ class AKW(Implicit):
         return LARGEST_TURN
 
     def keeps_force(self, system: System) -> bool:
-        return True
+        return not system.by_step
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
     ) -> tuple[Motion[cp.Vector, Any], Any, Array | bool]:
+        force = system.force(t0, motion) if force is None else force
+
         def mean_and_turn(half: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
             """The mean momentum Pb and the turn h I^-1 Pb, for `half`, half the change of the momentum."""
             mean = cp.add(motion.momentum, half)
@@ -51,7 +53,7 @@ class AKW(Implicit):
         end = system.pushed(motion, cp.scale(2, half))
         end = Motion(end.momentum, system.turned(end.pose, _cayley(turn), h))
         ok = verdict(converged(remaining, end.momentum, motion.momentum), (cp.dot(turn, turn), 4 * LARGEST_SQUARE))
-        return end, system.force(t1, end), ok
+        return end, system.force(t1, end) if self.keeps_force(system) else None, ok
 
 
 def _cayley(angle: cp.Vector) -> cp.Quaternion:

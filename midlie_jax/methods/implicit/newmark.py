@@ -30,7 +30,7 @@ class NewmarkBody(Implicit):
         return LARGEST_TURN
 
     def keeps_force(self, system: System) -> bool:
-        return True
+        return not system.by_step
 
     def step(
         self, system: System, t0: Array, t1: Array, h: Array, motion: Motion[cp.Vector, Any], force: Any
@@ -40,7 +40,7 @@ class NewmarkBody(Implicit):
             turn = cp.scale(h, system.velocity(momentum))
             return system.kind.momentum_rate(momentum, turn, cp.scale(h, torque))
 
-        impulse = change(motion.momentum, force)
+        impulse = change(motion.momentum, system.force(t0, motion) if force is None else force)
         ahead = cp.add(motion.momentum, cp.scale(0.5, impulse))
         w = cp.scale(h / 2, system.velocity(ahead))
         half = half_turn(w)
@@ -62,4 +62,4 @@ class NewmarkBody(Implicit):
         end_impulse, remaining = newton(residual, impulse, ITERATIONS, unrolled=torque is not None)
         found = end(end_impulse)
         ok = verdict(converged(remaining, end_impulse, found.momentum), (cp.dot(w, w), LARGEST_SQUARE))
-        return found, torque_at(found), ok
+        return found, torque_at(found) if self.keeps_force(system) else None, ok

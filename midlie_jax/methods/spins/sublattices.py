@@ -25,6 +25,7 @@ from ...model.spins import Spins, checkerboard
 from ...model.state import AnyState
 from ...model.states import SpinState
 from ...model.torques import kept_terms, on_body, terms_of, without_bath
+from ...model.torques.by_step import is_by_step
 from ...model.torques.neighbours import NeighbourField
 from ...model.torques.spins import Anisotropy, AppliedField, OwnField, SpinField, in_dtype_of
 from ...model.torques.thermal_field import ThermalField
@@ -103,7 +104,7 @@ class Sublattices(Method):
     def keeps_force(self, system: System) -> bool:
         """Whether the field on the first sublattice at the end of a step is kept: while it turns, its field stays."""
         reused = self.scheme.reuses_force and not self.random
-        return system.torque is not None and reused and system.inertia.checkered is None
+        return system.keeps_torque and reused and system.inertia.checkered is None
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
         """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form.
@@ -147,7 +148,7 @@ class Sublattices(Method):
             assert isinstance(bath, ThermalField)
             bath.check_on(start, body)
             system = system._replace(bath=bath.on_spins(body, system.kind, start))
-        return system
+        return system._replace(by_step=is_by_step(rest))
 
     def loops_for(self, system: System) -> bool:
         """Whether the step is a loop over its stages, which holds two copies of the field instead of many."""

@@ -4,7 +4,7 @@
 read the body, `from_functions` torques of your own from a function. `fields` has torques that depend on the attitude,
 `spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light and thin gas on the facets of
 a surface, and `travel` what acts on bodies that travel: these return a `midlie_jax.Wrench`, a torque and a force.
-`spins` and `neighbours` have fields on spins.
+`spins` and `neighbours` have fields on spins. `by_step` has controls and pulses, which are constant in each step.
 """
 
 from .base import Sum as Sum
@@ -19,6 +19,8 @@ from .base import without_gravity as without_gravity
 from .bath import Langevin as Langevin
 from .bath import baths_in as baths_in
 from .bath import without_bath as without_bath
+from .by_step import Held as Held
+from .by_step import Pulses as Pulses
 from .eddy import EddyCurrents as EddyCurrents
 from .fields import DipoleInField as DipoleInField
 from .fields import GravityGradient as GravityGradient

@@ -14,8 +14,11 @@ from .base import Torque, TorqueLike, on_body
 class Prescribed(Torque):
     """A body-frame torque that is a function of time alone.
 
-    If the torque jumps, let a step end at the jump and return the mean of both sides at that time: methods of second
-    order then keep their order.
+    The function must be continuous. A method reads it at instants, so a jump within a step makes the impulse wrong by
+    about half the jump times the step, without a sign of it: a pulse shorter than a step is counted several times, or
+    not at all. `midlie_jax.check` finds such jumps. For pulses take `Pulses`, and for controls that are constant in
+    intervals `Held`; both are exact. Otherwise let a step end at each jump, and return the mean of both sides at that
+    time: methods of second order then keep their order.
 
     Attributes:
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.

@@ -1,0 +1,253 @@
+"""Torques that jump in time, with a constant value in each step: `Held` and `Pulses`.
+
+A method reads a torque of time at instants of its own choice, and reads the time between two steps for both of them. A
+torque that jumps is then integrated wrongly. These classes instead give each step one value, the mean of the torque
+over that step: `System.in_step` puts it in their place, wherever in the tree of a torque they are.
+"""
+
+from abc import abstractmethod
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..._checks.arguments import as_floats, require, require_finite, shown
+from ..._math import components as cp
+from ..._xla.fusion import split
+from ..state import Time
+from ..wrench import Wrench
+from .base import Torque
+
+_SLACK = 16.0  # of a time that is rounded, in units of eps
+
+
+class ByStep(Torque):
+    """Base class of functions of time, and torques, that have a constant value in each step of a run.
+
+    Called with a time, or with a time and a state, they return the value at that instant.
+    """
+
+    def __call__(self, t: Time, state: Any = None) -> Any:
+        raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
+
+    @abstractmethod
+    def mean(self, t0: Array, t1: Array, h: Array) -> Any:
+        """The mean value over the step from t0 to t1 of length h = t1 - t0; finite, if of no use, for h = 0."""
+
+
+class _Constant(Torque):
+    """A value that does not change: that of a `ByStep` in one step."""
+
+    value: Any
+
+    def __call__(self, t: Time, state: Any = None) -> Any:
+        del t, state
+        return self.value
+
+
+class Held(ByStep):
+    """Controls: a torque that is constant in intervals of one length, one value for each (a zero-order hold).
+
+    A step within an interval sees its value and no other, for every method; a step across the end of an interval sees
+    the mean over the step. So let dt of the run be the length of the intervals or an integer fraction of it. The torque
+    is zero before the first interval and after the last one. Derivatives with respect to the values are exact.
+
+    Also a function of time alone, for torques that take one: `Thrust(force=Held(...), lever=...)` is an engine on a
+    body that travels. In a function of your own the step is not known, and the value is that at an instant; keep a
+    `Held` in the field of a class, or make it a term of the torque.
+
+    Attributes:
+        values: the torques, body frame, (K, 3), interval n from t0 + n dt on; (K, N, 3) for N coupled bodies. On bodies
+            that travel also a `Wrench` of such arrays, with the force in the space frame.
+        dt: the length of an interval, (), positive. No step of the run may be longer; one that is longer gives NaN.
+        t0: the time at which the first interval begins, ().
+
+    Raises:
+        ValueError: values of another shape or not finite, or dt not positive and finite. When a run begins: its step is
+            longer than an interval.
+
+    Examples:
+        >>> controls = ml.torques.Held(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]), dt=10.0)
+        >>> body, start = ml.RigidBody([2.0, 3.0, 4.0]), ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.integrate("JACOBI[EA]", body, controls, start, dt=2.5, steps=8, save_every=4)
+        >>> path.states.momentum[:, 2]  # after 10 and after 20 s
+        Array([0., 5., 0.], dtype=float64)
+    """
+
+    values: Any
+    dt: Float[Array, "*batch"]
+    t0: Float[Array, "*batch"]
+
+    def __init__(self, values: Any, dt: Any, t0: Any = 0.0):
+        self.values = _rows("values", values, 2)
+        self.dt, self.t0 = as_floats("dt", dt), as_floats("t0", t0)
+        require("dt", self.dt, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
+        require_finite("t0", self.t0)
+
+    def __call__(self, t: Time, state: Any = None) -> Any:
+        del state
+        place = (t - self.t0) / self.dt
+        return self._value(jnp.floor(place + _slack(place)))
+
+    def mean(self, t0: Array, t1: Array, h: Array) -> Any:
+        ends = (t0 - self.t0) / self.dt, (t1 - self.t0) / self.dt  # in intervals
+        low, high, length = jnp.minimum(*ends), jnp.maximum(*ends), jnp.abs(h) / self.dt
+        slack = _slack(jnp.maximum(jnp.abs(low), jnp.abs(high)))
+        middle = jnp.floor((low + high) / 2)
+
+        def share(over: Array) -> Array:
+            """The part of the step that is beyond an end of the interval in its middle."""
+            return jnp.where(over > slack, over, 0) / jnp.where(length > 0, length, 1)
+
+        before, after = share(middle - low), share(high - middle - 1)
+        before = jnp.where(length > 1 + slack, jnp.nan, before)
+        here, earlier, later = (self._value(middle + k) for k in (0, -1, 1))
+        return jax.tree.map(lambda x, y, z: x + before * (y - x) + after * (z - x), here, earlier, later)
+
+    def _value(self, number: Array) -> Any:
+        """The value in the interval with this number, zero outside."""
+
+        def of(values: Array) -> Array:
+            values = _vectors("values", values, 2)
+            within = (number >= 0) & (number < len(values))
+            index = jnp.clip(number, 0, len(values) - 1).astype(jnp.int32)
+            return jnp.where(within, values[index], jnp.zeros_like(values[0]))
+
+        return jax.tree.map(of, self.values)
+
+
+class Pulses(ByStep):
+    """Pulses of constant torque: thrusters that fire, impacts.
+
+    Each step gets its exact share of the impulse, the mean torque over the step. So for every method and step the
+    impulses add up to torque times width, to rounding, also where a pulse is much shorter than a step, or where several
+    overlap. The torque within a step is spread evenly over it: its effect is right to first order in the step, or to
+    the order of the method if the steps end at the edges. A pulse costs some operations in each step.
+
+    Also a function of time alone, as `Held` is: `Thrust(force=Pulses(...), lever=...)`.
+
+    Attributes:
+        starts: the times at which the pulses begin, (P,).
+        width: how long they last, () or (P,), not negative.
+        torque: the torque, body frame, (3,) or one for each pulse (P, 3); (P, N, 3) for N coupled bodies. On bodies
+            that travel also a `Wrench` of such arrays, with the force in the space frame.
+
+    Raises:
+        ValueError: starts, width or torque of another shape or not finite, or a negative width.
+
+    Examples:
+        >>> thruster = ml.torques.Pulses(starts=[0.0, 3.0, 6.0], width=0.02, torque=[0.0, 0.0, 5.0])
+        >>> body, start = ml.RigidBody([2.0, 3.0, 4.0]), ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.integrate("JACOBI[EA]", body, thruster, start, dt=0.5, steps=20)
+        >>> round(float(path.states.momentum[-1, 2]), 12)  # three times 0.02 * 5
+        0.3
+    """
+
+    starts: Float[Array, "*batch P"]
+    width: Float[Array, "*batch"]
+    torque: Any
+
+    def __init__(self, starts: Any, width: Any, torque: Any):
+        self.starts, self.width = as_floats("starts", starts), as_floats("width", width)
+        if self.starts.ndim == 0:
+            raise ValueError(f"starts must be an array of times (P,), got {shown(starts)}; write [{shown(starts)}].")
+        require_finite("starts", self.starts)
+        require(
+            "width", self.width, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check units."
+        )
+        self.torque = _rows("torque", torque, 1)
+
+    def __call__(self, t: Time, state: Any = None) -> Any:
+        del state
+        since = t - self._starts()
+        return self._weighted(((since >= 0) & (since < self.width)).astype(since.dtype))
+
+    def mean(self, t0: Array, t1: Array, h: Array) -> Any:
+        # The times since the start of a pulse, not those of the clock: at the ends of a pulse they have no rounding.
+        starts = self._starts()
+        lasted = jnp.clip(t1 - starts, 0, self.width) - jnp.clip(t0 - starts, 0, self.width)
+        return self._weighted(lasted / jnp.where(h == 0, 1, h))
+
+    def _starts(self) -> Array:
+        if self.starts.ndim != 1 or self.width.shape not in ((), self.starts.shape):
+            raise ValueError(
+                f"starts must have shape (P,) and width () or (P,), got {self.starts.shape} and {self.width.shape}; "
+                "give the times of all pulses, and one width or one for each."
+            )
+        return self.starts
+
+    def _weighted(self, weights: Array) -> Any:
+        """The sum over pulses of weight times torque."""
+
+        def of(torque: Array) -> Array:
+            torque = _vectors("torque", torque, 1)
+            if torque.ndim < 2:
+                return jnp.sum(weights) * torque
+            if len(torque) != len(weights):
+                raise ValueError(
+                    f"torque must be (3,) or one for each of the {len(weights)} pulses, got {torque.shape}; give one "
+                    "row for each start."
+                )
+            return jnp.tensordot(weights, torque, axes=1)
+
+        return jax.tree.map(of, self.torque)
+
+
+def is_by_step(tree: Any) -> bool:
+    """Whether a torque, or a part of it at any depth, has a constant value in each step."""
+    return any(isinstance(leaf, ByStep) for leaf in _nodes(tree))
+
+
+def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
+    """A torque with the value in the step from t0 to t1 in place of each part that has one, at any depth."""
+
+    def replaced(leaf: Any) -> Any:
+        return _Constant(split(leaf.mean(t0, t1, h))) if isinstance(leaf, ByStep) else leaf
+
+    return jax.tree.map(replaced, tree, is_leaf=_is_node)
+
+
+def check_steps(tree: Any, h: Any) -> None:
+    """Raises if a step of the run is longer than an interval of a `Held` in the torque, as far as both are known."""
+    for held in (leaf for leaf in _nodes(tree) if isinstance(leaf, Held)):
+        if cp.is_traced(h, held.dt):
+            continue
+        longest, shortest = float(np.max(np.abs(np.asarray(h)))), float(np.min(np.asarray(held.dt)))
+        if longest > shortest * (1 + _SLACK * float(np.finfo(np.asarray(h).dtype).eps)):
+            raise ValueError(
+                f"dt must be at most the interval of midlie_jax.torques.Held, {shortest:g}, got {longest:g}; take an "
+                "integer fraction of it."
+            )
+
+
+def _nodes(tree: Any) -> list[Any]:
+    return jax.tree.leaves(tree, is_leaf=_is_node)
+
+
+def _is_node(value: Any) -> bool:
+    return isinstance(value, ByStep)
+
+
+def _slack(place: Array) -> Array:
+    """By how much a time that is the end of an interval may be rounded, in intervals."""
+    return _SLACK * cp.epsilon(place) * (1 + jnp.abs(place))
+
+
+def _rows(name: str, value: Any, axes: int) -> Any:
+    """Finite vectors with at least this many axes, or a wrench of two such arrays."""
+    if isinstance(value, Wrench):
+        return Wrench(_rows(name, value.torque, axes), _rows(name, value.force, axes))
+    array = _vectors(name, as_floats(name, value), axes)
+    require_finite(name, array)
+    return array
+
+
+def _vectors(name: str, array: Array, axes: int) -> Array:
+    """The array itself; a ValueError unless it holds vectors and has at least this many axes."""
+    if array.ndim < axes or array.shape[-1] != 3:
+        shape = "(K, 3), one row for each interval" if axes == 2 else "(3,), or (P, 3) with one row for each pulse"
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}; stack the vectors along the first axis.")
+    return array

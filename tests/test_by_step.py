@@ -1,0 +1,372 @@
+"""Torques that are constant in each step: pulses give their exact impulse, and controls are seen by their own steps."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import CLASSES, ROTATION, by_turns, epsilon, quick, suited, worst
+from scipy.integrate import solve_ivp
+
+import midlie_jax as ml
+from midlie_jax.methods.system import System
+from midlie_jax.model.torques.reads_body import ReadsBody
+
+HOLD, PARTS, INTERVALS = 0.3, 3, 4  # intervals of three steps
+STEPS = PARTS * INTERVALS
+MOMENTS = np.array([1.0, 2.0, 2.5])
+WIDTH, PUSH, COUNT = 0.02, 5.0, 4  # pulses about the third axis, from rest: the momentum stays on it
+SOONEST = [*CLASSES, *(name for name in ROTATION if name not in CLASSES)]
+ROWS = 7  # runs side by side, so that one program serves all laws of a method
+RNG = np.random.default_rng(7)
+VALUES = RNG.normal(size=(INTERVALS, 3))
+UP = [1.0, 0.0, 0.0, 0.0]
+# dt, t0, starts and width: two pulses in one step, pulses much shorter than steps, steps backwards, edges at the ends
+# of steps, pulses that overlap and last for several steps, and times at which the clock is coarser than a pulse.
+CLOCKS = {
+    "several in a step": (0.1, 0.0, [0.003, 0.31, 0.501, 0.502], WIDTH),
+    "short": (1.0, 0.5, [0.51, 3.3, 6.0, 11.999], WIDTH),
+    "backwards": (-0.37, 0.0, [-0.3, -2.22, -3.0, -3.01], WIDTH),
+    "at the ends": (0.125, 0.25, [0.25, 0.5, 1.0, 1.375], 0.125),
+    "overlapping": (0.1, 0.0, [0.05, 0.1, 0.3, 0.31], 0.35),
+    "late": (0.25, 4096.0, [4096.1, 4097.01, 4097.02, 4098.3], 0.001),
+}
+
+
+@cache
+def program(name, dtype):
+    """A compiled run under pulses and controls, which saves every step; rows differ in all numbers."""
+
+    def run(momentum, attitude, dt, t0, first, starts, width, push, values, hold):
+        body = ml.RigidBody(suited(name, jnp.asarray(MOMENTS, dtype)))
+        torque = ml.torques.Pulses(starts, width, push) + ml.torques.Held(values, hold)
+        start = ml.RigidState(momentum, attitude)
+        return ml.integrate(name, body, torque, start, dt=dt, steps=STEPS, t0=t0, first_step=first)
+
+    return quick(jax.vmap(run))
+
+
+def run(name, dtype, *cases):
+    """The runs of all cases (momentum, attitude, dt, t0, first, starts, width, push, values, hold) at once."""
+    padded = [*cases, *[cases[0]] * (ROWS - len(cases))]
+    columns = [np.stack([np.asarray(x) for x in column]) for column in zip(*padded, strict=True)]
+    cast = [jnp.asarray(x, jnp.int32 if x.dtype.kind == "i" else dtype) for x in columns]
+    return jax.tree.map(lambda x: np.asarray(x)[: len(cases)], program(name, dtype)(*cast))
+
+
+def pulses(dt, t0, starts, width, first=0, momentum=(0.0, 0.0, 0.0)):
+    return momentum, UP, dt, t0, first, starts, width, [0.0, 0.0, PUSH], np.zeros((INTERVALS, 3)), abs(dt)
+
+
+def controls(values, first=0, momentum=(0.2, -0.3, 0.4), attitude=UP):
+    return momentum, attitude, HOLD / PARTS, 0.0, first, [0.0] * COUNT, 0.0, [0.0] * 3, values, HOLD
+
+
+@pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST))
+@pytest.mark.sample(2)
+def test_pulses_give_their_impulse_for_every_method_and_step(name, dtype):
+    cases = [pulses(*clock) for clock in CLOCKS.values()]
+    # A run that goes on in the middle of a pulse.
+    cases += [pulses(0.1, 0.0, [1.195, 1.19, 1.5, 1.6], WIDTH)]
+    path = run(name, dtype, *cases)
+    assert path.ok.all()
+    dt, width = (np.array([case[i] for case in cases]) for i in (2, 6))
+    total = np.sign(dt) * width * PUSH * COUNT
+    found = path.states.momentum[:, -1].astype(np.float64)
+    more = run(
+        name, dtype, *[pulses(*case[2:4], case[5], case[6], STEPS, p) for case, p in zip(cases, found, strict=True)]
+    )
+    assert not found[:, :2].any()
+    bound = 64 * epsilon(dtype)
+    assert np.abs(found[:-1, 2] / total[:-1] - 1).max() <= bound
+    assert 0 < found[-1, 2] < total[-1]
+    assert np.abs(more.states.momentum[:, -1, 2] / total - 1).max() <= bound
+
+
+@pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST))
+@pytest.mark.sample(2)
+def test_each_step_sees_the_control_of_its_interval_alone(name, dtype):
+    """The run under held controls is that of a loop over intervals, each under a torque that never changes."""
+    path = run(name, dtype, controls(VALUES))
+    assert path.ok.all()
+    momentum, attitude = path.states.momentum[:, 0], path.states.attitude[:, 0]
+    for n, value in enumerate(VALUES):
+        part = run(name, dtype, controls(np.tile(value, (INTERVALS, 1)), n * PARTS, momentum[0], attitude[0]))
+        for one, whole in zip(*map(jax.tree.leaves, (part.states, path.states)), strict=True):
+            assert worst(one[0, 1 : PARTS + 1], whole[0, n * PARTS + 1 : (n + 1) * PARTS + 1]) <= 4 * epsilon(dtype)
+        momentum, attitude = part.states.momentum[:, PARTS], part.states.attitude[:, PARTS]
+
+
+def body_of(dtype=np.float64):
+    return ml.RigidBody(jnp.asarray(MOMENTS, dtype))
+
+
+def start_of(dtype=np.float64):
+    return ml.RigidState(jnp.asarray([0.2, -0.3, 0.4], dtype), jnp.asarray(UP, dtype))
+
+
+def test_held_controls_are_those_of_the_equations_of_motion():
+    def rate(t, y, torque):
+        velocity, q = y[:3] / MOMENTS, y[3:]
+        turning = np.concatenate([[-q[1:] @ velocity], q[0] * velocity + np.cross(q[1:], velocity)]) / 2
+        return np.concatenate([np.cross(y[:3], velocity) + torque, turning])
+
+    y = np.concatenate([start_of().momentum, UP])
+    for n, value in enumerate(VALUES):
+        y = solve_ivp(rate, (n * HOLD, (n + 1) * HOLD), y, "DOP853", args=(value,), rtol=1e-13, atol=1e-14).y[:, -1]
+    found = ml.integrate(
+        "GBS12", body_of(), ml.torques.Held(VALUES, HOLD), start_of(), dt=HOLD, steps=INTERVALS, save_every=None
+    )
+    assert worst(np.concatenate(jax.tree.leaves(found.states)), y) < 1e-11
+
+
+GRADIENTS = ["RK4", "LIEMID[EA]", "JACOBI[SRKN6b]", "AKW", "SPIRAL"]
+
+
+@pytest.mark.parametrize("name", GRADIENTS)
+@pytest.mark.sample(1)
+def test_the_gradient_with_respect_to_controls_is_exact(name):
+    def cost(values):
+        torque = ml.torques.Held(values, HOLD) + ml.torques.HeavyTop(0.7)
+        path = ml.integrate(name, body_of(), torque, start_of(), dt=HOLD, steps=INTERVALS, save_every=INTERVALS)
+        return path.states.attitude[-1] @ jnp.array([1.0, 2.0, 3.0, 4.0]) + jnp.sum(path.states.momentum[-1] ** 2)
+
+    ahead, step = RNG.normal(size=VALUES.shape), 1e-4
+    both = quick(jax.vmap(jax.value_and_grad(cost)))
+    values, gradients = both(jnp.stack([VALUES + k * step * ahead for k in (-2, -1, 0, 1, 2)]))
+    slope = (8 * (values[3] - values[1]) - (values[4] - values[0])) / (12 * step)
+    assert abs(float(jnp.vdot(gradients[2], ahead) / slope) - 1) < 1e-10
+
+
+# Execution paths. Each runs CONTROLS, and returns the states at the ends of the intervals.
+CONTROLS = ml.torques.Held(VALUES, HOLD) + ml.torques.Pulses([0.31, 0.33], 0.01, [0.0, 2.0, 0.0])
+RUN = {"dt": HOLD / PARTS, "steps": STEPS}
+
+
+def last(states):
+    return jax.tree.map(lambda x: x[-1], states)
+
+
+def one_of_three(states):
+    return jax.tree.map(lambda x: x[1], states)
+
+
+def three(start):
+    return jax.tree.map(lambda x: jnp.stack([2 * x if x.shape == (3,) else x, x, x]), start)
+
+
+def by_diffrax(name, **options):
+    import diffrax
+
+    times = jnp.asarray(RUN["dt"] * np.arange(STEPS + 1))
+    term, solver = ml.RigidBodyTerm(body_of(), CONTROLS), ml.LieSolver(name)
+    options = {"stepsize_controller": diffrax.StepTo(ts=times), "max_steps": STEPS} | options
+    return last(diffrax.diffeqsolve(term, solver, times[0], times[-1], None, start_of(), **options).ys)
+
+
+def of_rows():
+    _, pulses = CONTROLS.terms
+    pushes = jnp.asarray(RNG.normal(size=(3, 3))).at[1].set(pulses.torque)
+    values = jnp.asarray(RNG.normal(size=(3, *VALUES.shape))).at[1].set(VALUES)
+    return ml.torques.Sum(ml.torques.Held(values, HOLD), ml.torques.Pulses([0.31, 0.33], [0.01, 0.01], pushes))
+
+
+def backwards(name):
+    """To the end and back again."""
+    run = {**RUN, "save_every": None}
+    end = ml.integrate(name, body_of(), CONTROLS, start_of(), **run).states
+    run |= {"dt": -RUN["dt"], "first_step": -STEPS}
+    back = ml.integrate(name, body_of(), CONTROLS, end, **run).states
+    assert max(map(worst, jax.tree.leaves(back), jax.tree.leaves(start_of()))) < 1e-14
+    return end
+
+
+def adaptively(name):
+    """With a density of one: constant steps, whose ends are not those of the clock of a run, to rounding."""
+    run = {**RUN, "density": lambda t, state: jnp.ones_like(t), "save_every": None}
+    return ml.integrate_adaptive(name, body_of(), CONTROLS, start_of(), **run).states
+
+
+def in_parts(name, folder):
+    start, run = three(start_of()), {**RUN, "save_every": 2, "out": folder / "run.npz", "span": 2, "progress": False}
+    return one_of_three(jax.tree.map(lambda x: x[:, -1], ml.simulate(name, body_of(), CONTROLS, start, **run).states()))
+
+
+PATHS = {
+    "at the end": lambda name, _: ml.integrate(name, body_of(), CONTROLS, start_of(), **RUN, save_every=None).states,
+    "shared by all": lambda name, _: one_of_three(
+        ml.ensemble(name, body_of(), CONTROLS, three(start_of()), **RUN).states
+    ),
+    "one row for each": lambda name, _: one_of_three(
+        ml.ensemble(name, body_of(), of_rows(), three(start_of()), **RUN, chunk=2).states
+    ),
+    "backwards": lambda name, _: backwards(name),
+    "adaptive": lambda name, _: adaptively(name),
+    "LieSolver": lambda name, _: by_diffrax(name),
+    "simulate": in_parts,
+}
+
+
+@cache
+def reference(name):
+    path = ml.integrate(name, body_of(), CONTROLS, start_of(), **RUN)
+    assert path.ok
+    return last(path.states)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("name", ["LIEMID[EA]", "AKW"])
+@pytest.mark.sample(3)
+def test_every_driver_takes_the_same_steps(path, name, tmp_path):
+    found = PATHS[path](name, tmp_path)
+    for one, other in zip(*map(jax.tree.leaves, (found, reference(name))), strict=True):
+        assert worst(one, other) < 1e-14
+
+
+@pytest.mark.parametrize("adjoint", [ml.Forward(), ml.Reversible()])
+@pytest.mark.sample(1)
+def test_every_adjoint_differentiates_the_controls(adjoint):
+    def end(values, adjoint):
+        torque, run = ml.torques.Held(values, HOLD), {**RUN, "save_every": STEPS, "adjoint": adjoint}
+        return ml.integrate("LIEMID[EA]", body_of(), torque, start_of(), **run).states.momentum[-1, 0]
+
+    found = (jax.jacfwd if isinstance(adjoint, ml.Forward) else jax.grad)(end)(jnp.asarray(VALUES), adjoint)
+    assert worst(found, jax.grad(end)(jnp.asarray(VALUES), ml.Checkpointed())) < 1e-13
+
+
+@pytest.mark.sample(0)
+def test_a_controller_of_steps_keeps_the_impulse():
+    import diffrax
+
+    pulses = ml.torques.Pulses([0.31, 0.33, 2.0], 0.01, [0.0, 0.0, 2.0])
+    term, start = ml.RigidBodyTerm(body_of(), pulses), ml.RigidState([0.0, 0.0, 0.1], UP)
+    run = {"stepsize_controller": diffrax.PIDController(rtol=1e-5, atol=1e-5), "saveat": diffrax.SaveAt(steps=True)}
+    found = diffrax.diffeqsolve(term, ml.LieSolver("LIEMID[EA]"), 0.0, 5.0, 0.5, start, max_steps=512, **run)
+    assert found.stats["num_accepted_steps"] < 400
+    assert abs(float(found.ys.momentum[found.stats["num_accepted_steps"] - 1, 2]) - 0.16) < 1e-15
+
+
+# A function of time within a torque: the torque from the function, the body, and the state.
+class Pushed(ReadsBody):
+    """A torque of a user that reads the body, and has a function of time in a field."""
+
+    push: object
+
+    def at(self, t, state, body):
+        return self.push(t) - 0.1 * body.velocity(state.momentum)
+
+
+def free(shape=()):
+    rows = {"attitude": UP, "linear": [0.3, 0.3, 0.3], "position": [0.0, 1.0, 2.0]}
+    return {name: np.broadcast_to(row, (*shape, len(row))) for name, row in rows.items()}
+
+
+def coupled(count):
+    return ml.CoupledState(jnp.zeros((count, 3)) + 0.1, **free((count,)))
+
+
+ONE = ml.FreeBody(body_of(), 2.0)
+WITHIN = {
+    "a sum": (lambda f: ml.torques.HeavyTop(0.5) + (f + ml.torques.Damping(0.1)), body_of(), start_of()),
+    "a field of a class": (Pushed, body_of(), start_of()),
+    "what reads the momentum": (ml.torques.VelocityDependent, body_of(), start_of()),
+    "an axis": (lambda f: f, ml.Rotor(2.0, 2.5), ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])),
+    "an engine": (lambda f: ml.torques.Thrust(f, [0.1, 0.0, 0.3]), ONE, ml.FreeState(jnp.ones(3), **free())),
+    "two coupled bodies": (ml.torques.OnEach, ONE, coupled(2)),
+    "many coupled bodies": (ml.torques.OnEach, ONE, coupled(20)),
+    "a field on spins": (ml.torques.AppliedField, ml.Spins(), ml.SpinState([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]])),
+}
+
+
+def ends(torque, body, start, **run):
+    method = "SUBLATTICES[EA]" if isinstance(start, ml.SpinState) else "LIEMID[EA]"
+    if isinstance(body, ml.Rotor):
+        method = "SYMMETRIC[EA]"
+    path = ml.integrate(method, body, torque, start, **run, save_every=None)
+    assert path.ok
+    return path.states
+
+
+@pytest.mark.parametrize("case", WITHIN)
+@pytest.mark.sample(2)
+def test_a_function_of_time_is_found_wherever_it_is_in_a_torque(case):
+    """Two intervals under held values are two runs, each under one value."""
+    torque, body, start = WITHIN[case]
+    values, run = VALUES[:2], {"dt": 0.1, "steps": 2}
+    both = ends(torque(ml.torques.Held(values, 0.2)), body, start, dt=0.1, steps=4)
+    for n, value in enumerate(values):
+        start = ends(torque(ml.torques.Held(np.tile(value, (2, 1)), 0.2)), body, start, **run, first_step=2 * n)
+    assert max(map(worst, jax.tree.leaves(both), jax.tree.leaves(start))) < 1e-14
+
+
+def test_values_can_be_wrenches_and_differ_between_coupled_bodies():
+    wrench = ml.Wrench(VALUES, RNG.normal(size=VALUES.shape))
+    run = {"dt": HOLD / PARTS, "steps": STEPS}
+    found = ends(ml.torques.Held(wrench, HOLD), ONE, ml.FreeState(jnp.zeros(3), **free()), **run)
+    assert worst(found.linear, 0.3 + HOLD * wrench.force.sum(0)) < 1e-14
+    rows = ml.torques.Held(RNG.normal(size=(INTERVALS, 2, 3)) * np.array([0.0, 0.0, 1.0]), HOLD)
+    start = ml.CoupledRigidState(jnp.zeros((2, 3)), jnp.tile(jnp.array(UP), (2, 1)))
+    assert worst(ends(rows, body_of(), start, **run).momentum, HOLD * rows.values.sum(0)) < 1e-14
+    pulses = ml.torques.Pulses([0.01, 0.5], [0.001, 0.3], rows.values[:2])
+    total = 0.001 * rows.values[0] + 0.3 * rows.values[1]
+    assert worst(ends(pulses, body_of(), start, **run).momentum, total) < 1e-14
+
+
+def test_long_runs_in_float32_find_the_interval_and_the_pulse():
+    """After 2^20 steps, where the clock is rounded to an eighth of a step."""
+    dtype, first = np.float32, 2**20
+    values = np.zeros((first // 2 + 4, 3), dtype)
+    values[-4:, 2] = 1, -2, 4, 8
+    start, dt = ml.RigidState(np.zeros(3, dtype), np.array(UP, dtype)), 0.1
+    push = ml.torques.Pulses(np.array([(first + 1.5) * dt], dtype), dtype(1e-4), np.array([0.0, 1e4, 0.0], dtype))
+    for torque, total in ((ml.torques.Held(values, 2 * dt), [0, 0, 22 * dt]), (push, [0, 1, 0])):
+        run = {"dt": dt, "steps": 8, "first_step": first}
+        path = ml.integrate("LIEMID[EA]", ml.RigidBody(np.full(3, 100, dtype)), torque, start, **run, save_every=None)
+        assert worst(path.states.momentum, np.array(total, dtype)) < 4e-6
+
+
+def test_values_at_instants():
+    held = ml.torques.Held(VALUES, 0.1, t0=1.0)
+    times = 1.0 + 0.1 * np.arange(-1, INTERVALS + 2)
+    expected = np.concatenate([np.zeros((1, 3)), VALUES, np.zeros((2, 3))])
+    np.testing.assert_array_equal(jax.vmap(held)(times), expected)
+    np.testing.assert_array_equal(jax.vmap(held)(times + 0.05), expected)
+    pulses = ml.torques.Pulses([1.0, 1.5], 1.0, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    found = jax.vmap(pulses)(jnp.array([0.9, 1.0, 1.7, 2.1, 2.5]))
+    np.testing.assert_array_equal(found[:, :2], [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
+
+
+def test_other_torques_are_left_as_they_are():
+    system = System.of(body_of(), ml.torques.HeavyTop(1.0), start_of(), jnp.zeros(()))
+    t = jnp.zeros(())
+    assert system.in_step(t, t, t) is system
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ml.torques.Held([1.0, 2.0, 3.0], 0.1), r"values must have shape \(K, 3\)"),
+        (lambda: ml.torques.Held(np.zeros((4, 2)), 0.1), r"values must have shape \(K, 3\)"),
+        (lambda: ml.torques.Held(VALUES, 0.0), "dt must be positive and finite, got 0"),
+        (lambda: ml.torques.Held(VALUES * np.nan, 0.1), "values must be finite"),
+        (lambda: ml.torques.Pulses(1.0, 0.1, [0.0, 0.0, 1.0]), r"starts must be an array of times \(P,\)"),
+        (lambda: ml.torques.Pulses([1.0], -0.1, [0.0, 0.0, 1.0]), "width must be finite and not negative"),
+        (lambda: ml.torques.Pulses([1.0], 0.1, 1.0), r"torque must have shape \(3,\)"),
+        (lambda: ml.torques.Pulses([1.0, 2.0], 0.1, np.ones((3, 3)))(0.0), "one for each of the 2 pulses"),
+        (lambda: ml.torques.Pulses([1.0, 2.0], [0.1] * 3, np.ones(3))(0.0), r"width \(\) or \(P,\), got"),
+    ],
+)
+def test_errors(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_step_longer_than_an_interval_is_refused():
+    held, run = ml.torques.Held(VALUES, 0.1), {"dt": 0.11, "steps": 1}
+    with pytest.raises(ValueError, match=r"dt must be at most the interval of .*Held, 0\.1, got 0\.11"):
+        ml.integrate("LIEMID[EA]", body_of(), held, start_of(), **run)
+    with pytest.raises(ValueError, match="dt must be at most the interval"):
+        ml.ensemble("LIEMID[EA]", body_of(), held, three(start_of()), **run)
+    path = jax.jit(lambda dt: ml.integrate("LIEMID[EA]", body_of(), held, start_of(), dt=dt, steps=1))(0.11)
+    assert not path.ok
