@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon
+from cases import DTYPES, epsilon, quick
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
@@ -122,6 +122,26 @@ def test_split_runs_and_steps_of_zero_are_exact(name, dtype):
     middle = np.asarray(whole.states.spin[1])
     half = run(name, 0.2, everything(dtype), middle, 0.05, STEPS // 2, save_every=STEPS // 2, first=STEPS // 2)
     assert np.array_equal(half.states.spin[-1], whole.states.spin[-1])
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("labels", [None, ml.checkerboard((4, 4))], ids=["two rows", "masks"])
+@pytest.mark.parametrize("name", ["SUBLATTICES[BAOAB]", *METHODS, *MORE])
+def test_a_step_of_length_zero_is_the_identity(name, labels):
+    """To the bit, also of damped spins whose length is more than a hundred roundings from one."""
+    torque, body = everything(periodic=(True, True)), ml.Spins(0.2, sublattices=labels)
+    torque = torque + ml.torques.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else torque
+    start = ml.SpinState.unchecked(spin=jnp.asarray(random_spins((4, 4)) * (1 + 1e-12)))
+
+    @quick
+    def end(h):
+        method, t = ml.method(name), jnp.asarray(0.3)
+        system = method.system(body, torque, start, t, jnp.asarray(0.1)).at_step(jnp.asarray(0, jnp.int32))
+        before = method.begin(system, start, t)
+        return system.state(method.step(system, t, t + h, h, before.motion, before.force)[0]).spin
+
+    assert np.array_equal(end(0.0), start.spin)
+    assert not np.array_equal(end(0.1), start.spin)
 
 
 @pytest.mark.sample(2)
