@@ -460,6 +460,26 @@ def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
 
 
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("scheme", ["BAOAB", "OBABO", "ABOBA"])
+def test_every_way_of_running_spins_in_a_heat_bath_gives_the_same_bits(scheme):
+    """Saved at the end, three times, at each step, and step by step in a loop; spins that are thermal stay thermal."""
+    count, x, steps = 4000, 2.0, 99
+    drawn = np.random.default_rng(2).uniform(size=(2, count))
+    cosine, angle = np.log(np.exp(-x) + 2 * np.sinh(x) * drawn[0]) / x, 2 * np.pi * drawn[1]
+    sine = np.sqrt(1 - cosine**2)
+    start = ml.SpinState(np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], -1))
+    torque = ml.torques.AppliedField([0.0, 0.0, x]) + ml.torques.ThermalField(1.0, jax.random.key(5))
+    go = partial(ml.integrate, f"SUBLATTICES[{scheme}]", ml.Spins(0.5), torque, dt=0.05)
+    end, one = go(start, steps=steps, save_every=None).states.spin, start
+    for n in range(steps):
+        one = go(one, steps=1, save_every=None, first_step=n).states
+    for other in (one.spin, *(go(start, steps=steps, save_every=every).states.spin[-1] for every in (33, 1))):
+        np.testing.assert_array_equal(other, end)
+    error = np.std(cosine) / np.sqrt(count)
+    assert abs(np.mean(end[:, 2]) - (1 / np.tanh(x) - 1 / x)) < 3 * error
+
+
 @pytest.mark.sample(0)
 def test_coupled_spins_in_a_heat_bath_and_free_ones():
     """Of a pair <S1 . S2> = coth x - 1/x with x = J/kT; without a field <S(t) . S(0)> = exp(-2 D t)."""
