@@ -679,3 +679,20 @@ def test_under_strong_friction_the_axis_diffuses():
     memory = moment / friction
     passed = times - memory * (1 - np.exp(-times / memory))
     assert np.all(np.abs(cosine.mean(0) - np.exp(-2 * KT / friction * passed)) < 3.5 * error + 1e-3)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("scheme", BATHS)
+@pytest.mark.parametrize("x", [0.1, 2.0, 10.0])
+def test_a_free_body_diffuses_faster_by_a_known_factor_at_long_steps(scheme, x):
+    """(x/2) coth(x/2) with x = h G/I, of position and rotation; angles are so small that rotations commute."""
+    cold, zero = 1e-6, jnp.zeros((MANY, 3))
+    momenta = np.random.default_rng(4).normal(size=(2, MANY, 3)) * cold**0.5
+    start = ml.FreeState(momenta[0], at_rest(MANY).attitude, momenta[1], zero)
+    bath, body = Langevin(cold, 1.0, keys(MANY), 1.0), ml.FreeBody(ml.RigidBody(np.ones(3)), 1.0)
+    every = int(np.ceil(20 / x))  # more than ten relaxation times
+    run = {"dt": x, "steps": 4 * every, "save_every": every}
+    states = ensemble(f"SYMMETRIC[{scheme}]", body, bath, start, **run).states
+    for way in (states.position, ml.so3.log(states.attitude)):
+        gained = np.sum(np.asarray(way)[:, -1] ** 2 - np.asarray(way)[:, 1] ** 2, axis=-1) / (6 * cold * x * 3 * every)
+        assert abs(gained.mean() - x / 2 / np.tanh(x / 2)) < 3 * gained.std() / np.sqrt(MANY)
