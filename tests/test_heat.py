@@ -137,6 +137,8 @@ def test_free_bodies_come_to_the_maxwell_distribution(flight, dtype, hot):
 
 
 STEPS = 99
+# Where two steps share an iteration of the loop, the last one of an odd number has an idle step after it.
+UNROLLED_FIRST: list = sorted(RIGID_FLIGHTS, key=lambda flight: -ml.method(f"{flight.name}[BAOAB]").unroll)
 
 
 def ends(run, *given, **options):
@@ -156,7 +158,7 @@ def equal(states):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("field", [0.0, None], ids=["kicked by nothing", "free"])
 @pytest.mark.parametrize("scheme", BATHS)
-@pytest.mark.parametrize("flight", sorted(RIGID_FLIGHTS, key=lambda flight: -flight.per_loop), ids=lambda f: f.name)
+@pytest.mark.parametrize("flight", UNROLLED_FIRST, ids=lambda flight: flight.name)
 def test_the_temperature_does_not_depend_on_what_is_saved(flight, scheme, field):
     """Thermal rotors stay thermal, and their states are the same bits, at steps of a small and a large friction."""
     moments, dt = moments_for(flight), 0.1
