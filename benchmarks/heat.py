@@ -4,6 +4,8 @@
     python benchmarks/heat.py cost [--write]           what a step in a bath costs beside a step of EA
     python benchmarks/heat.py dumbbell [--write]       a nanodumbbell in polarised light; dumbbell-spectrum.png
     python benchmarks/heat.py correlations [--write]   how a sphere forgets its velocity and direction
+    python benchmarks/heat.py temperature [--write]    free rotors keep their temperature, whatever is saved
+    python benchmarks/heat.py diffusion [--write]      how much too fast free bodies diffuse at long steps
 
 Times are processor times on one core; programs that are compared take turns. `dipole --seconds 400` measures for some
 time only; the next call goes on with the runs in `--kept`, a file.
@@ -21,7 +23,7 @@ import jax  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from laboratory.heat import averages, chart, correlations, cost, dumbbell  # noqa: E402
+from laboratory.heat import averages, chart, correlations, cost, diffusion, dumbbell, temperature  # noqa: E402
 from pages import DOCS, put, shown  # noqa: E402
 
 PAGE = "reports/heat.md"
@@ -32,6 +34,8 @@ MARKERS = {
     "cost": ("<!-- cost -->", "<!-- /cost -->"),
     "dumbbell": ("<!-- dumbbell -->", "<!-- /dumbbell -->"),
     "correlations": ("<!-- correlations -->", "<!-- /correlations -->"),
+    "temperature": ("<!-- temperature -->", "<!-- /temperature -->"),
+    "diffusion": ("<!-- diffusion -->", "<!-- /diffusion -->"),
 }
 PICTURES = DOCS / "reports"
 
@@ -67,7 +71,24 @@ def sphere(options: argparse.Namespace) -> dict[str, list[str]]:
     return {"correlations": shown(correlations.HEADS, correlations.rows(found))}
 
 
-PARTS = {"dipole": dipole, "cost": costs, "dumbbell": spectrum, "correlations": sphere}
+def rotors(options: argparse.Namespace) -> dict[str, list[str]]:
+    del options
+    return {"temperature": shown(temperature.HEADS, temperature.rows())}
+
+
+def free(options: argparse.Namespace) -> dict[str, list[str]]:
+    del options
+    return {"diffusion": shown(diffusion.HEADS, diffusion.rows())}
+
+
+PARTS = {
+    "dipole": dipole,
+    "cost": costs,
+    "dumbbell": spectrum,
+    "correlations": sphere,
+    "temperature": rotors,
+    "diffusion": free,
+}
 
 
 def main() -> None:

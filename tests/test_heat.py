@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 from functools import cache, partial
+from unittest.mock import patch
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, RIGID_FLIGHTS, quick, real
+from cases import DTYPES, REAL, RIGID_FLIGHTS, quick
 from scipy.linalg import expm
 
 import midlie_jax as ml
+from midlie_jax._xla import compiler
 from midlie_jax.methods import schemes
 from midlie_jax.methods.scheme_order import measured_weak_order
 from midlie_jax.methods.splitting import Splitting
@@ -34,9 +36,16 @@ def keys(count, seed=1):
     return jax.random.split(jax.random.key(seed), count)
 
 
-def ensemble(*given, **options):
-    """`ml.ensemble` compiled as for users: thousands of bodies take long in code that is compiled in a hurry."""
-    return real(lambda: ml.ensemble(*given, **options))()
+def as_for_users(run, *given, **options):
+    """A driver called as users call it: outside of `jax.jit`, where the number of steps may be an argument.
+
+    Programs are compiled as for users, because thousands of bodies take long in code that is compiled in a hurry.
+    """
+    with patch.object(compiler, "compiler_options", lambda bodies: REAL):
+        return run(*given, **options)
+
+
+ensemble = partial(as_for_users, ml.ensemble)
 
 
 def at_rest(count, dtype="float64", *, hot=False, moments=MOMENTS):
@@ -103,9 +112,13 @@ def test_the_momentum_after_one_stage_has_the_stated_covariance(frame):
     assert np.all(np.abs(momentum.mean(0)) < 3.5 * np.sqrt(np.diag(wanted) / MANY))
 
 
+def moments_for(flight):
+    return MOMENTS if flight.moves(jnp.asarray(MOMENTS)) else np.array([2.0, 2.0, 0.9])
+
+
 def heated(flight, dtype, *, hot, scheme="BAOAB"):
     """Free bodies after more than ten relaxation times."""
-    moments = MOMENTS if flight.moves(jnp.asarray(MOMENTS)) else np.array([2.0, 2.0, 0.9])
+    moments = moments_for(flight)
     torque = Langevin(jnp.asarray(KT, dtype), jnp.asarray([1.0, 2.0, 0.9], dtype), keys(MANY))
     start = at_rest(MANY, dtype, hot=hot, moments=moments)
     name = f"{flight.name}[{scheme}]"
@@ -123,7 +136,44 @@ def test_free_bodies_come_to_the_maxwell_distribution(flight, dtype, hot):
     close_to_one(np.asarray(path.states.momentum, float) ** 2 / (KT * moments), errors=3.0)
 
 
-KINDS = ["momentum", "direction", "compensated", "free", "free, tensors", "axis", "free axis", "two", "five"]
+STEPS = 99
+# Where two steps share an iteration of the loop, the last one of an odd number has an idle step after it.
+UNROLLED_FIRST: list = sorted(RIGID_FLIGHTS, key=lambda flight: -ml.method(f"{flight.name}[BAOAB]").unroll)
+
+
+def ends(run, *given, **options):
+    """The states at the end of runs that save the end alone, three times and after each step."""
+    paths = [as_for_users(run, *given, **options, steps=STEPS, save_every=every) for every in (None, 33, 1)]
+    assert all(np.all(path.ok) for path in paths)
+    axis = 0 if run is ml.integrate else 1
+    return [paths[0].states, *(jax.tree.map(lambda x: jnp.take(x, -1, axis), path.states) for path in paths[1:])]
+
+
+def equal(states):
+    """Whether states are the same to the bit."""
+    for other in states[1:]:
+        jax.tree.map(np.testing.assert_array_equal, states[0], other)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("field", [0.0, None], ids=["kicked by nothing", "free"])
+@pytest.mark.parametrize("scheme", BATHS)
+@pytest.mark.parametrize("flight", UNROLLED_FIRST, ids=lambda flight: flight.name)
+def test_the_temperature_does_not_depend_on_what_is_saved(flight, scheme, field):
+    """Thermal rotors stay thermal, and their states are the same bits, at steps of a small and a large friction."""
+    moments, dt = moments_for(flight), 0.1
+    thermal = np.random.default_rng(3).normal(size=(MANY, 3)) * (KT * moments) ** 0.5
+    start = ml.RigidState(thermal, at_rest(MANY).attitude)
+    for exposure in (0.1, 0.7):
+        bath = Langevin(KT, exposure * moments / dt, keys(MANY))
+        torque = bath if field is None else ml.torques.HeavyTop(field) + bath
+        found = ends(ml.ensemble, f"{flight.name}[{scheme}]", ml.RigidBody(moments), torque, start, dt=dt)
+        equal(found)
+        close_to_one(np.asarray(found[0].momentum) ** 2 / (KT * moments))
+
+
+TRAVELLING = ["free", "free, tensors", "free axis", "two", "five"]
+KINDS = ["momentum", "kT of time", "direction", "compensated", "axis", *TRAVELLING]
 
 
 def kinds(count):
@@ -153,6 +203,7 @@ def kinds(count):
     rotor = ml.Rotor(2.0, 0.9)
     return {
         "momentum": (rigid, plain, ml.MomentumState(z), turning),
+        "kT of time": (rigid, Langevin(lambda t: jnp.full_like(t, KT), FRICTION, keys(count)), rest, turning),
         "direction": (rigid, plain, ml.DirectionState(z, up), turning),
         "compensated": (rigid, plain, ml.CompensatedState(z, rest.attitude), turning),
         "free": (free, both, ml.FreeState(z, rest.attitude, z, z), travelling(turning)),
@@ -164,14 +215,43 @@ def kinds(count):
     }
 
 
+def method_for(kind):
+    return "SYMMETRIC[BAOAB]" if "axis" in kind else "JACOBI[BAOAB]"
+
+
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_state_comes_to_the_maxwell_distribution(kind):
     body, torque, start, squares = kinds(MANY)[kind]
-    flight = "SYMMETRIC" if "axis" in kind else "JACOBI"
-    path = ensemble(f"{flight}[BAOAB]", body, torque, start, dt=0.2, steps=120)
+    path = ensemble(method_for(kind), body, torque, start, dt=0.2, steps=120)
     assert bool(path.ok.all())
     close_to_one(squares(path.states), errors=3.5)
+
+
+def pulled(kind, state):
+    """The potential energy of a weak field on all bodies of a state."""
+    pose = state.axis if "axis" in kind else state.direction if kind == "direction" else state.attitude
+    return 0.3 * jnp.sum(pose[..., 0] * pose[..., 1])
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("field", [True, False], ids=["field", "free"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_way_of_running_a_bath_gives_the_same_bits(kind, field):
+    """Saved at the end, a few times or at each step; one body, or many; step by step in a loop."""
+    body, torque, start, _ = kinds(10)[kind]
+    one = {"kT": torque.kT, "friction": torque.friction, "linear_friction": torque.linear_friction}
+    alone = Langevin(**one, key=torque.key[0])
+    if field and kind != "momentum":
+        forces = ml.torques.FromPotential(lambda t, state: pulled(kind, state))
+        torque, alone = forces + torque, forces + alone
+    method = method_for(kind)
+    equal(ends(ml.ensemble, method, body, torque, start, dt=0.2))
+    state = first = jax.tree.map(lambda x: x[0], start)
+    for n in range(STEPS):
+        path = as_for_users(ml.integrate, method, body, alone, state, dt=0.2, steps=1, first_step=n)
+        state = last_of(path.states)
+    equal([state, *ends(ml.integrate, method, body, alone, first, dt=0.2)])
 
 
 @pytest.mark.sample(0)
@@ -281,10 +361,14 @@ def test_a_bath_around_a_step_without_friction_is_that_step():
     np.testing.assert_array_equal(heated.states.momentum, plain.states.momentum)
 
 
+def last_of(states):
+    return jax.tree.map(lambda x: x[-1], states)
+
+
 def one(**options):
     """A top in a bath, one body."""
     torque = ml.torques.HeavyTop(1.5) + Langevin(KT, tensors(1)[0], jax.random.key(7))
-    start = jax.tree.map(lambda x: x[0], at_rest(1, hot=True))
+    start = last_of(at_rest(1, hot=True))
     return ml.integrate(
         options.pop("method", "JACOBI[BAOAB]"),
         body_in("float64"),
@@ -300,10 +384,13 @@ def test_a_run_goes_on_where_it_stopped(scheme):
     method = f"JACOBI[{scheme}]"
     whole = one(method=method, save_every=10)
     half = one(method=method, steps=20, save_every=10)
-    middle = jax.tree.map(lambda x: x[-1], half.states)
-    rest = one(method=method, start=middle, steps=20, save_every=10, first_step=20)
+    end = last_of(half.states)
+    rest = one(method=method, start=end, steps=20, save_every=10, first_step=20)
     for a, b, c in zip(*map(jax.tree.leaves, (whole.states, half.states, rest.states)), strict=True):
         np.testing.assert_array_equal(a, np.concatenate([b, c[1:]]))
+    for n in range(20, 40):
+        end = last_of(one(method=method, start=end, steps=1, first_step=n).states)
+    equal([end, last_of(whole.states)])
 
 
 @pytest.mark.sample(0)
@@ -594,3 +681,20 @@ def test_under_strong_friction_the_axis_diffuses():
     memory = moment / friction
     passed = times - memory * (1 - np.exp(-times / memory))
     assert np.all(np.abs(cosine.mean(0) - np.exp(-2 * KT / friction * passed)) < 3.5 * error + 1e-3)
+
+
+@pytest.mark.sample(0)
+@pytest.mark.parametrize("scheme", BATHS)
+@pytest.mark.parametrize("x", [0.1, 2.0, 10.0])
+def test_a_free_body_diffuses_faster_by_a_known_factor_at_long_steps(scheme, x):
+    """(x/2) coth(x/2) with x = h G/I, of position and rotation; angles are so small that rotations commute."""
+    cold, zero = 1e-6, jnp.zeros((MANY, 3))
+    momenta = np.random.default_rng(4).normal(size=(2, MANY, 3)) * cold**0.5
+    start = ml.FreeState(momenta[0], at_rest(MANY).attitude, momenta[1], zero)
+    bath, body = Langevin(cold, 1.0, keys(MANY), 1.0), ml.FreeBody(ml.RigidBody(np.ones(3)), 1.0)
+    every = int(np.ceil(20 / x))  # more than ten relaxation times
+    run = {"dt": x, "steps": 4 * every, "save_every": every}
+    states = ensemble(f"SYMMETRIC[{scheme}]", body, bath, start, **run).states
+    for way in (states.position, ml.so3.log(states.attitude)):
+        gained = np.sum(np.asarray(way)[:, -1] ** 2 - np.asarray(way)[:, 1] ** 2, axis=-1) / (6 * cold * x * 3 * every)
+        assert abs(gained.mean() - x / 2 / np.tanh(x / 2)) < 3 * gained.std() / np.sqrt(MANY)

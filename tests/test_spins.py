@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, epsilon
+from cases import DTYPES, epsilon, quick
 from scipy.integrate import solve_ivp
 
 import midlie_jax as ml
@@ -122,6 +122,26 @@ def test_split_runs_and_steps_of_zero_are_exact(name, dtype):
     middle = np.asarray(whole.states.spin[1])
     half = run(name, 0.2, everything(dtype), middle, 0.05, STEPS // 2, save_every=STEPS // 2, first=STEPS // 2)
     assert np.array_equal(half.states.spin[-1], whole.states.spin[-1])
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("labels", [None, ml.checkerboard((4, 4))], ids=["two rows", "masks"])
+@pytest.mark.parametrize("name", ["SUBLATTICES[BAOAB]", *METHODS, *MORE])
+def test_a_step_of_length_zero_is_the_identity(name, labels):
+    """To the bit, also of damped spins whose length is more than a hundred roundings from one."""
+    torque, body = everything(periodic=(True, True)), ml.Spins(0.2, sublattices=labels)
+    torque = torque + ml.torques.ThermalField(0.4, jax.random.key(7)) if ml.method(name).random else torque
+    start = ml.SpinState.unchecked(spin=jnp.asarray(random_spins((4, 4)) * (1 + 1e-12)))
+
+    @quick
+    def end(h):
+        method, t = ml.method(name), jnp.asarray(0.3)
+        system = method.system(body, torque, start, t, jnp.asarray(0.1)).at_step(jnp.asarray(0, jnp.int32))
+        before = method.begin(system, start, t)
+        return system.state(method.step(system, t, t + h, h, before.motion, before.force)[0]).momentum
+
+    assert np.array_equal(end(0.0), start.spin)
+    assert not np.array_equal(end(0.1), start.spin)
 
 
 @pytest.mark.sample(2)
@@ -438,6 +458,30 @@ def test_spins_in_a_heat_bath_point_along_the_field_as_langevin_says(x, dt):
     seen = np.asarray(path.states.spin[8:, :, 2])
     assert path.ok
     assert abs(seen.mean() - (1 / np.tanh(x) - 1 / x)) < 5 * seen.std() / np.sqrt(count)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("scheme", ["BAOAB", "OBABO", "ABOBA"])
+def test_every_way_of_running_spins_in_a_heat_bath_gives_the_same_bits(scheme):
+    """Saved at the end, three times, at each step, and step by step in a loop; spins that are thermal stay thermal."""
+    count, x, steps = 4000, 2.0, 99
+    drawn = np.random.default_rng(2).uniform(size=(2, count))
+    cosine, angle = np.log(np.exp(-x) + 2 * np.sinh(x) * drawn[0]) / x, 2 * np.pi * drawn[1]
+    sine = np.sqrt(1 - cosine**2)
+    start = ml.SpinState(np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], -1))
+    torque = ml.torques.AppliedField([0.0, 0.0, x]) + ml.torques.ThermalField(1.0, jax.random.key(5))
+
+    def spins(spin, **options):
+        method, body, start = f"SUBLATTICES[{scheme}]", ml.Spins(0.5), ml.SpinState(spin)
+        return ml.integrate(method, body, torque, start, dt=0.05, **options).states.spin
+
+    end, one = spins(start.spin, steps=steps, save_every=None), start.spin
+    for n in range(steps):
+        one = spins(one, steps=1, save_every=None, first_step=n)
+    for other in (one, *(spins(start.spin, steps=steps, save_every=every)[-1] for every in (33, 1))):
+        np.testing.assert_array_equal(other, end)
+    error = np.std(cosine) / np.sqrt(count)
+    assert abs(np.mean(end[:, 2]) - (1 / np.tanh(x) - 1 / x)) < 3 * error
 
 
 @pytest.mark.sample(0)
