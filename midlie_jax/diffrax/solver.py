@@ -16,7 +16,6 @@ from .._xla.fusion import fuse, is_stored, split
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
-from ..methods.schemes import KICK
 from ..methods.splitting import Splitting
 from ..methods.system import AnyMotion, System
 from ..methods.verdict import FINE, is_fine
@@ -176,7 +175,7 @@ def _begins_with_force(method: Method, system: System) -> bool:
         return True
     if not isinstance(method, Splitting) or system.torque is None or system.reads_momentum:
         return False
-    return method.scheme.stages[0][0] == KICK
+    return method.scheme.begins_with_force
 
 
 @eqx.filter_jit
