@@ -2,10 +2,11 @@
 
 from functools import partial
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import pytest
-from cases import BUILDS, equal_moments, quick
+from cases import BUILDS, DTYPES, equal_moments, quick
 
 import midlie_jax as ml
 from midlie_jax import RESULTS
@@ -61,3 +62,87 @@ def test_other_drivers_have_reasons_of_their_own():
     jump = run(density=lambda t, s: jnp.where(t < 2.5e-3, 1.0, 9.0).astype(t.dtype), steps=8)
     assert jump.result == RESULTS.density_lost
     assert jump.first_bad < 9
+
+
+AXIS = ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])
+FREE = ml.FreeState([0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0], [0.1, 0.2, 0.3], [0.0, 0.0, 0.0])
+PAIR = jax.tree.map(lambda x: jnp.stack([x, x]), FREE)
+MASS = ml.ParticleState([0.1, 0.2], [0.0, 0.0])
+# How a body is made of traced numbers, a start, numbers of possible bodies, and of impossible ones.
+MADE = {
+    "rigid": (ml.RigidBody, FAST, [[1, 1, 2.0], [1, 2.0000001, 1], [2.5, 2, 3]], [[1, 1, 5], [-1, 1, 1], [1, 1, 0]]),
+    "any moments": (lambda m: ml.RigidBody(m, physical=False), FAST, [[1.0, 1, 5]], [[-1, 1, 1.0], [1, 1, jnp.nan]]),
+    "tensor": (lambda m: ml.TensorBody(jnp.diag(m)), FAST, [[1, 2.0, 3]], [[1, 1.0, 5], [1, -1, 1]]),
+    "rotor": (ml.Rotor, AXIS, [1.0], [-1.0, 0.0, jnp.inf]),
+    "rotor with both": (lambda m: ml.Rotor(m[0], m[1]), AXIS, [[1, 0.0], [1, 2.0000001]], [[1, 2.1], [1, -0.1]]),
+    "free": (lambda m: ml.FreeBody(ml.RigidBody([1.0, 2, 2.5]), m), FREE, [1.0], [-1.0, 0.0]),
+    "free rotor": (lambda m: ml.FreeBody(ml.RigidBody(m), 1.0), FREE, [[1, 2, 2.5]], [[1, 1, 5.0]]),
+    "coupled": (
+        lambda m: ml.FreeBody(ml.RigidBody(jnp.array([[1, 1, 1], [1, 2, 2]], m.dtype) * m[:, None]), m),
+        ml.CoupledState.of_bodies(PAIR),
+        [[1.0, 2]],
+        [[1.0, -2], [0, 1]],
+    ),
+    "particles": (ml.Particles, MASS, [[1.0, 2]], [[1.0, -2]]),
+    "mass matrix": (ml.Particles, MASS, [[[1, 0.5], [0.5, 1.0]]], [[[1, 2], [2, 1.0]]]),
+}
+
+
+def mover(start):
+    name = type(start).__name__
+    return "Verlet" if name == "ParticleState" else "SYMMETRIC[EA]" if name == "AxisState" else "JACOBI[EA]"
+
+
+@pytest.mark.sample(3)
+@pytest.mark.parametrize(("kind", "dtype"), [(kind, DTYPES[i % 2]) for i, kind in enumerate(MADE)])
+def test_a_body_that_cannot_be_is_found_under_a_trace(kind, dtype):
+    make, start, good, bad = MADE[kind]
+    start = jax.tree.map(lambda x: x.astype(dtype), start)
+    numbers = jnp.asarray([*good, *bad], dtype)
+    dt = jnp.asarray(1e-3, dtype)
+
+    def run(numbers):
+        body = jax.tree.map(lambda x: x.astype(dtype), make(numbers))
+        return ml.integrate(mover(start), body, None, start, dt=dt, steps=2)._replace(states=None)
+
+    path = quick(jax.vmap(run))(numbers)
+    wanted = [True] * len(good) + [False] * len(bad)
+    assert path.ok.tolist() == (path.result == RESULTS.successful).tolist() == wanted
+    assert (path.result != RESULTS.impossible_body).tolist() == wanted
+
+
+DRIVERS = {
+    "ensemble": lambda body, start: ml.ensemble(
+        "JACOBI[EA]", body, None, jax.tree.map(lambda x: x[None], start), dt=1e-3, steps=2
+    ),
+    "adaptive": lambda body, start: ml.integrate_adaptive(
+        "JACOBI[EA]", body, None, start, dt=1e-3, steps=2, density=lambda t, s: jnp.ones_like(t)
+    ),
+    "free motion": lambda body, start: ml.free_motion(body, start, [0.0, 1.0]),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_every_driver_finds_a_body_that_cannot_be(driver):
+    def run(numbers):
+        path = DRIVERS[driver](ml.RigidBody(numbers), FAST)
+        return jax.tree.map(jnp.ravel, (path.ok, path.result == RESULTS.impossible_body))
+
+    run = quick(run)
+    assert run(jnp.array([5.0, 4.0, 1.5])) == (True, False)
+    assert run(jnp.array([5.0, 1.0, 1.5])) == (False, True)
+
+
+@pytest.mark.sample(0)
+def test_diffrax_ends_at_a_body_that_cannot_be():
+    @quick
+    @jax.vmap
+    def run(numbers):
+        term, controller = ml.RigidBodyTerm(ml.RigidBody(numbers)), diffrax.PIDController(1e-3, 1e-3)
+        options = {"stepsize_controller": controller, "throw": False, "max_steps": 64}
+        return diffrax.diffeqsolve(term, ml.LieSolver(), 0.0, 0.1, 0.01, FAST, **options).result
+
+    found = run(jnp.array([[5.0, 4.0, 1.5], [5.0, 1.0, 1.5]]))
+    assert (found == diffrax.RESULTS.successful).tolist() == [True, False]
+    assert (found == diffrax.RESULTS.nonlinear_divergence).tolist() == [False, True]

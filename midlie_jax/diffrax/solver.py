@@ -79,7 +79,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     A step has an infinite error if its solve failed, if it is not finite, or if it turned by more than 2.4 radians. An
     adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not
-    finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`. A reverse-mode derivative is NaN if any
+    finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`; so does a body with impossible moments
+    or an impossible mass, with any controller. A reverse-mode derivative is NaN if any
     step that was tried, even one that was rejected, is not finite.
 
     Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken.
@@ -142,10 +143,12 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
         y0, memory = _varying_together((y0, solver_state))
         y1, error, dense, force, memory, ok = _step(method, system, start_time, end_time, h, y0, memory, made_jump)
+        term = _single_term(terms)
         if self.dense == "step":
-            term, times = _single_term(terms), [start_time, end_time, h]
+            times = [start_time, end_time, h]
             stored = force if _begins_with_force(method, system) else None
             dense = {"start": Start.of(method, term.body, term.torque_at(args), y0, stored, times)}
+        ok = ok & term.body.is_possible()
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 

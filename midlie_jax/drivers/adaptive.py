@@ -40,7 +40,7 @@ from .._xla.fusion import fuse
 from .._xla.mesh import all_promoted, axes_of_run
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
-from ..methods.verdict import FINE, UNFOLLOWED, earlier
+from ..methods.verdict import FINE, UNFOLLOWED, at_start, earlier
 from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
@@ -260,7 +260,8 @@ def _run(
         return carry, (seen, clock.t, clock.rho, progress.ok & cp.all_finite((state, clock.rho)))
 
     follows = _follows(clock.rho, value) & (clock.half > 0)
-    progress = progress._replace(verdict=jnp.where(follows, FINE, UNFOLLOWED))
+    judged = earlier(at_start(body), jnp.where(follows, FINE, UNFOLLOWED))
+    progress = progress._replace(verdict=judged)
     begin = all_promoted((progress, clock), axes)
     every = save_every or steps
     (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // every)

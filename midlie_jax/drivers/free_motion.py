@@ -18,7 +18,7 @@ from .._xla.fusion import begin, fuse
 from ..methods.flights.axis_turn import Circle
 from ..methods.flights.free_orbit import Orbit
 from ..methods.system import Motion, System
-from ..methods.verdict import FINE, LOST
+from ..methods.verdict import FINE, LOST, at_start, earlier, is_fine
 from ..model.bodies import Body, principal_of
 from ..model.rotor import Rotor
 from ..model.state import StateT
@@ -110,9 +110,10 @@ def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
         return system.kind.join(moved.momentum, moved.pose), ok & cp.all_finite(moved)
 
     states, ok = jax.vmap(at)(times)
-    count = times.shape[0]
+    possible = at_start(body)
+    count, ok = times.shape[0], ok & is_fine(possible)
     first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
-    judged = jnp.where(jnp.all(ok), FINE, LOST)
+    judged = earlier(possible, jnp.where(jnp.all(ok), FINE, LOST))
     return Path(times, states, jnp.all(ok), first_bad, result_of(judged, cp.all_finite(states)))
 
 

@@ -14,7 +14,7 @@ from .._xla.compiler import tuned_jit
 from .._xla.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
-from ..methods.verdict import FINE, UNCOUNTED
+from ..methods.verdict import at_start
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
@@ -199,7 +199,7 @@ def run_of_body(
         return method.advance(system, (t0, dt), partial(ends_of_step, step[0], dt), dt, progress, axes, again)[0]
 
     def begin() -> Progress:
-        progress = Progress(system.motion(start), None, promoted(jnp.where(counted, FINE, UNCOUNTED), axes))
+        progress = Progress(system.motion(start), None, promoted(at_start(body, counted), axes))
         if waits:
             return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
         if keeps_force:
