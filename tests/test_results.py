@@ -5,6 +5,7 @@ from functools import partial
 import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from cases import BUILDS, DTYPES, equal_moments, quick
 
@@ -146,3 +147,98 @@ def test_diffrax_ends_at_a_body_that_cannot_be():
     found = run(jnp.array([[5.0, 4.0, 1.5], [5.0, 1.0, 1.5]]))
     assert (found == diffrax.RESULTS.successful).tolist() == [True, False]
     assert (found == diffrax.RESULTS.nonlinear_divergence).tolist() == [False, True]
+
+
+def bonds(t, state):
+    """Twelve bodies in a row, held by bonds that break: the stiffness is 100 at rest, and h has the limit 0.1."""
+    del t
+    away = state.position[1:] - state.position[:-1]
+    return 100 * jnp.sum(1 - jnp.exp(-0.5 * (jnp.sqrt(jnp.sum(away * away, -1)) - 0.8) ** 2))
+
+
+def springs(t, state):
+    """Held to the origin, without end."""
+    del t
+    return 50 * jnp.sum(state.position**2)
+
+
+def chain(speed=0.3, count=12):
+    numbers = np.random.default_rng(0).normal(size=(2, count, 3))
+    place = 0.8 * np.arange(count)[:, None] * np.array([1.0, 0, 0]) + 0.02 * numbers[0]
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    return ml.CoupledState(np.zeros((count, 3)), level, speed * numbers[1], place)
+
+
+HEAVY = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0)
+AWAY = ml.FreeState(FREE.momentum, FREE.attitude, FREE.linear, [1.0, 0.0, 0.0])
+DOTS = ml.ParticleState(jnp.array([[0.1, 0.0], [0.0, 0.2]]), jnp.array([[1.0, 0.0], [0.0, 1.0]]))
+BONDED = (ml.torques.FromPotential(bonds), 20.0)
+SPRUNG = (ml.torques.FromPotential(springs), 10.0)
+# Method, body, torque, the highest frequency, and starts.
+STIFF = {
+    "chain": ("JACOBI[EA]", HEAVY, *BONDED, [chain(), chain(1e-7)]),
+    "chain, by parts": ("JACOBI[SRKN6b]", HEAVY, *BONDED, [chain()]),
+    "chain, Runge-Kutta": ("RK4", HEAVY, *BONDED, [chain()]),
+    "body": ("JACOBI[EA]", HEAVY, *SPRUNG, [AWAY, FREE]),
+    "pair": ("JACOBI[EA]", HEAVY, *SPRUNG, [ml.CoupledState.of_bodies(PAIR)]),
+    "particles": ("Verlet", ml.Particles(1.0), *SPRUNG, [DOTS]),
+}
+
+
+def limit_of(kind):
+    """The longest stable step."""
+    name, _, _, frequency, _ = STIFF[kind]
+    return ml.method(name).stability_limit(1j) / frequency
+
+
+def stiff_run(kind, start, dt, **options):
+    name, body, torque, *_ = STIFF[kind]
+    return ml.integrate(name, body, torque, start, dt=dt, steps=200, **options)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", STIFF)
+def test_a_step_beyond_the_limit_of_a_force_is_found(kind):
+    """Up to 10 times the limit, also where the bodies then fly apart; and no step is found that keeps the energy."""
+    _, body, torque, _, starts = STIFF[kind]
+    limit = limit_of(kind)
+    factors = jnp.array([0.01, 0.3, 0.6, 0.9, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0])
+    run = quick(jax.vmap(lambda start, dt: stiff_run(kind, start, dt, save_every=100), in_axes=(None, 0)))
+    for start in starts:
+        path = run(start, limit * factors)
+        ok, unstable = (np.asarray(x) for x in (path.ok, path.result == RESULTS.unstable))
+        energy = np.asarray(jax.vmap(lambda path: ml.energy(body, torque, path))(path))
+        np.testing.assert_array_equal(ok, energy[:, -1] < 20 * energy[:, 0])
+        np.testing.assert_array_equal(ok[:4], True)
+        assert not ok[6:].any()
+        assert unstable.any()
+        np.testing.assert_array_equal(np.asarray(path.first_bad)[unstable], 1)
+
+
+@pytest.mark.sample(0)
+def test_bodies_at_rest_gain_nothing():
+    """Rounding moves a rod in equilibrium, and 0 has no kinetic energy with which to compare."""
+    body, rod, start = ml.straight_rod(
+        5, [0.1, 0.2, 0.3], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0],
+        length=2.0, radius=0.1, density=5.0, youngs_modulus=10.0, shear_modulus=4.0,
+    )  # fmt: skip
+    assert ml.integrate("JACOBI[EA]", body, rod, start, dt=1e-3, steps=400, save_every=400).ok
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("driver", ["ensemble", "adaptive", "simulate"])
+def test_every_driver_finds_a_step_beyond_the_limit(driver, tmp_path):
+    (name, body, torque, *_), limit = STIFF["body"], limit_of("body")
+    many = jax.tree.map(lambda *x: jnp.stack(x), AWAY, AWAY)
+    if driver == "adaptive":
+        run = partial(ml.integrate_adaptive, name, body, torque, AWAY, steps=200, density=lambda t, s: jnp.ones_like(t))
+        paths = run(dt=0.9 * limit), run(dt=1.5 * limit)
+        assert [bool(path.ok) for path in paths] == [True, False]
+        assert paths[1].result == RESULTS.unstable
+    elif driver == "ensemble":
+        path = ml.ensemble(name, body, torque, many, dt=limit * jnp.array([0.9, 1.5]), steps=200)
+        assert path.ok.tolist() == [True, False]
+        assert (path.result == RESULTS.unstable).tolist() == [False, True]
+    else:
+        run = ml.simulate(name, body, torque, many, out=tmp_path / "run.npz", dt=1.2 * limit, steps=200, save_every=20)
+        assert run.first_bad.tolist() == [1, 1]

@@ -40,7 +40,7 @@ from .._xla.fusion import fuse
 from .._xla.mesh import all_promoted, axes_of_run
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
-from ..methods.verdict import FINE, UNFOLLOWED, at_start, earlier
+from ..methods.verdict import FINE, UNFOLLOWED, UNSTABLE, at_start, earlier
 from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
@@ -48,6 +48,7 @@ from ..model.states import SpinState
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_span, check_step, check_system
+from .gain import with_gain_judged
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
@@ -267,10 +268,11 @@ def _run(
     (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // every)
     first = (observe_state(observe, t0, start, body, torque), t0, begin[1].rho)
     states, times, rhos = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, saved[:3])
+    progress = with_gain_judged(system, start, t0, dt, steps, progress)
     finite = cp.all_finite((progress.motion, clock.rho))
     reached = True if t1 is None else clock.t == t1
     ok, result = progress.ok & finite & reached, result_of(progress.verdict, finite, reached)
-    bad = first_bad(start, saved[3])
+    bad = first_bad(start, saved[3] & (progress.verdict != UNSTABLE))
     bad = jnp.where(begin[0].ok, bad, jnp.zeros_like(bad))
     path = AdaptivePath(times, states, ok, bad, result, rhos, clock.taken)
     return path if save_every else end_alone(path)._replace(rho=rhos[-1])

@@ -14,7 +14,7 @@ from .._xla.compiler import tuned_jit
 from .._xla.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
-from ..methods.verdict import at_start
+from ..methods.verdict import UNSTABLE, at_start
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
@@ -23,6 +23,7 @@ from .adjoints import Adjoint, Steps, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .counted import count_as_argument, take_counted
+from .gain import with_gain_judged
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
@@ -251,9 +252,13 @@ def run_of_body(
         rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
     progress, (seen, solved) = jax.lax.scan(save_interval, progress, (numbers, interval_starts, rows_of_intervals))
     # Outside the loop over steps, which does not need this result.
+    steps = intervals * save_every if isinstance(save_every, int) else None
+    whole = leg is None or leg.end == steps
+    progress = with_gain_judged(system, start, t0, dt, steps, progress, whole)
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
     if leg is not None:  # a failure in the leg does not concern what was saved before it
         trusted = trusted | (interval_starts - first + save_every <= leg.begin)
+    trusted = trusted & (progress.verdict != UNSTABLE)
     before = observe_state(observe, time_of(*uniform, first), start, body, torque)
     seen = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), before, seen)
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax import Array
 
-from ..methods.verdict import BEYOND, FINE, IMPOSSIBLE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED
+from ..methods.verdict import BEYOND, FINE, IMPOSSIBLE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED, UNSTABLE
 
 
 class RESULTS(eqx.Enumeration):
@@ -48,6 +48,10 @@ class RESULTS(eqx.Enumeration):
         "No real body has these moments or this mass: one is not positive or not finite, or the largest moment exceeds "
         "the sum of the other two. Check them; RigidBody(moments, physical=False) leaves out the last condition."
     )
+    unstable = (
+        "The energy grew far beyond what the forces can give: the step exceeds their stability limit. Take a shorter "
+        "step; midlie_jax.check finds one."
+    )
     end_not_reached = "The run did not reach t1 in its number of steps. Take more steps, or a longer dt."
 
 
@@ -67,6 +71,7 @@ def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> An
         (UNFOLLOWED, RESULTS.density_lost),
         (LOST, RESULTS.phase_lost),
         (IMPOSSIBLE, RESULTS.impossible_body),
+        (UNSTABLE, RESULTS.unstable),
     ):
         found = RESULTS.where(verdict == code, result, found)
     end: Any = RESULTS.where(jnp.asarray(reached), RESULTS.successful, RESULTS.end_not_reached)

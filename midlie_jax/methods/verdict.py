@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE = map(np.int8, range(8))
+FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE, UNSTABLE = map(np.int8, range(9))
 
 
 def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
