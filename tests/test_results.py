@@ -149,6 +149,71 @@ def test_diffrax_ends_at_a_body_that_cannot_be():
     assert (found == diffrax.RESULTS.nonlinear_divergence).tolist() == [False, True]
 
 
+ADJOINTS = {"kept": ml.Checkpointed(), "some kept": ml.Checkpointed(every=2), "backwards": ml.Reversible()}
+WAYS = {
+    "ensemble": lambda torque, many, adjoint, weight: ml.ensemble(
+        "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, adjoint=adjoint
+    ),
+    "integrate": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.integrate(
+            "JACOBI[EA]", moments("JACOBI[EA]"), torque, s, dt=1e-3, steps=4, save_every=2, adjoint=adjoint
+        )
+    )(many),
+    "closed over": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.integrate(
+            "JACOBI[EA]", moments("JACOBI[EA]"), lambda t, x: weight * x.attitude[1:], s, dt=1e-3, steps=4, save_every=2
+        )
+    )(many),
+    "adaptive": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.integrate_adaptive(
+            "JACOBI[EA]",
+            moments("JACOBI[EA]"),
+            torque,
+            s,
+            dt=1e-3,
+            steps=4,
+            save_every=2,
+            density=lambda t, s: jnp.ones_like(t),
+        )
+    )(many),
+    "free motion": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.free_motion(ml.RigidBody(weight * jnp.array([0.25, 0.2, 0.08])), s, jnp.array([0.0, 1e-3, 2e-3]))
+    )(many),
+    "observed": lambda torque, many, adjoint, weight: ml.ensemble(
+        "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, observe=ml.observe.Energy()
+    ),
+}
+CASES = [("ensemble", "kept"), ("integrate", "backwards"), ("closed over", "kept"), ("observed", "kept")]
+CASES += [("adaptive", "kept"), ("free motion", "kept"), ("ensemble", "backwards"), ("integrate", "some kept")]
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("way", "adjoint"), CASES)
+def test_a_body_that_starts_with_nan_does_not_spoil_the_gradient_of_the_others(way, adjoint):
+    """Of a weight that all share; the body itself is not ok, and holds NaN."""
+    factors = jnp.array([[1.0], [1.1], [0.9]])
+    many = ml.RigidState(FAST.momentum[None] * factors, jnp.tile(FAST.attitude, (3, 1)))
+
+    @quick
+    @partial(jax.value_and_grad, has_aux=True)
+    def run(weight, spoilt):
+        momentum = many.momentum.at[1, 0].set(jnp.where(spoilt, jnp.nan, many.momentum[1, 0]))
+        start = ml.RigidState.unchecked(momentum=momentum, attitude=many.attitude)
+        path = WAYS[way](ml.torques.HeavyTop(weight), start, ADJOINTS[adjoint], weight)
+        counted = path.ok & (jnp.arange(3) != 1)
+        seen = [jnp.sin(x).reshape(3, -1) for x in jax.tree.leaves(path.states)]
+        return sum(jnp.sum(jnp.where(counted[:, None], x, 0)) for x in seen), path._replace(times=None)
+
+    (whole, _), slope = run(20.0, False)
+    (spoilt, path), found = run(20.0, True)
+    assert path.ok.tolist() == [True, False, True]
+    assert path.first_bad.tolist() == [3, 0, 3]
+    assert (path.result == RESULTS.not_finite).tolist() == [False, True, False]
+    assert all(bool(jnp.isnan(x[1, 1:]).all()) for x in jax.tree.leaves(path.states))
+    np.testing.assert_allclose([spoilt, found], [whole, slope], rtol=1e-12)
+    assert found != 0
+
+
 def bonds(t, state):
     """Twelve bodies in a row, held by bonds that break: the stiffness is 100 at rest, and h has the limit 0.1."""
     del t

@@ -23,6 +23,7 @@ from ..model.bodies import Body, principal_of
 from ..model.rotor import Rotor
 from ..model.state import StateT
 from .arguments import as_method, as_scalar, check_system
+from .bad_start import finite_start, nan_unless
 from .path import Path
 from .results import result_of
 
@@ -92,6 +93,8 @@ def _run_of_several(body: Any, start: Any, times: Array) -> Path[Any]:
 
 def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
     """`free_motion` of one body, without the checks."""
+    good = cp.all_finite(start)
+    start = finite_start(start, good, None, times, (body, times))
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
     turning, turned = system.rotating(motion)
@@ -110,7 +113,8 @@ def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
         return system.kind.join(moved.momentum, moved.pose), ok & cp.all_finite(moved)
 
     states, ok = jax.vmap(at)(times)
-    possible = at_start(body)
+    states = nan_unless(good, states)
+    possible = at_start(body, good)
     count, ok = times.shape[0], ok & is_fine(possible)
     first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
     judged = earlier(possible, jnp.where(jnp.all(ok), FINE, LOST))

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._math import components as cp
 from .._xla.replay import traits
 from ..methods.base import Progress
 from ..methods.system import AnyMotion, System

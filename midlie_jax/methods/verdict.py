@@ -53,9 +53,16 @@ def of_all(ok: Array | bool) -> Array | bool:
     return jnp.all(ok) if ok.dtype == np.bool_ else jnp.max(ok)
 
 
-def at_start(body: Any, counted: Array | bool = True) -> Array:
-    """The verdict before the first step: whether the body is possible, and whether 32 bits count the steps."""
-    return jnp.where(body.is_possible(), jnp.where(counted, FINE, UNCOUNTED), IMPOSSIBLE)
+def at_start(body: Any, finite: Array | bool = True, counted: Array | bool = True) -> Array:
+    """The verdict before the first step.
+
+    Args:
+        body: which must be possible.
+        finite: whether the start is finite.
+        counted: whether 32 bits count the steps.
+    """
+    good = jnp.where(finite, jnp.where(counted, FINE, UNCOUNTED), NOT_FINITE)
+    return jnp.where(body.is_possible(), good, IMPOSSIBLE)
 
 
 def is_fine(verdict: Array | bool) -> Array:

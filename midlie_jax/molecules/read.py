@@ -81,8 +81,9 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     if _elements_unknown(found, options):
         if masses is None:
             raise ValueError(
-                f"{file} has no masses, so that ase takes the numbers of its types for elements ({found[:size].symbols}); pass "
-                "masses, add a section Masses, or pass Z_of_type={1: 6, 2: 1} with the atomic number of each type."
+                f"{file} has no masses, so that ase takes the numbers of its types for elements "
+                f"({found[:size].symbols}); pass masses, add a section Masses, or pass Z_of_type={{1: 6, 2: 1}} with "
+                "the atomic number of each type."
             )
         found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
