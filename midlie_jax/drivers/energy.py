@@ -73,7 +73,7 @@ def energy(
         raise ValueError("a path has its own times; do not pass t.")
     times = t if path is None else path.times
     if times is not None:
-        times = jnp.broadcast_to(times.astype(state.momentum.dtype), batch)
+        times = jnp.broadcast_to(as_floats("t", times).astype(state.momentum.dtype), batch)
     arguments = (body, torque)
     mapped, shared = eqx.partition(arguments, (jax.tree.map(lambda _: own_body, body), rows))
     return _of_bodies(mapped, shared, state, times)
