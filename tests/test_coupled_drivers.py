@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from coupled_cases import DT, FIELD, KINDS, forced, start
+from coupled_cases import DT, FIELD, KINDS, forced, potential, start
 from travel_cases import at, gap
 
 import midlie_jax as ml
@@ -227,6 +227,25 @@ def test_what_is_refused(kind, case):
     call, message = REFUSED[case]
     with pytest.raises(ValueError, match=message):
         call(*setup(kind))
+
+
+def test_the_energy_is_computed_by_one_compiled_program():
+    """Called again, it does not call the potential, whose operations on arrays would take a second one by one."""
+    calls, body, begin = [], KINDS["five"].body(), start("five")
+
+    def counted(t, state):
+        calls.append(t)
+        return potential(FIELD, t, state)
+
+    torque = ml.torques.FromPotential(counted)
+    first = ml.energy(body, torque, begin)
+    traced = len(calls)
+    assert ml.energy(body, torque, begin) == first
+    two = jax.tree.map(lambda x: jnp.stack([x, x]), begin)
+    both = ml.energy(body, torque, two, t=jnp.array([0.0, 1.0]))
+    traced_of_two = len(calls)
+    assert bool(jnp.all(ml.energy(body, torque, two, t=jnp.array([2.0, 1.0])) == both))
+    assert len(calls) - traced_of_two == 0 < traced < traced_of_two
 
 
 def test_check_is_for_few_bodies():

@@ -132,6 +132,34 @@ def test_outputs_equal_integrate(name):
         compare(row(found, i) if batched else found, row(paths(name), i))
 
 
+KICK, FLIGHT = ml.schemes.KICK, ml.schemes.FLIGHT
+ENDS = (KICK, 1 / 6), (FLIGHT, 0.5), (KICK, 2 / 3), (FLIGHT, 0.5), (KICK, 1 / 6)
+# Schemes whose first kick, or whose first and last, take a gradient of the torque: such a force is not kept.
+OWN = {
+    "ends": ml.schemes.Scheme("CHINB", 4, ENDS, gradients=(1 / 24, 0.0, 1 / 24)),
+    "displaced": ml.schemes.Scheme("CHIND", 4, ENDS, gradients=(1 / 24, 0.0, 1 / 24), displaced=True),
+    "first": ml.schemes.Scheme("FIRST", 2, ENDS, gradients=(1 / 24, 0.0, 0.0)),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", [*OWN, *each()])
+def test_equal_steps_end_where_those_of_integrate_do(name):
+    """And so with the same order: two steps of every method, and of own schemes that begin with a gradient."""
+    method = ml.method("JACOBI", OWN[name]) if name in OWN else ml.method(name)
+    term, y0 = problem(name)
+    torque = term.torque_at(ARGS)
+
+    @quick
+    def ends(start):
+        found = solve(ml.LieSolver(method), start, term=term, t1=T0 + 2 * DT, max_steps=2)
+        path = ml.integrate(method, term.body, torque, start, dt=DT, steps=2, save_every=None, t0=T0)
+        return jax.tree.map(lambda x: x[-1], found.ys), path.states
+
+    for found, expected in zip(*map(jax.tree.leaves, ends(y0)), strict=True):
+        assert np.max(np.abs(found - expected)) <= 8 * epsilon("float64") * np.max(np.abs(expected))
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", PARTICLE)
 def test_particles_equal_integrate(name):

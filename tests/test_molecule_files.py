@@ -73,6 +73,19 @@ def test_a_start_comes_from_a_file(name, written, options, digits, tmp_path):
         np.testing.assert_allclose(*spin, atol=1e-4)
 
 
+def test_types_of_lammps_are_not_taken_for_elements(tmp_path):
+    """As ase writes them by default, without a section Masses: the types H = 1 and O = 2 would be H and He."""
+    atoms, file = as_atoms(*box_of_water(2)), tmp_path / "w.data"
+    io.write(file, atoms, format="lammps-data", units="real", atom_style="full")
+    options: Any = {"format": "lammps-data", "units": "real", "atom_style": "full"}
+    with pytest.raises(ValueError, match=r"\(HeH2\); pass masses, add a section Masses, or pass Z_of_type"):
+        molecules.read(file, 3, **options)
+    for more in ({"masses": MASSES}, {"Z_of_type": {1: 1, 2: 8}}):
+        found = molecules.read(file, 3, **more, **options)
+        assert found.symbols == ["O", "H", "H"]
+        np.testing.assert_allclose(found.body.mass, MASSES.sum(), rtol=1e-12)
+
+
 def test_a_trajectory_is_read_by_others(tmp_path):
     body, points, start = box_of_water(4)
     path = ml.integrate("JACOBI[EA]", body, None, start, dt=0.001, steps=20, save_every=10)
@@ -104,6 +117,9 @@ def test_what_cannot_be_read_or_written(tmp_path):
     atoms.set_chemical_symbols(["O", "H", "H", "H", "O", "H"])
     io.write(tmp_path / "w.xyz", atoms)
     with pytest.raises(ValueError, match="must be equal"):
+        molecules.read(tmp_path / "w.xyz", 3)
+    io.write(tmp_path / "w.xyz", ase.Atoms("OCO", [[0, 0, -1.16], [0, 0, 0], [0, 0, 1.16]]))
+    with pytest.raises(ValueError, match=r"on a line.*take the body from midlie_jax.from_points"):
         molecules.read(tmp_path / "w.xyz", 3)
     path = ml.integrate("JACOBI[EA]", body, None, start.of_body(0), dt=0.001, steps=1)
     with pytest.raises(ValueError, match="one run of a CoupledState"):

@@ -2,10 +2,12 @@
 
 from functools import partial
 
+import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
-from cases import BUILDS, equal_moments, quick
+from cases import BUILDS, DTYPES, equal_moments, quick
 
 import midlie_jax as ml
 from midlie_jax import RESULTS
@@ -61,3 +63,247 @@ def test_other_drivers_have_reasons_of_their_own():
     jump = run(density=lambda t, s: jnp.where(t < 2.5e-3, 1.0, 9.0).astype(t.dtype), steps=8)
     assert jump.result == RESULTS.density_lost
     assert jump.first_bad < 9
+
+
+AXIS = ml.AxisState([0.1, 0.2, 0.3], [0.0, 0.0, 1.0])
+FREE = ml.FreeState([0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0], [0.1, 0.2, 0.3], [0.0, 0.0, 0.0])
+PAIR = jax.tree.map(lambda x: jnp.stack([x, x]), FREE)
+MASS = ml.ParticleState([0.1, 0.2], [0.0, 0.0])
+# How a body is made of traced numbers, a start, numbers of possible bodies, and of impossible ones.
+MADE = {
+    "rigid": (ml.RigidBody, FAST, [[1, 1, 2.0], [1, 2.0000001, 1], [2.5, 2, 3]], [[1, 1, 5], [-1, 1, 1], [1, 1, 0]]),
+    "any moments": (lambda m: ml.RigidBody(m, physical=False), FAST, [[1.0, 1, 5]], [[-1, 1, 1.0], [1, 1, jnp.nan]]),
+    "tensor": (lambda m: ml.TensorBody(jnp.diag(m)), FAST, [[1, 2.0, 3]], [[1, 1.0, 5], [1, -1, 1]]),
+    "rotor": (ml.Rotor, AXIS, [1.0], [-1.0, 0.0, jnp.inf]),
+    "rotor with both": (lambda m: ml.Rotor(m[0], m[1]), AXIS, [[1, 0.0], [1, 2.0000001]], [[1, 2.1], [1, -0.1]]),
+    "free": (lambda m: ml.FreeBody(ml.RigidBody([1.0, 2, 2.5]), m), FREE, [1.0], [-1.0, 0.0]),
+    "free rotor": (lambda m: ml.FreeBody(ml.RigidBody(m), 1.0), FREE, [[1, 2, 2.5]], [[1, 1, 5.0]]),
+    "coupled": (
+        lambda m: ml.FreeBody(ml.RigidBody(jnp.array([[1, 1, 1], [1, 2, 2]], m.dtype) * m[:, None]), m),
+        ml.CoupledState.of_bodies(PAIR),
+        [[1.0, 2]],
+        [[1.0, -2], [0, 1]],
+    ),
+    "particles": (ml.Particles, MASS, [[1.0, 2]], [[1.0, -2]]),
+    "mass matrix": (ml.Particles, MASS, [[[1, 0.5], [0.5, 1.0]]], [[[1, 2], [2, 1.0]]]),
+}
+
+
+def mover(start):
+    name = type(start).__name__
+    return "Verlet" if name == "ParticleState" else "SYMMETRIC[EA]" if name == "AxisState" else "JACOBI[EA]"
+
+
+@pytest.mark.sample(3)
+@pytest.mark.parametrize(("kind", "dtype"), [(kind, DTYPES[i % 2]) for i, kind in enumerate(MADE)])
+def test_a_body_that_cannot_be_is_found_under_a_trace(kind, dtype):
+    make, start, good, bad = MADE[kind]
+    start = jax.tree.map(lambda x: x.astype(dtype), start)
+    numbers = jnp.asarray([*good, *bad], dtype)
+    dt = jnp.asarray(1e-3, dtype)
+
+    def run(numbers):
+        body = jax.tree.map(lambda x: x.astype(dtype), make(numbers))
+        return ml.integrate(mover(start), body, None, start, dt=dt, steps=2)._replace(states=None)
+
+    path = quick(jax.vmap(run))(numbers)
+    wanted = [True] * len(good) + [False] * len(bad)
+    assert path.ok.tolist() == (path.result == RESULTS.successful).tolist() == wanted
+    assert (path.result != RESULTS.impossible_body).tolist() == wanted
+
+
+DRIVERS = {
+    "ensemble": lambda body, start: ml.ensemble(
+        "JACOBI[EA]", body, None, jax.tree.map(lambda x: x[None], start), dt=1e-3, steps=2
+    ),
+    "adaptive": lambda body, start: ml.integrate_adaptive(
+        "JACOBI[EA]", body, None, start, dt=1e-3, steps=2, density=lambda t, s: jnp.ones_like(t)
+    ),
+    "free motion": lambda body, start: ml.free_motion(body, start, [0.0, 1.0]),
+}
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_every_driver_finds_a_body_that_cannot_be(driver):
+    def run(numbers):
+        path = DRIVERS[driver](ml.RigidBody(numbers), FAST)
+        return jax.tree.map(jnp.ravel, (path.ok, path.result == RESULTS.impossible_body))
+
+    run = quick(run)
+    assert run(jnp.array([5.0, 4.0, 1.5])) == (True, False)
+    assert run(jnp.array([5.0, 1.0, 1.5])) == (False, True)
+
+
+@pytest.mark.sample(0)
+def test_diffrax_ends_at_a_body_that_cannot_be():
+    @quick
+    @jax.vmap
+    def run(numbers):
+        term, controller = ml.RigidBodyTerm(ml.RigidBody(numbers)), diffrax.PIDController(1e-3, 1e-3)
+        options = {"stepsize_controller": controller, "throw": False, "max_steps": 64}
+        return diffrax.diffeqsolve(term, ml.LieSolver(), 0.0, 0.1, 0.01, FAST, **options).result
+
+    found = run(jnp.array([[5.0, 4.0, 1.5], [5.0, 1.0, 1.5]]))
+    assert (found == diffrax.RESULTS.successful).tolist() == [True, False]
+    assert (found == diffrax.RESULTS.nonlinear_divergence).tolist() == [False, True]
+
+
+ADJOINTS = {"kept": ml.Checkpointed(), "some kept": ml.Checkpointed(every=2), "backwards": ml.Reversible()}
+WAYS = {
+    "ensemble": lambda torque, many, adjoint, weight: ml.ensemble(
+        "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, adjoint=adjoint
+    ),
+    "integrate": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.integrate(
+            "JACOBI[EA]", moments("JACOBI[EA]"), torque, s, dt=1e-3, steps=4, save_every=2, adjoint=adjoint
+        )
+    )(many),
+    "closed over": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.integrate(
+            "JACOBI[EA]", moments("JACOBI[EA]"), lambda t, x: weight * x.attitude[1:], s, dt=1e-3, steps=4, save_every=2
+        )
+    )(many),
+    "adaptive": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.integrate_adaptive(
+            "JACOBI[EA]",
+            moments("JACOBI[EA]"),
+            torque,
+            s,
+            dt=1e-3,
+            steps=4,
+            save_every=2,
+            density=lambda t, s: jnp.ones_like(t),
+        )
+    )(many),
+    "free motion": lambda torque, many, adjoint, weight: jax.vmap(
+        lambda s: ml.free_motion(ml.RigidBody(weight * jnp.array([0.25, 0.2, 0.08])), s, jnp.array([0.0, 1e-3, 2e-3]))
+    )(many),
+    "observed": lambda torque, many, adjoint, weight: ml.ensemble(
+        "JACOBI[EA]", moments("JACOBI[EA]"), torque, many, dt=1e-3, steps=4, save_every=2, observe=ml.observe.Energy()
+    ),
+}
+CASES = [("ensemble", "kept"), ("integrate", "backwards"), ("closed over", "kept"), ("observed", "kept")]
+CASES += [("adaptive", "kept"), ("free motion", "kept"), ("ensemble", "backwards"), ("integrate", "some kept")]
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("way", "adjoint"), CASES)
+def test_a_body_that_starts_with_nan_does_not_spoil_the_gradient_of_the_others(way, adjoint):
+    """Of a weight that all share; the body itself is not ok, and holds NaN."""
+    factors = jnp.array([[1.0], [1.1], [0.9]])
+    many = ml.RigidState(FAST.momentum[None] * factors, jnp.tile(FAST.attitude, (3, 1)))
+
+    @quick
+    @partial(jax.value_and_grad, has_aux=True)
+    def run(weight, spoilt):
+        momentum = many.momentum.at[1, 0].set(jnp.where(spoilt, jnp.nan, many.momentum[1, 0]))
+        start = ml.RigidState.unchecked(momentum=momentum, attitude=many.attitude)
+        path = WAYS[way](ml.torques.HeavyTop(weight), start, ADJOINTS[adjoint], weight)
+        counted = path.ok & (jnp.arange(3) != 1)
+        seen = [jnp.sin(x).reshape(3, -1) for x in jax.tree.leaves(path.states)]
+        return sum(jnp.sum(jnp.where(counted[:, None], x, 0)) for x in seen), path._replace(times=None)
+
+    (whole, _), slope = run(20.0, False)
+    (spoilt, path), found = run(20.0, True)
+    assert path.ok.tolist() == [True, False, True]
+    assert path.first_bad.tolist() == [3, 0, 3]
+    assert (path.result == RESULTS.not_finite).tolist() == [False, True, False]
+    assert all(bool(jnp.isnan(x[1, 1:]).all()) for x in jax.tree.leaves(path.states))
+    np.testing.assert_allclose([spoilt, found], [whole, slope], rtol=1e-12)
+    assert found != 0
+
+
+def bonds(t, state):
+    """Twelve bodies in a row, held by bonds that break: the stiffness is 100 at rest, and h has the limit 0.1."""
+    del t
+    away = state.position[1:] - state.position[:-1]
+    return 100 * jnp.sum(1 - jnp.exp(-0.5 * (jnp.sqrt(jnp.sum(away * away, -1)) - 0.8) ** 2))
+
+
+def springs(t, state):
+    """Held to the origin, without end."""
+    del t
+    return 50 * jnp.sum(state.position**2)
+
+
+def chain(speed=0.3, count=12):
+    numbers = np.random.default_rng(0).normal(size=(2, count, 3))
+    place = 0.8 * np.arange(count)[:, None] * np.array([1.0, 0, 0]) + 0.02 * numbers[0]
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    return ml.CoupledState(np.zeros((count, 3)), level, speed * numbers[1], place)
+
+
+HEAVY = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), 1.0)
+AWAY = ml.FreeState(FREE.momentum, FREE.attitude, FREE.linear, [1.0, 0.0, 0.0])
+DOTS = ml.ParticleState(jnp.array([[0.1, 0.0], [0.0, 0.2]]), jnp.array([[1.0, 0.0], [0.0, 1.0]]))
+BONDED = (ml.torques.FromPotential(bonds), 20.0)
+SPRUNG = (ml.torques.FromPotential(springs), 10.0)
+# Method, body, torque, the highest frequency, and starts.
+STIFF = {
+    "chain": ("JACOBI[EA]", HEAVY, *BONDED, [chain(), chain(1e-7)]),
+    "chain, by parts": ("JACOBI[SRKN6b]", HEAVY, *BONDED, [chain()]),
+    "chain, Runge-Kutta": ("RK4", HEAVY, *BONDED, [chain()]),
+    "body": ("JACOBI[EA]", HEAVY, *SPRUNG, [AWAY, FREE]),
+    "pair": ("JACOBI[EA]", HEAVY, *SPRUNG, [ml.CoupledState.of_bodies(PAIR)]),
+    "particles": ("Verlet", ml.Particles(1.0), *SPRUNG, [DOTS]),
+}
+
+
+def limit_of(kind):
+    """The longest stable step."""
+    name, _, _, frequency, _ = STIFF[kind]
+    return ml.method(name).stability_limit(1j) / frequency
+
+
+def stiff_run(kind, start, dt, **options):
+    name, body, torque, *_ = STIFF[kind]
+    return ml.integrate(name, body, torque, start, dt=dt, steps=200, **options)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("kind", STIFF)
+def test_a_step_beyond_the_limit_of_a_force_is_found(kind):
+    """Up to 10 times the limit, also where the bodies then fly apart; and no step is found that keeps the energy."""
+    _, body, torque, _, starts = STIFF[kind]
+    limit = limit_of(kind)
+    factors = jnp.array([0.01, 0.3, 0.6, 0.9, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0])
+    run = quick(jax.vmap(lambda start, dt: stiff_run(kind, start, dt, save_every=100), in_axes=(None, 0)))
+    for start in starts:
+        path = run(start, limit * factors)
+        ok, unstable = (np.asarray(x) for x in (path.ok, path.result == RESULTS.unstable))
+        energy = np.asarray(jax.vmap(lambda path: ml.energy(body, torque, path))(path))
+        np.testing.assert_array_equal(ok, energy[:, -1] < 20 * energy[:, 0])
+        np.testing.assert_array_equal(ok[:4], True)
+        assert not ok[6:].any()
+        assert unstable.any()
+        np.testing.assert_array_equal(np.asarray(path.first_bad)[unstable], 1)
+
+
+@pytest.mark.sample(0)
+def test_bodies_at_rest_gain_nothing():
+    """Rounding moves a rod in equilibrium, and 0 has no kinetic energy with which to compare."""
+    body, rod, start = ml.straight_rod(
+        5, [0.1, 0.2, 0.3], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0],
+        length=2.0, radius=0.1, density=5.0, youngs_modulus=10.0, shear_modulus=4.0,
+    )  # fmt: skip
+    assert ml.integrate("JACOBI[EA]", body, rod, start, dt=1e-3, steps=400, save_every=400).ok
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("driver", ["ensemble", "adaptive", "simulate"])
+def test_every_driver_finds_a_step_beyond_the_limit(driver, tmp_path):
+    (name, body, torque, *_), limit = STIFF["body"], limit_of("body")
+    many = jax.tree.map(lambda *x: jnp.stack(x), AWAY, AWAY)
+    if driver == "adaptive":
+        run = partial(ml.integrate_adaptive, name, body, torque, AWAY, steps=200, density=lambda t, s: jnp.ones_like(t))
+        paths = run(dt=0.9 * limit), run(dt=1.5 * limit)
+        assert [bool(path.ok) for path in paths] == [True, False]
+        assert paths[1].result == RESULTS.unstable
+    elif driver == "ensemble":
+        path = ml.ensemble(name, body, torque, many, dt=limit * jnp.array([0.9, 1.5]), steps=200)
+        assert path.ok.tolist() == [True, False]
+        assert (path.result == RESULTS.unstable).tolist() == [False, True]
+    else:
+        run = ml.simulate(name, body, torque, many, out=tmp_path / "run.npz", dt=1.2 * limit, steps=200, save_every=20)
+        assert run.first_bad.tolist() == [1, 1]

@@ -16,7 +16,6 @@ from .._xla.fusion import fuse, is_stored, split
 from ..drivers.arguments import as_method
 from ..methods.base import Method, Progress
 from ..methods.registry import DEFAULT
-from ..methods.schemes import KICK
 from ..methods.splitting import Splitting
 from ..methods.system import AnyMotion, System
 from ..methods.verdict import FINE, is_fine
@@ -80,7 +79,8 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     A step has an infinite error if its solve failed, if it is not finite, or if it turned by more than 2.4 radians. An
     adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not
-    finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`. A reverse-mode derivative is NaN if any
+    finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`; so does a body with impossible moments
+    or an impossible mass, with any controller. A reverse-mode derivative is NaN if any
     step that was tried, even one that was rejected, is not finite.
 
     Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken.
@@ -143,10 +143,12 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         start_time, end_time, h = clock(t0), clock(t1), as_time(terms.contr(t0, t1), y0)
         y0, memory = _varying_together((y0, solver_state))
         y1, error, dense, force, memory, ok = _step(method, system, start_time, end_time, h, y0, memory, made_jump)
+        term = _single_term(terms)
         if self.dense == "step":
-            term, times = _single_term(terms), [start_time, end_time, h]
+            times = [start_time, end_time, h]
             stored = force if _begins_with_force(method, system) else None
             dense = {"start": Start.of(method, term.body, term.torque_at(args), y0, stored, times)}
+        ok = ok & term.body.is_possible()
         success, failure = cast(Any, (diffrax.RESULTS.successful, diffrax.RESULTS.nonlinear_divergence))
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
@@ -174,7 +176,7 @@ def _begins_with_force(method: Method, system: System) -> bool:
     """Whether a step begins by using the torque at its start, which the previous step has stored."""
     if method.keeps_force(system):
         return True
-    return isinstance(method, Splitting) and system.keeps_torque and method.scheme.stages[0][0] == KICK
+    return isinstance(method, Splitting) and system.keeps_torque and method.scheme.begins_with_force
 
 
 @eqx.filter_jit

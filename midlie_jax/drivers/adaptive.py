@@ -40,7 +40,7 @@ from .._xla.fusion import fuse
 from .._xla.mesh import all_promoted, axes_of_run
 from ..methods.base import Method, Progress
 from ..methods.system import Motion, System
-from ..methods.verdict import FINE, UNFOLLOWED, earlier
+from ..methods.verdict import FINE, UNFOLLOWED, UNSTABLE, at_start, earlier
 from ..model.bodies import Body
 from ..model.densities import DensityLike
 from ..model.state import AnyState, StateT
@@ -48,6 +48,8 @@ from ..model.states import SpinState
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Checkpointed, Forward, Reversible, as_adjoint
 from .arguments import as_method, as_saving, as_scalar, check_clock, check_span, check_step, check_system
+from .bad_start import finite_start, nan_unless
+from .gain import with_gain_judged
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
 from .path import AdaptivePath, end_alone, first_bad
@@ -237,6 +239,8 @@ def _run(
     arguments = (body, torque, start, density, dt, t0, t1, rho)
     axes = axes_of_run(arguments, (on_body(torque, body), t0, start), (density, t0, start))
     body, torque, start, density, dt, t0, t1, rho = all_promoted(arguments, axes)
+    given, good = start, cp.all_finite(start)
+    start = finite_start(start, good, on_body(torque, body), t0, (body, density, dt, t1, rho))
     system = System.of(body, torque, start, t0)
 
     def advance(carry: tuple[Progress, _Clock], _: None) -> tuple[tuple[Progress, _Clock], None]:
@@ -269,16 +273,20 @@ def _run(
         return carry, (seen, clock.t, clock.rho, progress.ok & cp.all_finite((state, clock.rho)))
 
     follows = _follows(clock.rho, value) & (clock.half > 0)
-    progress = progress._replace(verdict=jnp.where(follows, FINE, UNFOLLOWED))
+    judged = earlier(at_start(body, good), jnp.where(follows, FINE, UNFOLLOWED))
+    progress = progress._replace(verdict=judged)
     begin = all_promoted((progress, clock), axes)
     every = save_every or steps
     (progress, clock), saved = jax.lax.scan(save_interval, begin, length=steps // every)
-    first = (observe_state(observe, t0, start, body, torque), t0, begin[1].rho)
+    before = given if observe is None else nan_unless(good, observe_state(observe, t0, start, body, torque))
+    saved = (nan_unless(good, saved[0]), *saved[1:])
+    first = (before, t0, begin[1].rho)
     states, times, rhos = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, saved[:3])
+    progress = with_gain_judged(system, start, t0, dt, steps, progress)
     finite = cp.all_finite((progress.motion, clock.rho))
     reached = True if t1 is None else clock.t == t1
     ok, result = progress.ok & finite & reached, result_of(progress.verdict, finite, reached)
-    bad = first_bad(start, saved[3])
+    bad = first_bad(given, saved[3] & (progress.verdict != UNSTABLE))
     bad = jnp.where(begin[0].ok, bad, jnp.zeros_like(bad))
     path = AdaptivePath(times, states, ok, bad, result, rhos, clock.taken)
     return path if save_every else end_alone(path)._replace(rho=rhos[-1])

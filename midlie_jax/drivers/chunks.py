@@ -61,6 +61,7 @@ def run_ensemble(
     counted: Array | None = None,
     tables: tuple[Rows, Rows] | None = None,
     leg: Leg | None = None,
+    guarded: bool = False,
 ) -> tuple[Path[Any], Any]:
     """`ensemble` without the checks: the path of all bodies, and their states at its end; for a leg also the progress.
 
@@ -73,6 +74,7 @@ def run_ensemble(
         counted: (n,), whether a statistic may count a body; by default it counts all bodies that can be trusted.
         tables: from `shared_tables`.
         leg: which of the steps are taken, by default all; see `run_of_body`.
+        guarded: as for `run_of_body`.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
@@ -86,9 +88,8 @@ def run_ensemble(
         (mapped, carried), every = own, given if fixed is None else fixed
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         own_leg = None if leg is None else Leg(ends[0], ends[1], carried)
-        path, end, progress = run_of_body(
-            method, adjoint, body, torque, start, dt, t0, first, intervals, every, inputs, rows, observe, own_leg
-        )
+        run = method, adjoint, body, torque, start, dt, t0, first, intervals, every
+        path, end, progress = run_of_body(*run, inputs, rows, observe, own_leg, guarded)
         return end_alone(path) if at_end else path, end if leg is None else (end, progress)
 
     out_axes: Any = (Path(0 if own_times else None, 0, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]

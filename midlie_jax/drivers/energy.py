@@ -9,6 +9,8 @@ from jax import Array
 from jaxtyping import Float
 
 from .._checks.arguments import as_floats
+from .._xla.compiler import tuned_jit
+from .._xla.structure import once
 from ..model import observables
 from ..model.bodies import Body
 from ..model.compatibility import check_body, check_state, check_torque
@@ -54,15 +56,19 @@ def energy(
     """
     path = None if isinstance(motion, State) else motion
     state = getattr(path, "states", None) if path is not None else motion
-    if not isinstance(state, State) or not state.own_axes:
-        return observables.energy(body, torque, motion, t)
+    if not isinstance(state, State):
+        return observables.energy(body, torque, motion, t)  # which raises
+    if path is None and t is not None:
+        t = as_floats("t", t).astype(state.momentum.dtype)
+    if not state.own_axes:
+        return _of_one(body, torque, motion, t)
     check_state("motion", state)
     check_body(body, state)
     check_torque(torque)
     own_body, batch = axes_of_bodies(body, state) == 1, state.momentum.shape[: -state.own_axes]
-    rows = _rows(body, torque, state, own_body, path is not None and path.ok.ndim == 1, torque_axes)
+    rows = once(_rows, body, torque, state, own_body, path is not None and path.ok.ndim == 1, torque_axes)
     if not own_body and not any(jax.tree.leaves(rows)):
-        return observables.energy(body, torque, motion, t)
+        return _of_one(body, torque, motion, t)
     if path is not None and t is not None:
         raise ValueError("a path has its own times; do not pass t.")
     times = t if path is None else path.times
@@ -70,6 +76,16 @@ def energy(
         times = jnp.broadcast_to(as_floats("t", times).astype(state.momentum.dtype), batch)
     arguments = (body, torque)
     mapped, shared = eqx.partition(arguments, (jax.tree.map(lambda _: own_body, body), rows))
+    return _of_bodies(mapped, shared, state, times)
+
+
+# Compiled as one program: a potential of many bodies would take a second operation by operation.
+_of_one = tuned_jit(observables.energy)
+
+
+@tuned_jit
+def _of_bodies(mapped: Any, shared: Any, state: Any, times: Any) -> Array:
+    """The energies of bodies, from body and torque with None for each leaf that all share, and the reverse."""
 
     def of_one(mapped: Any, state: Any, times: Any) -> Array:
         body, torque = eqx.combine(mapped, shared)

@@ -9,6 +9,7 @@ from jax import Array
 from jax.sharding import Mesh
 
 from .._checks.arguments import as_count, as_floats, described, require_finite
+from .._xla.internals import bodies_at_once
 from .._xla.structure import once
 from ..methods.base import Method
 from ..model.bodies import Body
@@ -140,7 +141,9 @@ def ensemble(
     every = count_as_argument(steps // intervals, steps, adjoint)
     run = batch.method, adjoint, batch.mapped, batch.shared, first
     tables = shared_tables(*run, *prepared_steps(first, intervals, every))
-    return run_ensemble(*run, intervals, every, save_every is None, size, observe, mesh, tables=tables)[0]
+    return run_ensemble(
+        *run, intervals, every, save_every is None, size, observe, mesh, tables=tables, guarded=not bodies_at_once()
+    )[0]
 
 
 class Batch(NamedTuple):

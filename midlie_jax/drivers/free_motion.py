@@ -18,11 +18,12 @@ from .._xla.fusion import begin, fuse
 from ..methods.flights.axis_turn import Circle
 from ..methods.flights.free_orbit import Orbit
 from ..methods.system import Motion, System
-from ..methods.verdict import FINE, LOST
+from ..methods.verdict import FINE, LOST, at_start, earlier, is_fine
 from ..model.bodies import Body, principal_of
 from ..model.rotor import Rotor
 from ..model.state import StateT
 from .arguments import as_method, as_scalar, check_system
+from .bad_start import finite_start, nan_unless
 from .path import Path
 from .results import result_of
 
@@ -94,6 +95,8 @@ def _run_of_several(body: Any, start: Any, times: Array) -> Path[Any]:
 
 def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
     """`free_motion` of one body, without the checks."""
+    good = cp.all_finite(start)
+    start = finite_start(start, good, None, times, (body, times))
     system = System.of(body, None, start, jnp.zeros((), times.dtype))
     motion = system.motion(start)
     turning, turned = system.rotating(motion)
@@ -112,9 +115,11 @@ def path_of_one(body: Any, start: StateT, times: Array) -> Path[StateT]:
         return system.kind.join(moved.momentum, moved.pose), ok & cp.all_finite(moved)
 
     states, ok = jax.vmap(at)(times)
-    count = times.shape[0]
+    states = nan_unless(good, states)
+    possible = at_start(body, good)
+    count, ok = times.shape[0], ok & is_fine(possible)
     first_bad = jnp.min(jnp.where(ok, count, jnp.arange(count)), initial=count).astype(jnp.int32)
-    judged = jnp.where(jnp.all(ok), FINE, LOST)
+    judged = earlier(possible, jnp.where(jnp.all(ok), FINE, LOST))
     return Path(times, states, jnp.all(ok), first_bad, result_of(judged, cp.all_finite(states)))
 
 

@@ -11,18 +11,21 @@ from jax import Array
 from .._checks.arguments import as_count
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
+from .._xla.internals import bodies_at_once
 from .._xla.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
 from ..methods.system import System
-from ..methods.verdict import FINE, UNCOUNTED
+from ..methods.verdict import UNSTABLE, at_start
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
 from .adjoints import Adjoint, Steps, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
+from .bad_start import finite_start, nan_unless
 from .clock import ends_of_step, ends_of_step_back, time_of
 from .counted import count_as_argument, take_counted
+from .gain import with_gain_judged
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
 from .observe.series import Series
@@ -134,7 +137,7 @@ def integrate(
     check_times(method, torque, begin, h, first, steps)
     adjoint, every = as_adjoint(adjoint), save_every or steps
     run = adjoint, body, torque, start, h, begin, first, steps // every, count_as_argument(every, steps, adjoint)
-    return _run(method, *run, at_end=save_every is None, observe=observe)
+    return _run(method, *run, at_end=save_every is None, observe=observe, guarded=not bodies_at_once())
 
 
 def run_of_body(
@@ -152,6 +155,7 @@ def run_of_body(
     rows: tuple[Rows, Rows] | None = None,
     observe: Observe | None = None,
     leg: Leg | None = None,
+    guarded: bool = False,
 ) -> tuple[Path[Any], AnyState, Progress]:
     """`integrate` without the checks: the path, and the state and progress at its end, from which a run can go on.
 
@@ -166,6 +170,7 @@ def run_of_body(
         observe: what the path holds in place of the states.
         leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg and the
             failures there are valid. `adjoint` is ignored.
+        guarded: whether a start that is not finite must not reach the steps, because they may be differentiated.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -177,6 +182,9 @@ def run_of_body(
 
     if shared is not None:
         system = system._replace(costly=shared.costly)
+    given, good = start, cp.all_finite(start) if guarded else jnp.asarray(True)
+    if guarded:
+        start = finite_start(start, good, on_body(torque, body), t0, (body, dt))
     rows_idle, rows_of_steps = (None, None) if rows is None else rows
     keeps_force = method.keeps_force(system)
     # Whether an idle step of the loop computes the force at the start.
@@ -200,7 +208,7 @@ def run_of_body(
         return method.advance(system, (t0, dt), partial(ends_of_step, step[0], dt), dt, progress, axes, again)[0]
 
     def begin() -> Progress:
-        progress = Progress(system.motion(start), None, promoted(jnp.where(counted, FINE, UNCOUNTED), axes))
+        progress = Progress(system.motion(start), None, promoted(at_start(body, good, counted), axes))
         if waits:
             return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
         if keeps_force:
@@ -252,16 +260,25 @@ def run_of_body(
         rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
     progress, (seen, solved) = jax.lax.scan(save_interval, progress, (numbers, interval_starts, rows_of_intervals))
     # Outside the loop over steps, which does not need this result.
+    steps = intervals * save_every if isinstance(save_every, int) else None
+    whole = leg is None or leg.end == steps
+    progress = with_gain_judged(system, start, t0, dt, steps, progress, whole)
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved
     if leg is not None:  # a failure in the leg does not concern what was saved before it
         trusted = trusted | (interval_starts - first + save_every <= leg.begin)
-    before = observe_state(observe, time_of(*uniform, first), start, body, torque)
+    trusted = trusted & (progress.verdict != UNSTABLE)
+    before = given
+    if observe is not None:
+        before = observe_state(observe, time_of(*uniform, first), start, body, torque)
+        before = nan_unless(good, before) if guarded else before
+    seen = nan_unless(good, seen) if guarded else seen
     seen = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), before, seen)
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
     finite = cp.all_finite(progress.motion)
     result = result_of(progress.verdict, finite)
-    path = Path(times, seen, progress.ok & finite, first_bad(start, trusted), result)
-    return path, system.state(progress.motion), progress
+    path = Path(times, seen, progress.ok & finite, first_bad(given, trusted), result)
+    end = system.state(progress.motion)
+    return path, nan_unless(good, end) if guarded else end, progress
 
 
 def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:

@@ -23,11 +23,13 @@ class Path(NamedTuple, TypedBy[States]):
         times: (n,), the start first; n = 1 + steps / save_every.
         states: the states at these times, of the class of the start, with a leading axis (n,); with `observe` what was
             observed.
-        ok: (), False when a solve failed or a number was not finite.
+        ok: (), False when a solve failed, a number was not finite, the body is impossible, or a run of at least 128
+            steps of bodies that travel, coupled bodies or particles gained more energy than its potential can give.
         first_bad: (), the index in `times` of the first saved state that cannot be trusted, because a solve failed or a
             number stopped being finite at or before its time; n if there is none. So `states[:first_bad]` can be
             trusted, and the first bad step ends after `times[first_bad - 1]` and not after `times[first_bad]`: with
-            `save_every` 1 it is step number `first_bad` of the run, counted from 1.
+            `save_every` 1 it is step number `first_bad` of the run, counted from 1. A gain of energy is judged at the
+            end of the run, and then it is 1.
         result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
             sentence with the cure. None in a path that no driver made.
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax import Array
 
-from ..methods.verdict import BEYOND, FINE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED
+from ..methods.verdict import BEYOND, FINE, IMPOSSIBLE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED, UNSTABLE
 
 
 class RESULTS(eqx.Enumeration):
@@ -44,6 +44,14 @@ class RESULTS(eqx.Enumeration):
         "A time is so far from the start that rounding leaves no digit of the phase, or the body is so thin that "
         "rounding is magnified. Take times nearer to the start, or float64."
     )
+    impossible_body = (
+        "No real body has these moments or this mass: one is not positive or not finite, or the largest moment exceeds "
+        "the sum of the other two. Check them; RigidBody(moments, physical=False) leaves out the last condition."
+    )
+    unstable = (
+        "The energy grew far beyond what the forces can give: the step exceeds their stability limit. Take a shorter "
+        "step; midlie_jax.check finds one."
+    )
     end_not_reached = "The run did not reach t1 in its number of steps. Take more steps, or a longer dt."
 
 
@@ -62,6 +70,8 @@ def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> An
         (UNCOUNTED, RESULTS.too_many_steps),
         (UNFOLLOWED, RESULTS.density_lost),
         (LOST, RESULTS.phase_lost),
+        (IMPOSSIBLE, RESULTS.impossible_body),
+        (UNSTABLE, RESULTS.unstable),
     ):
         found = RESULTS.where(verdict == code, result, found)
     end: Any = RESULTS.where(jnp.asarray(reached), RESULTS.successful, RESULTS.end_not_reached)

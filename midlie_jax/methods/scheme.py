@@ -147,14 +147,19 @@ class Scheme:
         return any(kind == BATH for kind, _ in self.stages)
 
     @property
-    def reuses_force(self) -> bool:
-        """Whether a step begins and ends with a kick, so that its last force is the first force of the next step.
+    def begins_with_force(self) -> bool:
+        """Whether a step begins with a kick by the force at its start itself, without a gradient.
 
         A bath before the first kick or after the last one does not change the force.
         """
         kinds = [kind for kind, _ in self.stages if kind != BATH]
-        ends = kinds[0] == kinds[-1] == KICK
-        return ends and (not self.gradients or self.gradients[0] == self.gradients[-1] == 0)
+        return kinds[0] == KICK and not any(self.gradients[:1])
+
+    @property
+    def reuses_force(self) -> bool:
+        """Whether a step begins and ends with such a kick, so that its last force is the first of the next step."""
+        kinds = [kind for kind, _ in self.stages if kind != BATH]
+        return self.begins_with_force and kinds[-1] == KICK and not any(self.gradients[-1:])
 
     def merged(self) -> "Scheme":
         """The scheme with adjacent stages of the same kind merged: the same method if the flight is exact."""

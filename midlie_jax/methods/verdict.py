@@ -5,11 +5,13 @@ flight that solves nothing may return a number in its place, its share of the re
 fine, NaN is not finite. Of the shares in a step, the largest counts.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST = map(np.int8, range(7))
+FINE, UNSOLVED, BEYOND, NOT_FINITE, UNCOUNTED, UNFOLLOWED, LOST, IMPOSSIBLE, UNSTABLE = map(np.int8, range(9))
 
 
 def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
@@ -49,6 +51,18 @@ def of_all(ok: Array | bool) -> Array | bool:
     if isinstance(ok, bool) or not ok.ndim:
         return ok
     return jnp.all(ok) if ok.dtype == np.bool_ else jnp.max(ok)
+
+
+def at_start(body: Any, finite: Array | bool = True, counted: Array | bool = True) -> Array:
+    """The verdict before the first step.
+
+    Args:
+        body: which must be possible.
+        finite: whether the start is finite.
+        counted: whether 32 bits count the steps.
+    """
+    good = jnp.where(finite, jnp.where(counted, FINE, UNCOUNTED), NOT_FINITE)
+    return jnp.where(body.is_possible(), good, IMPOSSIBLE)
 
 
 def is_fine(verdict: Array | bool) -> Array:

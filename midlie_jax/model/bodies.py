@@ -45,7 +45,7 @@ def require_within_range(name: str, value: Any, units: str) -> None:
     )
 
 
-def _triangle(moments: np.ndarray) -> Any:
+def _triangle(moments: Any) -> Any:
     """Whether the largest moment is at most the sum of the other two."""
     return 2 * moments.max(-1) <= moments.sum(-1) * (1 + _TRIANGLE_TOLERANCE)
 
@@ -90,6 +90,13 @@ class Body(eqx.Module):
         """The velocity for a momentum, as arrays."""
         return cp.packed(self.inertia().velocity(cp.unpacked(momentum)))
 
+    def is_possible(self) -> Array | bool:
+        """Whether the numbers of the body, or of all coupled bodies, are what the constructor requires, ().
+
+        The constructor cannot check traced numbers. So a run asks once, before its first step.
+        """
+        return True
+
     @property
     def batch(self) -> tuple[int, ...]:
         """The sizes of the leading axes of a batch of bodies."""
@@ -115,6 +122,7 @@ class RigidBody(Body):
     Attributes:
         moments: principal moments of inertia about this point, (..., 3), mass x length^2. The axes of the body frame
             are the principal axes, in the order of the moments.
+        physical: whether the moments must satisfy the triangle inequality.
 
     Args:
         moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`.
@@ -135,9 +143,10 @@ class RigidBody(Body):
     """
 
     moments: Float[Array, "*batch 3"]
+    physical: bool = eqx.field(static=True, repr=False)
 
     def __init__(self, moments: Any, *, physical: bool = True):
-        self.moments = as_floats("moments", moments, (3,))
+        self.moments, self.physical = as_floats("moments", moments, (3,)), bool(physical)
         # A (3, 3) array can be three bodies or, by mistake, a tensor. The rows of a physical tensor fail one of
         # the checks below, and the message then names the classes for tensors.
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
@@ -189,6 +198,12 @@ class RigidBody(Body):
     def inertia(self) -> Inertia:
         """The constants of a run."""
         return Inertia.of(self)
+
+    def is_possible(self) -> Array:
+        """Whether the moments are positive, finite and, unless `physical` is False, satisfy the inequality."""
+        moments = jax.lax.stop_gradient(self.moments)
+        possible = masses.all_positive(moments)
+        return possible & jnp.all(_triangle(moments)) if self.physical else possible
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -248,6 +263,10 @@ class TensorBody(Body):
     def inertia(self) -> Inertia:
         """The constants of a run, in the principal frame."""
         return self.principal.inertia()
+
+    def is_possible(self) -> Array:
+        """Whether the principal moments are possible."""
+        return self.principal.is_possible()
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -326,6 +345,10 @@ class Particles(Body):
     def inertia(self) -> "Particles":
         """The particles themselves, which are moved as arrays."""
         return self
+
+    def is_possible(self) -> Array:
+        """Whether the masses are positive and finite; a matrix that is not positive definite has no Cholesky factor."""
+        return masses.all_positive(jnp.diag(self.mass) if masses.is_matrix(self.mass) else self.mass)
 
     def velocity(self, momentum: Array) -> Array:
         """The velocity u' = M^-1 p."""

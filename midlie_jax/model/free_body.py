@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, described, require_rows
 from .._math import components as cp
 from .bodies import Body, RigidBody, TensorBody, require_within_range
-from .masses import is_positive
+from .masses import all_positive, is_positive
 from .rotor import Rotor
 
 
@@ -93,6 +93,10 @@ class FreeBody(Body):
     def inertia(self) -> FreeInertia:
         """The constants of a run."""
         return FreeInertia(self.body.inertia(), 1 / self.mass)
+
+    def is_possible(self) -> Array:
+        """Whether the moments are possible, and the mass is positive and finite."""
+        return self.body.is_possible() & all_positive(self.mass)
 
     def velocity(self, momentum: Any) -> Any:
         """The velocity for a momentum: of an array (..., 3), the angular momentum, the angular velocity."""

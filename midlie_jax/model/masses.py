@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -13,6 +14,12 @@ from .._math import components as cp
 def is_positive(numbers: np.ndarray) -> Any:
     """Whether numbers are finite and above zero."""
     return np.isfinite(numbers) & (numbers > 0)
+
+
+def all_positive(numbers: Array) -> Array:
+    """Whether all numbers, which may be traced, are finite and above zero, ()."""
+    numbers = jax.lax.stop_gradient(numbers)
+    return jnp.all(jnp.isfinite(numbers) & (numbers > 0))
 
 
 def is_matrix(mass: Array) -> bool:

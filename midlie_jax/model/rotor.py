@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
@@ -9,9 +11,10 @@ from jaxtyping import Float
 from .._checks.arguments import as_floats, require, require_rows
 from .._math import components as cp
 from .bodies import Body, require_within_range
-from .masses import is_positive
+from .masses import all_positive, is_positive
 
 _UNITS = "check its units."
+_ROUNDING = 1e-6  # of `along`, relative to twice the moment
 
 
 class RotorInertia(NamedTuple):
@@ -80,6 +83,15 @@ class Rotor(Body):
     def inertia(self) -> RotorInertia:
         """The constants of a run."""
         return RotorInertia(1 / self.moment)
+
+    def is_possible(self) -> Array:
+        """Whether the moment is positive and finite, and `along` between zero and twice as much."""
+        possible = all_positive(self.moment)
+        if self.along is None:
+            return possible
+        along = jax.lax.stop_gradient(self.along)
+        most = 2 * jax.lax.stop_gradient(self.moment) * (1 + _ROUNDING)
+        return possible & jnp.all((along >= 0) & (along <= most))
 
     @property
     def known_along(self) -> Float[Array, "*batch"]:

@@ -51,7 +51,8 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     Args:
         file: in any format that ase reads, with positions in the units that ase takes them to have.
         atoms: of a molecule, at least 3 and not on one line.
-        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements.
+        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements. Needed for LAMMPS data
+            without a section Masses, where they also determine the elements.
         options: for `ase.io.read`, such as format="lammps-data", units="real".
 
     Returns:
@@ -60,7 +61,7 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     Raises:
         ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
         ValueError: the number of atoms is no multiple of `atoms`, the box is not rectangular, the molecules differ in
-            shape or elements, or the atoms are on a line.
+            shape or elements, the atoms are on a line, or the file has neither elements nor masses.
 
     Examples:
         >>> from ase.build import molecule
@@ -77,6 +78,14 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
         raise ValueError(f"{file} has {len(found)} atoms, which is no multiple of atoms ({size}).")
+    if _elements_unknown(found, options):
+        if masses is None:
+            raise ValueError(
+                f"{file} has no masses, so that ase takes the numbers of its types for elements "
+                f"({found[:size].symbols}); pass masses, add a section Masses, or pass Z_of_type={{1: 6, 2: 1}} with "
+                "the atomic number of each type."
+            )
+        found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
     if symbols != symbols[:size] * (len(found) // size):
         raise ValueError(
@@ -89,8 +98,24 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     places = places[:, :1] + _nearest(places - places[:, :1], box)
     body, points = from_points(weights, places[0])
     if not isinstance(body.body, RigidBody):
-        raise ValueError("the atoms of a molecule are on a line; give a CoupledFreeAxisState by hand.")
+        raise ValueError(
+            "the atoms of a molecule are on a line, which read does not support; take the body from "
+            "midlie_jax.from_points, and make a midlie_jax.CoupledFreeAxisState of axes and positions."
+        )
     return Molecules(body, points, _start(weights, np.asarray(points), places, velocities), box, symbols[:size])
+
+
+def _elements_unknown(atoms: Any, options: dict[str, Any]) -> bool:
+    """Whether ase found neither masses nor elements, as in LAMMPS data without a section Masses."""
+    typed = "type" in atoms.arrays and np.array_equal(atoms.arrays["type"], atoms.numbers)
+    return typed and not atoms.has("masses") and options.get("Z_of_type") is None
+
+
+def _nearest_elements(masses: np.ndarray) -> np.ndarray:
+    """The atomic numbers of the elements with the nearest masses, as ase finds them from a section Masses."""
+    from ase.data import atomic_masses
+
+    return 1 + np.abs(masses[:, None] - atomic_masses[1:]).argmin(axis=1)
 
 
 def _box(atoms: Any) -> np.ndarray:

@@ -1,0 +1,97 @@
+"""Whether a run gained energy that its forces do not give: so blow-ups of bodies that travel, or are coupled, are seen.
+
+A step beyond the stability limit of a force makes the motion grow without bound, but finite: a chain flies apart and
+looks like a result. The reach of a method catches this for rotations alone. So a run under a potential that does not
+depend on time compares the energy at its end with that at its start, once, outside of the loop over steps.
+
+With the kinetic energy K and the potential V, a stable step of an oscillator of frequency w gains at most
+a / (1 - a) (K0 + max(V0 - V1, 0)), where a is the square of h w over its limit. `_MOST` admits h w up to 0.976 of it.
+"""
+
+from functools import reduce
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .._xla.replay import traits
+from ..methods.base import Progress
+from ..methods.system import AnyMotion, System
+from ..methods.verdict import FINE, UNSTABLE, earlier
+from ..model.bodies import Particles
+from ..model.state import AnyState
+from ..model.torques import potential_of
+
+_MOST = 20.0
+_LEAST_STEPS = 128  # in a shorter run two potentials would take 3 % of the time or more
+_ROUNDING = 1e4  # in units of eps: a motion per step, relative to the place, that rounding alone may cause
+
+
+def with_gain_judged(
+    system: System,
+    start: AnyState,
+    t: Array,
+    h: Array,
+    steps: int | None,
+    progress: Progress,
+    whole: Array | bool = True,
+) -> Progress:
+    """The progress at the end of a run, with the verdict UNSTABLE if the run gained energy.
+
+    Args:
+        system, start, t, h: of the run.
+        steps: how many there are; None if the number is an argument of the program.
+        whole: whether this is the end of all steps and not that of a leg, so that legs change no result.
+    """
+    potential = _potential(system, start, t) if steps is None or steps >= _LEAST_STEPS else None
+    if potential is None:
+        return progress
+    ends = jax.lax.stop_gradient(jax.tree.map(lambda *x: jnp.stack(x), system.motion(start), progress.motion))
+    kinetic = jax.vmap(lambda motion: _kinetic(system, motion))(ends)
+    height = jax.lax.stop_gradient(jax.vmap(lambda motion: system.number(potential, t, motion))(ends))
+    gain = (kinetic[1] - kinetic[0]) + (height[1] - height[0])
+    given = kinetic[0] + jnp.maximum(height[0] - height[1], 0)
+    eps = jnp.finfo(gain.dtype).eps
+    gained = whole & (gain > _MOST * given + _ROUNDING * eps * jnp.abs(height[0]))
+    unstable = gained & _moves(system, _ROUNDING * float(eps), h, jax.lax.stop_gradient(progress.motion))
+    return progress._replace(verdict=earlier(progress.verdict, jnp.where(unstable, UNSTABLE, FINE)))
+
+
+def _potential(system: System, start: AnyState, t: Array) -> Any:
+    """The potential under which bodies that travel or are coupled, or particles, keep their energy; None if none."""
+    travels = system.kind.rotation is not None or system.kind.several or isinstance(system.inertia, Particles)
+    if system.torque is None or not travels or system.reads_momentum or system.bath is not None:
+        return None
+    try:
+        potential = potential_of(system.torque)
+        found = traits(lambda t, state: jnp.asarray(potential(t, state)), t, start)
+    except ValueError:
+        return None
+    return None if found.reads[0] else potential
+
+
+def _kinetic(system: System, motion: AnyMotion) -> Array:
+    products = jax.tree.map(jnp.multiply, motion.momentum, system.velocity(motion.momentum))
+    return sum(map(jnp.sum, jax.tree.leaves(products)), start=jnp.zeros((), _dtype(motion))) / 2
+
+
+def _dtype(motion: AnyMotion) -> Any:
+    return jax.tree.leaves(motion)[0].dtype
+
+
+def _moves(system: System, least: float, h: Array, motion: AnyMotion) -> Array:
+    """Whether a step moves a body by more than `least`, relative to its distance from the origin, or in radians."""
+    moved = jnp.zeros_like(h, bool)
+    for own, one in system.members(motion):
+        velocity: Any = own.velocity(one.momentum)
+        if own.kind.rotation is not None:
+            moved = moved | (jnp.abs(h) * _largest(velocity.linear) > least * _largest(one.pose.position))
+            velocity = velocity.angular
+        size = _largest(one.pose) if isinstance(own.inertia, Particles) else 1.0
+        moved = moved | (jnp.abs(h) * _largest(velocity) > least * size)
+    return moved
+
+
+def _largest(vector: Any) -> Array:
+    return reduce(jnp.maximum, [jnp.max(jnp.abs(x)) for x in jax.tree.leaves(vector)])
