@@ -324,6 +324,8 @@ WRONG = [
 ]
 BOX = ml.Surface.box([1.0, 2.0, 3.0])
 X, Z = unit(1.0, 0, 0), unit(0, 0, 1.0)
+STILL, UPRIGHT = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+PAIR = ml.CoupledState(STILL, UPRIGHT, STILL, STILL)
 WRONG += [
     (lambda: observe.Brightness(BOX, 2 * Z, Z, observe.Lambert()), "sun must be a unit vector"),
     (lambda: observe.Brightness(BOX, Z, 2 * Z, observe.Lambert()), "observer must be a unit vector"),
@@ -334,6 +336,10 @@ WRONG += [
         lambda: observe.Brightness(BOX, Z, Z, observe.Lambert(), albedo=[1.0, 1])(0.0, STATE),
         "albedo must be .. or .6,.",
     ),
+    (
+        lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, PAIR),
+        r"Brightness must have the state of one.*of_body\(i",
+    ),
     (lambda: observe.LommelSeeliger(-0.1), "lambert must be finite and not negative"),
     (lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, ml.MomentumState([1.0, 0, 0])), "no direction"),
 ]
@@ -343,6 +349,13 @@ WRONG += [
 def test_what_is_wrong_is_named_with_its_cure(wrong, message):
     with pytest.raises(ValueError, match=message):
         wrong()
+
+
+def test_the_brightness_of_each_body_of_a_pair():
+    """As the message about a pair says."""
+    light = observe.Brightness(BOX, Z, Z, observe.Lambert())
+    found = light(0.0, PAIR.of_body(1))
+    assert found == light(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
 
 
 def test_a_missing_trimesh_is_named_with_its_extra(monkeypatch, tmp_path):

@@ -216,8 +216,8 @@ def tumble(body: Body, state: AnyState) -> Tumble:
 
     Differentiable; `short_axis` changes where the energy crosses that of the separatrix, the energy of a rotation about
     the axis of the middle moment I2. There the rotation period is infinite, and both precession periods are
-    2 pi I2 / |L|. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball they
-    are NaN.
+    2 pi I2 / |L|. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball
+    they are NaN.
 
     Args:
         body: a `RigidBody`, `TensorBody`, or `FreeBody` of one; or n bodies, whose states have a leading axis n.
