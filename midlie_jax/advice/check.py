@@ -155,6 +155,9 @@ def check(
 ) -> Check:
     """Finds by trials, before a run, whether a step is sane, and which step would be.
 
+    A sane step is a stable one. It may still lose the phase over a long run: the error of the attitude grows with time,
+    as the order-th power of the step. `midlie_jax.recommend` finds the step for an error at the end of a run.
+
     Compiling takes some seconds; further calls with the same torque function compile nothing.
 
     Args:
