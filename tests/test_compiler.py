@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -108,3 +109,34 @@ def test_wide_vectors_change_no_bit_and_vectorised_steps_no_more_than_rounding(n
     bound = 64 * np.finfo(dtype).eps
     for one, other in zip(jax.tree.leaves(wide.states), jax.tree.leaves(vectorised.states), strict=True):
         assert np.max(np.abs(one - other)) <= bound * np.max(np.abs(one))
+
+
+class Numbered(eqx.Module):
+    """A torque whose program depends on the type and the sign of a Python number."""
+
+    number: complex | float | bool
+
+    def __call__(self, t, state):
+        sign = np.copysign(1.0, np.real(self.number)) * np.copysign(1.0, np.imag(self.number))
+        return jnp.array([sign * (1.0, 2.0, 3.0, 4.0)[(bool, int, float, complex).index(type(self.number))], 0.0, 0.0])
+
+
+@pytest.mark.parametrize("outer", [lambda run: run, jax.jit], ids=["alone", "in a program"])
+def test_equal_python_numbers_have_programs_of_their_own(outer):
+    """0.0 and -0.0 are equal, and so are 1, 1.0 and True; of each such pair the second ran as the first."""
+    start = ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+    for number, torque in (
+        (0.0, 3),
+        (-0.0, -3),
+        (0, 2),
+        (False, 1),
+        (1.0, 3),
+        (1, 2),
+        (True, 1),
+        (complex(1, 0.0), 4),
+        (complex(1, -0.0), -4),
+    ):
+        run = outer(
+            lambda start, n=number: ml.integrate("RK4", ml.RigidBody([1.0] * 3), Numbered(n), start, dt=0.5, steps=1)
+        )
+        assert float(run(start).states.momentum[-1, 0]) == pytest.approx(torque / 2), number

@@ -429,3 +429,39 @@ def test_a_number_is_no_torque(monkeypatch, add, shown):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(ValueError, match=rf"must be a function of \(t, state\), got {shown} in a sum.*Prescribed"):
         add(torque)
+
+
+def three(t, state, body):
+    return state.momentum
+
+
+def test_functions_with_other_arguments_are_named_with_their_cure(monkeypatch):
+    """Before they are called, when JAX would raise a TypeError from within; also as a term of a sum."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0])
+    batch, step = jax.tree.map(lambda x: x[None], start), {"dt": 0.1, "steps": 1}
+    calls = {
+        "BodyTorque": [
+            lambda: ml.integrate("RK4", body, three, start, **step),
+            lambda: ml.integrate("RK4", body, ml.torques.HeavyTop(1.0) + three, start, **step),
+            lambda: ml.ensemble("RK4", body, three, batch, **step),
+            lambda: ml.check("RK4", body, three, start, dt=0.1),
+        ],
+        "Prescribed": [lambda: ml.integrate("RK4", body, lambda t: jnp.zeros(3), start, **step)],
+        r"must be a function of \(t\), got one of \(t, state, body\)": [
+            lambda: ml.torques.Prescribed(three),
+            lambda: ml.torques.DipoleInField([1.0, 0.0, 0.0], three),
+        ],
+        r"must be a function of \(t, state\), got one of \(t, state, body\)": [
+            lambda: ml.torques.FromPotential(three),
+            lambda: ml.integrate("RK4", body, None, start, **step, observe=three),
+            lambda: ml.integrate_adaptive("LIEMID[EA]", body, None, start, **step, density=three),
+        ],
+        r"must be a function of \(t, state, body\), got one of \(x\)": [lambda: ml.torques.BodyTorque(lambda x: x)],
+    }
+    for message, wrong in calls.items():
+        for call in wrong:
+            with pytest.raises(ValueError, match=message):
+                call()
+    # What says nothing about its arguments is called.
+    assert ml.torques.Prescribed(np.sin).function is np.sin

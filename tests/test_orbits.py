@@ -239,6 +239,23 @@ def test_a_table_is_of_fourth_order(even, velocities):
 
 
 @pytest.mark.sample(0)
+def test_a_table_without_velocities_has_the_errors_that_its_docstring_says():
+    """On a circle, relative to those of a table with velocities: next to the ends, and elsewhere."""
+    for rows, at_end in ((50, 1.74), (100, 1.21), (200, 1.06)):
+        times = np.linspace(0, 2 * np.pi, rows + 1)
+        velocities = np.stack([-np.sin(times), np.cos(times), 0 * times], axis=-1)
+        positions = np.stack([np.cos(times), np.sin(times), 0 * times], axis=-1)
+        ratios = []
+        for begin, end in ((0.0, 0.2), (1.5, 4.7)):
+            t = np.linspace(begin, end, 2001)
+            exact = np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
+            tables = orbits.TableOrbit(times, positions), orbits.TableOrbit(times, positions, velocities)
+            errors = [np.linalg.norm(jax.vmap(table)(jnp.asarray(t)) - exact, axis=-1).max() for table in tables]
+            ratios.append(errors[0] / errors[1])
+        assert ratios[0] == pytest.approx(at_end, abs=0.01)
+        assert ratios[1] < 1.03
+
+
 def test_a_table_keeps_cubics_and_its_slopes_quartics():
     times = jnp.array([0.0, 0.4, 1.0, 1.7, 2.0, 3.1])
     powers = np.array([[1.0, -2.0, 0.5], [0.3, 1.0, -1.0], [-0.7, 0.2, 0.4], [0.1, -0.3, 0.2], [0.05, 0.02, -0.1]])

@@ -307,3 +307,28 @@ def test_every_driver_finds_a_step_beyond_the_limit(driver, tmp_path):
     else:
         run = ml.simulate(name, body, torque, many, out=tmp_path / "run.npz", dt=1.2 * limit, steps=200, save_every=20)
         assert run.first_bad.tolist() == [1, 1]
+
+
+def test_a_path_prints_in_two_lines():
+    """Its times, whether it is ok, why not, and the shapes; inside a program and in a tree of axes, its parts."""
+    body, run = moments("JACOBI[EA]"), {"dt": 1e-3, "steps": 40}
+    path = ml.integrate("JACOBI[EA]", body, TOP, FAST, **run)
+    shapes = "RigidState(momentum=f64[41,3], attitude=f64[41,4])"
+    assert repr(path) == f"Path: 41 saved states at times 0 to 0.04; ok\n{shapes}"
+    assert "successful" in str(path.result)
+    failed = ml.integrate("JACOBI[EA]", body, TOP, FAST, dt=1.0, steps=40)
+    assert repr(failed).startswith(
+        "Path: 41 saved states at times 0 to 40; states[:1] ok. A step turned the body further"
+    )
+    states = jax.tree.map(lambda x: jnp.stack([x, x, x]), FAST)
+    states = ml.RigidState(states.momentum * jnp.array([[1.0], [100.0], [1.0]]), states.attitude)
+    many = ml.ensemble("JACOBI[EA]", body, TOP, states, dt=1e-3, steps=4)
+    assert repr(many).startswith("Path: end at 0.004; 2 of 3 ok. A step turned the body further")
+    assert repr(many).count("A step turned") == 1
+    density = ml.densities.Spin(body.moments, reference=50.0, floor=1.0)
+    adaptive = ml.integrate_adaptive("JACOBI[EA]", body, TOP, FAST, density=density, **run)
+    assert repr(adaptive).startswith("AdaptivePath: 41 saved states at times 0 to 0.0")
+    texts = []
+    jax.make_jaxpr(lambda s: texts.append(repr(ml.integrate("JACOBI[EA]", body, TOP, s, **run))) or s.momentum)(FAST)
+    assert "times=f64[41]" in texts[0]
+    assert "ok=0" in repr(jax.tree.map(lambda x: 0, path))

@@ -1,6 +1,7 @@
 """Long runs in parts: the same bits however a run is cut short, spread or damaged; and errors that say what to do."""
 
 import contextlib
+import json
 import os
 import random
 import re
@@ -61,7 +62,8 @@ def test_a_simulation_is_the_ensemble(tmp_path, reference):
     assert (run.momentum.units, run.momentum.frame) == ("mass length2 time-1", "body")
     assert list(run.quaternion.values) == ["w", "x", "y", "z"]
     assert (run.method, run.dt, run.steps) == ("SYMMETRIC[EA]", 0.05, STEPS)
-    assert run.attrs["versions"]["jax"] == jax.__version__
+    assert json.loads(run.versions)["jax"] == jax.__version__
+    assert json.loads(run.parameters) == {"dt": 0.05, "t0": 0.0}
     np.testing.assert_array_equal(run.parameter_body_moments, MOMENTS)
     body = ml.RigidBody(jnp.asarray(MOMENTS))
     torque = ml.torques.HeavyTop(jnp.asarray(run.parameter_torque_weight.values))
@@ -273,6 +275,28 @@ def test_another_version_is_refused(tmp_path):
     description.write(path, described)
     with pytest.raises(ValueError, match=f"jax was 0.0.1 and is now {jax.__version__}"):
         simulated(path, resume=True)
+
+
+def test_a_run_goes_into_a_netcdf_file(tmp_path):
+    """Whose attributes cannot be dicts."""
+    run = simulated(tmp_path / "run.zarr").open()
+    run.to_netcdf(tmp_path / "run.nc")
+    with xarray.open_dataset(tmp_path / "run.nc") as found:
+        xarray.testing.assert_identical(found.load(), run.load())
+
+
+def test_a_store_of_an_earlier_version_is_read_and_resumed(tmp_path, reference):
+    """Its attributes that are dicts were not texts."""
+    path = tmp_path / "run.zarr"
+    simulated(path)
+    file = path / "zarr.json"
+    document = json.loads(file.read_text())
+    named = "parameters", "versions", "midlie_jax"
+    document["attributes"] |= {name: json.loads(document["attributes"][name]) for name in named}
+    file.write_text(json.dumps(document))
+    assert ml.simulation.saved_path(path).path.ok
+    assert simulated(path, resume=True).computed == 0
+    assert_same(path, reference)
 
 
 def test_the_cut_of_a_resumed_run_is_kept(tmp_path):

@@ -165,7 +165,7 @@ def test_a_torque_of_the_body_reads_what_it_acts_on():
     ("call", "message"),
     [
         (lambda: torques.Damping(-1.0), "coefficient must be finite and not negative"),
-        (lambda: torques.Damping(jnp.ones(2)), r"coefficient must be a number or have shape \(3,\)"),
+        (lambda: torques.Damping(jnp.ones(2)), r"coefficient must be a number or have shape \(3,\).*write jnp.tile\("),
         (lambda: torques.PDControl(jnp.ones(4), 1.0, 1.0), "target must be a unit quaternion"),
         (lambda: torques.PDControl(START.attitude, -1.0, 1.0), "proportional must be finite and not negative"),
         (lambda: torques.Rotors(jnp.ones(2)), r"momentum must have shape \(3,\)"),

@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
-from midlie_jax.cli.commands.export import euler_angles
+from midlie_jax.attitudes.forms import euler_angles, matrices_of
 from midlie_jax.cli.commands.store_chart import store_figure
 from midlie_jax.cli.main import main
 
@@ -39,6 +40,40 @@ def test_euler_angles_give_the_rotation_back(sequence):
     assert list(np.flatnonzero(locked)) == [0, 1]
     np.testing.assert_allclose(together(sequence, found), matrices, atol=1e-12)
     np.testing.assert_allclose(found[2:], angles[2:], atol=1e-9)
+
+
+NEAREST = np.array([0.0, 1e-15, 1e-12, 1e-9, 9e-8, 1e-7, 3e-7, 1e-6, 1e-5, 1e-3])  # to the pole, radians
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_euler_angles_near_the_poles_give_the_rotation_back(sequence):
+    """Near a pole, rounding changes the first angle much; the three angles together still give the rotation.
+
+    Of rounded matrices and of quaternions, in float32 and float64; by SciPy.
+    """
+    angles = np.random.default_rng(1).uniform(-3, 3, (20, 2, len(NEAREST), 3))
+    low, high = (0, np.pi) if sequence[0] == sequence[2] else (-np.pi / 2, np.pi / 2)
+    angles[..., 1] = np.stack([low + NEAREST, high - NEAREST])
+    rotations = Rotation.from_euler(sequence, angles.reshape(-1, 3))
+    for dtype in (np.float32, np.float64):
+        given = rotations.as_quat(scalar_first=True).astype(dtype)
+        whole = Rotation.from_quat(given.astype(float), scalar_first=True).as_matrix()
+        for matrices, wanted in ((matrices_of(given), whole), (rotations.as_matrix().astype(dtype),) * 2):
+            found, _ = euler_angles(matrices, sequence)
+            rebuilt = Rotation.from_euler(sequence, found.astype(float)).as_matrix()
+            np.testing.assert_allclose(rebuilt, wanted, atol=8 * np.finfo(matrices.dtype).eps)
+
+
+def test_a_quaternion_of_float32_near_a_pole():
+    """The exported third angle was 1.093451, which with the first angle is a rotation that is wrong by 0.08."""
+    quaternion = np.array([[0.34997767, 0.61442322, 0.34997699, -0.61442322]], np.float32)
+    for matrices, near in (
+        (matrices_of(quaternion), 1e-15),
+        (np.asarray(ml.so3.to_matrix(jnp.asarray(quaternion))), 1e-6),
+    ):
+        found, _ = euler_angles(matrices, "ZYX")
+        turn = Rotation.from_euler("ZYX", found.astype(float)).inv() * Rotation.from_quat(quaternion, scalar_first=True)
+        assert turn.magnitude() < near
 
 
 def start(bodies):

@@ -1,6 +1,8 @@
 """Surfaces: volume and inertia by closed forms, what is seen of an ellipsoid, light curves, and input that is wrong."""
 
 import itertools
+import re
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -145,6 +147,28 @@ def test_the_projected_area_of_an_ellipsoid_converges_with_its_facets():
         errors.append(np.sqrt(np.mean((2 * np.asarray(jax.vmap(at)(jnp.asarray(directions))) / exact - 1) ** 2)))
     assert errors[0] < 0.02
     assert errors[1] < min(4e-4, errors[0] / 8)
+
+
+@pytest.mark.sample(0)
+def test_the_brightness_of_1280_facets_is_as_exact_as_the_page_says():
+    """By the closed form, at each phase angle of the table in docs/surfaces.md."""
+    page = (Path(__file__).parents[1] / "docs" / "surfaces.md").read_text()
+    heads, *rows = (re.findall(r"\d[\d.e-]*", row) for row in re.findall(r"^\| (?:phase|root|largest).*$", page, re.M))
+    axes, generator = [3.0, 2.0, 1.0], np.random.default_rng(0)
+    surface = ml.Surface.ellipsoid(axes, 1280)
+
+    def error(pair):
+        law = observe.LommelSeeliger()
+        exact = observe.EllipsoidBrightness(axes, pair[0], pair[1])(0.0, STILL)
+        return observe.Brightness(surface, pair[0], pair[1], law)(0.0, STILL) / exact - 1
+
+    for degrees, root_mean_square, largest in zip(heads, *rows, strict=True):
+        turns = np.stack([np.linalg.qr(generator.normal(size=(3, 3)))[0] for _ in range(60)])
+        angle = np.deg2rad(float(degrees))
+        pairs = np.stack([turns[:, 0], np.cos(angle) * turns[:, 0] + np.sin(angle) * turns[:, 1]], axis=1)
+        errors = np.abs(jax.vmap(error)(jnp.asarray(pairs)))
+        assert float(f"{np.sqrt(np.mean(errors**2)):.1e}") == float(root_mean_square)
+        assert float(f"{errors.max():.1e}") == float(largest)
 
 
 @pytest.mark.sample(1)
@@ -324,6 +348,8 @@ WRONG = [
 ]
 BOX = ml.Surface.box([1.0, 2.0, 3.0])
 X, Z = unit(1.0, 0, 0), unit(0, 0, 1.0)
+NOTHING, UPRIGHT = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
+PAIR = ml.CoupledState(NOTHING, UPRIGHT, NOTHING, NOTHING)
 WRONG += [
     (lambda: observe.Brightness(BOX, 2 * Z, Z, observe.Lambert()), "sun must be a unit vector"),
     (lambda: observe.Brightness(BOX, Z, 2 * Z, observe.Lambert()), "observer must be a unit vector"),
@@ -334,6 +360,10 @@ WRONG += [
         lambda: observe.Brightness(BOX, Z, Z, observe.Lambert(), albedo=[1.0, 1])(0.0, STATE),
         "albedo must be .. or .6,.",
     ),
+    (
+        lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, PAIR),
+        r"Brightness must have the state of one.*of_body\(i",
+    ),
     (lambda: observe.LommelSeeliger(-0.1), "lambert must be finite and not negative"),
     (lambda: observe.Brightness(BOX, Z, X, observe.Lambert())(0.0, ml.MomentumState([1.0, 0, 0])), "no direction"),
 ]
@@ -343,6 +373,13 @@ WRONG += [
 def test_what_is_wrong_is_named_with_its_cure(wrong, message):
     with pytest.raises(ValueError, match=message):
         wrong()
+
+
+def test_the_brightness_of_each_body_of_a_pair():
+    """As the message about a pair says."""
+    light = observe.Brightness(BOX, Z, Z, observe.Lambert())
+    found = light(0.0, PAIR.of_body(1))
+    assert found == light(0.0, ml.RigidState([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]))
 
 
 def test_a_missing_trimesh_is_named_with_its_extra(monkeypatch, tmp_path):

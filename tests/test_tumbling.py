@@ -196,3 +196,33 @@ def test_a_mode_that_alone_has_the_periods_need_not_be_named():
     start = asked(mode=None, rotation_period=100.0)
     assert not ml.tumble(BODY, start).short_axis
     assert np.isnan(jax.jit(lambda p: asked(rotation_period=p))(100.0).momentum).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_rotation_about_the_middle_axis_never_comes_back(dtype):
+    """The rotation period is infinite; both precessions are those of the steady rotation, in either direction.
+
+    In every order of the axes, and for two equal moments, of which the middle one is one.
+    """
+    for moments, momentum in (
+        ([1.0, 2.0, 2.5], [0.0, 1.5, 0.0]),
+        ([2.0, 2.5, 1.0], [-1.5, 0.0, 0.0]),
+        ([2.0, 2.0, 1.0], [0.9, -1.2, 0.0]),
+        ([2.0, 2.0, 2.5], [0.9, 1.2, 0.0]),
+    ):
+        found = ml.tumble(ml.RigidBody(np.array(moments, dtype)), ml.MomentumState(jnp.array(momentum, dtype)))
+        assert found.rotation_period == np.inf
+        for value in (found.short_axis_period, found.long_axis_period):
+            assert value == pytest.approx(2 * np.pi * 2 / 1.5, rel=2 * float(np.finfo(dtype).eps))
+            assert value.dtype == dtype
+    assert np.isnan(ml.tumble(ml.RigidBody([2.0] * 3), ml.MomentumState(jnp.array([0.0, 1.0, 0.0]))).rotation_period)
+
+
+def test_derivatives_beside_a_rotation_about_the_middle_axis_are_finite():
+    """The body that rotates about its middle axis does not spoil the others of a batch."""
+
+    def periods(momentum):
+        found = jax.vmap(lambda p: ml.tumble(BODY, ml.MomentumState(p)))(momentum)
+        return jnp.sum(found.short_axis_period) + jnp.sum(found.energy_ratio)
+
+    assert np.isfinite(jax.grad(periods)(jnp.array([[0.0, 1.0, 0.0], [0.2, 0.1, 1.0]]))).all()

@@ -4,6 +4,7 @@ Shapes and dtypes are always checked. Values are checked only where they are con
 cannot be read, and failures are reported as flags instead (`Path.ok`).
 """
 
+import inspect
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from operator import index
@@ -81,6 +82,7 @@ def is_key(value: Any) -> bool:
 def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]:
     """A function of time unchanged; any other value as a finite vector (..., 3)."""
     if callable(value):
+        require_function(name, value, "t")
         return cast(Callable[[Any], Array], value)
     array = as_floats(name, value, (3,))
     require_finite(name, array)
@@ -104,9 +106,25 @@ def vector_at(name: str, value: Any, t: Any) -> Array:
 
 
 def require_function(name: str, value: Any, arguments: str) -> None:
-    """Raises unless the value can be called; `arguments` are listed in the message."""
+    """Raises unless the value can be called with so many arguments; `arguments` are listed in the message."""
     if not callable(value):
         raise ValueError(f"{name} must be a function of ({arguments}), got {described(value)}.")
+    other = other_arguments(value, arguments.count(",") + 1)
+    if other is not None:
+        raise ValueError(f"{name} must be a function of ({arguments}), got one of ({', '.join(other)}).")
+
+
+def other_arguments(function: Callable[..., Any], count: int) -> list[str] | None:
+    """The names of the arguments of a function that cannot be called with so many; None if it can, or is silent."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of a function that is not written in Python
+        return None
+    try:
+        signature.bind(*[None] * count)
+    except TypeError:
+        return list(signature.parameters)
+    return None
 
 
 def as_count(name: str, value: Any) -> int:

@@ -67,20 +67,61 @@ def _one(*args: Any, **kwargs: Any) -> int:
     return 1
 
 
+class _Number:
+    """A Python number among the arguments of a program, equal to numbers of the same type and digits alone."""
+
+    def __init__(self, value: Any):
+        self.value, self._kind = value, kind_of(value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Number) and self._kind == other._kind
+
+    def __hash__(self) -> int:
+        return hash(self._kind)
+
+
+def exact_jit(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    """`equinox.filter_jit` that distinguishes Python numbers which are equal, such as 0.0 and -0.0, or 1 and True.
+
+    They can be attributes of a user's torque. `filter_jit` compares with `==`, so that the second of two such torques
+    would get the program of the first.
+    """
+    jit: Any = eqx.filter_jit  # its annotations do not know the options of `jax.jit`
+
+    def marked(leaf: Any) -> Any:
+        return _Number(leaf) if isinstance(leaf, int | float | complex) else leaf
+
+    def unmarked(leaf: Any) -> Any:
+        return leaf.value if isinstance(leaf, _Number) else leaf
+
+    @wraps(function)
+    def of_marked(*args: Any, **kwargs: Any) -> R:
+        args, kwargs = jax.tree.map(unmarked, (args, kwargs))
+        return function(*args, **kwargs)
+
+    jitted = jit(of_marked, **options)
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        args, kwargs = jax.tree.map(marked, (args, kwargs))
+        return jitted(*args, **kwargs)
+
+    return call
+
+
 def tuned_jit(function: Callable[P, R], bodies: Callable[..., int] = _one) -> Callable[P, R]:
-    """`equinox.filter_jit`, with `compiler_options` if the program is outermost; also under `jax.vmap`.
+    """`exact_jit`, with `compiler_options` if the program is outermost; also under `jax.vmap`.
 
     An outermost call looks for its program by the structure of its arguments and gives it the arrays alone, in a
-    fraction of the time that `filter_jit` takes for this. Inside another `jax.jit`, a derivative or a `jax.shard_map`
+    fraction of the time that `exact_jit` takes for this. Inside another `jax.jit`, a derivative or a `jax.shard_map`
     the options are left out.
 
     Args:
         function: what is compiled.
         bodies: returns the number of bodies from the same arguments; the axes of `jax.vmap` are counted in addition.
     """
-    jit: Any = eqx.filter_jit  # its annotations do not know the options of `jax.jit`
-    plain = jit(function)
-    tuned = cache(lambda options: jit(function, compiler_options=dict(options)))
+    plain = exact_jit(function)
+    tuned = cache(lambda options: exact_jit(function, compiler_options=dict(options)))
     programs: dict[Any, _Program] = {}
 
     @wraps(function)

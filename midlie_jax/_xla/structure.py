@@ -39,12 +39,15 @@ def is_array(leaf: Any) -> bool:
 
 
 def kind_of(leaf: Any) -> Any:
-    """The type of an array, also of one that is being traced; anything else unchanged."""
+    """The type of an array, also of one that is being traced; of anything else the type and the value.
+
+    0.0 and -0.0 are equal, and so are 1, 1.0 and True; they differ in their types and digits.
+    """
     if isinstance(leaf, jax.Array):
         return jax.typeof(leaf), isinstance(leaf, Tracer)
     if isinstance(leaf, np.ndarray | np.generic):
         return leaf.shape, leaf.dtype
-    return type(leaf), leaf
+    return type(leaf), repr(leaf) if isinstance(leaf, float | complex) else leaf
 
 
 def once(decide: Callable[..., R], *arguments: Any) -> R:

@@ -187,6 +187,9 @@ def check(
     The verdict is about stability, not about accuracy: a step that is sane can lose the phase of a motion within the
     run. The printed text has an estimate of the error; `midlie_jax.recommend` finds a step for an accuracy.
 
+    A sane step is a stable one. It may still lose the phase over a long run: the error of the attitude grows with time,
+    as the order-th power of the step. `midlie_jax.recommend` finds the step for an error at the end of a run.
+
     Compiling takes some seconds; further calls with the same torque function compile nothing.
 
     Args:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_LOCKED = 1e-7  # if the second angle has a smaller sine, or cosine, only one of the other angles is determined
+_LOCKED = 4  # rounding errors: if the second angle has a smaller sine, or cosine, the third angle is set to 0
 
 
 class Form(NamedTuple):
@@ -90,19 +90,29 @@ def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.nd
     k = 3 - i - j
     r, sign = np.moveaxis(matrices, 0, -1), 1 if (j - i) % 3 == 1 else -1
     if last == i:
-        cosine, sine = r[i, i], np.hypot(r[i, j], r[i, k])
-        a, b, c = np.arctan2(r[j, i], -sign * r[k, i]), np.arctan2(sine, cosine), np.arctan2(r[i, j], sign * r[i, k])
-        locked = sine < _LOCKED
+        a, small = np.arctan2(r[j, i], -sign * r[k, i]), np.hypot(r[j, i], r[k, i])
     else:
-        cosine, sine = np.hypot(r[i, i], r[i, j]), sign * r[i, k]
-        a, b, c = np.arctan2(-sign * r[j, k], r[k, k]), np.arctan2(sine, cosine), np.arctan2(-sign * r[i, j], r[i, i])
-        locked = cosine < _LOCKED
+        a, small = np.arctan2(-sign * r[j, k], r[k, k]), np.hypot(r[j, k], r[k, k])
+    locked = small < _LOCKED * np.finfo(r.dtype).eps
     a = np.where(locked, np.arctan2(sign * r[k, j], r[j, j]), a)
+    # Where both are small, rounding changes the first angle much. The others are those of the rotation that remains
+    # after the first, R_i(a)^T R, so that the three angles together give the rotation back.
+    cosine, sine = np.cos(a), sign * np.sin(a)
+    row_i, row_j, row_k = r[i], cosine * r[j] + sine * r[k], cosine * r[k] - sine * r[j]
+    if last == i:
+        b, c = np.arctan2(-sign * row_k[i], row_i[i]), np.arctan2(-sign * row_j[k], row_j[j])
+    else:
+        b, c = np.arctan2(sign * row_i[k], row_k[k]), np.arctan2(sign * row_j[i], row_j[j])
     return np.stack([a, b, np.where(locked, 0, c)], axis=-1), locked
 
 
 def matrices_of(quaternions: np.ndarray) -> np.ndarray:
-    """The matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
+    """The matrices (n, 3, 3) of unit quaternions (n, 4), scalar first, in float64.
+
+    In float32 the quaternions are rounded, and so are no unit quaternions; their length is removed.
+    """
+    quaternions = np.asarray(quaternions, np.float64)
+    quaternions = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

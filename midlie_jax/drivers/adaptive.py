@@ -33,7 +33,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._checks.arguments import LEAST_ULPS, as_count, described, require_finite, same_dtype
+from .._checks.arguments import LEAST_ULPS, as_count, require_finite, require_function, same_dtype
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.fusion import fuse
@@ -188,8 +188,7 @@ def integrate_adaptive(
             f"method {method.name!r} is not symmetric, but a reversible step control needs a symmetric method; "
             "take for example LIEMID[EA] or JACOBI[SRKN6b]."
         )
-    if not callable(density):
-        raise ValueError(f"density must be a function of (t, state), got {described(density)}.")
+    require_function("density", density, "t, state")
     same_dtype("start.momentum", start.momentum, density=density)
     for leaf in jax.tree.leaves(eqx.filter(density, eqx.is_inexact_array)):
         require_finite("density", leaf)

@@ -2,18 +2,23 @@
 
 from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from .._checks.typed_by import TypedBy
 from .._math import components as cp
+from .._xla.internals import Tracer
 from ..model.state import AnyState
+from .results import reasons
 
 S = TypeVar("S")  # the class of a path's states
 States = TypeVar("States", covariant=True)  # the same: a path of CompensatedStates is one of RigidStates
 P = TypeVar("P", bound=Any)  # a path
+_WIDTH = 120  # of a line of text
 
 
 class Path(NamedTuple, TypedBy[States]):
@@ -48,6 +53,9 @@ class Path(NamedTuple, TypedBy[States]):
     ok: Bool[Array, "*batch"]
     first_bad: Int[Array, "*batch"]
     result: Any = None
+
+    def __repr__(self) -> str:
+        return _brief(self)
 
 
 class AdaptivePath(NamedTuple, TypedBy[States]):
@@ -84,8 +92,28 @@ class AdaptivePath(NamedTuple, TypedBy[States]):
     rho: Float[Array, "*n"]
     taken: Int[Array, "*batch"]
 
+    def __repr__(self) -> str:
+        return _brief(self)
+
 
 AnyPath = Path[S] | AdaptivePath[S]
+
+
+def _brief(path: Any) -> str:
+    """The path as text: in the first line its times and whether it is ok, then the shapes of its states."""
+    name, states = type(path).__name__, eqx.tree_pformat(path.states, width=_WIDTH)
+    known = all(isinstance(x, Array) and not isinstance(x, Tracer) for x in (path.times, path.ok, path.first_bad))
+    if not known or not all(x.is_fully_addressable and x.size for x in (path.times, path.ok)):
+        return f"{name}({', '.join(f'{n}={eqx.tree_pformat(x)}' for n, x in zip(path._fields, path, strict=True))})"
+    times, ok = np.asarray(path.times), np.asarray(path.ok)
+    first, last = (times[..., 0].min(), times[..., -1].max()) if times.ndim else (times, times)
+    span = f"{times.shape[-1]} saved states at times {first:.6g} to {last:.6g}" if times.ndim else f"end at {last:.6g}"
+    if ok.all():
+        judged = "ok" if not ok.ndim else f"all {ok.size} ok"
+    else:
+        judged = f"states[:{int(path.first_bad)}] ok" if not ok.ndim else f"{np.count_nonzero(ok)} of {ok.size} ok"
+        judged += "." if path.result is None else f". {reasons(path.result, np.asarray(~ok))}"
+    return f"{name}: {span}; {judged}\n{states}"
 
 
 def end_alone(path: P) -> P:

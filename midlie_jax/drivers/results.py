@@ -3,7 +3,9 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from ..methods.verdict import BEYOND, FINE, IMPOSSIBLE, LOST, UNCOUNTED, UNFOLLOWED, UNSOLVED, UNSTABLE
@@ -23,7 +25,7 @@ class RESULTS(eqx.Enumeration):
         True
     """
 
-    successful = ""
+    successful = "successful"
     not_solved = (
         "A step did not solve its equation. Take a shorter step, which midlie_jax.check finds, or a method without a "
         "solve such as JACOBI; or the torque is not finite."
@@ -53,6 +55,13 @@ class RESULTS(eqx.Enumeration):
         "step; midlie_jax.check finds one."
     )
     end_not_reached = "The run did not reach t1 in its number of steps. Take more steps, or a longer dt."
+
+
+def reasons(result: Any, failed: np.ndarray) -> str:
+    """The sentences of the results where a run failed, each of them once."""
+    codes = np.ravel(jax.tree.leaves(result)[0])
+    first = [int(np.flatnonzero((codes == code) & np.ravel(failed))[0]) for code in np.unique(codes[np.ravel(failed)])]
+    return " ".join(RESULTS[jax.tree.map(lambda x, i=i: jnp.ravel(x)[i], result)] for i in first)
 
 
 def result_of(verdict: Array, finite: Array, reached: Array | bool = True) -> Any:

@@ -9,14 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._xla.compiler import exact_jit
 from .estimate import Estimate
 from .measurements import Measurement
 from .residuals import Data, Problem
 from .search import Search, look
 from .solve import Optimum, Plan, begin, estimate_of, fit_arrays, over_starts, stage_of, stages, starts_of
 
-_whole = eqx.filter_jit(fit_arrays)
-_estimate = eqx.filter_jit(estimate_of)
+_whole = exact_jit(fit_arrays)
+_estimate = exact_jit(estimate_of)
 
 
 def solved(
@@ -79,7 +80,7 @@ def _searched(plan: Plan, problem: Problem, data: Data, vectors: jax.Array, take
 # again.
 
 
-@eqx.filter_jit
+@exact_jit
 def _stage(several: bool, problem: Problem, data: Data, vectors: jax.Array) -> tuple[Any, jax.Array]:
     """For each start, the anchors of multiple shooting, if there are any, and the unknowns."""
 
@@ -90,12 +91,12 @@ def _stage(several: bool, problem: Problem, data: Data, vectors: jax.Array) -> t
     return over_starts(several, one)(vectors)
 
 
-@eqx.filter_jit
+@exact_jit
 def _begin(several: bool, problem: Problem, data: Data, starts: jax.Array) -> Search:
     return over_starts(several, lambda start: begin(problem, data, start))(starts)
 
 
-@eqx.filter_jit
+@exact_jit
 def _look(several: bool, problem: Problem, data: Data, anchors: Any, search: Search) -> Search:
     def one(anchors: Any, search: Search) -> Search:
         return look(search, eqx.tree_at(lambda d: d.anchors, data, anchors, is_leaf=lambda x: x is None), problem)

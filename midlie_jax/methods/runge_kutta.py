@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 from jax import Array
 
+from .._xla.compiler import exact_jit
 from .._xla.fusion import cut
 from .._xla.platform import on_cpu
 from .._xla.rules import count_operations
@@ -128,7 +129,7 @@ class RungeKutta(Method):
         return end, None, of_all(verdict(kept, (turn, self.formula.reach**2)))
 
 
-@eqx.filter_jit
+@exact_jit
 def _rates(system: System, t: Array, h: Array, motion: AnyMotion) -> AnyMotion:
     """h times the rates of change at the time t, traced once for all evaluations of a step."""
     return system.rates(motion, h, None if system.torque is None else system.force(t, motion))

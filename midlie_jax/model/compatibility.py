@@ -7,13 +7,13 @@ from typing import Any
 
 import equinox as eqx
 
-from .._checks.arguments import described
+from .._checks.arguments import described, other_arguments
 from .bodies import Particles, principal_of
 from .free_body import FreeBody
 from .masses import check_fits
 from .spins import Spins
 from .state import AnyState, State
-from .torques import Torque
+from .torques import Torque, terms_of
 
 
 def check_state(name: str, state: Any) -> None:
@@ -50,9 +50,21 @@ def body_named(body: Any) -> str:
 
 
 def check_torque(torque: Any) -> None:
-    """Raises unless the torque is None or can be called."""
+    """Raises unless the torque is None or can be called with a time and a state; a sum, each of its terms."""
     if torque is not None and not callable(torque):
         raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
+    for term in terms_of(torque):
+        arguments = other_arguments(term, 2)
+        if arguments is None:
+            continue
+        cure = {
+            1: "for a torque of time alone write midlie_jax.torques.Prescribed(function).",
+            3: "for one of (t, state, body) write midlie_jax.torques.BodyTorque(function).",
+        }
+        raise ValueError(
+            f"torque must be a callable of (t, state), got one of ({', '.join(arguments)}); "
+            f"{cure.get(len(arguments), 'bind the other arguments by functools.partial.')}"
+        )
 
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:

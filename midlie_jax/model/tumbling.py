@@ -215,9 +215,10 @@ def _start_of(
 def tumble(body: Body, state: AnyState) -> Tumble:
     """How a body tumbles, if no torque acted from now on: mode, energy ratio, periods, effective rate, pole and phases.
 
-    Differentiable; `short_axis` changes where the energy crosses that of the separatrix, where both periods are
-    infinite. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball they are
-    NaN.
+    Differentiable; `short_axis` changes where the energy crosses that of the separatrix, the energy of a rotation about
+    the axis of the middle moment I2. There the rotation period is infinite, and both precession periods are
+    2 pi I2 / |L|. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball
+    they are NaN.
 
     Args:
         body: a `RigidBody`, `TensorBody`, or `FreeBody` of one; or n bodies, whose states have a leading axis n.
@@ -255,12 +256,16 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
     a, b, c = cp.vector(jnp.take_along_axis(unit, jnp.broadcast_to(order, unit.shape), axis=-1))
     ia, ib, ic = moments
     near = a * a * (1 - ib / ia) + c * c * (1 - ib / ic)  # 1 - 2 E Ib
-    short = near > 0
+    # On the separatrix the momentum comes ever closer to the middle axis and never returns: the rotation period is
+    # infinite, and on average both axes precess as that of a rotation about the middle axis.
+    separating = near == 0
+    short = (near > 0) | (separating & (ia + ic > 2 * ib))  # of two equal moments, the mode that there is
     i1, i3 = jnp.where(short, ia, ic), jnp.where(short, ic, ia)
     p1, p3 = jnp.where(short, a, c), jnp.where(short, c, a)
     above = p1 * p1 * (i3 / i1 - 1) + b * b * (i3 / ib - 1)
     below = b * b * (1 - i1 / ib) + p3 * p3 * (1 - i1 / i3)
-    shape = _Shape.of((i1, ib, i3), above, below, near, short)
+    some = below * (i3 - ib) / (i3 - i1)  # any number of which no period is infinite, as derivatives need
+    shape = _Shape.of((i1, ib, i3), above, below, jnp.where(separating, some, near), short)
     energy = a * a / ia + b * b / ib + c * c / ic  # 2 E / |L|^2
     # Where the momentum is on the negative side of the third axis, as if the first and third axis pointed the other
     # way.
@@ -276,12 +281,15 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
         phi = 2 * jnp.arctan2(about[..., 3], about[..., 0])
     by_turn = 2 * pi / shape.period  # the short axis goes round faster by this than the long one
     slower = jnp.where(short, shape.precession - by_turn, shape.precession)
+    fast, slow, rotation = (x / rate for x in (2 * pi / (slower + by_turn), 2 * pi / slower, shape.period))
+    separating = separating & (ia < ic)  # a ball has no separatrix
+    middle = 2 * pi * ib / rate
     return Tumble(
         short,
         energy * ic,
-        2 * pi / ((slower + by_turn) * rate),
-        2 * pi / (slower * rate),
-        shape.period / rate,
+        jnp.where(separating, middle, fast),
+        jnp.where(separating, middle, slow),
+        jnp.where(separating, jnp.inf, rotation),
         energy * rate,
         size,
         pole,

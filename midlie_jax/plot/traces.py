@@ -62,17 +62,17 @@ def moving_traces(shown: Together, k: int) -> list[dict[str, Any]]:
 
 def _solids(shown: Together, k: int, digits: int) -> dict[str, Any]:
     """All solids as one mesh."""
-    i, j, k_, colours = list[int](), list[int](), list[int](), list[str]()
-    begin = 0
+    corners, colours, begin = list[tuple[int, int, int]](), list[str](), 0
     for member, own in zip(shown.members, shown.colours, strict=True):
         for place, face in enumerate(member.shape.faces):
             colour = _colour(member, place) if shown.alone else own
-            for b, c in pairwise(face[1:]):
-                i, j, k_ = [*i, begin + face[0]], [*j, begin + b], [*k_, begin + c]
-                colours.append(colour)
+            triangles = [(begin + face[0], begin + b, begin + c) for b, c in pairwise(face[1:])]
+            corners.extend(triangles)
+            colours.extend([colour] * len(triangles))
         begin += len(member.shape.corners)
     x, y, z = (_numbers(column, digits) for column in np.concatenate(shown.sites(k)).T)
-    mesh: dict[str, Any] = {"type": "mesh3d", "name": "body", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k_}
+    i, j, last = (list(column) for column in zip(*corners, strict=True))
+    mesh: dict[str, Any] = {"type": "mesh3d", "name": "body", "x": x, "y": y, "z": z, "i": i, "j": j, "k": last}
     return mesh | {
         "facecolor": colours,
         "flatshading": True,

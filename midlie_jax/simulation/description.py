@@ -2,6 +2,9 @@
 
 The description is sealed by a checksum, because nothing else in the store could tell whether it has changed. The store
 is read by the copies; if the own description of an array is lost or damaged, it is written again from the copy.
+
+Attributes of the root that are dicts are written as texts in JSON, because NetCDF has no such attributes, and the
+dataset of a run goes into a NetCDF file as it is.
 """
 
 import json
@@ -11,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 ATTRIBUTE = "midlie_jax"  # the attribute of the root that holds what a resumed run needs
+_FOLDED = "parameters", "versions", ATTRIBUTE
 _FILE, _COPIES, _SEAL, _SEALED = "zarr.json", "consolidated_metadata", "seal", "sealed"
 Document = dict[str, Any]
 
@@ -23,6 +27,7 @@ def read(path: Path) -> Document:
     """
     try:
         document = json.loads((path / _FILE).read_text())
+        document["attributes"] = unfolded(document["attributes"])
         if document["attributes"][ATTRIBUTE][_SEAL] != _checksum(document):
             raise ValueError("its checksum is wrong")
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -33,9 +38,21 @@ def read(path: Path) -> Document:
     return document
 
 
+def folded(attributes: Document) -> Document:
+    """The attributes with dicts as texts in JSON."""
+    return {name: json.dumps(value) if isinstance(value, dict) else value for name, value in attributes.items()}
+
+
+def unfolded(attributes: Document) -> Document:
+    """The inverse of `folded`; of a store that an earlier version wrote, the attributes unchanged."""
+    texts = {name: value for name in _FOLDED if isinstance(value := attributes.get(name), str)}
+    return {**attributes, **{name: json.loads(value) for name, value in texts.items()}}
+
+
 def seal(path: Path) -> None:
     """Seals the description of a new store: its present attributes (more may be added later), and all copies."""
     document = json.loads((path / _FILE).read_text())
+    document["attributes"] = unfolded(document["attributes"])
     document["attributes"][ATTRIBUTE][_SEALED] = sorted(document["attributes"])
     write(path, document)
 
@@ -45,7 +62,7 @@ def write(path: Path, document: Document) -> None:
     document["attributes"][ATTRIBUTE][_SEAL] = _checksum(document)
     unfinished = path.with_name(f"{path.name}.description-{os.getpid()}")  # in the store it would look like an array
     try:
-        unfinished.write_text(json.dumps(document, indent=2))
+        unfinished.write_text(json.dumps({**document, "attributes": folded(document["attributes"])}, indent=2))
         os.replace(unfinished, path / _FILE)
     finally:
         unfinished.unlink(missing_ok=True)

@@ -16,6 +16,7 @@ from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
 from ..model.state import AnyState, State
 from ..model.states import AxisState, Coupled, FreeAxisState, FreeState, RigidState, TravellingState
+from .description import unfolded
 from .names import parameter
 
 _KNOWN = AxisState, FreeState, FreeAxisState, *Coupled.__subclasses__()
@@ -151,7 +152,7 @@ def _of_store(source: File) -> Mapping[str, Any]:
     try:
         root: Any = zarr.open_group(str(source), mode="r")
         found: dict[str, Any] = dict(root.arrays())
-        parameters: Any = root.attrs["parameters"]
+        parameters: Any = unfolded(root.attrs.asdict())["parameters"]
     except Exception as error:  # reading a damaged file can raise anything
         raise ValueError(f"{source} is not the store of a run ({type(error).__name__}: {error}).") from error
     found |= {parameter(name): np.asarray(value) for name, value in parameters.items()}

@@ -289,7 +289,8 @@ def create(
     }
     unfinished = path.with_name(f"{path.name}.new-{os.getpid()}")
     try:
-        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes={**attributes, ATTRIBUTE: described})
+        written = description.folded({**attributes, ATTRIBUTE: described})
+        root = zarr.open_group(unfinished, mode="w-", zarr_format=3, attributes=written)
         for name, variable in seen.items():
             of_groups = variable.dims[0] == GROUP
             place = root.require_group(PARTS) if of_groups else root

@@ -64,7 +64,11 @@ class Simulation(NamedTuple, TypedBy[States]):
         return self.first_bad == self.saves
 
     def open(self) -> Any:
-        """The run as an `xarray.Dataset`, which reads the file as needed; for a .npz file, its arrays."""
+        """The run as an `xarray.Dataset`, which reads the file as needed; for a .npz file, its arrays.
+
+        The method `to_netcdf` of the dataset writes a NetCDF file. The attributes `parameters`, `versions` and
+        `midlie_jax` are texts in JSON, for `json.loads`.
+        """
         if self.out.suffix == ".npz":
             return np.load(self.out)
         import xarray

@@ -9,12 +9,10 @@ import sys
 from contextlib import nullcontext
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ...attitudes import write
-from ...attitudes.forms import euler_angles
-from ...model import so3
+from ...attitudes.forms import euler_angles, matrices_of
 from ...model.states import TravellingState
 from ...simulation.saved import saved_path
 from .record import columns
@@ -53,10 +51,10 @@ def export(options: argparse.Namespace) -> None:
     if options.euler:
         if what == "axis":
             raise ValueError(f"{options.run} holds the axis of a body, and no angle about it; leave --euler out.")
-        angles, locked = euler_angles(np.asarray(so3.to_matrix(jnp.asarray(values))), options.euler)
+        angles, locked = euler_angles(matrices_of(values), options.euler)
         unit = "rad" if options.radians else "deg"
         heads = tuple(f"euler_{i + 1}_{axis} [{unit}]" for i, axis in enumerate(options.euler))
-        values = angles if options.radians else np.degrees(angles)
+        values = (angles if options.radians else np.degrees(angles)).astype(values.dtype)
         if locked.any():
             remark = f"; at {locked.sum()} times the first and third axis are parallel: the third angle is set to 0"
     if isinstance(states, TravellingState):

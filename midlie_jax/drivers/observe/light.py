@@ -42,6 +42,11 @@ class Light(Observable):
 
     def __call__(self, t: Time, state: AnyState) -> Float[Array, ""]:
         """The intensity or magnitude (), of one state."""
+        if state.several:
+            raise ValueError(
+                f"{type(self).__name__} must have the state of one body, got a {type(state).__name__}; for body i "
+                "write lambda t, state: brightness(t, state.of_body(i))."
+            )
         directions = ("sun", self.sun), ("observer", self.observer)
         sun, observer = (seen_from_body(name, direction, t, state) for name, direction in directions)
         total = self.intensity(sun, observer)

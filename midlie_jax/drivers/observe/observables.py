@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 from jax import Array
 
-from ..._checks.arguments import described
+from ..._checks.arguments import described, require_function
 from ...model.bodies import Body
 from ...model.state import AnyState
 from ...model.torques import TorqueLike
@@ -92,6 +92,7 @@ def as_observable(name: str, value: Any) -> Observable:
     if isinstance(value, dict) and value and all(isinstance(key, str) for key in value):
         return Together({key: as_observable(f"{name}[{key!r}]", part) for key, part in value.items()})
     if callable(value) and not isinstance(value, type):
+        require_function(name, value, "t, state")
         return Function(value)
     raise ValueError(
         f"{name} must be a function of (t, state), an observable such as midlie_jax.observe.Energy(), or a dict of "

@@ -23,7 +23,8 @@ class TableOrbit(Orbit):
 
     The error is that of Hermite's cubic, h^4 |r''''| / 384 with h the time between two rows, and velocities h^3: on a
     circle, 100 rows a turn give the position to 4e-8 of the radius. Without velocities the slopes are those of the
-    polynomial of fourth degree through the five nearest positions, of order 4 too, with a constant some times as large.
+    polynomial of fourth degree through the five nearest positions: on the circle the largest error is then 1.7, 1.2 and
+    1.06 times as large with 50, 100 and 200 rows a turn, next to the ends of the table; elsewhere at most 1.03 times.
     Position and velocity are continuous, accelerations jump at the rows; so a method of high order needs rows so close
     that it does not see the jumps.
 

@@ -105,8 +105,12 @@ class Langevin(ReadsBody):
 
     @property
     def words(self) -> tuple[Array, ...]:
-        """The words of the random key, uint32."""
-        words = jax.random.key_data(self.key)
+        """The words of the random key, uint32.
+
+        The barrier hides a key that is a constant of the program: XLA would compute the noise itself, and it rounds
+        differently from the program.
+        """
+        words = jax.lax.optimization_barrier(jax.random.key_data(self.key))
         return tuple(words[i] for i in range(words.shape[-1]))
 
     def root(self, t: Array) -> Array:

@@ -136,8 +136,8 @@ class DipoleInField(Torque):
 class GravityGradient(ReadsBody):
     """The gravity-gradient torque of a point mass on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
 
-    It is exact to first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1). The state must
-    be a `RigidState`.
+    It is exact to first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1). The state needs
+    an attitude: a `RigidState`, or a `FreeState`, whose position the torque ignores; `PointMass` uses it.
 
     Attributes:
         moments: principal moments of the body, (3,); None for the inertia of the body of the run, which can then be a

@@ -33,8 +33,10 @@ class FreeMolecularDrag(ReadsBody):
         -1/2 rho A (m v + (c^2 Z / 2 + sqrt(pi) / 2 v_r m) n)
         m = c exp(-x^2) / sqrt(pi) + w Z,   Z = 1 + erf(x),   v_r^2 = (1 - a) v^2 / 2 + a v_w^2
 
-    (L. H. Sentman, LMSC-448514 (1961), with the accommodation of K. Moe, M. M. Moe, Planet. Space Sci. 53 (2005) 793;
-    so in E. Doornbos, Thermospheric Density and Wind Determination (2012), section 3.3). For a cold gas (c = 0) m is
+    (L. H. Sentman, LMSC-448514 (1961); so in E. Doornbos, Thermospheric Density and Wind Determination (2012), section
+    3.3; accommodation: K. Moe, M. M. Moe, Planet. Space Sci. 53 (2005) 793). Other programs attribute the factor 1/2 of
+    v^2 in v_r^2 to G. Koppenwallner, HTG-TN-08-11 (2009). Some, such as ADBSat, take 2/3, after K. Moe, M. M. Moe,
+    C. J. Rice, J. Spacecr. Rockets 41 (2004) 849. For a cold gas (c = 0) m is
     2 w on the facets that move forward and zero on the others. No facet shields another one, and the turning of the
     body adds no velocity.
 
