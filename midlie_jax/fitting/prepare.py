@@ -12,6 +12,7 @@ from ..methods.base import Method
 from ..model.bodies import RigidBody, principal_of
 from ..model.state import AnyState
 from ..model.torques import without_gravity
+from .conventions import check_conventions
 from .layout import Layout
 from .measurements import Accelerations, Attitudes, Directions, Measurement, Observed, Positions, Rates, check_parts
 from .residuals import Model, Problem
@@ -128,6 +129,7 @@ def _checked_model(
         _check_measurement(*subject, torque)
         if isinstance(subject[0], Observed):
             subject[0].check(values, *subject[1:])
+    check_conventions(measurements, values)
     if torque is None and not start.several:
         _check_speeds(body, start, measurements)
     return method, start.several
