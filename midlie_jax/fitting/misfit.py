@@ -105,8 +105,8 @@ def _remainder(measurement: Measurement, over_sigma: Array, parameters: Any) -> 
     else:
         signal = squares(values / sigma) if isinstance(m, Rates | Accelerations) else spread
     left, size = squares(over_sigma), jnp.sqrt(jnp.mean(m.values**2))
-    negligibly = negligible(sigma.dtype) * size
-    left = jnp.where(squares(over_sigma * sigma) <= jnp.sum(present) * negligibly**2, jnp.zeros_like(left), left)
+    none = jnp.sum(present).astype(sigma.dtype) * (negligible(sigma.dtype) * size) ** 2
+    left = jnp.where(squares(over_sigma * sigma) <= none, jnp.zeros_like(left), left)
     return Remainder(left, signal, spread, _correlated(over_sigma, present), angles)
 
 
@@ -114,9 +114,9 @@ def _relative_to_mean(m: Measurement, values: Array) -> Array:
     """The values relative to their mean, in the unit and shape of the residuals."""
     if isinstance(m, Attitudes):
         first = values[jnp.argmax(m.present[:, 0])]
-        same = jnp.where(values @ first < 0, -values.T, values.T).T
-        mean = jnp.sum(jnp.where(m.present[:, :1], same, jnp.zeros_like(same)), axis=0)
-        return so3.log(so3.multiply(so3.conjugate(mean / jnp.linalg.norm(mean))[None], same))
+        same = jnp.where((values @ first)[:, None] < 0, -values, values)
+        mean = jnp.sum(jnp.where(m.present[:, :1], same, jnp.zeros_like(same)), axis=0, keepdims=True)
+        return so3.log(so3.multiply(so3.conjugate(mean / jnp.linalg.norm(mean)), same))
     if isinstance(m, Directions):  # each of the two angles has half of the square
         unit = values / jnp.maximum(jnp.linalg.norm(values, axis=-1, keepdims=True), jnp.finfo(values.dtype).tiny)
         off = jnp.linalg.norm(_centred(unit, m.present[:, :1]), axis=-1, keepdims=True)
@@ -127,8 +127,8 @@ def _relative_to_mean(m: Measurement, values: Array) -> Array:
 
 
 def _centred(values: Array, present: Array) -> Array:
-    count = jnp.maximum(jnp.sum(present, axis=0), 1).astype(values.dtype)
-    return values - jnp.sum(jnp.where(present, values, jnp.zeros_like(values)), axis=0) / count
+    count = jnp.maximum(jnp.sum(present, axis=0, keepdims=True), 1).astype(values.dtype)
+    return values - jnp.sum(jnp.where(present, values, jnp.zeros_like(values)), axis=0, keepdims=True) / count
 
 
 def _correlated(over_sigma: Array, present: Array) -> Bool[Array, ""]:
