@@ -56,9 +56,13 @@ BAD = {
     # bodies
     "negative moments": (lambda: ml.RigidBody(jnp.array([1.0, -2.0, 2.0])), "moments must be positive.*-2"),
     "zero moments": (lambda: ml.RigidBody(jnp.array([1.0, 0.0, 1.0])), "moments must be positive.*units"),
+    "moments of a thin rod": (lambda: ml.RigidBody([1.0, 1.0, 0.0]), r"a thin rod.*is a midlie_jax.Rotor\(moment\)"),
     "NaN moments": (lambda: ml.RigidBody(jnp.array([1.0, NAN, 1.0])), "moments must be positive and finite.*nan"),
     "infinite moments": (lambda: ml.RigidBody(jnp.array([1.0, jnp.inf, 1.0])), "moments must be positive and finite"),
     "unphysical moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0, 4.0])), "unphysical.*physical=False"),
+    "more than rounding": (lambda: ml.RigidBody([0.0833, 0.0833, 0.1669]), "unphysical"),
+    "digits that are no rounding": (lambda: ml.RigidBody([0.08333, 0.08333, 0.16676]), "unphysical"),
+    "few digits": (lambda: ml.RigidBody([0.08, 0.08, 0.17]), "unphysical"),
     "one of a batch": (lambda: ml.RigidBody(jnp.array([[1.0, 1.0, 1.0], [1.0, 2.0, 4.0]])), "unphysical"),
     "two moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0])), r"moments must have shape \(3,\).*\(2,\)"),
     "moments of text": (lambda: ml.RigidBody("abc"), "moments must be an array of numbers, got str"),

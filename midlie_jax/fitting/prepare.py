@@ -180,6 +180,11 @@ def _check_speeds(body: Any, start: AnyState, measurements: Sequence[Measurement
         measured = float(np.median(speeds)) if speeds.size else 0.0
         slow = 0 < measured <= guessed / allowed and not unknown
         if slow or measured >= guessed * (allowed / 2 if unknown else allowed) > 0:
+            if not unknown and speeds.min() <= guessed <= speeds.max():
+                raise ValueError(
+                    f"Rates: the measured speeds go from {speeds.min():.3g} to {speeds.max():.3g}, which no free body "
+                    "does; fit only the rows in which no torque acts, or give the torque in the model."
+                )
             seen = f"change by {measured:.3g}" if unknown else f"turn at {measured:.3g}"
             raise ValueError(
                 f"Rates: the body was measured to {seen}, and the free body of the guess turns at {guessed:.3g} "

@@ -18,6 +18,7 @@ from .._checks.renamed import old_name
 from .._math import components as cp
 from . import masses, so3
 from .inertia import Inertia
+from .rounded import made_flat
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
@@ -105,7 +106,9 @@ class RigidBody(Body):
             are the principal axes, in the order of the moments.
 
     Args:
-        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`.
+        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`. Where the largest
+            exceeds the sum of the other two by the rounding of their last digit, such as in (0.0833, 0.0833, 0.1667),
+            it is lowered to that sum, the moment of a flat body.
         physical: False admits moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has
             such moments, but the equations of motion still make sense.
 
@@ -131,12 +134,17 @@ class RigidBody(Body):
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
         cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         require_rows(
-            "moments", self.moments, masses.is_positive, "must be positive and finite", cure or "check units and order."
+            "moments",
+            self.moments,
+            masses.is_positive,
+            "must be positive and finite",
+            cure or "check units and order. A thin rod, with a moment of zero, is a midlie_jax.Rotor(moment).",
         )
         require_rows(
             "moments", self.moments, is_within_range, "are out of range", "take other units of mass or length."
         )
         if physical:
+            self.moments = made_flat(self.moments, _TRIANGLE_TOLERANCE)
             require_rows(
                 "moments",
                 self.moments,
