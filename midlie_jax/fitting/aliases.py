@@ -7,31 +7,30 @@ import jax
 import numpy as np
 
 from ..model.bodies import principal_of
-from .estimate import Estimate
 from .measurements import Measurement, Observed, Rates
 from .of_body import OfBody
-from .residuals import Data, Model
+from .residuals import Model
 
 _MOST_TURNS = 0.5  # between two rows
 
 
-def aliases_of(model: Model, data: Data, estimate: Estimate) -> str:
+def aliases_of(model: Model, measurements: tuple[Measurement, ...], values: Any) -> str:
     """What to say if a body turns by more than half a revolution between rows; "" otherwise.
 
     Rates alone, of a free body, need no more rows than the change of the rates: a body that spins fast about an axis of
     symmetry may turn many times between them.
     """
-    body, torque, start = model(estimate.values)
+    body, torque, start = model(values)
     if not np.all(np.isfinite(start.momentum)):
         return ""
-    for own in _by_body(data.measurements).values():
+    for own in _by_body(measurements).values():
         (_, one, state) = own[0].subject(body, start)
         inner = [m.measurement if isinstance(m, OfBody) else m for m in own]
         if start.several and any(isinstance(m, Observed) for m in own):
             continue  # a quantity of all bodies, with no rotation of its own
         times = np.unique(np.concatenate([_times(m) for m in inner]))
         gap = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        speed = _speed(inner, one, state, estimate.values)
+        speed = _speed(inner, one, state, values)
         free_rates = torque is None and all(isinstance(m, Rates) for m in inner)
         frequency = min(speed, _nutation(one, state)) if free_rates else speed
         if frequency * gap > 2 * math.pi * _MOST_TURNS:

@@ -19,13 +19,11 @@ _AGREES, _DIFFERS, _BETTER = 0.4, 0.6, 3.0
 _CONJUGATED = "conjugated, from space to body"
 _LAST = "scalar-last, (x, y, z, w)"
 _BOTH = "conjugated and scalar-last, (x, y, z, w) from space to body"
-_READINGS = {
-    _CONJUGATED: (lambda q: q * [1, -1, -1, -1], "midlie_jax.so3.conjugate(values)"),
+_MINUS = "np.array([1.0, -1.0, -1.0, -1.0])"
+_READINGS = {  # how each becomes (w, x, y, z) from body to space, and how to write it
+    _CONJUGATED: (lambda q: q * [1, -1, -1, -1], f"values * {_MINUS}"),
     _LAST: (lambda q: np.roll(q, 1, axis=1), "np.roll(values, 1, axis=-1)"),
-    _BOTH: (
-        lambda q: np.roll(q, 1, axis=1) * [1, -1, -1, -1],
-        "midlie_jax.so3.conjugate(np.roll(values, 1, axis=-1))",
-    ),
+    _BOTH: (lambda q: np.roll(q, 1, axis=1) * [1, -1, -1, -1], f"np.roll(values, 1, axis=-1) * {_MINUS}"),
 }
 
 

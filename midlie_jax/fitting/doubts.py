@@ -12,6 +12,7 @@ from .misfit import FEW, SIGNIFICANT, negligible
 _LAGS = (1, 8)
 _CHANCE = 1e-5  # the probability that noise has a value that counts as far off
 _SPREAD = 1.15  # the factor by which the deviation of few values may be underestimated
+_MANY = 50  # rows from which on each component has a deviation of its own
 _WINDOW = 5.0  # correlation times over which the correlations are summed
 _NARROW = 1.1  # smaller factors are not worth a word
 _LISTED = 50  # the most rows that a text lists
@@ -82,6 +83,8 @@ def _outliers(rows: np.ndarray) -> list[tuple[int, float]]:
     if np.sum(np.isfinite(sizes)) < FEW:
         return []
     usual = np.nanmedian(sizes, axis=0) / 0.6745
+    if len(sizes) < _MANY:  # the median of few values may be small by chance
+        usual = np.maximum(usual, np.nanmedian(sizes) / 0.6745)
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.max(np.where(np.isfinite(sizes), sizes / usual, 0.0), axis=1)
     far = _SPREAD * ndtri(1 - _CHANCE / 2 / np.sum(np.isfinite(sizes)))

@@ -122,7 +122,9 @@ def fit(
     layout = data.layout
     groups = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())
     message = message_of(plan, data, estimate, complaint(groups, layout.named()))
-    found = Fit(estimate, layout, data.measurements, groups, message, aliases_of(model, data, estimate))
+    found = Fit(
+        estimate, layout, data.measurements, groups, message, aliases_of(model, data.measurements, estimate.values)
+    )
     if groups and require_rank and found.result is Result.UNDETERMINED:
         raise UndeterminedError(found)
     return found

@@ -34,6 +34,6 @@ def check_flight(path: str, table: Table, unit: float, moments: Sequence[float] 
     first, last = below[below < fast].max(initial=-1) + 1, below[below > fast].min(initial=len(times)) - 1
     raise ValueError(
         f"{path}: the speed goes from {slow:.3g} to {smooth[fast]:.3g} rad/s, at t = {times[fast]:g}, which no free "
-        "body does: the file holds more than a free flight. Give the first and the last time of the flight by --from and "
-        f"--to; the speed is above half of its largest from t = {times[first]:g} to {times[last]:g}."
+        "body does: the file holds more than a free flight. Give the first and the last time of the flight by --from "
+        f"and --to; the speed is above half of its largest from t = {times[first]:g} to {times[last]:g}."
     )

@@ -11,8 +11,8 @@ def fit(parser: argparse.ArgumentParser) -> None:
         "the angular velocities in a CSV file with a header: time, then the rates about the three principal axes. "
         "Empty cells are missing values. Prints the estimates with 95 % intervals. The exit code is 2 if the fit is "
         "not ok: if it did not converge, if its residuals are not noise of the size of sigma, or if the body turns by "
-        "more than half a revolution between rows. If the file holds more than a free flight, such as a phone in the hand "
-        "before it and the catch after it, choose the flight by --from and --to."
+        "more than half a revolution between rows. If the file holds more than a free flight, such as a phone in the "
+        "hand before it and the catch after it, choose the flight by --from and --to."
     )
     parser.add_argument("data", metavar="DATA.csv", help="the measurements")
     parser.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
