@@ -104,7 +104,9 @@ def test_what_cannot_be_meant_is_refused():
 class Harmonic(ml.torques.Torque):
     """Gravity inside a homogeneous ball, as a field of the user's own that does not read the body."""
 
-    gravitational = True
+    @property
+    def gravitational(self):
+        return True
 
     def __call__(self, t, state):
         return ml.Wrench(jnp.zeros(3), -0.02 * MASS * state.position)
