@@ -141,7 +141,7 @@ def test_a_bias_that_nobody_asked_for_is_not_ok_and_with_it_the_truth_is_found(t
     file = log(tmp_path, bias=np.deg2rad(1.5))
     code, out, err = midlie_fit(file, "--unit", "rad/s")
     assert code == 2
-    assert "neighbouring residuals are alike" in err
+    assert "neighbouring residuals are correlated" in err
     assert "try --bias" in err
     assert "; ok" not in out
     code, out, err = midlie_fit(file, "--unit", "rad/s", "--bias", "--sigma", "0.01")
@@ -260,15 +260,80 @@ def other(options, file, old, new):
 
 
 @pytest.mark.sample(0)
-def test_a_value_that_is_wrong_is_named_by_its_line(tmp_path):
+def test_all_values_that_are_wrong_are_named_by_their_lines(tmp_path):
     file = log(tmp_path)
     rows = file.read_text().split("\n")
-    cells = rows[200].split(",")
-    rows[200] = ",".join([*cells[:3], "9.5", *cells[4:]])
+    for row in (100, 200, 300):
+        cells = rows[row].split(",")
+        rows[row] = ",".join([*cells[:3], "5.5", *cells[4:]])
     file.write_text("\n".join(rows))
     code, _, err = midlie_fit(file, "--unit", "rad/s")
     assert code == 2
-    assert "line 201: Rates: the value at t = 9.95 is off by" in err
+    assert "lines 101, 201, 301: Rates: 3 values are off by" in err
+    assert "at t = 4.95, 9.95, 14.95" in err
+
+
+def held_thrown_caught(tmp_path, unit):
+    """A phone at rest in the hand, a free flight from t = 1 to 2 s, and the catch; times in this unit of seconds."""
+    moments, flight = np.array([1.0, 2.0, 2.5]), np.arange(0.0, 1.0, 0.01)
+    body = ml.RigidBody(moments)
+    path = ml.free_motion(body, ml.MomentumState(body.momentum(jnp.array([9.0, 1.0, 3.0]))), flight)
+    rates = np.asarray(path.states.momentum) / moments
+    begin = np.linspace(0, 1, 100)[:, None]
+    rates = np.concatenate([begin**6 * rates[0], rates, (1 - begin) ** 2 * rates[-1] * [1.0, -0.5, 0.3]])
+    rates = rates + 0.01 * np.random.default_rng(0).standard_normal(rates.shape)
+    file = tmp_path / "phone.csv"
+    cells = [f"{k * 0.01 / unit:.6g}," + ",".join(f"{x:.5f}" for x in row) for k, row in enumerate(rates)]
+    file.write_text("\n".join(["t,wx,wy,wz", *cells]) + "\n")
+    return file
+
+
+@pytest.mark.parametrize("options", [[], ["--bias"], ["--moments", "1", "2", "2.5"]])
+def test_a_record_of_more_than_a_flight_is_named(tmp_path, monkeypatch, options):
+    from midlie_jax.fitting import fit
+
+    monkeypatch.setattr(sys.modules[fit.__module__], "solved", None)
+    code, _, err = midlie_fit(held_thrown_caught(tmp_path, 1e-3), "--unit", "rad/s", "--time-unit", "ms", *options)
+    assert code == 2
+    assert "the file holds more than a free flight" in err
+    assert "--from and --to" in err
+    begin, end = (float(x) for x in re.search(r"from t = (\S+) to (\S+)\.", err).groups())
+    assert 700 < begin < 1000 < 1990 < end < 2500
+
+
+@pytest.mark.sample(0)
+def test_the_flight_is_fitted_by_its_first_and_last_time(tmp_path):
+    """In the unit of the file, both ends included."""
+    span = ["--from", "1000", "--to", "1990"]
+    code, out, err = midlie_fit(held_thrown_caught(tmp_path, 1e-3), "--unit", "rad/s", "--time-unit", "ms", *span)
+    assert (code, err) == (0, "")
+    assert "300 angular velocities at 100 times" in out
+    low, high = interval(out)
+    assert low < 0.4 < high
+
+
+@pytest.mark.parametrize(
+    ("span", "message"),
+    [(["--from", "2", "--to", "1"], "--from must be before --to"), (["--from", "9"], "its times go from 0 to 1")],
+)
+def test_a_span_without_rows(tmp_path, span, message):
+    file = tmp_path / "data.csv"
+    file.write_text(GOOD)
+    code, _, err = midlie_fit(file, "--unit", "rad/s", *span)
+    assert code == 2
+    assert message in err
+
+
+@pytest.mark.sample(0)
+def test_rows_between_which_the_body_turns_far_are_not_ok(data):
+    """With a guess the fit runs; the unit of the times was mistaken."""
+    file = data.parent / "ms.csv"
+    rows = [row.split(",") for row in data.read_text().splitlines()[1:]]
+    file.write_text("t,p,q,r\n" + "".join(f"{200 * float(t):.6g},{p},{q},{r}\n" for p, q, r, t in rows))
+    code, out, err = midlie_fit(file, "--unit", "deg/s", "--moments", *MOMENTS)
+    assert code == 2
+    assert "the body turns 10 times between rows" in err
+    assert "; ok" not in out
 
 
 def test_a_file_that_is_not_there_and_a_unit_that_is_not_said(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from test_fit_calls import spin, still
 
 import midlie_jax as ml
+from midlie_jax import fitting
 from midlie_jax.fitting import Free, Result
 
 
@@ -40,15 +41,36 @@ def test_a_failed_run_says_when_and_which_step_would_do():
     assert fitted(fast, guess=[0.1, 0.2, 3.3], dt=enough).ok
 
 
-def test_what_is_not_determined_is_named():
-    def blind(values):
-        return still({"rate": values["rate"] * np.array([1.0, 1.0, 0.0])})
+def blind(values):
+    """A start that does not depend on the last number."""
+    return still({"rate": values["rate"] * np.array([1.0, 1.0, 0.0])})
 
-    found = ml.fit(blind, {"rate": Free([0.1, 0.2, 0.3])}, spin(), method="RK4", dt=1.0, require_rank=False)
+
+def test_what_is_not_determined_is_named_and_nothing_is_lost():
+    flat = spin(values=np.asarray(spin().values) * [1.0, 1.0, 0.0])
+    guess, options = {"rate": Free([0.1, 0.2, 0.3])}, {"method": "RK4", "dt": 1.0}
+    found = ml.fit(blind, guess, flat, require_rank=False, **options)
     assert found.result is Result.UNDETERMINED
     assert "rate[2] has no effect" in found.message
     with pytest.raises(ValueError, match="the data determine 2 of 3 unknowns"):
         found.draws(10)
+    with pytest.raises(fitting.UndeterminedError, match=r"rate\[2\] has no effect.*rms") as raised:
+        ml.fit(blind, guess, flat, **options)
+    np.testing.assert_array_equal(raised.value.result.coordinates, found.coordinates)
+    assert raised.value.result.rms == found.rms
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_misfit_is_reported_before_what_is_not_determined(absolute):
+    """The third rate is 0.3, and the model says zero: no error, but a result with the values and the rms."""
+    found = ml.fit(
+        blind, {"rate": Free([0.1, 0.2, 0.3])}, spin(sigma=0.02), method="RK4", dt=1.0, absolute_sigma=absolute
+    )
+    assert found.result is Result.MISFIT
+    assert not found.ok
+    assert f"{found.rms:.3g}" in found.message
+    assert "rate[2] has no effect" in found.message
+    np.testing.assert_allclose(found.values["rate"][:2], np.asarray(spin().values)[:, :2].mean(axis=0), rtol=1e-6)
 
 
 def test_draws_scatter_as_the_covariance_says():

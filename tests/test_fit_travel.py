@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import quick, turn
+from scipy.spatial.transform import Rotation
 
 import midlie_jax as ml
 from midlie_jax import fitting
@@ -98,3 +99,105 @@ def test_what_cannot_be_meant_is_refused():
     ):
         with pytest.raises(ValueError, match=message):
             ml.fit(model, GUESS, [seen], method="JACOBI[EA]", dt=1 / 100)
+
+
+class Harmonic(ml.torques.Torque):
+    """Gravity inside a homogeneous ball, as a field of the user's own that does not read the body."""
+
+    @property
+    def gravitational(self):
+        return True
+
+    def __call__(self, t, state):
+        return ml.Wrench(jnp.zeros(3), -0.02 * MASS * state.position)
+
+
+MASS, MU, RADIUS, J2, POLE = 3.0, 40.0, 2.0, 0.1, np.array([0.6, 0.0, 0.8])
+POINT, OBLATE = ml.torques.PointMass(MU), ml.torques.Oblateness(MU, RADIUS, J2, POLE)
+FIELDS = {
+    "uniform": (ml.torques.UniformGravity(GRAVITY), lambda x: -np.dot(GRAVITY, x)),
+    "point mass": (POINT, lambda x: -MU / np.linalg.norm(x)),
+    "oblate": (OBLATE, lambda x: oblate(x)),
+    "own": (Harmonic(), lambda x: 0.01 * x @ x),
+    "sum": (POINT + (OBLATE + ml.torques.Drag([0.0, 0, 0], 0.3, 1.2)), lambda x: oblate(x) - MU / np.linalg.norm(x)),
+    "point mass without gradient": (ml.torques.PointMass(MU, gradient=False), lambda x: -MU / np.linalg.norm(x)),
+    "oblate without gradient": (
+        ml.torques.Oblateness(MU, RADIUS, J2, POLE, gradient=False) + ml.torques.UniformGravity(GRAVITY),
+        lambda x: oblate(x) - np.dot(GRAVITY, x),
+    ),
+}
+BODIES = {
+    "moments": ml.RigidBody([1.0, 2.0, 2.5]),
+    "tensor": ml.TensorBody([[1.0, 0.1, 0.2], [0.1, 2.0, -0.1], [0.2, -0.1, 2.5]]),
+}
+
+
+def oblate(x):
+    r = np.linalg.norm(x)
+    return MU * J2 * RADIUS**2 / (2 * r**3) * (3 * (POLE @ x / r) ** 2 - 1)
+
+
+def slope(potential, x, h=2e-2):
+    """The field: minus the potential's derivative, by differences of sixth order."""
+    steps = h * np.eye(3)
+    return -np.array(
+        [
+            sum(w * (potential(x + k * e) - potential(x - k * e)) for k, w in ((1, 45), (2, -9), (3, 1))) / (60 * h)
+            for e in steps
+        ]
+    )
+
+
+@pytest.mark.sample(4)
+@pytest.mark.parametrize("kind", BODIES)
+@pytest.mark.parametrize("name", FIELDS)
+def test_an_accelerometer_feels_how_gravity_changes_along_its_lever(name, kind):
+    """R^T (a - g) + ..., where the field g at the instrument is that by differences of its potential there."""
+    torque, potential = FIELDS[name]
+    body, lever = ml.FreeBody(BODIES[kind], MASS), np.array([0.1, -0.05, 0.08])
+    state = ml.FreeState([0.3, -0.5, 0.4], turn(0.5, -0.3, 0.8), [1.0, 2.0, -1.0], [4.0, -3.0, 5.0])
+    seen = fitting.Accelerations([0.0], np.zeros((1, 3)), 1.0, lever=lever).of_run(torque, jnp.zeros(1))
+    found = quick(lambda s: seen.expected(jnp.zeros(()), s, body, {}))(state)
+
+    acting = ml.Wrench.of(ml.torques.on_body(torque, body)(jnp.zeros(()), state))
+    rates = np.asarray(body.velocity(state.momentum))
+    change = np.asarray(body.velocity(jnp.cross(state.momentum, rates) + acting.torque))
+    frame = Rotation.from_quat(np.asarray(state.attitude), scalar_first=True)
+    gravity = slope(potential, np.asarray(state.position) + frame.apply(lever))
+    wanted = frame.inv().apply(np.asarray(acting.force) / MASS - gravity)
+    wanted = wanted + np.cross(change, lever) + np.cross(rates, np.cross(rates, lever))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=2e-9)
+
+
+def test_every_field_of_gravity_is_among_those_of_the_test():
+    """All that declare themselves as gravity; coupled bodies have no accelerometers."""
+    declared = {
+        name
+        for name, cls in vars(ml.torques).items()
+        if isinstance(cls, type) and issubclass(cls, ml.torques.Torque)
+        if cls.gravitational is not ml.torques.Torque.gravitational
+    }
+    tested = {type(term).__name__ for torque, _ in FIELDS.values() for term in ml.torques.terms_of(torque)}
+    assert declared - tested == {"Sum", "OnEach", "MutualGravity"}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_an_accelerometer_in_orbit_feels_three_times_the_centrifugal_force(dtype):
+    """Pointing to the Earth, 0.5 m below the centre of mass: -3 n^2 l; under a field, and with the orbit known."""
+    radius, lever, mu = 7e6, 0.5, 3.986e14
+    n = (mu / radius**3) ** 0.5
+    body = ml.FreeBody(ml.RigidBody(jnp.array([1.0, 2.0, 2.5], dtype)), jnp.asarray(10.0, dtype))
+    at, speed = [radius, 0.0, 0.0], 10.0 * n * radius
+    numbers = [jnp.asarray(x, dtype) for x in ([0, 0, 2.5 * n], [1, 0, 0, 0], [0, speed, 0], at)]
+    orbit = ml.orbits.CircularOrbit(jnp.asarray(at, dtype), jnp.array([0.0, 1, 0], dtype), jnp.asarray(mu, dtype))
+    zero = jnp.zeros((), dtype)
+    values = jnp.zeros((1, 3), dtype)
+    options = {"sigma": jnp.ones((), dtype), "lever": jnp.array([lever, 0, 0], dtype)}
+    gradient = ml.torques.GravityGradient(None, orbit, jnp.asarray(mu, dtype))
+    for torque, one, state, gravity in (
+        (ml.torques.PointMass(jnp.asarray(mu, dtype)), body, ml.FreeState(*numbers), None),
+        (gradient, body.body, ml.RigidState(*numbers[:2]), jnp.zeros(3, dtype)),
+    ):
+        seen = fitting.Accelerations(zero[None], values, gravity=gravity, **options).of_run(torque, zero[None])
+        found = quick(lambda s, seen=seen, one=one: seen.expected(zero, s, one, {}))(state)
+        np.testing.assert_allclose(found, [-3 * n * n * lever, 0, 0], rtol=1e-5, atol=1e-12)

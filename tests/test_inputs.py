@@ -56,9 +56,13 @@ BAD = {
     # bodies
     "negative moments": (lambda: ml.RigidBody(jnp.array([1.0, -2.0, 2.0])), "moments must be positive.*-2"),
     "zero moments": (lambda: ml.RigidBody(jnp.array([1.0, 0.0, 1.0])), "moments must be positive.*units"),
+    "moments of a thin rod": (lambda: ml.RigidBody([1.0, 1.0, 0.0]), r"A thin rod.*is a midlie_jax.Rotor\(moment\)"),
     "NaN moments": (lambda: ml.RigidBody(jnp.array([1.0, NAN, 1.0])), "moments must be positive and finite.*nan"),
     "infinite moments": (lambda: ml.RigidBody(jnp.array([1.0, jnp.inf, 1.0])), "moments must be positive and finite"),
     "unphysical moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0, 4.0])), "unphysical.*physical=False"),
+    "more than rounding": (lambda: ml.RigidBody([0.0833, 0.0833, 0.1669]), "unphysical"),
+    "digits that are no rounding": (lambda: ml.RigidBody([0.08333, 0.08333, 0.16676]), "unphysical"),
+    "few digits": (lambda: ml.RigidBody([0.08, 0.08, 0.17]), "unphysical"),
     "one of a batch": (lambda: ml.RigidBody(jnp.array([[1.0, 1.0, 1.0], [1.0, 2.0, 4.0]])), "unphysical"),
     "two moments": (lambda: ml.RigidBody(jnp.array([1.0, 2.0])), r"moments must have shape \(3,\).*\(2,\)"),
     "moments of text": (lambda: ml.RigidBody("abc"), "moments must be an array of numbers, got str"),
@@ -332,6 +336,18 @@ def test_what_is_good_passes():
     ml.RigidBody(jnp.array([1.0, 2.0, 4.0]), physical=False)
     ml.RigidBody(jnp.ones((3, 3)))  # three balls
     ml.RigidBody(jnp.array([1.0, 2.0, 3.0 * (1 + 1e-7)]))  # flat, but for rounding
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e4, 1e-20])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_moments_of_a_flat_body_may_be_rounded(dtype, scale):
+    """0.0833 + 0.0833 < 0.1667 by one unit in the last digit: the largest becomes the sum, in a batch, too."""
+    given = np.array([[float(f"{x * scale:.6g}") for x in (0.0833, 0.1667, 0.0833)], [scale] * 3], dtype)
+    moments = np.asarray(ml.RigidBody(given).moments)
+    assert moments.dtype == dtype
+    assert moments[0, 1] == given[0, 0] + given[0, 2]
+    np.testing.assert_array_equal(moments[:, [0, 2]], given[:, [0, 2]])
+    np.testing.assert_array_equal(moments[1], given[1])
 
 
 def test_integers_are_numbers():

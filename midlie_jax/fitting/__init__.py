@@ -9,11 +9,13 @@
 
 Modules: `parameters` (physical values from unconstrained numbers), `measurements` (residuals), `sampling` (states at
 any times), `layout` (many parameters as one vector), `residuals` (what is minimised), `identifiability` (what the data
-determine), `estimate` (values with covariance), `solve` (the pure function), `fit` (checks), `report` (the table).
+determine), `misfit` (whether the residuals can be noise), `estimate` (values with covariance), `solve` (the pure
+function), `conventions` (attitudes against rates), `fit` (checks), `doubts`, `aliases` and `report` (the table).
 optimistix solves the least-squares problem; only this folder imports it, and `import midlie_jax` does not import it.
 """
 
 from .estimate import Estimate as Estimate
+from .failure import UndeterminedError as UndeterminedError
 from .fit import fit as fit
 from .measurements import Accelerations as Accelerations
 from .measurements import Attitudes as Attitudes

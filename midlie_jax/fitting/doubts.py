@@ -1,4 +1,4 @@
-"""Whether the residuals of a fit look like noise: where they do not, the intervals are too narrow."""
+"""Whether the residuals of a fit look like white noise, and whether the rows are close enough together."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,14 +7,15 @@ import numpy as np
 from scipy.special import ndtri  # SciPy comes with JAX
 
 from .measurements import Measurement
+from .misfit import FEW, SIGNIFICANT, negligible
 
-_FEW = 12  # with fewer rows, the correlation of neighbours is not tested
 _LAGS = (1, 8)
-_SIGNIFICANT = 5.0  # standard deviations
 _CHANCE = 1e-5  # the probability that noise has a value that counts as far off
 _SPREAD = 1.15  # the factor by which the deviation of few values may be underestimated
-_EXACT = 1e-6  # relative to the measured values; smaller residuals come from the optimiser's tolerance
-_LARGE = 0.3
+_MANY = 50  # rows from which on each component has a deviation of its own
+_WINDOW = 5.0  # correlation times over which the correlations are summed
+_NARROW = 1.1  # smaller factors are not worth a word
+_LISTED = 50  # the most rows that a text lists
 
 
 class Doubt(NamedTuple):
@@ -22,12 +23,13 @@ class Doubt(NamedTuple):
 
     Attributes:
         text: what the residuals show.
-        measurement, row: the indices of the value in question, or None if it is no single value.
+        measurement: the index of the measurement, or None if it concerns all.
+        rows: the rows of the values in question; empty if it is no single values.
     """
 
     text: str
-    measurement: int
-    row: int | None = None
+    measurement: int | None
+    rows: tuple[int, ...] = ()
 
 
 def doubts(residuals: Sequence[np.ndarray], measurements: Sequence[Measurement]) -> list[Doubt]:
@@ -43,52 +45,80 @@ def doubts(residuals: Sequence[np.ndarray], measurements: Sequence[Measurement])
         absolute = over_sigma * np.asarray(measurement.sigma)
         size = np.sqrt(np.mean(np.asarray(measurement.values) ** 2))
         rms = np.sqrt(np.nanmean(absolute**2))
-        if not np.isfinite(rms) or rms <= _EXACT * size:
+        if not np.isfinite(rms) or rms <= negligible(measurement.sigma.dtype) * size:
             continue
         rows = over_sigma.reshape(len(over_sigma), -1)
-        far = _outlier(rows)
-        if far is not None:
-            row, times = far
-            when = f"{float(measurement.times[row]):.6g}"
-            found.append(
-                Doubt(f"{kind}: the value at t = {when} is off by {times:.0f} times the others' deviation", i, row)
-            )
-        if kind == "Rates" and rms > _LARGE * size:
-            found.append(Doubt(f"{kind}: the residuals are {rms / size:.0%} of what was measured", i))
-        alike = _alike(rows)
-        if alike is not None:
+        if far := _outliers(rows):
+            found.append(Doubt(f"{kind}: {_far(measurement, far)}", i, tuple(row for row, _ in far)))
+        correlation = _correlation(rows)
+        if correlation is not None:
+            factor = _narrowness(rows)
+            by = f", by a factor of about {factor:.2g}" if factor > _NARROW else ""
             text = (
-                f"{kind}: neighbouring residuals are alike (correlation {alike:.2f}), which noise is not: the model "
-                "leaves something out, such as a bias or a torque, and the intervals are too narrow"
+                f"{kind}: neighbouring residuals are correlated ({correlation:.2f}), unlike noise; the model leaves "
+                f"something out, such as a bias or a torque, and the intervals are too narrow{by}"
             )
             found.append(Doubt(text, i))
     return found
 
 
-def _outlier(rows: np.ndarray) -> tuple[int, float] | None:
-    """The row furthest off, and its distance in units of the usual deviation; None if no row is far off."""
+def _far(measurement: Measurement, far: list[tuple[int, float]]) -> str:
+    """The times of the values that are far off, and by how much."""
+    if len(far) == 1:
+        ((row, times),) = far
+        when = f"{float(measurement.times[row]):.6g}"
+        return f"the value at t = {when} is off by {times:.0f} times the deviation of the others"
+    listed = ", ".join(f"{float(measurement.times[row]):.6g}" for row, _ in far[:_LISTED])
+    more = f" and {len(far) - _LISTED} more" if len(far) > _LISTED else ""
+    least, most = (f(times for _, times in far) for f in (min, max))
+    return (
+        f"{len(far)} values are off by {least:.0f} to {most:.0f} times the deviation of the others, at t = "
+        f"{listed}{more}"
+    )
+
+
+def _outliers(rows: np.ndarray) -> list[tuple[int, float]]:
+    """The rows that are far off, and the distance of each in units of the usual deviation."""
     sizes = np.abs(rows)
-    if np.sum(np.isfinite(sizes)) < _FEW:
-        return None
+    if np.sum(np.isfinite(sizes)) < FEW:
+        return []
     usual = np.nanmedian(sizes, axis=0) / 0.6745
+    if len(sizes) < _MANY:  # the median of few values may be small by chance
+        usual = np.maximum(usual, np.nanmedian(sizes) / 0.6745)
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(np.isfinite(sizes), sizes / usual, 0.0)
-    row = int(np.argmax(np.max(relative, axis=1)))
-    most = float(np.max(relative))
+        relative = np.max(np.where(np.isfinite(sizes), sizes / usual, 0.0), axis=1)
     far = _SPREAD * ndtri(1 - _CHANCE / 2 / np.sum(np.isfinite(sizes)))
-    return (row, most) if most > far else None
+    return [(int(row), float(relative[row])) for row in np.flatnonzero(relative > far)]
 
 
-def _alike(rows: np.ndarray) -> float | None:
+def _correlation(rows: np.ndarray) -> float | None:
     """The mean correlation with the next row, or with the next eight, if chance does not explain it; else None."""
     complete = rows[np.all(np.isfinite(rows), axis=1)]
-    if len(complete) < _FEW:
+    if len(complete) < FEW:
         return None
-    square = np.sum(complete**2)
     for lags in _LAGS:
         if len(complete) <= 4 * lags:
             continue
-        each = [float(np.sum(complete[lag:] * complete[:-lag]) / square) for lag in range(1, lags + 1)]
-        if np.mean(each) * np.sqrt(lags * complete.size) > _SIGNIFICANT:
-            return float(np.mean(each))
+        mean = float(np.mean([_at(complete, lag) for lag in range(1, lags + 1)]))
+        if mean * np.sqrt(lags * complete.size) > SIGNIFICANT:
+            return mean
     return None
+
+
+def _narrowness(rows: np.ndarray) -> float:
+    """The factor by which the correlation of the residuals makes standard deviations too small.
+
+    It is the root of 1 + 2 (r_1 + r_2 + ...), with the correlations r_k at the lags k up to five times this sum.
+    """
+    complete = rows[np.all(np.isfinite(rows), axis=1)]
+    total = 1.0
+    for lag in range(1, len(complete) // 2):
+        total += 2 * _at(complete, lag)
+        if lag >= _WINDOW * total:
+            break
+    return float(np.sqrt(max(total, 1.0)))
+
+
+def _at(rows: np.ndarray, lag: int) -> float:
+    """The correlation at a lag."""
+    return float(np.sum(rows[lag:] * rows[:-lag]) / np.sum(rows**2))

@@ -11,11 +11,11 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri, stdtrit  # SciPy comes with JAX
 
 from .identifiability import Spectrum
+from .misfit import explained, remainders_of, within_sigmas
 from .residuals import Data
 from .result import code_of
 
 CONFIDENCE = 0.95
-_LARGEST_RMS = 1.5  # of residuals over known sigmas, if there are many degrees of freedom
 
 
 class Estimate(eqx.Module):
@@ -100,14 +100,18 @@ def estimate_at(
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.full_like(covariance, jnp.inf), covariance)
     good = good & jnp.all(jnp.isfinite(found))
     enough = jnp.maximum(dof, 1).astype(one.dtype)
-    fits = (squares <= enough * jnp.maximum(_LARGEST_RMS, 1 + 5 / jnp.sqrt(2 * enough)) ** 2) | (not absolute_sigma)
-    result = code_of(good, converged, jnp.all(spectrum.determined) & (dof >= 1), fits)
+    values = data.layout.values(vector)
+    if absolute_sigma:
+        fits = within_sigmas(squares, enough)
+    else:
+        fits = explained(remainders_of(data.measurements, found, values))
+    result = code_of(good, converged, fits, jnp.all(spectrum.determined) & (dof >= 1))
     quantile = one * ndtri(0.5 + CONFIDENCE / 2) if absolute_sigma else _quantile(dof, found.size, one)
     coordinates = data.layout.coordinates(vector)
     half = quantile * jnp.sqrt(jnp.diagonal(covariance))
     return Estimate(
         vector=vector,
-        values=data.layout.values(vector),
+        values=values,
         coordinates=coordinates,
         covariance=covariance,
         intervals=jnp.stack([coordinates - half, coordinates + half], axis=-1),

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from ..methods.base import Method
-from .failure import message_of
+from .aliases import aliases_of
+from .failure import UndeterminedError, message_of
 from .identifiability import complaint, confounded
 from .layout import Layout
 from .measurements import Measurement
 from .prepare import as_list, prepare
 from .report import Fit
 from .residuals import Data, Model
+from .result import Result
 from .run import solved
 from .solve import Plan
 
@@ -76,12 +78,17 @@ def fit(
             called with 1 after each step of the search.
 
     Returns:
-        The result; print it for a table. `ok` is False if the optimiser did not converge or a run failed.
+        The result; print it for a table. `ok` is False if a run failed, the optimiser did not converge, or the
+        residuals cannot be noise: with `absolute_sigma` by a chi-squared test of the sigmas, otherwise because they are
+        not small relative to what was measured.
 
     Raises:
-        ValueError: an argument is invalid, there are too few measurements, or the rates are in another unit than the
-            guess of a free body; these are raised before anything is traced. Or the fit converged, but the measurements
-            do not determine all parameters; the message names those that cannot be told apart.
+        ValueError: an argument is invalid, there are too few measurements, the rates are in another unit than the guess
+            of a free body, or the attitudes follow another convention by the rates of the same body; these are raised
+            before anything is traced.
+        UndeterminedError: a ValueError. The fit converged and its residuals can be noise, but the measurements do not
+            determine all parameters. The message names those that cannot be told apart; `result` of the error is what
+            was found.
 
     Examples:
         >>> def model(values):  # values of the parameters -> body, torque, start
@@ -114,10 +121,13 @@ def fit(
     estimate = solved(plan, data, progress, _ends(first_span, plan, data))
     layout = data.layout
     groups = confounded(estimate.spectrum, layout.unconstrained_names(), layout.typical())
-    problem = complaint(groups, layout.named())
-    if problem and require_rank and bool(estimate.converged):
-        raise ValueError(problem)
-    return Fit(estimate, layout, data.measurements, groups, message_of(plan, data, estimate, problem))
+    message = message_of(plan, data, estimate, complaint(groups, layout.named()))
+    found = Fit(
+        estimate, layout, data.measurements, groups, message, aliases_of(model, data.measurements, estimate.values)
+    )
+    if groups and require_rank and found.result is Result.UNDETERMINED:
+        raise UndeterminedError(found)
+    return found
 
 
 def _ends(first: Any, plan: Plan, data: Data) -> list[float]:

@@ -17,7 +17,7 @@ from .._checks.arguments import as_floats, is_unit, require, require_finite
 from ..model import so3
 
 Scale = Literal["free", "fixed"]
-_CURE_OF_FLAT = "a flat body is the limit of a physical one: lower the largest moment by a millionth."
+_CURE_OF_FLAT = "a flat body is the limit of a physical one: lower the largest moment to below the sum of the others."
 _SMALL_TURN = 1e-4  # radians; below it, sine and cosine are series, whose derivative at zero is finite
 _TRIANGLE = np.ones((3, 3)) / 2 - np.eye(3)  # (a, b, c) = _TRIANGLE @ (I1, I2, I3)
 

@@ -12,6 +12,7 @@ from ..methods.base import Method
 from ..model.bodies import RigidBody, principal_of
 from ..model.state import AnyState
 from ..model.torques import without_gravity
+from .conventions import check_conventions
 from .layout import Layout
 from .measurements import Accelerations, Attitudes, Directions, Measurement, Observed, Positions, Rates, check_parts
 from .residuals import Model, Problem
@@ -128,6 +129,7 @@ def _checked_model(
         _check_measurement(*subject, torque)
         if isinstance(subject[0], Observed):
             subject[0].check(values, *subject[1:])
+    check_conventions(measurements, values)
     if torque is None and not start.several:
         _check_speeds(body, start, measurements)
     return method, start.several
@@ -178,6 +180,11 @@ def _check_speeds(body: Any, start: AnyState, measurements: Sequence[Measurement
         measured = float(np.median(speeds)) if speeds.size else 0.0
         slow = 0 < measured <= guessed / allowed and not unknown
         if slow or measured >= guessed * (allowed / 2 if unknown else allowed) > 0:
+            if not unknown and speeds.min() <= guessed <= speeds.max():
+                raise ValueError(
+                    f"Rates: the measured speeds go from {speeds.min():.3g} to {speeds.max():.3g}, which no free body "
+                    "does; fit only the rows in which no torque acts, or give the torque in the model."
+                )
             seen = f"change by {measured:.3g}" if unknown else f"turn at {measured:.3g}"
             raise ValueError(
                 f"Rates: the body was measured to {seen}, and the free body of the guess turns at {guessed:.3g} "

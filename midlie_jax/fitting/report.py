@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from .._checks.arguments import as_count
-from .doubts import doubts
+from .doubts import Doubt, doubts
 from .estimate import CONFIDENCE, Estimate
 from .layout import Layout
 from .measurements import Measurement
@@ -30,6 +30,8 @@ class Fit:
         steps: number of steps of the optimiser.
         rank, condition: those of the Jacobian with columns of length one.
         confounded: the groups of unconstrained numbers that cannot be told apart; empty if all are determined.
+        aliases: how often the body turns between rows, if by more than half a revolution, so that other values may fit
+            as well; "" otherwise.
         flat: the names of the inertias that the data hardly distinguish from the inertia of a flat body.
         ok: whether the fit ended as it should: `result` is `Result.FITTED`.
         result: how the fit ended, a `Result`.
@@ -52,8 +54,9 @@ class Fit:
         measurements: tuple[Measurement, ...],
         confounded: list[list[str]],
         message: str,
+        aliases: str = "",
     ):
-        self.estimate, self.confounded, self.message = estimate, confounded, message
+        self.estimate, self.confounded, self.message, self.aliases = estimate, confounded, message, aliases
         self._layout, self._measurements = layout, measurements
         self.values: Any = estimate.values
         self.names = layout.names()
@@ -77,13 +80,17 @@ class Fit:
 
     @property
     def doubts(self) -> list[str]:
-        """What in the residuals does not look like noise; empty if everything does.
+        """Why the values or the intervals may be wrong even if `ok` is True; empty if nothing speaks against them.
 
-        It names neighbouring residuals that are alike, values far off the others, and residuals that are large relative
-        to the measured values. Then the model leaves something out or a value is wrong, and the intervals are too
-        narrow, even if `ok` is True.
+        It names all values that are far off the others; neighbouring residuals that are correlated, and the factor by
+        which this makes the intervals too narrow; and rows so far apart that other values may fit as well.
         """
-        return [doubt.text for doubt in doubts(self.residuals(), self._measurements)]
+        return [doubt.text for doubt in self.doubtful()]
+
+    def doubtful(self) -> list[Doubt]:
+        """The doubts with the measurement and the rows that each concerns."""
+        found = doubts(self.residuals(), self._measurements)
+        return [*found, Doubt(self.aliases, None)] if self.aliases else found
 
     @property
     def flat(self) -> list[str]:

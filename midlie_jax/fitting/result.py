@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int
 class Result(Enum):
     """How a fit ended, and what this means; `Fit.message` says more about a particular fit.
 
-    If several of them apply, the result is the first in the sequence RUN_FAILED, NOT_CONVERGED, UNDETERMINED, MISFIT.
+    If several of them apply, the result is the first in the sequence RUN_FAILED, NOT_CONVERGED, MISFIT, UNDETERMINED.
 
     Examples:
         >>> ml.fitting.Result.of(0) is ml.fitting.Result.FITTED
@@ -19,11 +19,11 @@ class Result(Enum):
         (2, 'the optimiser did not converge within its most steps')
     """
 
-    FITTED = "the optimiser converged, and the measurements determine all parameters"
+    FITTED = "the optimiser converged, the residuals can be noise, and the measurements determine all parameters"
     RUN_FAILED = "a run of the model failed: a solve, a turn too large for a step, or a number that is not finite"
     NOT_CONVERGED = "the optimiser did not converge within its most steps"
     UNDETERMINED = "the measurements do not determine all parameters"
-    MISFIT = "the residuals are larger than the sigmas, which were said to be known"
+    MISFIT = "the residuals cannot be noise: they exceed the known sigmas, or are not small relative to the signal"
 
     @property
     def code(self) -> int:
@@ -37,13 +37,13 @@ class Result(Enum):
 
 
 def code_of(
-    run: Bool[Array, ""], converged: Bool[Array, ""], determined: Bool[Array, ""], fits: Bool[Array, ""]
+    run: Bool[Array, ""], converged: Bool[Array, ""], fits: Bool[Array, ""], determined: Bool[Array, ""]
 ) -> Int[Array, ""]:
     """The code of the first condition that is False; 0 if none is."""
     code = jnp.zeros((), jnp.int32)
     for result, holds in (
-        (Result.MISFIT, fits),
         (Result.UNDETERMINED, determined),
+        (Result.MISFIT, fits),
         (Result.NOT_CONVERGED, converged),
         (Result.RUN_FAILED, run),
     ):

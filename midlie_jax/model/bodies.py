@@ -19,6 +19,7 @@ from .._math import components as cp
 from .._math.powers import unit as power_of_two
 from . import masses, so3
 from .inertia import Inertia
+from .rounded import made_flat
 
 # A flat body has I1 + I2 = I3 exactly; moments from a file satisfy this only up to rounding.
 _TRIANGLE_TOLERANCE = 1e-6
@@ -125,7 +126,9 @@ class RigidBody(Body):
         physical: whether the moments must satisfy the triangle inequality.
 
     Args:
-        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`.
+        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`. Where the largest
+            exceeds the sum of the other two by the rounding of their last digit, such as in (0.0833, 0.0833, 0.1667),
+            it is lowered to that sum, the moment of a flat body.
         physical: False admits moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has
             such moments, but the equations of motion still make sense.
 
@@ -156,10 +159,12 @@ class RigidBody(Body):
             self.moments,
             masses.is_positive,
             "must be positive and finite",
-            cure or cure_of(self.moments, "check units and order"),
+            cure
+            or cure_of(self.moments, "check units and order. A thin rod, with a moment of zero, is a midlie_jax.Rotor"),
         )
         require_within_range("moments", self.moments, "mass or length")
         if physical:
+            self.moments = made_flat(self.moments, _TRIANGLE_TOLERANCE)
             require_rows(
                 "moments",
                 self.moments,

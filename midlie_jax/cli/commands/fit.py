@@ -9,10 +9,11 @@ import numpy as np
 
 from ...fitting import Directions, Fit, Free, Moments, Rates, UnitVector, states_at
 from ...fitting import fit as run_fit
-from ...fitting.doubts import doubts
+from ...fitting.doubts import Doubt
 from ...model.bodies import RigidBody
 from ...model.states import DirectionState, MomentumState
-from .fit_data import UNITS_OF_RATE, Columns, Field, FieldColumns, Table, read, read_field
+from .fit_data import UNITS_OF_RATE, UNITS_OF_TIME, Columns, Field, FieldColumns, Table, read, read_field
+from .fit_flight import check_flight
 from .fit_guess import ORDERS, Guess, guess, turned_back
 from .output import require
 
@@ -59,11 +60,23 @@ def fit(options: argparse.Namespace) -> None:
     _print(options, problem, result)
     if options.out:
         _draw(options, problem, result)
-    if not result.ok:
-        raise ValueError(f"not ok: {result.message}")
-    if told := _doubts(problem, result):
-        cure = "" if options.bias else "; try --bias"
-        raise ValueError(f"not ok: {'; '.join(told)}{cure}")
+    told = ([] if result.ok else [result.message.rstrip(".")]) + _doubts(problem, result)
+    if told:
+        raise ValueError(f"not ok: {'; '.join([*told, *_cures(options, result)])}")
+
+
+def _cures(options: argparse.Namespace, result: Fit) -> list[str]:
+    """What may help if the residuals are not noise."""
+    if result.ok and result.doubts == [result.aliases]:
+        return []
+    bias = [] if options.bias else ["try --bias"]
+    part = ["if the file holds more than a free flight, give --from and --to"] if _whole(options) else []
+    return [" or, ".join(bias + part)] if bias + part else []
+
+
+def _whole(options: argparse.Namespace) -> bool:
+    """Whether all rows of the file are used."""
+    return options.first is None and options.last is None
 
 
 _NEEDS_FIELD = ("magnetometer_sigma", "hard_iron", "magnetometer_data")
@@ -96,10 +109,14 @@ def _problem(options: argparse.Namespace) -> Problem:
     _check_options(options)
     own = options.magnetometer_data
     among = None if own else options.magnetometer
-    table, field = read(options.data, Columns(options.columns, among, options.unit, options.time_unit))
+    if options.first is not None and options.last is not None and options.first >= options.last:
+        raise ValueError(f"--from must be before --to, got {options.first:g} and {options.last:g}.")
+    columns = Columns(options.columns, among, options.unit, options.time_unit, options.first, options.last)
+    table, field = read(options.data, columns)
+    check_flight(options.data, table, UNITS_OF_TIME[options.time_unit or "s"], options.moments)
     if own:
         columns = FieldColumns(options.magnetometer_time, options.magnetometer, options.magnetometer_time_unit)
-        field = read_field(own, columns)
+        field = _within(options, read_field(own, columns))
         _check_overlap(options, table, field)
     begin = table.times[0] if field is None else min(table.times[0], field.times[0])
     times = table.times - begin
@@ -126,6 +143,19 @@ def _problem(options: argparse.Namespace) -> Problem:
         "first_span": _FIRST / float(np.nanmedian(speeds[speeds > 0])),
     }
     return Problem(measurements, given, options.bias, bool(options.hard_iron), clock, table, field, begin)
+
+
+def _within(options: argparse.Namespace, field: Field) -> Field:
+    """The rows of the magnetometer's own file between --from and --to, which are in the unit of DATA.csv."""
+    unit = UNITS_OF_TIME[options.time_unit or "s"]
+    kept = np.ones(len(field.times), bool)
+    if options.first is not None:
+        kept &= field.times >= options.first * unit
+    if options.last is not None:
+        kept &= field.times <= options.last * unit
+    if not kept.any():
+        raise ValueError(f"{options.magnetometer_data} has no rows between --from and --to.")
+    return Field(field.times[kept], field.vectors[kept], field.lines[kept])
 
 
 def _check_overlap(options: argparse.Namespace, table: Table, field: Field) -> None:
@@ -214,8 +244,14 @@ def _from(problem: Problem, near: Guess) -> Fit:
 def _doubts(problem: Problem, result: Fit) -> list[str]:
     """The doubts about the fit, with the lines of the file that they concern."""
     lines = [problem.table.lines] + ([] if problem.field is None else [problem.field.lines])
-    found = doubts(result.residuals(), problem.measurements)
-    return [d.text if d.row is None else f"line {lines[d.measurement][d.row]}: {d.text}" for d in found]
+
+    def named(doubt: Doubt) -> str:
+        if doubt.measurement is None or not doubt.rows:
+            return doubt.text
+        places = [str(lines[doubt.measurement][row]) for row in doubt.rows]
+        return f"line{'s' if len(places) > 1 else ''} {', '.join(places)}: {doubt.text}"
+
+    return [named(doubt) for doubt in result.doubtful()]
 
 
 def _print(options: argparse.Namespace, problem: Problem, result: Fit) -> None:

@@ -30,12 +30,15 @@ class Columns(NamedTuple):
         field: the names of the three columns of a magnetometer in the same rows; None if there is none.
         rate_unit: one of `UNITS_OF_RATE`.
         time_unit: one of `UNITS_OF_TIME`; None for seconds, and then a name with another unit is refused.
+        first, last: the times of the first and the last row that is used, in the unit of the file; None for all.
     """
 
     rates: Sequence[str] | None
     field: Sequence[str] | None
     rate_unit: str
     time_unit: str | None
+    first: float | None = None
+    last: float | None = None
 
 
 class FieldColumns(NamedTuple):
@@ -103,6 +106,7 @@ def read(path: str, wanted: Columns) -> tuple[Table, Field | None]:
         _check_order(path, cells.header, cells.names)
     _check_time_unit(cells.names[0], wanted.time_unit, "--time-unit")
     _check_rate_units(cells.names[1:4], wanted.rate_unit)
+    cells = _within(path, cells, wanted.first, wanted.last)
     _check_rates(path, cells.lines, cells.numbers[:, 1:4])
     times = cells.numbers[:, 0] * UNITS_OF_TIME[wanted.time_unit or "s"]
     field = Field(times, cells.numbers[:, 4:], cells.lines) if wanted.field else None
@@ -138,6 +142,18 @@ def _cells(path: str, named: Callable[[list[str]], list[str]], options: str) -> 
     if not text.endswith(("\n", "\r")):
         _check_last(path, cells, places)
     return _Cells(header, names, table, lines)
+
+
+def _within(path: str, cells: _Cells, first: float | None, last: float | None) -> _Cells:
+    """The rows from the first to the last time."""
+    times = cells.numbers[:, 0]
+    kept = (times >= (-np.inf if first is None else first)) & (times <= (np.inf if last is None else last))
+    if not kept.any():
+        raise ValueError(
+            f"{path} has no rows between --from and --to; its times go from {times[0]:g} to {times[-1]:g}, in the unit "
+            "of the file."
+        )
+    return cells._replace(numbers=cells.numbers[kept], lines=cells.lines[kept])
 
 
 def _text(path: str) -> str:

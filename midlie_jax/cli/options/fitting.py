@@ -2,7 +2,7 @@
 
 import argparse
 
-from ..readers import file, positive, whole
+from ..readers import file, number, positive, whole
 
 
 def fit(parser: argparse.ArgumentParser) -> None:
@@ -10,7 +10,9 @@ def fit(parser: argparse.ArgumentParser) -> None:
         "Fits the moments of inertia of a body under no torque, up to their sum, and its initial angular velocity to "
         "the angular velocities in a CSV file with a header: time, then the rates about the three principal axes. "
         "Empty cells are missing values. Prints the estimates with 95 % intervals. The exit code is 2 if the fit is "
-        "not ok: if it did not converge, or if its residuals are not noise of the size of sigma."
+        "not ok: if it did not converge, if its residuals are not noise of the size of sigma, or if the body turns by "
+        "more than half a revolution between rows. If the file holds more than a free flight, such as a phone in the "
+        "hand before it and the catch after it, choose the flight by --from and --to."
     )
     parser.add_argument("data", metavar="DATA.csv", help="the measurements")
     parser.add_argument("--scene", choices=("free-body",), default="free-body", help="the model (default: free-body)")
@@ -28,6 +30,10 @@ def fit(parser: argparse.ArgumentParser) -> None:
         "--bias", action="store_true", help="also find the bias of the gyroscope, what it adds to the rates"
     )
     parser.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="the unit of time (default: s)")
+    parser.add_argument(
+        "--from", dest="first", type=number, metavar="T", help="use the rows from this time on, in the file's unit"
+    )
+    parser.add_argument("--to", dest="last", type=number, metavar="T", help="use the rows up to this time")
     parser.add_argument(
         "--magnetometer",
         nargs=3,

@@ -1,18 +1,24 @@
 """`Accelerations`: what an accelerometer measures."""
 
+import math
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
 from ..._math import components as cp
-from ...model.states import TravellingState
-from ...model.torques import TorqueLike, on_body, without_gravity
+from ...model import so3
+from ...model.bodies import TensorBody
+from ...model.states import TravellingState, attitude_of
+from ...model.torques import GravityGradient, Torque, TorqueLike, kept_terms, on_body, terms_of, without_gravity
 from ...model.wrench import Wrench
 from .base import Expected
 from .source import Part, Source, source
+
+_GAUSS = 0.5 - math.sqrt(3) / 6  # of the two points of Gauss on (0, 1)
 
 
 class Accelerations(Expected):
@@ -20,7 +26,9 @@ class Accelerations(Expected):
 
     The model is R^T (a - g) + Omega' x r + Omega x (Omega x r), with the acceleration a of the centre of mass of a body
     that travels, zero for one that turns about a fixed point; r is the place of the instrument, and Omega' is from
-    Euler's equations with the torque of the model.
+    Euler's equations with the torque of the model. g is the gravity at the instrument: in orbit it differs from that at
+    the centre of mass by the tidal term, (grad g) R r to first order. The fields of the torque give it, also their sum;
+    a `GravityGradient` gives it to first order, if no other term of the torque is gravity.
 
     Args:
         times: (n,), ascending.
@@ -28,8 +36,9 @@ class Accelerations(Expected):
         sigma: standard deviation in the same unit: one number, (3,), or (n, 3).
         lever: the place r of the instrument, from the centre of mass or the fixed point, body frame, (3,): a known
             array, the name of a parameter, or a function of the values of the parameters.
-        gravity: the acceleration g of gravity, space frame, (3,), in the same three forms. None if terms of the torque
-            on a body that travels are gravity: `UniformGravity`, `PointMass` and `Oblateness`, and no others.
+        gravity: the acceleration g of gravity at the centre of mass or the fixed point, space frame, (3,), in the same
+            three forms; zeros in free fall. None if terms of the torque on a body that travels are gravity:
+            `UniformGravity`, `PointMass` and `Oblateness`, and no others.
         bias: what the instrument adds, (3,), in the same three forms. None means no bias.
         clock: as for `Rates`.
 
@@ -78,6 +87,47 @@ class Accelerations(Expected):
         felt = zeros if self.gravity is None else -self.gravity(parameters).reshape(3)
         if isinstance(state, TravellingState) and pushing is not None:
             felt = felt + Wrench.of(pushing(t, state)).force / body.mass
+        fields = kept_terms(torque, _gravitational) if isinstance(state, TravellingState) else None
+        if fields is not None:
+            felt = felt + _fall(fields, t, state, body, lever)
         of_turning = jnp.cross(change, lever) + jnp.cross(rates, jnp.cross(rates, lever))
         measured = cp.pack(state.seen_from_body(cp.vector(felt))) + of_turning
+        for term in terms_of(torque) if fields is None else []:
+            if isinstance(term, GravityGradient):
+                measured = measured - cp.pack(term.tide(t, state, cp.vector(lever)))
         return measured if self.bias is None else measured + self.bias(parameters)
+
+
+def _gravitational(term: TorqueLike) -> bool:
+    return isinstance(term, Torque) and term.gravitational
+
+
+def _fall(fields: TorqueLike, t: Array, state: Any, body: Any, lever: Array) -> Array:
+    """The acceleration of a body by gravity, minus the gravity at a place in the body, space frame.
+
+    Both parts are derivatives, so that the difference of nearly equal accelerations is not taken: of the force by the
+    moments, which it is linear in, and of the field along the lever, at two points of Gauss.
+    """
+    place, along = state.position, so3.rotate(attitude_of(state), lever)
+    one = jnp.ones_like(body.mass)
+
+    def field(position: Array, share: Array) -> Array:
+        """The acceleration at a position of the body with this share of its moments."""
+        moved = eqx.tree_at(lambda s: s.position, state, position)
+        return Wrench.of(on_body(fields, _with_moments(body, share))(t, moved)).force / body.mass
+
+    def slope(share: float) -> Array:
+        return jax.jvp(lambda x: field(x, 0 * one), (place + share * along,), (along,))[1]
+
+    of_shape = jax.jvp(lambda share: field(place, share), (0 * one,), (one,))[1]
+    return of_shape - (slope(_GAUSS) + slope(1 - _GAUSS)) / 2
+
+
+def _with_moments(body: Any, share: Array) -> Any:
+    """A body that travels, with a share of its moments of inertia."""
+    principal = isinstance(body.body, TensorBody)
+    return eqx.tree_at(
+        lambda b: b.body.principal if principal else b.body,
+        body,
+        replace_fn=lambda x: jax.tree.map(lambda m: share * m, x),
+    )

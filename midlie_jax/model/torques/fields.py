@@ -197,6 +197,11 @@ class GravityGradient(ReadsBody):
         strength, u = self._local(t, state)
         return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)
 
+    def tide(self, t: Time, state: AnyState, place: cp.Vector) -> cp.Vector:
+        """The gravity at a place in the body minus that at the centre of mass, body frame, to first order."""
+        strength, u = self._local(t, state)
+        return cp.subtract(cp.scale(strength * cp.dot(u, place), u), cp.scale(strength / 3, place))
+
     def __call__(self, t: Time, state: AnyState) -> Array:
         return super().__call__(t, state) if self.moments is None else self.at(t, state, self._own_body())
 
