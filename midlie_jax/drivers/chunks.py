@@ -139,7 +139,7 @@ def run_ensemble(
         if mesh is not None:  # every device merges the parts of all chunks, in the same order
             everywhere = NamedSharding(Mesh(mesh.devices, mesh.axis_names), PartitionSpec())
             parts = jax.lax.with_sharding_constraint(parts, everywhere)
-        interval = shared[3] * save_every  # a statistic needs one dt
+        interval = shared[3] * jnp.asarray(save_every, shared[3].dtype)  # a statistic needs one dt
         path = path._replace(states=observe.result(observe.merged(parts), interval))
     if chunks * size == count:
         return path, end

@@ -293,7 +293,7 @@ def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None 
     dt, save_every = arguments[5], arguments[9]
     good = jnp.arange(len(path.times), dtype=jnp.int32) < path.first_bad
     values = jax.tree.map(lambda x: x[None], path.states)
-    path = path._replace(states=observe.of_bodies(values, good[None], dt * save_every))
+    path = path._replace(states=observe.of_bodies(values, good[None], dt * jnp.asarray(save_every, dt.dtype)))
     return end_alone(path) if at_end else path
 
 
