@@ -396,14 +396,14 @@ def _with(state: str, torque: Any) -> tuple[Any, Any, Any]:
     return body, torque, start
 
 
-KEPLER_ORBITS = {"GravityGradient, Kepler", "DipoleField"}
+LONG = {"GravityGradient, Kepler", "GravityGradient, table", "DipoleField", "FreeMolecularDrag", "Sunlight"}
 
 
 def of_sums() -> dict[str, Scene]:
-    """All torques on one kind of state at once, but along an orbit: the cheapest program that has each of them."""
+    """All torques on one kind of state at once, but long ones: the cheapest program that has each of them."""
     found = {}
     for state in ("top", "free top", "spins"):
-        all_ = torques.Sum(*(one for name, (own, one) in TORQUES.items() if own == state and name not in KEPLER_ORBITS))
+        all_ = torques.Sum(*(one for name, (own, one) in TORQUES.items() if own == state and name not in LONG))
         found[f"all torques on {state}"] = Scene(default_method(state), *_with(state, all_))
     return found
 

@@ -255,7 +255,10 @@ def speed(t, state, body, values):
 SHOWN = np.full(5, 0.4)
 WRONG = {
     "no function": (lambda: observed(function=3.0), r"function must be a function of \(t, state, body, values\)"),
-    "two arguments": (lambda: prepared(function=lambda t, state: 0.0), r"must take \(t, state, body, values\)"),
+    "two arguments": (
+        lambda: prepared(function=lambda t, state: 0.0),
+        r"must be a function of \(t, state, body, values\)",
+    ),
     "a vector for a number": (
         lambda: prepared(function=lambda t, s, b, v: s.momentum),
         r"returns shape \(3,\) for each time, and values have \(\)",

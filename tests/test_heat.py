@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DTYPES, REAL, RIGID_FLIGHTS, quick
+from cases import DTYPES, REAL, RIGID_FLIGHTS, quick, real
 from scipy.linalg import expm
 
 import midlie_jax as ml

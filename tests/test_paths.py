@@ -302,7 +302,7 @@ def as_for_users(monkeypatch):
     reference.cache_clear()
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["bath kT(t), BAOAB", *(name for name in ANCHORS if name != "bath kT(t), BAOAB")])
 def test_saved_states_and_continued_runs_have_the_same_bits(name, as_for_users, tmp_path):
     """The sums of GBS methods are rounded once or twice, as the compiler likes: these have the same last digits."""
@@ -314,7 +314,7 @@ def test_saved_states_and_continued_runs_have_the_same_bits(name, as_for_users, 
 FIRST = sorted(CHEAPEST, key=lambda name: not name.startswith("bath"))
 
 
-@pytest.mark.sample(12)
+@pytest.mark.sample(10)
 @pytest.mark.parametrize("name", dict.fromkeys([*FIRST, *SCENES]))
 def test_a_step_of_no_length_is_the_identity(name):
     """To the bit, for the motion in principal axes. The force is the one at the start."""
@@ -405,7 +405,7 @@ def difference(name: str) -> float:
     return (8 * (value(e) - value(-e)) - (value(2 * e) - value(-2 * e))) / (12 * e)
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "way"), [*zip(SMOOTH, WAYS * 2, strict=False), *product(SMOOTH[:3], WAYS[1:])])
 def test_derivatives_agree(name, way):
     """Reverse and forward, with each adjoint, and differences; and the value is that without a derivative."""

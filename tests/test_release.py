@@ -76,8 +76,8 @@ def test_the_version_is_that_of_pyproject_everywhere(capsys):
         main(["--version"])
     assert capsys.readouterr().out == f"midlie_jax {VERSION}\n"
     assert f"\nversion: {VERSION}\n" in (ROOT / "CITATION.cff").read_text()
-    newest = (ROOT / "CHANGELOG.md").read_text().split("\n## ")[1]
-    assert VERSION in newest
+    headings = re.findall(r"^## \[(.*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert next(heading for heading in headings if heading != "Unreleased") == VERSION
 
 
 def test_every_dependency_has_a_least_version():

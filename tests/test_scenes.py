@@ -52,7 +52,10 @@ def free(moments, momentum, duration, coarsest) -> Case:
 
 def of_scene(name: str, coarsest: int, duration: float | None = None) -> Case:
     scene = scenes.scene(name)
-    return Case(scene.body, scene.torque, scene.start, duration or scene.duration, coarsest)
+    body = scene.body
+    if isinstance(body, ml.RigidBody):  # of the form of `free`, with which it makes one batch
+        body = ml.RigidBody(body.moments, physical=False)
+    return Case(body, scene.torque, scene.start, duration or scene.duration, coarsest)
 
 
 CALGO_0 = (

@@ -141,6 +141,10 @@ TORQUES = {
     ),
     "GravityGradient on a table": on(lambda u: torques.GravityGradient(None, table(u), u(6.0, MU)), alone, TORQUE),
     "EddyCurrents": on(lambda u: torques.EddyCurrents(u([0.5, 0.3, 0.2], FRICTION), u(VECTOR)), alone, TORQUE),
+    "Held": on(
+        lambda u: torques.Held(u([VECTOR, (0.4, 0.1, -0.7)], TORQUE), u(8.0, TIME), u(-8.0, TIME)), alone, TORQUE
+    ),
+    "Pulses": on(lambda u: torques.Pulses(u([-4.0], TIME), u(8.0, TIME), u(VECTOR, TORQUE)), alone, TORQUE),
     "Damping": on(lambda u: torques.Damping(u(0.5, FRICTION)), alone, TORQUE),
     "PDControl": on(lambda u: torques.PDControl(u([1.0, 0, 0, 0]), u(2.0, TORQUE), u(0.5, FRICTION)), alone, TORQUE),
     "Rotors": on(lambda u: torques.Rotors(u(VECTOR, MOMENTUM)), alone, TORQUE),

@@ -33,7 +33,7 @@ def with_gain_judged(
     start: AnyState,
     t: Array,
     h: Array,
-    steps: int | None,
+    steps: int | Array,
     progress: Progress,
     whole: Array | bool = True,
 ) -> Progress:
@@ -41,10 +41,11 @@ def with_gain_judged(
 
     Args:
         system, start, t, h: of the run.
-        steps: how many there are; None if the number is an argument of the program.
+        steps: how many there are; an array if the number is an argument of the program.
         whole: whether this is the end of all steps and not that of a leg, so that legs change no result.
     """
-    potential = _potential(system, start, t) if steps is None or steps >= _LEAST_STEPS else None
+    judged = steps >= _LEAST_STEPS
+    potential = None if judged is False else _potential(system, start, t)
     if potential is None:
         return progress
     ends = jax.lax.stop_gradient(jax.tree.map(lambda *x: jnp.stack(x), system.motion(start), progress.motion))
@@ -53,7 +54,7 @@ def with_gain_judged(
     gain = (kinetic[1] - kinetic[0]) + (height[1] - height[0])
     given = kinetic[0] + jnp.maximum(height[0] - height[1], 0)
     eps = jnp.finfo(gain.dtype).eps
-    gained = whole & (gain > _MOST * given + _ROUNDING * eps * jnp.abs(height[0]))
+    gained = judged & whole & (gain > _MOST * given + _ROUNDING * eps * jnp.abs(height[0]))
     unstable = gained & _moves(system, _ROUNDING * float(eps), h, jax.lax.stop_gradient(progress.motion))
     return progress._replace(verdict=earlier(progress.verdict, jnp.where(unstable, UNSTABLE, FINE)))
 

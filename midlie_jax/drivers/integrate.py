@@ -260,7 +260,7 @@ def run_of_body(
         rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
     progress, (seen, solved) = jax.lax.scan(save_interval, progress, (numbers, interval_starts, rows_of_intervals))
     # Outside the loop over steps, which does not need this result.
-    steps = intervals * save_every if isinstance(save_every, int) else None
+    steps = intervals * save_every
     whole = leg is None or leg.end == steps
     progress = with_gain_judged(system, start, t0, dt, steps, progress, whole)
     trusted = solved & cp.all_finite(seen, axes=1) if observe is None else solved

@@ -160,7 +160,9 @@ class RigidBody(Body):
             masses.is_positive,
             "must be positive and finite",
             cure
-            or cure_of(self.moments, "check units and order. A thin rod, with a moment of zero, is a midlie_jax.Rotor"),
+            or cure_of(
+                self.moments, "check units and order. A thin rod, with a moment of zero, is a midlie_jax.Rotor(moment)"
+            ),
         )
         require_within_range("moments", self.moments, "mass or length")
         if physical:
