@@ -57,6 +57,12 @@ def pytest_configure(config):
 
 # Files whose laws read the same compiled runs; the others are one group each.
 TOGETHER = {"test_runs": "test_laws", "test_inputs": "test_laws"}
+# Files that only `make test-rest` runs: pictures and pages of motion, the laboratory, and damage to stores.
+REST = {
+    *("test_plot", "test_plot_coupled", "test_plot_room", "test_plot_travel", "test_pictures", "test_side_by_side"),
+    *("test_view", "test_bands", "test_charts", "test_claims", "test_frontier", "test_limit", "test_oracles"),
+    *("test_own_methods", "test_simulate_damage", "test_stability", "test_timing", "test_work_precision"),
+}
 BEGAN = time.time()
 # Linux gives a process 65530 maps of memory (vm.max_map_count), each compiled loop takes three, and XLA, given no more,
 # ends the process with a segmentation fault.
@@ -95,7 +101,7 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         law, marker = item.nodeid.partition("[")[0], item.get_closest_marker("sample")
         seen[law] += 1
-        sampled = marker is None or seen[law] <= marker.args[0]
+        sampled = item.path.stem not in REST and (marker is None or seen[law] <= marker.args[0])
         chosen.append(sampled == config.option.sample)
     config.hook.pytest_deselected(items=[item for item, own in zip(items, chosen, strict=True) if not own])
     items[:] = [item for item, own in zip(items, chosen, strict=True) if own]

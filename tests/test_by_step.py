@@ -64,7 +64,7 @@ def controls(values, first=0, momentum=(0.2, -0.3, 0.4), attitude=UP):
 
 
 @pytest.mark.parametrize(("name", "dtype"), by_turns(SOONEST))
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 def test_pulses_give_their_impulse_for_every_method_and_step(name, dtype):
     cases = [pulses(*clock) for clock in CLOCKS.values()]
     # A run that goes on in the middle of a pulse.
@@ -217,7 +217,7 @@ def reference(name):
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("name", ["LIEMID[EA]", "AKW"])
-@pytest.mark.sample(3)
+@pytest.mark.sample(1)
 def test_every_driver_takes_the_same_steps(path, name, tmp_path):
     found = PATHS[path](name, tmp_path)
     for one, other in zip(*map(jax.tree.leaves, (found, reference(name))), strict=True):
@@ -225,7 +225,7 @@ def test_every_driver_takes_the_same_steps(path, name, tmp_path):
 
 
 @pytest.mark.parametrize("adjoint", [ml.Forward(), ml.Reversible()])
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 def test_every_adjoint_differentiates_the_controls(adjoint):
     def end(values, adjoint):
         torque, run = ml.torques.Held(values, HOLD), {**RUN, "save_every": STEPS, "adjoint": adjoint}
@@ -289,7 +289,7 @@ def ends(torque, body, start, **run):
 
 
 @pytest.mark.parametrize("case", WITHIN)
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 def test_a_function_of_time_is_found_wherever_it_is_in_a_torque(case):
     """Two intervals under held values are two runs, each under one value."""
     torque, body, start = WITHIN[case]
@@ -300,6 +300,7 @@ def test_a_function_of_time_is_found_wherever_it_is_in_a_torque(case):
     assert max(map(worst, jax.tree.leaves(both), jax.tree.leaves(start))) < 1e-14
 
 
+@pytest.mark.sample(0)
 def test_values_can_be_wrenches_and_differ_between_coupled_bodies():
     wrench = ml.Wrench(VALUES, RNG.normal(size=VALUES.shape))
     run = {"dt": HOLD / PARTS, "steps": STEPS}
@@ -313,6 +314,7 @@ def test_values_can_be_wrenches_and_differ_between_coupled_bodies():
     assert worst(ends(pulses, body_of(), start, **run).momentum, total) < 1e-14
 
 
+@pytest.mark.sample(0)
 def test_long_runs_in_float32_find_the_interval_and_the_pulse():
     """After 2^20 steps, where the clock is rounded to an eighth of a step."""
     dtype, first = np.float32, 2**20

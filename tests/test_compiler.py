@@ -121,6 +121,7 @@ class Numbered(eqx.Module):
         return jnp.array([sign * (1.0, 2.0, 3.0, 4.0)[(bool, int, float, complex).index(type(self.number))], 0.0, 0.0])
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("outer", [lambda run: run, jax.jit], ids=["alone", "in a program"])
 def test_equal_python_numbers_have_programs_of_their_own(outer):
     """0.0 and -0.0 are equal, and so are 1, 1.0 and True; of each such pair the second ran as the first."""

@@ -126,6 +126,7 @@ FIXED = {
 }
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_another_call_traces_nothing(driver):
     """With another start, step, first time and number of steps."""
@@ -139,6 +140,7 @@ def test_another_call_traces_nothing(driver):
     assert len(count) == before
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("driver", FIXED)
 def test_a_second_call_with_as_many_steps_traces_nothing(driver):
     torque, count = calls_of(ml.torques.HeavyTop(2.0))

@@ -43,6 +43,7 @@ def test_every_kind_of_measurement_is_tested():
     assert {n for n in kinds if issubclass(getattr(fitting, n), fitting.Measurement)} - {"Measurement"} == set(KINDS)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_a_model_leaves_of_the_signal_is_a_misfit(kind):
     """The whole wave or half of it; a tenth is small, and noise smaller than the wave is noise."""

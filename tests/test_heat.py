@@ -378,7 +378,7 @@ def one(**options):
     )
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("scheme", BATHS)
 def test_a_run_goes_on_where_it_stopped(scheme):
     method = f"JACOBI[{scheme}]"
@@ -409,6 +409,7 @@ IN_BATHS = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("run", IN_BATHS)
 def test_a_key_within_a_program_draws_what_a_key_as_an_argument_does(run):
     """The compiler does not compute the noise of a known key by itself, because it rounds differently.
@@ -421,6 +422,7 @@ def test_a_key_within_a_program_draws_what_a_key_as_an_argument_does(run):
         jax.tree.map(np.testing.assert_array_equal, known, given)
 
 
+@pytest.mark.sample(0)
 def test_a_run_with_its_key_within_the_program_goes_on_where_it_stopped():
     key, start = jax.random.key(7), IN_BATHS[of_a_free_body]
 

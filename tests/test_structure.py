@@ -100,6 +100,7 @@ def test_nothing_but_the_command_imports_the_command():
     )]  # fmt: skip
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("module", "line"),
     [

@@ -74,7 +74,7 @@ def test_symmetric_methods_come_back_and_a_step_of_no_length_changes_no_bit(kind
         assert missed <= 2 * roundings(name) * epsilon(dtype), missed / epsilon(dtype)
 
 
-@pytest.mark.sample(1)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize(("kind", "name", "dtype"), BY_TURNS)
 def test_a_split_run_is_the_run_to_the_bit(kind, name, dtype):
     found, half = paths(kind, name, dtype), STEPS // 2
@@ -283,7 +283,7 @@ def test_energy_wavers_as_the_order_says(kind, name):
 BATCH = 517
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("kind", "name", "torque", "expected"),
     [
