@@ -459,7 +459,7 @@ def test_functions_with_other_arguments_are_named_with_their_cure(monkeypatch):
     calls = {
         "BodyTorque": [
             lambda: ml.integrate("RK4", body, three, start, **step),
-            lambda: ml.integrate("RK4", body, ml.torques.HeavyTop(1.0) + three, start, **step),
+            lambda: ml.integrate("RK4", body, ml.torques.Sum(ml.torques.HeavyTop(1.0), three), start, **step),
             lambda: ml.ensemble("RK4", body, three, batch, **step),
             lambda: ml.check("RK4", body, three, start, dt=0.1),
         ],
