@@ -229,6 +229,22 @@ def test_moments_beyond_float32_name_the_cure(made, moment):
     assert made(float(moment)) if made is ml.Rotor else ml.RigidBody(moment * np.ones(3))
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_bodies_of_known_numbers_are_made_within_a_program(dtype):
+    """As in a user's own jit: the checks read the numbers, and trace nothing."""
+    moments, one = jnp.asarray([5.0, 5.0, 1.0], dtype), jnp.asarray(2.0, dtype)
+    made = {
+        "rigid": lambda: ml.RigidBody(moments),
+        "tensor": lambda: ml.TensorBody(jnp.diag(moments)),
+        "rotor": lambda: ml.Rotor(one, one),
+        "free": lambda: ml.FreeBody(ml.RigidBody(moments), one),
+        "particles": lambda: ml.Particles(one),
+        "points": lambda: ml.from_points(moments, jnp.eye(3, dtype=dtype)),
+    }
+    for make in made.values():
+        jax.eval_shape(make)
+
+
 @pytest.mark.parametrize("value", [1e40, 1e-50, [1e39, 0.0, 1.0]])
 def test_python_numbers_that_float32_does_not_hold_name_the_cure(value):
     with jax.enable_x64(False), pytest.raises(ValueError, match=r"in float32, got 1e.*jax_enable_x64"):

@@ -159,9 +159,11 @@ def in_wider(dtype: Any, cure: str = "") -> str:
 
 def cure_of(value: Any, cure: str) -> str:
     """The cure of a message on numbers: also float64, if they are infinite, or all zero, in float32."""
-    if is_traced(value) or np.asarray(value).dtype != np.float32:
+    if is_traced(value):
         return f"{cure}."
-    return in_wider(np.float32, cure) if np.isinf(value).any() or not np.any(value) else f"{cure}."
+    numbers = np.asarray(value)  # NumPy's, because within jax.jit those of a known JAX array would be traced
+    lost = numbers.dtype == np.float32 and (np.isinf(numbers).any() or not numbers.any())
+    return in_wider(np.float32, cure) if lost else f"{cure}."
 
 
 def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
