@@ -21,13 +21,13 @@ def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
     return cp.add(spin, cp.rotation_change((within * w, x, y, z), spin))
 
 
-def unit(spin: cp.Vector, h: Array) -> cp.Vector:
+def unit(spin: cp.Vector) -> cp.Vector:
     """Spins whose length differs from one by more than a hundred roundings get one that is closer to it; others stay.
 
-    So the digits of an ordinary run do not depend on how this sum was compiled. In a step of length h = 0 all stay.
+    So the digits of an ordinary run do not depend on how this sum was compiled.
     """
     excess = cp.dot(spin, spin) - 1
-    far = (jnp.abs(excess) > _UNTOUCHED * cp.epsilon(excess)) & (h != 0)
+    far = jnp.abs(excess) > _UNTOUCHED * cp.epsilon(excess)
     return cp.scale(jnp.where(far, 1 - excess / 2, jnp.ones_like(excess)), spin)
 
 

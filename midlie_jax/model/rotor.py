@@ -77,7 +77,9 @@ class Rotor(Body):
             if self.along.shape != self.moment.shape:
                 raise ValueError(f"along {self.along.shape} and moment {self.moment.shape} must have one shape.")
             require("along", self.along, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", _UNITS)
-            if not cp.is_traced(self.along, self.moment) and np.any(np.asarray(self.along) > 2 * np.asarray(self.moment)):
+            if not cp.is_traced(self.along, self.moment) and np.any(
+                np.asarray(self.along) > 2 * np.asarray(self.moment)
+            ):
                 raise ValueError("along must not exceed twice the moment, which no real body does; check their order.")
 
     def inertia(self) -> RotorInertia:

@@ -163,9 +163,10 @@ class Sublattices(Method):
         if system.inertia.spins.damping is not None:
             # The closed forms of damping are those of unit vectors. Opposite to the field they move a length away from
             # one faster than the spin away from the field, so that roundings would grow to anything.
-            whole = system.inertia.checkered is None
-            spin = split(unit(spin, h) if whole else tuple(unit(row, h) for row in spin))
+            spin = split(unit(spin) if system.inertia.checkered is None else tuple(map(unit, spin)))
         spin, known = take(parts, system, t0, t1, h, spin, force)
+        if system.inertia.spins.damping is not None:  # a step of length zero changes no length
+            spin = jax.tree.map(lambda old, new: jnp.where(h == 0, old, new), motion.momentum, split(spin))
         return Motion(spin, ()), known if self.keeps_force(system) else None, True
 
     def _step_unrolled(
