@@ -1,7 +1,8 @@
 # Each target makes what it needs in .venv first, with the newest Python of this machine; a second call finds it there.
 # PYTHON=python3.11 chooses another Python for a new .venv.
 #   make chart [SCENE=P1]   table on the terminal and chart-$(SCENE).png
-#   make test               a fixed set of the tests, under 5 minutes on two cores: all but what is marked `sample`
+#   make test               a fixed set of the tests, for two cores: all but what is marked `sample`, and the files
+#                           that tests/conftest.py leaves to make test-rest
 #   make test-rest          what make test leaves out: an hour; MINUTES=45 skips what would begin later; BEGIN=7 begins at
 #                           another file
 #   make test-all           both: all laws for one method of each kind
