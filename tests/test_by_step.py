@@ -15,7 +15,7 @@ from midlie_jax.model.torques.reads_body import ReadsBody
 
 HOLD, PARTS, INTERVALS = 0.3, 3, 4  # intervals of three steps
 STEPS = PARTS * INTERVALS
-MOMENTS = np.array([1.0, 2.0, 2.5])
+MOMENTS = np.array([1.5, 2.0, 2.5])
 WIDTH, PUSH, COUNT = 0.02, 5.0, 4  # pulses about the third axis, from rest: the momentum stays on it
 SOONEST = [*CLASSES, *(name for name in ROTATION if name not in CLASSES)]
 ROWS = 7  # runs side by side, so that one program serves all laws of a method
