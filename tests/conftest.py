@@ -123,8 +123,13 @@ TESTS = count(1)  # of this process, that have ended
 
 
 def pytest_runtest_teardown():
+    if next(TESTS) % 16 == 0:
+        leave_maps_of_memory()
+
+
+def leave_maps_of_memory():
     """Forgets compiled programs before the process has no more maps of memory; to count these takes up to 30 ms."""
-    if next(TESTS) % 16 == 0 and maps_of_memory() > MOST_MAPS:
+    if maps_of_memory() > MOST_MAPS:
         jax.clear_caches()
         gc.unfreeze()  # what refers to programs in a circle is collected, too
         gc.collect()

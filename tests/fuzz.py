@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import conftest  # noqa: F401  (float64 on, strict promotion)
+import conftest  # also for float64 and strict promotion
 import extended
 import fuzz_paths
 import fuzz_resume
@@ -305,6 +305,7 @@ def rounds(
         @given(strategy)
         def one(value: Any) -> None:
             test(value)
+            conftest.leave_maps_of_memory()
 
         try:
             one()

@@ -82,6 +82,7 @@ def check(drawn: Drawn, folder: Any) -> None:
     else:
         given = {"dt": DT, "t0": T0, "progress": False, "chunk": drawn.chunk, **options}
         torque, starts = case.torque(case.keys(drawn.bodies)), case.starts(drawn.bodies)
+        given["torque_axes"] = case.torque_axes
         run = ml.simulate(case.scene.method, case.body, torque, starts, out=folder / "run.zarr", **given)
         states = run.states()
         found = [at(states, row) for row in rows]

@@ -1,6 +1,6 @@
 """Single-line mutants of the package, each to be killed by a test of `make test`: `make mutants`.
 
-    python tests/mutants.py [NAME ...] [--all]
+    python tests/mutants.py [NAME ...] [--all] [--workers N]
 
 Each mutant is one line of the package made wrong, in a copy. First run the tests that should kill it, as `make test`
 selects them. With `--all` a mutant that survives these meets the whole of `make test`. Prints a line for each; the exit
@@ -14,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -136,7 +138,7 @@ MUTANTS = {
         "test_paths.py -k bath",
     ),
     # drivers
-    "clock": Mutant("drivers/clock.py", "_EXACT_BITS = 24", "_EXACT_BITS = 31", "test_runs.py"),
+    "clock": Mutant("drivers/clock.py", "_EXACT_BITS = 24", "_EXACT_BITS = 31", "test_inputs.py -k exact_index"),
     "index of a step": Mutant(
         "drivers/integrate.py",
         "interval_starts = first + save_every * numbers",
@@ -196,11 +198,9 @@ PARTS = ("midlie_jax", "tests", "benchmarks", "docs", "notebooks")
 
 
 def copied(folder: Path) -> None:
-    """A copy of the repository without what git ignores."""
+    """A copy of the repository without what git ignores, but with compiled Python."""
     for part in PARTS:
-        shutil.copytree(
-            ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", "build", ".hypothesis")
-        )
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("build", ".hypothesis"))
     for path in ROOT.iterdir():
         if path.is_file():
             shutil.copy(path, folder / path.name)
@@ -208,55 +208,43 @@ def copied(folder: Path) -> None:
 
 def fails(folder: Path, tests: str) -> bool:
     """Whether one of these tests of the sample fails in the copy."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-p",
-        "no:cacheprovider",
-        "--sample",
-        "-x",
-        "-n",
-        "2",
-        "--no-loadscope-reorder",
-    ]
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", "--sample", "-x"]
     names, _, keyword = tests.partition(" -k ")
     command += [f"tests/{name}" for name in names.split()] + (["-k", keyword] if keyword else [])
-    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     if done.returncode not in (0, 1):  # no tests, or pytest itself failed
         raise RuntimeError(f"pytest ended with {done.returncode}:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.returncode == 1
 
 
-def verdict(mutant: Mutant, everything: bool) -> str:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        copied(folder)
-        path = folder / "midlie_jax" / mutant.file
+def verdict(name: str, everything: bool) -> str:
+    began, mutant = time.monotonic(), MUTANTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        copied(Path(folder))
+        path = Path(folder) / "midlie_jax" / mutant.file
         text = path.read_text()
         if text.count(mutant.right) != 1:
-            return f"SURVIVED: the line occurs {text.count(mutant.right)} times in {mutant.file}"
-        path.write_text(text.replace(mutant.right, mutant.wrong))
-        if fails(folder, mutant.killers):
-            return "killed"
-        if everything and fails(folder, ""):
-            return "killed by another test"
-        return "SURVIVED"
+            found = f"SURVIVED: the line occurs {text.count(mutant.right)} times in {mutant.file}"
+        else:
+            path.write_text(text.replace(mutant.right, mutant.wrong))
+            found = "killed" if fails(Path(folder), mutant.killers) else "SURVIVED"
+            if everything and found == "SURVIVED" and fails(Path(folder), ""):
+                found = "killed by another test"
+    print(f"{name:32} {found} ({time.monotonic() - began:.0f} s)", flush=True)
+    return found
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(MUTANTS)}; by default all")
     parser.add_argument("--all", action="store_true", help="try all of make test on a mutant that survives")
+    parser.add_argument("--workers", type=int, default=2, metavar="N", help="mutants at a time")
     options = parser.parse_args()
-    survivors = 0
-    for name in options.names or MUTANTS:
-        began = time.monotonic()
-        found = verdict(MUTANTS[name], options.all)
-        survivors += found.startswith("SURVIVED")
-        print(f"{name:32} {found} ({time.monotonic() - began:.0f} s)", flush=True)
-    print(f"{len(options.names or MUTANTS) - survivors} killed, {survivors} survived")
+    with ThreadPoolExecutor(options.workers) as pool:
+        found = list(pool.map(partial(verdict, everything=options.all), options.names or MUTANTS))
+    survivors = sum(one.startswith("SURVIVED") for one in found)
+    print(f"{len(found) - survivors} killed, {survivors} survived")
     return survivors
 
 

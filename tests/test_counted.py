@@ -126,7 +126,7 @@ FIXED = {
 }
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_another_call_traces_nothing(driver):
     """With another start, step, first time and number of steps."""

@@ -312,6 +312,7 @@ def test_a_run_beyond_its_table_is_refused_before_it_starts(tmp_path):
         ml.integrate_adaptive("JACOBI[EA]", BODY, None, START, density=density, dt=0.1, steps=99, t1=2.5)
 
 
+@pytest.mark.sample(0)
 def test_a_table_that_is_left_under_jit_is_a_flag():
     torque = torques.GravityGradient(BODY.moments, tabled(), MU)
     run = jax.jit(lambda t0: ml.integrate("JACOBI[EA]", BODY, torque, START, dt=0.05, steps=4, t0=t0).ok)

@@ -18,6 +18,7 @@ def started(count=None):
     return ml.RigidState(np.ones(shape), attitude)
 
 
+@pytest.mark.sample(0)
 def test_attributes():
     craft = ml.TensorBody([[120.0, 4.0, -3.0], [4.0, 100.0, 2.0], [-3.0, 2.0, 80.0]])
     with pytest.warns(DeprecationWarning, match=r"TensorBody\.axes is the name of version 0\.1; write \.frame"):

@@ -56,6 +56,7 @@ def test_takahashi_imada_is_of_order_four_between_its_processors():
     np.testing.assert_allclose(end.astype(float), truth(), atol=1e-8)
 
 
+@pytest.mark.sample(0)
 def test_a_table_whose_digits_are_wrong_is_refused():
     """Declared of order 4, and consistent with order 2 by its sums."""
     shifted = tuple(

@@ -152,6 +152,7 @@ def test_ctrl_c_leaves_a_store_that_resumes(tmp_path, reference):
     assert_same(tmp_path / "run.zarr", reference)
 
 
+@pytest.mark.sample(0)
 def test_inspect_says_how_far_a_run_came_and_what_is_damaged(tmp_path, reference):
     path = tmp_path / "run.zarr"
     simulated(path)
@@ -166,6 +167,7 @@ def test_inspect_says_how_far_a_run_came_and_what_is_damaged(tmp_path, reference
     assert found.attributes["method"] == "SYMMETRIC[EA]"
 
 
+@pytest.mark.sample(0)
 def test_a_full_disk_is_an_error_that_loses_nothing(tmp_path, monkeypatch, reference):
     path = tmp_path / "run.zarr"
     with monkeypatch.context() as patch:
@@ -267,6 +269,7 @@ def test_another_run_is_refused(tmp_path, reference, changes, message):
     assert_same(tmp_path / "run.zarr", reference)
 
 
+@pytest.mark.sample(0)
 def test_another_version_is_refused(tmp_path):
     path = tmp_path / "run.zarr"
     simulated(path)
@@ -285,6 +288,7 @@ def test_a_run_goes_into_a_netcdf_file(tmp_path):
         xarray.testing.assert_identical(found.load(), run.load())
 
 
+@pytest.mark.sample(0)
 def test_a_store_of_an_earlier_version_is_read_and_resumed(tmp_path, reference):
     """Its attributes that are dicts were not texts."""
     path = tmp_path / "run.zarr"
@@ -299,11 +303,13 @@ def test_a_store_of_an_earlier_version_is_read_and_resumed(tmp_path, reference):
     assert_same(path, reference)
 
 
+@pytest.mark.sample(0)
 def test_the_cut_of_a_resumed_run_is_kept(tmp_path):
     simulated(tmp_path / "run.zarr")
     assert simulated(tmp_path / "run.zarr", resume=True, group=None, span=None, chunk=None).computed == 0
 
 
+@pytest.mark.sample(0)
 def test_one_run_at_a_time(tmp_path):
     simulated(tmp_path / "run.zarr")
     with Store(tmp_path / "run.zarr").locked(), pytest.raises(ValueError, match="another run is writing"):

@@ -144,7 +144,7 @@ OBSERVED = {
 }
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(0)
 @pytest.mark.parametrize("observed", OBSERVED)
 def test_any_store_is_drawn(tmp_path, capsys, observed):
     options, titles = OBSERVED[observed]

@@ -152,12 +152,14 @@ def test_only_fitting_imports_the_optimisers():
     assert users_of("optimistix") | users_of("optax") == {"fitting"}
 
 
+@pytest.mark.sample(0)
 def test_fitting_stands_beside_the_plug_in():
     assert not [name for name, targets in graph().items() if name.split(".")[0] == "fitting" and any(
         target.split(".")[0] == "diffrax" for target in targets
     )]  # fmt: skip
 
 
+@pytest.mark.sample(0)
 def test_what_an_extra_brings_is_shown_where_it_is_installed():
     """So that help(midlie_jax) and an import of all names work without it."""
     code = (
@@ -191,6 +193,7 @@ def test_the_package_shows_the_names_of_its_stub():
         ]  # fmt: skip
 
 
+@pytest.mark.sample(0)
 def test_fitting_is_imported_when_it_is_first_asked_for():
     """And without optax, which a fit needs only for a solver of optax's."""
     code = (
@@ -217,6 +220,7 @@ def test_one_file_uses_what_jax_does_not_document():
     assert [name for name, path in modules().items() if private.search(path.read_text())] == ["_xla.internals"]
 
 
+@pytest.mark.sample(0)
 def test_diffrax_is_imported_when_a_solver_is_asked_for():
     code = (
         "import sys, midlie_jax as ml; print('diffrax' in sys.modules, 'optimistix' in sys.modules); "

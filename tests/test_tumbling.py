@@ -192,6 +192,7 @@ def test_mistakes_are_named(call, message):
         call()
 
 
+@pytest.mark.sample(0)
 def test_a_mode_that_alone_has_the_periods_need_not_be_named():
     start = asked(mode=None, rotation_period=100.0)
     assert not ml.tumble(BODY, start).short_axis

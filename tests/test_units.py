@@ -180,7 +180,7 @@ def steps_of(name: str, u: Units) -> Any:
     return body, torque, state, u(0.02, TIME)
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("dtype", "name"), [*product(DTYPES, CLASSES), *whole(*product(DTYPES, OTHERS))])
 def test_a_run_in_other_units_is_the_same_run(dtype, name):
     run = jax.jit(lambda body, torque, start, dt: ml.integrate(name, body, torque, start, dt=dt, steps=4))
