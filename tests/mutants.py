@@ -69,8 +69,8 @@ MUTANTS = {
     ),
     "gravity gradient": Mutant(
         "model/torques/fields.py",
-        "return 3 * self.mu * inverse / square,",
-        "return 2 * self.mu * inverse / square,",
+        "return 3 * self.mu * inverse * inverse",
+        "return 2 * self.mu * inverse * inverse",
         "test_torques.py test_orbits.py test_api_examples.py",
     ),
     "rod": Mutant(
@@ -89,7 +89,7 @@ MUTANTS = {
         "model/torques/eddy.py",
         "cp.cross(self._times(induced), field)",
         "cp.cross(field, self._times(induced))",
-        "test_api_examples.py",
+        "test_sunlight.py -k eddy",
     ),
     "sunlight": Mutant(
         "model/torques/sunlight.py",
@@ -99,13 +99,13 @@ MUTANTS = {
     ),
     "thin gas": Mutant(
         "model/torques/rarefied.py",
-        "thermal * thermal / 2 * z",
-        "thermal * thermal * z",
+        "(thermal * thermal) / 2 * z",
+        "(thermal * thermal) * z",
         "test_surface.py test_sunlight.py test_api_examples.py",
     ),
     "points": Mutant(
         "model/sites.py",
-        "jnp.sum(masses[:, None] * places, axis=0, keepdims=True) / jnp.sum(masses)",
+        "jnp.sum(masses[:, None] * places, axis=0, keepdims=True)",
         "jnp.mean(places, axis=0, keepdims=True)",
         "test_sites.py test_api_examples.py",
     ),
@@ -168,7 +168,7 @@ MUTANTS = {
         "test_dense_output.py test_dense_step.py",
     ),
     "degrees of freedom": Mutant(
-        "fitting/estimate.py", "dof = count - vector.size", "dof = count", "test_fit_result.py test_fitting.py"
+        "fitting/estimate.py", "dof = count - vector.size", "dof = count", "test_fit_result.py"
     ),
     "scattered rotations": Mutant(
         "scattering/rotations.py",

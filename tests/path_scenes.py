@@ -257,7 +257,7 @@ TORQUES: dict[str, tuple[str, Any]] = {
     "Magnus": ("free top", torques.Magnus(0.3)),
     "Thrust": ("free top", torques.Thrust([0.1, 0.2, 0.4], [0.3, 0.0, -0.2])),
     "Wrench": ("free axis", lambda t, s: ml.Wrench(jnp.cross(s.axis, jnp.stack([t, t, 1 + t])), -0.5 * s.position)),
-    "MutualGravity": ("two", torques.MutualGravity(0.5)),
+    "MutualGravity": ("two", torques.MutualGravity(0.5, degree=4)),
     "MutualGravity, many": ("five", torques.MutualGravity(0.3)),
     "OnEach": ("two", torques.OnEach(torques.UniformGravity([0.1, 0.0, -0.9])) + torques.MutualGravity(0.3)),
     "Rod": ("five", torques.Rod(1.5, [2.0, 2.0, 3.0], [0.5, 0.5, 0.4])),

@@ -15,7 +15,7 @@ from midlie_jax.diffrax.interpolation import LARGEST_TURN
 INSIDE = np.linspace(0.05, 0.95, 7)
 
 
-@pytest.mark.sample(0)
+@pytest.mark.sample(1)
 def test_dense_output_is_on_the_group_and_of_third_order_inside_a_step():
     @eqx.filter_jit(compiler_options=QUICK)
     def step(h):

@@ -20,6 +20,7 @@ def test_a_fit_that_succeeds_says_so():
     assert found.ok
     assert found.result is Result.FITTED
     assert Result.of(int(found.estimate.result)) is Result.FITTED
+    assert found.estimate.dof == found.estimate.residuals.size - found.estimate.vector.size
 
 
 def test_a_fit_that_needs_more_steps_says_how_many_it_took():
