@@ -12,7 +12,7 @@
 #   make notebooks-write    makes the notebooks from their scripts, with their outputs: notebooks/*.ipynb
 #   make lint               formatting, lint, types
 #   make fuzz [MINUTES=5]   a random search for wrong results
-#   make mutants            thirty wrong lines, each of which a test of make test must find
+#   make mutants            thirty wrong lines, each of which a test of make test must find: a few minutes
 #   make bench              the benchmarks
 #   make claims             what is claimed of the methods, measured: docs/reports/claims.md and its picture
 #   make rivals             error against time beside other programs: docs/reports/work-precision.md and its charts
