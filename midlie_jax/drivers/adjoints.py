@@ -17,7 +17,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from .._checks.arguments import as_count, described
-from .._xla.internals import is_zero_tangent, make_primitive
+from .._xla.internals import Tracer, eval_jaxpr, is_zero_tangent, make_primitive
 from .._xla.keep import recomputed
 from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.rules import fits
@@ -169,9 +169,9 @@ class Reversible(Adjoint):
         index = jax.tree.map(lambda x: x[0], steps.inputs)
         # Arrays that the steps close over become arguments, because derivatives with respect to them are wanted.
         known = jax.tree.map(jnp.zeros_like, jax.eval_shape(steps.take_back, progress, index)[1])
-        take, arrays = jax.closure_convert(steps.take, progress, index)
-        take_back, arrays_back = jax.closure_convert(steps.take_back, progress, index)
-        take_again, arrays_again = jax.closure_convert(steps.take_again, progress, index, known)
+        take, arrays = _with_arguments(steps.take, progress, index)
+        take_back, arrays_back = _with_arguments(steps.take_back, progress, index)
+        take_again, arrays_again = _with_arguments(steps.take_again, progress, index, known)
         functions = _Functions(take, take_back, take_again)
 
         def run(progress: Progress, inputs: Any) -> tuple[Progress, None]:
@@ -263,6 +263,25 @@ def _summing_once(steps: Steps, progress: Progress) -> Step:
         return take(progress, step, *given)
 
     return one
+
+
+def _with_arguments(function: Callable[..., Any], *examples: Any) -> tuple[Callable[..., Any], list[Any]]:
+    """The function with further arguments, the traced arrays that it reads, and these arrays.
+
+    `jax.closure_convert` does this for real numbers alone; an index that the derivative reads would leak.
+    """
+    program, shape = jax.make_jaxpr(function, return_shape=True)(*examples)
+    structure = jax.tree.structure(shape)
+    traced = [isinstance(x, Tracer) for x in program.consts]
+    count = sum(traced)
+
+    def with_arguments(*given: Any) -> Any:
+        own = iter(given[len(given) - count :])
+        read = [next(own) if is_traced else x for is_traced, x in zip(traced, program.consts, strict=True)]
+        leaves = jax.tree.leaves(given[: len(given) - count])
+        return structure.unflatten(eval_jaxpr(program.jaxpr, read, *leaves))
+
+    return with_arguments, [x for is_traced, x in zip(traced, program.consts, strict=True) if is_traced]
 
 
 def _block(count: int, progress: Progress) -> int:
