@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ..._checks.arguments import as_floats, require_finite, require_resolved
 from ..._math import components as cp
 from ..._math.powers import unit
+from ..._xla.fusion import split
 from .base import Orbit
 
 _EVEN = 1e-5  # times that differ from even ones by less than this fraction of an interval are found by arithmetic
@@ -108,7 +109,8 @@ class TableOrbit(Orbit):
         rise = cp.subtract(b, a)
         place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
         bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
-        return cp.pack(cp.add(place, cp.scale(h * x * y, bend)))
+        # What reads the position is a loop of its own, whose rounding does not depend on how the rows are found.
+        return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
 
 
 def _are_even(times: np.ndarray) -> bool:
