@@ -418,6 +418,11 @@ CHEAPEST = [
     *(f"state {name}, {default_method(name)}" for name in ("two rigid", "five axes", "two free axes")),
     *(f"bath {bath}, {HEATED[n % len(HEATED)]}" for n, bath in enumerate(NOISES)),
 ]
+# Every bath and kinds of methods that the cheapest scenes lack, for the law of steps of length zero.
+STILL = [
+    *(f"bath {bath}, {HEATED[n % len(HEATED)]}" for n, bath in enumerate(BATHS)),
+    *(f"method {name}" for name in ("LIEMID[EA]", "RK4", "SW", "GBS12")),
+]
 
 
 def classes_in(torque: Any) -> set[str]:
