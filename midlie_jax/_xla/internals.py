@@ -12,7 +12,6 @@ import jax
 from jax import Array
 from jax.core import ShapedArray as ShapedArray
 from jax.core import Tracer as Tracer
-from jax.core import eval_jaxpr as eval_jaxpr
 from jax.extend.core import Literal as Literal
 from jax.extend.core import Primitive as Primitive
 from jax.extend.core import take_current_trace

@@ -17,7 +17,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from .._checks.arguments import as_count, described
-from .._xla.internals import Tracer, eval_jaxpr, is_zero_tangent, make_primitive
+from .._xla.internals import Tracer, is_zero_tangent, make_primitive
 from .._xla.keep import recomputed
 from .._xla.per_row import in_rows, with_tangents_of
 from .._xla.rules import fits
@@ -270,18 +270,14 @@ def _with_arguments(function: Callable[..., Any], *examples: Any) -> tuple[Calla
 
     `jax.closure_convert` does this for real numbers alone; an index that the derivative reads would leak.
     """
-    program, shape = jax.make_jaxpr(function, return_shape=True)(*examples)
-    structure = jax.tree.structure(shape)
-    traced = [isinstance(x, Tracer) for x in program.consts]
-    count = sum(traced)
+    traced, rest = eqx.partition(eqx.filter_closure_convert(function, *examples), lambda x: isinstance(x, Tracer))
+    arrays, structure = jax.tree.flatten(traced)
 
     def with_arguments(*given: Any) -> Any:
-        own = iter(given[len(given) - count :])
-        read = [next(own) if is_traced else x for is_traced, x in zip(traced, program.consts, strict=True)]
-        leaves = jax.tree.leaves(given[: len(given) - count])
-        return structure.unflatten(eval_jaxpr(program.jaxpr, read, *leaves))
+        own = len(given) - len(arrays)
+        return eqx.combine(structure.unflatten(given[own:]), rest)(*given[:own])
 
-    return with_arguments, [x for is_traced, x in zip(traced, program.consts, strict=True) if is_traced]
+    return with_arguments, arrays
 
 
 def _block(count: int, progress: Progress) -> int:

@@ -109,7 +109,7 @@ class TableOrbit(Orbit):
         rise = cp.subtract(b, a)
         place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
         bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
-        # What reads the position is a loop of its own, whose rounding does not depend on how the rows are found.
+        # The loop ends here. So a torque rounds the same way, however the compiler reads the rows.
         return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
 
 
