@@ -127,6 +127,8 @@ _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "iota": lambda shape, dimension, **_: _broadcast(np.array(range(shape[dimension]), object), shape, [dimension]),
     "reduce_and": lambda x, axes, **_: _scalar(np.asarray(np.all(np.asarray(x, bool), tuple(axes)), object)),
     "reduce_sum": lambda x, axes, **_: _scalar(np.asarray(np.sum(np.asarray(x, object), tuple(axes)), object)),
+    "reduce_max": lambda x, axes, **_: _scalar(np.asarray(np.max(np.asarray(x, object), tuple(axes)), object)),
+    "reduce_min": lambda x, axes, **_: _scalar(np.asarray(np.min(np.asarray(x, object), tuple(axes)), object)),
     "convert_element_type": lambda x, new_dtype, **_: _elementwise(partial(_converted, dtype=new_dtype))(x),
     "bitcast_convert_type": lambda x, new_dtype: _elementwise(partial(_bits, dtype=new_dtype))(x),
 }

@@ -155,12 +155,23 @@ def equal(states):
         jax.tree.map(np.testing.assert_array_equal, states[0], other)
 
 
+def near(states):
+    """Whether states are the same to rounding."""
+    for other in states[1:]:
+        jax.tree.map(partial(np.testing.assert_allclose, rtol=1e-11, atol=1e-12), states[0], other)
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("field", [0.0, None], ids=["kicked by nothing", "free"])
 @pytest.mark.parametrize("scheme", BATHS)
 @pytest.mark.parametrize("flight", UNROLLED_FIRST, ids=lambda flight: flight.name)
 def test_the_temperature_does_not_depend_on_what_is_saved(flight, scheme, field):
-    """Thermal rotors stay thermal, and their states are the same bits, at steps of a small and a large friction."""
+    """Thermal rotors stay thermal, and their states are the same, at steps of a small and a large friction.
+
+    To the bit for the methods of docs/reports/heat.md. In the other methods the compiler may round a sum of products
+    once where the state is saved after each step and twice where it is not.
+    """
+    same = equal if flight.name in ("SYMMETRIC", "JACOBI", "DLM") else near
     moments, dt = moments_for(flight), 0.1
     thermal = np.random.default_rng(3).normal(size=(MANY, 3)) * (KT * moments) ** 0.5
     start = ml.RigidState(thermal, at_rest(MANY).attitude)
@@ -168,7 +179,7 @@ def test_the_temperature_does_not_depend_on_what_is_saved(flight, scheme, field)
         bath = Langevin(KT, exposure * moments / dt, keys(MANY))
         torque = bath if field is None else ml.torques.HeavyTop(field) + bath
         found = ends(ml.ensemble, f"{flight.name}[{scheme}]", ml.RigidBody(moments), torque, start, dt=dt)
-        equal(found)
+        same(found)
         close_to_one(np.asarray(found[0].momentum) ** 2 / (KT * moments))
 
 
@@ -237,8 +248,11 @@ def pulled(kind, state):
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("field", [True, False], ids=["field", "free"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_way_of_running_a_bath_gives_the_same_bits(kind, field):
-    """Saved at the end, a few times or at each step; one body, or many; step by step in a loop."""
+def test_every_way_of_running_a_bath_gives_the_same_states(kind, field):
+    """Saved at the end, a few times or at each step; one body, or many; step by step in a loop.
+
+    To the bit without a field; with one to rounding, because each program may contract other sums of its derivative.
+    """
     body, torque, start, _ = kinds(10)[kind]
     one = {"kT": torque.kT, "friction": torque.friction, "linear_friction": torque.linear_friction}
     alone = Langevin(**one, key=torque.key[0])
@@ -246,12 +260,13 @@ def test_every_way_of_running_a_bath_gives_the_same_bits(kind, field):
         forces = ml.torques.FromPotential(lambda t, state: pulled(kind, state))
         torque, alone = forces + torque, forces + alone
     method = method_for(kind)
-    equal(ends(ml.ensemble, method, body, torque, start, dt=0.2))
+    same = near if field else equal
+    same(ends(ml.ensemble, method, body, torque, start, dt=0.2))
     state = first = jax.tree.map(lambda x: x[0], start)
     for n in range(STEPS):
         path = as_for_users(ml.integrate, method, body, alone, state, dt=0.2, steps=1, first_step=n)
         state = last_of(path.states)
-    equal([state, *ends(ml.integrate, method, body, alone, first, dt=0.2)])
+    same([state, *ends(ml.integrate, method, body, alone, first, dt=0.2)])
 
 
 @pytest.mark.sample(0)

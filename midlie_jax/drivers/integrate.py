@@ -98,8 +98,8 @@ def integrate(
             move: in float32 count time from the start, or use float64.
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
             integer index. So a run continued from a saved state, with the index of that state as `first_step`, equals
-            the uninterrupted run, bit for bit. (GBS methods: to the last digits, unless both runs have the same
-            `save_every`.)
+            the uninterrupted run, with the same random numbers. It mostly has the same bits; where the compiler rounds
+            a sum of products once in one program and twice in the other, the last digits differ.
         adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
             each step, or in a long run one for about a hundred steps, and recomputes the rest. `Reversible()`: reverse
             mode takes the steps backwards, in memory that does not grow with the number of steps. `Forward()`: only

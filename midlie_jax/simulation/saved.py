@@ -182,13 +182,13 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         moments = found(f"{own}.moments", 1)
         moments = found("moments", 1) if moments is None else moments
         if moments is not None:
-            return RigidBody(moments, physical=False)
+            return RigidBody(moments, physical=_is_physical(moments))
         principal, axes = found(f"{own}.principal.moments", 1), found(f"{own}.frame", 1)
         if principal is None or axes is None:
             raise lacks("moments of inertia")
         turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
         tensor = turn @ np.diag(principal) @ turn.T
-        return TensorBody((tensor + tensor.T) / 2, physical=False)
+        return TensorBody((tensor + tensor.T) / 2, physical=_is_physical(principal))
 
     if not issubclass(kind, TravellingState):
         return turning("body", kind)
@@ -196,3 +196,8 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
     if mass is None:
         raise lacks("mass")
     return FreeBody(turning("body.body", kind.rotation), mass)
+
+
+def _is_physical(moments: np.ndarray) -> bool:
+    least, middle, largest = np.sort(moments)
+    return bool(largest <= least + middle)

@@ -39,7 +39,7 @@ class Langevin(ReadsBody):
 
     The random numbers depend on the key, on the index of the step and of the stage, and for coupled bodies on the index
     of the body; on nothing else. So a run in blocks must pass `first_step`, or each block repeats the noise of the
-    first one. With `first_step` it equals the uninterrupted run, bit for bit. Two runs with one key have the same
+    first one. With `first_step` it has the noise of the uninterrupted run. Two runs with one key have the same
     noise, in float32 and float64. An ensemble needs a key for each body, `jax.random.split(key, n)`; coupled bodies
     share one.
 
