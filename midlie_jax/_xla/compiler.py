@@ -10,9 +10,9 @@ XLA's CPU compiler has two habits that cost time:
   such a function contracts other products and sums (seen with GBS12 in float32).
 
 Compiler options can be given to the outermost `jax.jit` alone: inside another `jax.jit` or a derivative JAX refuses
-them. For such programs users can set `XLA_FLAGS` before JAX starts: `--xla_cpu_prefer_vector_width=512
---xla_disable_hlo_passes=small-while-loop-hoisting`. If XLA_FLAGS names one of these flags, its value holds everywhere,
-and this module leaves that option alone.
+them. There `fusion.begin_step` keeps loops in vectors. The width remains at 256 bits, unless users set `XLA_FLAGS` to
+`--xla_cpu_prefer_vector_width=512` before JAX starts. If XLA_FLAGS names one of these flags, its value holds
+everywhere, and this module leaves that option alone.
 """
 
 import os
@@ -24,6 +24,7 @@ from typing import Any, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 
+from .fusion import vectors_by_option
 from .internals import bodies_at_once
 from .platform import on_cpu
 from .structure import is_array, kind_of, remember
@@ -158,7 +159,11 @@ class _Program:
             given = iter(arrays)
             leaves = [next(given) if mark else other for mark, other in zip(marks, others, strict=True)]
             args, kwargs = structure.unflatten(leaves)
-            found, self.structure = jax.tree.flatten(function(*args, **kwargs))
+            token = vectors_by_option.set(_LEFT_OUT in options)
+            try:
+                found, self.structure = jax.tree.flatten(function(*args, **kwargs))
+            finally:
+                vectors_by_option.reset(token)
             self.others = [None if is_array(leaf) else leaf for leaf in found]
             return [leaf for leaf in found if is_array(leaf)]
 

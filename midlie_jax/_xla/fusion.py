@@ -12,13 +12,21 @@ torque, pass unchanged.
 The reduction is emitted on CPUs only. A GPU's compiler fuses many outputs by itself, and the reduction would split the
 step in two (`benchmarks/kernels.py` counts the kernels). So on other platforms `fuse` is the identity.
 
-A step, and the body of a loop within it, starts with `begin` and ends with `fuse`. `split`, `cut` and `fuse_derivative`
-divide a step that does not fit one loop; `barrier` is for accelerators alone. All use one JAX primitive, which fuses
-tangents and cotangents as well.
+A step, and the body of a loop within it, starts with `begin_step` and ends with `fuse`. `begin` is its counterpart
+outside of loops. `split`, `cut` and `fuse_derivative` divide a step that does not fit one loop; `barrier` is for
+accelerators alone. All use one JAX primitive, which fuses tangents and cotangents as well.
+
+XLA's CPU compiler compiles a short loop as one function without vectors ("small while loop hoisting"), in which a step
+of many bodies takes three to eight times as long. It leaves alone a loop with an operation that such a function cannot
+hold. So `begin_step` sorts two equal numbers, and flips a bit of the state if they come out in descending order, which
+they never do. The compiler cannot know this. It costs about a tenth of a microsecond per step. For few bodies a
+function without vectors is faster, and there `begin_step` is `begin`. So it is where a compiler option turns the pass
+off (`compiler.py`).
 """
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from typing import Any, TypeVar
 
 import jax
@@ -32,7 +40,14 @@ T = TypeVar("T")
 
 # What the primitive is used for.
 _BEGIN, _FUSE, _SPLIT, _CUT, _DERIVATIVE, _BARRIER = "begin", "fuse", "split", "cut", "fuse_derivative", "barrier"
-_NOTHING = (_BEGIN, _DERIVATIVE, _BARRIER)  # the uses that compile to nothing on a CPU
+_BEGIN_STEP, _BEGIN_TANGENTS, _FUSE_STEP = "begin_step", "begin_tangents", "fuse_step"
+_NOTHING = (_BEGIN, _BEGIN_STEP, _BEGIN_TANGENTS, _DERIVATIVE, _BARRIER)  # the uses that reduce nothing on a CPU
+_TANGENTS = {_DERIVATIVE: _SPLIT, _BEGIN_STEP: _BEGIN_TANGENTS, _FUSE_STEP: _FUSE}  # else the use of the primals
+_COTANGENTS = {_BEGIN: _FUSE, _BEGIN_TANGENTS: _FUSE_STEP}
+
+# Whether a compiler option already keeps the loops of the program that is being traced in vectors.
+vectors_by_option: ContextVar[bool] = ContextVar("vectors_by_option", default=False)
+_FEW = 16  # numbers of a leaf: with fewer a loop without vectors is as fast
 
 
 def fuse(tree: T) -> T:
@@ -47,6 +62,15 @@ def begin(tree: T) -> T:
     the cotangents that enter at `fuse` are left alone, and those that leave at `begin` are fused.
     """
     return _bind(tree, _BEGIN)
+
+
+def begin_step(tree: T) -> T:
+    """`begin` in the body of a loop, which XLA's CPU compiler then computes in vectors for many bodies.
+
+    Args:
+        tree: its last leaf of many floats must be carried by the loop; of a constant the compiler moves the sort out.
+    """
+    return _bind(tree, _BEGIN if vectors_by_option.get() else _BEGIN_STEP)
 
 
 def split(tree: T) -> T:
@@ -117,7 +141,21 @@ def _reduce(*leaves: Array, use: str) -> list[Array]:
         zeros = tuple(jnp.zeros((), leaves[i].dtype) for i in indices)
         for i, value in zip(indices, jax.lax.reduce(pairs, zeros, lambda first, last: last, (0,)), strict=True):
             result[i] = value
-    return result
+    return _kept_in_vectors(result) if use in (_BEGIN_STEP, _FUSE_STEP) else result
+
+
+def _kept_in_vectors(leaves: list[Array]) -> list[Array]:
+    """The leaves, the last of many floats with a sort in its way."""
+    large = [i for i, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating) and x.size >= _FEW]
+    if not large:
+        return leaves
+    last = large[-1]
+    leaf = leaves[last]
+    integer = jnp.dtype(f"int{8 * leaf.dtype.itemsize}")
+    number = leaf.ravel()[0]
+    pair = jax.lax.sort(jnp.stack([number, number]))
+    flipped = jax.lax.bitcast_convert_type(leaf, integer) ^ (pair[1] < pair[0]).astype(integer)
+    return [*leaves[:last], jax.lax.bitcast_convert_type(flipped, leaf.dtype), *leaves[last + 1 :]]
 
 
 def _separate(*leaves: Array, use: str) -> list[Array]:
@@ -130,15 +168,15 @@ def _is_nonzero(tangent: Any) -> bool:
 
 
 def _jvp(primals: Any, tangents: Any, *, use: str) -> tuple[list[Any], list[Any]]:
-    use = _SPLIT if use == _DERIVATIVE else use
-    return _fuse.bind(*primals, use=use), _fuse_where(tangents, _is_nonzero, use)
+    of_primals = _SPLIT if use == _DERIVATIVE else use
+    return _fuse.bind(*primals, use=of_primals), _fuse_where(tangents, _is_nonzero, _TANGENTS.get(use, use))
 
 
 def _transpose(cotangents: Any, *primals: Any, use: str) -> list[Any]:
     del primals
-    if use == _FUSE:  # the cotangents of a step enter here
+    if use in (_FUSE, _FUSE_STEP):  # the cotangents of a step enter here
         return list(cotangents)
-    return _fuse_where(cotangents, _is_nonzero, _FUSE if use == _BEGIN else use)
+    return _fuse_where(cotangents, _is_nonzero, _COTANGENTS.get(use, use))
 
 
 def _batch(values: Any, axes: Any, *, use: str) -> tuple[list[Array], Any]:

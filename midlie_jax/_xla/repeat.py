@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .fusion import begin, fuse
+from .fusion import begin_step, fuse
 
 Step = Callable[[Any, Any], Any]
 
@@ -50,7 +50,7 @@ def _repeat_jvp(step: Step, most: int, primals: Any, tangents: Any) -> tuple[Any
 
 def _again(step: Step, constants: Any, carry: Any, needed: Array) -> Any:
     """The carry after one more step, if that is needed; otherwise the carry itself."""
-    constants, carry = begin((constants, carry))
+    constants, carry = begin_step((constants, carry))
     return fuse(jax.tree.map(lambda new, old: jnp.where(needed, new, old), step(constants, carry), carry))
 
 

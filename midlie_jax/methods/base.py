@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
-from .._xla.fusion import begin, fuse
+from .._xla.fusion import begin_step, fuse
 from .._xla.mesh import NONE, Axes, all_promoted
 from ..model.bodies import Body
 from ..model.state import AnyState
@@ -225,7 +225,7 @@ class Method(eqx.Module):
             The progress after the step, and the further results of `times`; for `step_back` a pair of these and
             `known`.
         """
-        system, clock, h, progress = begin((system, clock, h, progress))
+        system, clock, h, progress = begin_step((system, clock, h, progress))
         t0, t1, rest = times(clock)
         system = system.in_step(t0, t1, h)
         motion, force, ok, *known = (step or self.step)(system, t0, t1, h, progress.motion, progress.force)

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._xla.fusion import begin, fuse
+from .._xla.fusion import begin_step, fuse
 from .formula import Pause, Rates
 from .system import AnyMotion
 
@@ -86,7 +86,7 @@ class Extrapolation(NamedTuple):
         columns = tuple(jnp.asarray(column, like.dtype) for column in zip(*substeps, strict=True))
 
         def substep(carry: Any, row: Any) -> tuple[Any, None]:
-            before, now, total = begin(carry)
+            before, now, total = begin_step(carry)
             time, part, start, weight = row
             starts = start > 0
             now = jax.tree.map(lambda x, f: jnp.where(starts, start * f, x), now, first)

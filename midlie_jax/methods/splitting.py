@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .._math import components as cp
-from .._xla.fusion import begin, cut, fuse, fuse_derivative, split
+from .._xla.fusion import begin_step, cut, fuse, fuse_derivative, split
 from .._xla.keep import kept
 from .._xla.platform import on_cpu
 from ..model.bodies import Body
@@ -201,7 +201,7 @@ class Splitting(Method):
             return stages.kick(kick, end_time, motion, force), force, earlier(ok, flight_ok)
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            motion, _, ok = fly_and_kick(row, *begin(carry))
+            motion, _, ok = fly_and_kick(row, *begin_step(carry))
             return fuse((motion, ok)), None
 
         columns = flights[:-1], times[1:-1], kicks[: len(flights) - 1]
@@ -221,7 +221,7 @@ class Splitting(Method):
         force = stages.evaluate(0.0, 0.0, motion) if force is None else force
 
         def iteration(carry: Any, row: Any) -> tuple[Any, None]:
-            motion, force, ok = begin(carry)
+            motion, force, ok = begin_step(carry)
             kick, flight, start_time, end_time = row
             motion = stages.kick(kick, start_time, motion, force)
             motion, flight_ok = stages.fly(flight, motion)
