@@ -26,6 +26,9 @@ from .drivers.integrate import integrate as integrate
 from .drivers.path import AdaptivePath as AdaptivePath
 from .drivers.path import Path as Path
 from .drivers.results import RESULTS as RESULTS
+from .drivers.stepper import Carry as Carry
+from .drivers.stepper import Stepper as Stepper
+from .drivers.stepper import stepper as stepper
 from .fitting import fit as fit
 from .methods.as_typed import flights as flights
 from .methods.as_typed import schemes as schemes

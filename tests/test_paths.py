@@ -78,7 +78,8 @@ class Case(NamedTuple):
         """One run of `ensemble`."""
         torque = self.torque(self.keys(count))
         given = {"dt": DT, "t0": T0, "steps": STEPS, "save_every": None, "torque_axes": self.torque_axes, **options}
-        return ml.ensemble(self.scene.method, self.body, torque, self.starts(count), **given)
+        start = given.pop("start", self.starts(count))
+        return ml.ensemble(self.scene.method, self.body, torque, start, **given)
 
     @property
     def allowed(self) -> float:
@@ -162,6 +163,35 @@ def scanned(case: Case, tmp_path: Any) -> Any:
     yield run(case.start(0), case.torque(case.keys()[0])), at(reference(case), STEPS)
 
 
+def carried(case: Case, tmp_path: Any) -> Any:
+    """From the carry of a path, one body and several."""
+    for first in (1, 33, 64):
+        before = case.run(steps=first, save_every=None)
+        end = case.run(start=before.carry, steps=STEPS - first, save_every=None)
+        yield end.states, at(reference(case), STEPS)
+        assert int(end.carry.index) == STEPS
+    before = case.together(BODIES, steps=33)
+    end = case.together(BODIES, start=before.carry, steps=STEPS - 33)
+    for row in range(BODIES):
+        yield at(end.states, row), at(reference(case, row), STEPS)
+
+
+def stepped(case: Case, tmp_path: Any) -> Any:
+    """`ml.stepper` in the user's `lax.scan`, and with a number of steps that is known, or traced."""
+
+    @eqx.filter_jit
+    def run(start: Any, torque: Any, count: Any) -> Any:
+        one = ml.stepper(case.scene.method, case.body, torque, start, dt=DT, t0=T0)
+        by_scan = jax.lax.scan(lambda carry, _: (one.step(carry), None), one.init(), length=STEPS)[0]
+        ends = by_scan, one.advance(one.init(), STEPS), one.advance(one.init(), count)
+        return [(one.state(end), one.ok(end), one.time(end)) for end in ends]
+
+    for state, ok, time in run(case.start(0), case.torque(case.keys()[0]), jnp.asarray(STEPS, jnp.int32)):
+        assert ok
+        np.testing.assert_allclose(time, T0 + STEPS * DT, rtol=1e-6)
+        yield state, at(reference(case), STEPS)
+
+
 def jitted(case: Case, tmp_path: Any) -> Any:
     run = eqx.filter_jit(partial(integrate, case.scene.method, save_every=None))
     yield run(case.body, case.torque(case.keys()[1]), case.start(1)).states, at(reference(case, 1), STEPS)
@@ -232,6 +262,8 @@ PATHS = {
     **{f"every {n}": every(n) for n in (2, 31, 32, 33, STEPS)},
     "few steps": few,
     "continued": continued,
+    "carry": carried,
+    "stepper": stepped,
     "scan": scanned,
     "jit": jitted,
     "vmap": mapped,
@@ -258,7 +290,7 @@ ANCHORS = [
     "state particles, Verlet",
 ]
 # Paths that are promised to the bit.
-BITS = ["at the end", *(name for name in PATHS if name.startswith("every")), "few steps", "continued"]
+BITS = ["at the end", *(name for name in PATHS if name.startswith("every")), "few steps", "continued", "carry"]
 
 
 def dtype_of(*names: str) -> str:

@@ -16,8 +16,7 @@ from jax import Array
 
 from .._xla.compiler import compiler_options
 from ..drivers import shared_inputs
-from ..drivers.clock import ends_of_step
-from ..drivers.shared_inputs import SharedInputs
+from ..drivers.stepper import OneStep
 from ..methods.base import Method, Progress
 from ..methods.system import System
 from ..model.bodies import Body
@@ -102,6 +101,8 @@ def _run(
     if inputs is not None:
         system = system._replace(costly=inputs.costly)
 
+    one = OneStep(method, system, t0, dt, inputs)
+
     def take_block(block: Array, progress: Progress) -> Progress:
         before = block * shared_inputs.BLOCK
         if inputs is None:
@@ -112,7 +113,7 @@ def _run(
             rows = inputs.table(system, t0, dt, jnp.broadcast_to(dt, indices.shape), indices)
 
         def of_body(progress: Progress) -> Progress:
-            return loop_of_steps(method, system, (t0, dt), before * unroll, in_block, progress, unroll, inputs, rows)
+            return loop_of_steps(one, before * unroll, in_block, progress, unroll, rows)
 
         return jax.lax.map(jax.vmap(of_body), progress)
 
@@ -125,33 +126,19 @@ def _run(
 
 
 def loop_of_steps(
-    method: Method,
-    system: System,
-    clock: tuple[Array, Array],
-    first: Array,
-    iterations: Array,
-    progress: Progress,
-    unroll: int = 1,
-    inputs: SharedInputs | None = None,
-    rows: Any = None,
+    one: OneStep, first: Array, iterations: Array, progress: Progress, unroll: int = 1, rows: Any = None
 ) -> Progress:
     """The progress of a body after `iterations` iterations of `unroll` steps; the first step has the index `first`.
 
     Args:
-        clock: t0 and dt.
         iterations: their number, an argument of the compiled program.
-        inputs, rows: the inputs that all bodies share, and their table with a row for each step, if there are any.
+        rows: the prepared inputs of the steps, with a row for each, if there are any.
     """
-    t0, dt = clock
 
     def iteration(i: Array, progress: Progress) -> Progress:
         for k in range(unroll):
-            n = first + i * unroll + k
-            if inputs is None:
-                progress = method.advance(system, clock, partial(ends_of_step, n, dt), dt, progress)[0]
-            else:
-                row = jax.tree.map(lambda x, k=k: x[i * unroll + k], rows)
-                progress = inputs.advance(system, t0, dt, dt, progress, n, row)
+            number = i * unroll + k
+            progress = one.take(progress, (first + number, jax.tree.map(lambda x, j=number: x[j], rows)))
         return progress
 
     return jax.lax.fori_loop(0, iterations, iteration, progress)

@@ -20,7 +20,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from .._xla.compiler import tuned_jit
 from .._xla.platform import cores, on_cpu
 from .._xla.structure import remember, structure_of
-from ..methods.base import Method
+from ..methods.base import Method, Progress
 from . import shared_inputs
 from .adjoints import Adjoint, Reversible
 from .integrate import run_of_body
@@ -62,6 +62,7 @@ def run_ensemble(
     tables: tuple[Rows, Rows] | None = None,
     leg: Leg | None = None,
     guarded: bool = False,
+    begins: Progress | None = None,
 ) -> tuple[Path[Any], Any]:
     """`ensemble` without the checks: the path of all bodies, and their states at its end; for a leg also the progress.
 
@@ -75,6 +76,7 @@ def run_ensemble(
         tables: from `shared_tables`.
         leg: which of the steps are taken, by default all; see `run_of_body`.
         guarded: as for `run_of_body`.
+        begins: the progress of each body at the start, from a `Carry`, or None.
     """
     *_, dt, t0 = mapped
     own_times = dt is not None or t0 is not None
@@ -85,17 +87,17 @@ def run_ensemble(
     fixed = save_every if isinstance(save_every, int) else None
 
     def run_of_one(own: Any, shared: Any, first: Array, given: Any, rows: Any, ends: Any) -> tuple[Path[Any], Any]:
-        (mapped, carried), every = own, given if fixed is None else fixed
+        (mapped, carried, begins), every = own, given if fixed is None else fixed
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         own_leg = None if leg is None else Leg(ends[0], ends[1], carried)
         run = method, adjoint, body, torque, start, dt, t0, first, intervals, every
-        path, end, progress = run_of_body(*run, inputs, rows, observe, own_leg, guarded)
+        path, end, progress = run_of_body(*run, inputs, rows, observe, own_leg, guarded, begins)
         return end_alone(path) if at_end else path, end if leg is None else (end, progress)
 
-    out_axes: Any = (Path(0 if own_times else None, 0, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
+    out_axes: Any = (Path(0 if own_times else None, 0, 0, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
     run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None, None, None), out_axes=out_axes)
     ends = None if leg is None else (leg.begin, leg.end)
-    mapped = mapped, None if leg is None else leg.carried
+    mapped = mapped, None if leg is None else leg.carried, begins
 
     def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> tuple[Path[Any], Any]:
         path, end = run_of_bodies(mapped, *common)
@@ -152,7 +154,7 @@ def run_ensemble(
 def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
     """`run` on chunks that are spread over a mesh: each device runs its own chunks."""
     each, all_ = PartitionSpec(mesh.axis_names), PartitionSpec()
-    out: Any = (Path(each if own_times else all_, each, each, each, each), each)  # pyright: ignore[reportArgumentType]
+    out: Any = (Path(each if own_times else all_, *[each] * 5), each)  # pyright: ignore[reportArgumentType]
     mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
     # The specifications say what varies from device to device, so JAX need not check it. Its check would refuse the
     # step that was traced before the bodies were spread, to prepare the shared inputs.

@@ -25,6 +25,7 @@ from .counted import count_as_argument, prepared_steps
 from .observe import Observe, Statistic, as_observe
 from .path import Path
 from .rows import AUTO, count_rows, torque_rows
+from .stepper import carried_on
 
 
 @overload  # what is observed takes the place of the states
@@ -129,7 +130,8 @@ def ensemble(
     steps = as_count("steps", steps)
     chunk = chunk if chunk is None else as_count("chunk", chunk)
     save_every = as_saving(save_every, steps)
-    first = as_first_step(first_step, steps)
+    start, first, carried = carried_on(start, first_step)
+    first = as_first_step(first, steps)
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
     check_times_of_batch(batch, first, steps)
     observe = as_observe(observe)
@@ -141,9 +143,9 @@ def ensemble(
     every = count_as_argument(steps // intervals, steps, adjoint)
     run = batch.method, adjoint, batch.mapped, batch.shared, first
     tables = shared_tables(*run, *prepared_steps(first, intervals, every))
-    return run_ensemble(
-        *run, intervals, every, save_every is None, size, observe, mesh, tables=tables, guarded=not bodies_at_once()
-    )[0]
+    guarded = carried is None and not bodies_at_once()
+    saving = intervals, every, save_every is None, size, observe, mesh
+    return run_ensemble(*run, *saving, tables=tables, guarded=guarded, begins=carried)[0]
 
 
 class Batch(NamedTuple):

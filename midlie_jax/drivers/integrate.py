@@ -1,7 +1,5 @@
 """`integrate`: the driver with a constant step, a `lax.scan` over steps that saves the state at regular intervals."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any, overload
 
 import jax
@@ -14,16 +12,15 @@ from .._xla.compiler import tuned_jit
 from .._xla.internals import bodies_at_once
 from .._xla.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
-from ..methods.system import System
 from ..methods.verdict import UNSTABLE, at_start
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
-from .adjoints import Adjoint, Steps, as_adjoint
+from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .bad_start import finite_start, nan_unless
-from .clock import ends_of_step, ends_of_step_back, time_of
+from .clock import time_of
 from .counted import count_as_argument, take_counted
 from .gain import with_gain_judged
 from .legs import Leg, in_leg
@@ -32,6 +29,7 @@ from .observe.series import Series
 from .path import Path, end_alone, first_bad
 from .results import result_of
 from .shared_inputs import Rows, SharedInputs
+from .stepper import Carry, OneStep, carried_on, check_carried
 
 
 @overload  # what is observed takes the place of the states
@@ -89,7 +87,9 @@ def integrate(
         body: what moves: a `RigidBody`, a `TensorBody` in a frame of your own, or `Particles`.
         torque: any callable `torque(t, state) -> (3,)` in the body frame (for particles a force of the momentum's
             shape), or None. Pass the same function object again to reuse what was compiled.
-        start: the state at the first time; its class decides what is integrated besides the momentum.
+        start: the state at the first time; its class decides what is integrated besides the momentum. Or the `carry` of
+            a path, from which the run goes on with the same bits and noise; method, body, torque, dt and t0 must then
+            be those of that path.
         dt: step, (), may be negative.
         steps: number of steps.
         save_every: save the state every `save_every` steps, the start first; must divide `steps`. None: the state at
@@ -129,7 +129,8 @@ def integrate(
     save_every = as_saving(save_every, steps)
     if isinstance(observe, Series):
         observe.check(save_every and 1 + steps // save_every)
-    first = as_first_step(first_step, steps)
+    start, first, carried = carried_on(start, first_step)
+    first = as_first_step(first, steps)
     method = check_system(as_method(method), body, torque, start)
     dtype = start.momentum.dtype
     h, begin = as_argument("dt", dt, dtype), as_argument("t0", t0, dtype)
@@ -137,7 +138,8 @@ def integrate(
     check_times(method, torque, begin, h, first, steps)
     adjoint, every = as_adjoint(adjoint), save_every or steps
     run = adjoint, body, torque, start, h, begin, first, steps // every, count_as_argument(every, steps, adjoint)
-    return _run(method, *run, at_end=save_every is None, observe=observe, guarded=not bodies_at_once())
+    guarded = carried is None and not bodies_at_once()
+    return _run(method, *run, at_end=save_every is None, observe=observe, guarded=guarded, carried=carried)
 
 
 def run_of_body(
@@ -156,6 +158,7 @@ def run_of_body(
     observe: Observe | None = None,
     leg: Leg | None = None,
     guarded: bool = False,
+    carried: Progress | None = None,
 ) -> tuple[Path[Any], AnyState, Progress]:
     """`integrate` without the checks: the path, and the state and progress at its end, from which a run can go on.
 
@@ -171,6 +174,7 @@ def run_of_body(
         leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg and the
             failures there are valid. `adjoint` is ignored.
         guarded: whether a start that is not finite must not reach the steps, because they may be differentiated.
+        carried: the progress at the start, from a `Carry`; then only the class, shape and dtype of `start` are read.
     """
     axes = axes_of_run((body, torque, start, dt, t0, first), (on_body(torque, body), t0, start))
     uniform = t0, dt
@@ -182,41 +186,29 @@ def run_of_body(
 
     if shared is not None:
         system = system._replace(costly=shared.costly)
+    if carried is not None:
+        check_carried(carried, system, method)
+        start = all_promoted(system.state(carried.motion), axes)
     given, good = start, cp.all_finite(start) if guarded else jnp.asarray(True)
     if guarded:
         start = finite_start(start, good, on_body(torque, body), t0, (body, dt))
     rows_idle, rows_of_steps = (None, None) if rows is None else rows
     keeps_force = method.keeps_force(system)
     # Whether an idle step of the loop computes the force at the start.
-    waits = keeps_force and not isinstance(save_every, int) and not system.kind.apart
+    waits = carried is None and keeps_force and not isinstance(save_every, int) and not system.kind.apart
 
-    def advance(h: Array, progress: Progress, step: tuple[Array, Any]) -> Progress:
-        n, row = step
-        if shared is not None:
-            return shared.advance(system, t0, dt, h, progress, n, row)
-        return method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n, h), h, progress, axes)[0]
-
-    def take_back(progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
-        ends = partial(ends_of_step_back, step[0])
-        progress, (_, known) = method.advance(system, (t0, dt), ends, -dt, progress, axes, method.step_back)
-        return progress, known
-
-    def take_again(progress: Progress, step: tuple[Array, Any], known: Any) -> Progress:
-        if shared is not None:
-            return advance(dt, progress, step)
-        again = partial(method.step_again, known=known)
-        return method.advance(system, (t0, dt), partial(ends_of_step, step[0], dt), dt, progress, axes, again)[0]
+    one = OneStep(method, system, t0, dt, shared, axes)
 
     def begin() -> Progress:
+        if carried is not None:
+            return all_promoted(carried, axes)
         progress = Progress(system.motion(start), None, promoted(at_start(body, good, counted), axes))
         if waits:
             return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
         if keeps_force:
             before = jax.tree.map(lambda x: x[jnp.array([0, 0])], rows_idle)
-            progress = _with_force(system, progress, advance, time_of(t0, dt, first), first, before)
+            progress = _with_force(one, progress, time_of(t0, dt, first), first, before)
         return progress
-
-    unroll = 1 if system.kind.apart or system.separate else method.unroll  # so that a torque is compiled once
 
     def move(progress: Progress, i: Array, n: Array, rows: Any) -> Progress:
         """The progress after interval i, which begins with step n."""
@@ -225,22 +217,18 @@ def run_of_body(
             def take_or_wait(progress: Progress, k: Array, taken: Array) -> Progress:
                 row, idle = jax.tree.map(lambda x: x[n - first + k], rows_of_steps), (k >= 0).astype(jnp.int32)
                 row = jax.tree.map(lambda x, y: jnp.where(taken, x, y[i + idle]), row, rows_idle)
-                return advance(jnp.where(taken, dt, 0), progress, (n + k, row))
+                return one.take(progress, (n + k, row), jnp.where(taken, dt, 0))
 
             idle = ((i == 0) & waits).astype(jnp.int32)
-            return take_counted(take_or_wait, progress, jnp.asarray(save_every), unroll, idle)
+            return take_counted(take_or_wait, progress, jnp.asarray(save_every), one.unroll, idle)
         if leg is not None:
 
             def take(progress: Progress, k: Array) -> Progress:
-                return advance(dt, progress, (n + k, jax.tree.map(lambda x: x[k], rows)))
+                return one.take(progress, (n + k, jax.tree.map(lambda x: x[k], rows)))
 
             return in_leg(leg, n - first, save_every, method, take, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        steps = intervals * save_every
-        functions = partial(advance, dt), take_back, take_again
-        fused = not (method.loops_for(system) or system.costly or system.bath is not None or system.kind.apart)
-        inputs = Steps(*functions, (indices, rows), save_every, steps, unroll, fused)
-        return adjoint.run(inputs, progress)
+        return adjoint.run(one.many((indices, rows), save_every, intervals * save_every), progress)
 
     progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
 
@@ -276,7 +264,8 @@ def run_of_body(
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
     finite = cp.all_finite(progress.motion)
     result = result_of(progress.verdict, finite)
-    path = Path(times, seen, progress.ok & finite, first_bad(given, trusted), result)
+    carry = None if leg is not None else Carry(first + steps, progress, system.kind)
+    path = Path(times, seen, progress.ok & finite, first_bad(given, trusted), result, carry)
     end = system.state(progress.motion)
     return path, nan_unless(good, end) if guarded else end, progress
 
@@ -308,9 +297,7 @@ def _side_by_side(
 _run = tuned_jit(path_of_body, _side_by_side)
 
 
-def _with_force(
-    system: System, progress: Progress, advance: Callable[..., Any], t: Array, first: Array, rows: Any
-) -> Progress:
+def _with_force(one: OneStep, progress: Progress, t: Array, first: Array, rows: Any) -> Progress:
     """The progress with the force at the start, computed by two steps of length zero.
 
     A direct evaluation of the torque would be shorter. But outside the loop the compiled torque may round differently
@@ -319,14 +306,14 @@ def _with_force(
     of one iteration. The derivative is taken from the direct evaluation, because that compiles faster than the
     derivative of the loop.
     """
-    motion = progress.motion
+    system, motion = one.system, progress.motion
     if system.kind.apart:  # such a torque rounds alike everywhere
         return progress._replace(force=system.force(t, motion))
     zeros = jax.tree.map(jnp.zeros_like, motion.momentum)
     indices = jnp.stack([first - 1, first - 1])
     zero_step = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
     before = jax.lax.stop_gradient(progress._replace(force=zeros))
-    after, _ = jax.lax.scan(lambda p, step: (advance(zero_step, p, step), None), before, (indices, rows))
+    after, _ = jax.lax.scan(lambda p, step: (one.take(p, step, zero_step), None), before, (indices, rows))
     value = jax.lax.stop_gradient(after.force)
     return progress._replace(force=_with_derivative_of(system.force(t, motion), value))
 

@@ -37,6 +37,8 @@ class Path(NamedTuple, TypedBy[States]):
             end of the run, and then it is 1.
         result: (), why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`. Prints as a
             sentence with the cure. None in a path that no driver made.
+        carry: the `midlie_jax.Carry` at the end, with which `integrate` and `ensemble` go on as if the run had not been
+            divided, and a `midlie_jax.stepper`, too.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -53,6 +55,7 @@ class Path(NamedTuple, TypedBy[States]):
     ok: Bool[Array, "*batch"]
     first_bad: Int[Array, "*batch"]
     result: Any = None
+    carry: Any = None
 
     def __repr__(self) -> str:
         return _brief(self)

@@ -1,0 +1,329 @@
+"""`stepper`: the steps of a method as pure functions of a `Carry`; and `OneStep`, which every driver takes."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._checks.arguments import as_count
+from .._math import components as cp
+from .._math.components import is_traced
+from .._xla.mesh import NONE, Axes
+from ..methods.base import Method, Progress
+from ..methods.system import System
+from ..methods.verdict import at_start
+from ..model.bodies import Body
+from ..model.state import AnyState
+from ..model.torques import TorqueLike
+from .adjoints import Adjoint, Steps, as_adjoint
+from .arguments import as_first_step, as_method, as_scalar, check_clock, check_step, check_system
+from .clock import ends_of_step, ends_of_step_back, time_of
+from .results import result_of
+from .shared_inputs import SharedInputs
+
+
+class OneStep(NamedTuple):
+    """The steps of a run with a constant step.
+
+    Attributes:
+        method, system: fitted to the body; with the constants of the run.
+        t0, dt: (), the time of step 0, and the step.
+        shared: the step with prepared inputs, or None for the step of the method.
+        axes: the axes of a mesh of devices along which the run varies.
+    """
+
+    method: Method
+    system: System
+    t0: Array
+    dt: Array
+    shared: SharedInputs | None = None
+    axes: Axes = NONE
+
+    @property
+    def unroll(self) -> int:
+        """Steps per iteration of a loop: one if the torque is a loop of its own, so that it is compiled once."""
+        return 1 if self.system.kind.apart or self.system.separate else self.method.unroll
+
+    def take(self, progress: Progress, step: tuple[Array, Any], h: Array | None = None) -> Progress:
+        """The progress after a step, from its index and its prepared inputs; h is its length, if not dt."""
+        n, row = step
+        h = self.dt if h is None else h
+        if self.shared is not None:
+            return self.shared.advance(self.system, self.t0, self.dt, h, progress, n, row)
+        ends = partial(ends_of_step, n, h)
+        return self.method.advance(self.system.at_step(n), (self.t0, self.dt), ends, h, progress, self.axes)[0]
+
+    def take_back(self, progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
+        """The progress before a step, and what `take_again` can use of this computation."""
+        method, ends = self.method, partial(ends_of_step_back, step[0])
+        run = self.system, (self.t0, self.dt), ends, -self.dt, progress, self.axes, method.step_back
+        progress, (_, known) = method.advance(*run)
+        return progress, known
+
+    def take_again(self, progress: Progress, step: tuple[Array, Any], known: Any) -> Progress:
+        """`take` for its derivative alone, after `take_back`."""
+        if self.shared is not None:
+            return self.take(progress, step)
+        again, ends = partial(self.method.step_again, known=known), partial(ends_of_step, step[0], self.dt)
+        return self.method.advance(self.system, (self.t0, self.dt), ends, self.dt, progress, self.axes, again)[0]
+
+    def counted(self, progress: Progress, first: Array, count: Array) -> Progress:
+        """The progress after a number of steps that the compiler does not know; the first has the index `first`."""
+
+        def iteration(size: int, i: Array, state: tuple[Array, Progress]) -> tuple[Array, Progress]:
+            del i
+            n, progress = state
+            for k in range(size):
+                progress = self.take(progress, (n + k, None))
+            return n + size, progress
+
+        state = jax.lax.fori_loop(0, count // self.unroll, partial(iteration, self.unroll), (first, progress))
+        if self.unroll > 1:
+            state = jax.lax.fori_loop(0, count % self.unroll, partial(iteration, 1), state)
+        return state[1]
+
+    def many(self, inputs: Any, number: int, total: int) -> Steps:
+        """Consecutive steps, as an adjoint takes them.
+
+        Args:
+            inputs: the index and the prepared inputs of each step, with a leading axis.
+            number: how many they are. total: how many the run has in all.
+        """
+        method, system = self.method, self.system
+        fused = not (method.loops_for(system) or system.costly or system.bath is not None or system.kind.apart)
+        return Steps(self.take, self.take_back, self.take_again, inputs, number, total, self.unroll, fused)
+
+
+class Carry(eqx.Module):
+    """Where a run stands: all that its next step needs. A pytree of arrays.
+
+    A run that goes on from a carry takes up the index of the next step, and so the time and the noise, and has the bits
+    of a run that was never divided, if both are compiled alike.
+
+    Attributes:
+        index: the number of steps taken, (), int32: the index of the next step.
+        progress: momentum and pose in principal axes, the force there if the method keeps it, and the verdict.
+        kind: the class that stores them.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> half = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=50)
+        >>> whole = ml.integrate("JACOBI[EA]", body, torque, half.carry, dt=0.01, steps=50)
+        >>> int(whole.carry.index)
+        100
+    """
+
+    index: Array
+    progress: Progress
+    kind: Any = eqx.field(static=True)
+
+    @property
+    def like(self) -> AnyState:
+        """A state of the class of the run, in principal axes."""
+        motion = self.progress.motion
+        return self.kind.join(motion.momentum, motion.pose)
+
+
+class Stepper(eqx.Module):
+    """The steps of one body as pure functions of a `Carry`; made by `midlie_jax.stepper`. A pytree.
+
+    Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a `lax.scan` of your own, `unroll=2`
+    saves XLA a copy of the arrays.
+
+    Attributes:
+        method: fitted to the body.
+        body, torque, like, t0, dt: as for `midlie_jax.stepper`.
+    """
+
+    method: Method
+    body: Any
+    torque: Any
+    like: AnyState
+    t0: Array
+    dt: Array
+    _constants: Any
+    _others: Any = eqx.field(static=True)
+
+    def init(self, start: AnyState | None = None, first_step: Any = 0) -> Carry:
+        """The carry before the first step.
+
+        Args:
+            start: the state there, by default the one that the stepper was made with.
+            first_step: the index of the first step.
+
+        Raises:
+            ValueError: the start is of another class, shape or dtype.
+        """
+        start = self.like if start is None else start
+        _check_alike("start", start, self.like)
+        system, first = self._system(), jnp.asarray(as_first_step(first_step, 1), jnp.int32)
+        progress = self.method.begin(system, start, time_of(self.t0, self.dt, first))
+        verdict = at_start(self.body, cp.all_finite(start), True)
+        return Carry(first, progress._replace(verdict=verdict), system.kind)
+
+    def step(self, carry: Carry, *, torque: Any = None, body: Any = None) -> Carry:
+        """The carry after one step: one loop in the compiled program.
+
+        Args:
+            carry: from `init`, `step`, `advance` or `Path.carry`.
+            torque: of the same class and structure, with other parameters, for this step alone.
+            body: likewise. The momentum is kept. With the body at the middle of each step the run is of order 2.
+
+        Raises:
+            ValueError: the torque or the body has another structure, shape or dtype.
+        """
+        return self.advance(carry, 1, torque=torque, body=body)
+
+    def advance(
+        self, carry: Carry, steps: int | Array, *, torque: Any = None, body: Any = None, adjoint: Adjoint | None = None
+    ) -> Carry:
+        """The carry after a number of steps.
+
+        Args:
+            carry, torque, body: as for `step`; the torque and body hold for all of these steps.
+            steps: an int; or an integer array, (), for which one program serves every number, without a reverse
+                derivative.
+            adjoint: how an int of steps is differentiated, as for `midlie_jax.integrate`.
+
+        Raises:
+            ValueError: as for `step`; or `steps` is not a positive integer.
+        """
+        own = one = OneStep(self.method, self._system(), self.t0, self.dt)
+        progress = carry.progress
+        if torque is not None or body is not None:
+            one = one._replace(system=self._system_of(torque, body))
+            progress = _moved_over(own, one, carry.index, progress)
+        if not isinstance(steps, int):
+            steps = jnp.asarray(as_first_step(steps, 0), jnp.int32)
+            progress = one.counted(progress, carry.index, steps)
+        elif as_count("steps", steps) == 1 and adjoint is None:
+            progress = one.take(progress, (carry.index, None))
+        else:
+            adjoint = as_adjoint(adjoint)
+            adjoint.check(self.method, one.system, steps)
+            indices = carry.index + jnp.arange(steps, dtype=jnp.int32)
+            progress = adjoint.run(one.many((indices, None), steps, steps), progress)
+        index = carry.index + steps
+        return Carry(index, progress if own is one else _moved_over(one, own, index, progress), carry.kind)
+
+    def state(self, carry: Carry) -> AnyState:
+        """The state, in the user's axes."""
+        return self._system().state(carry.progress.motion)
+
+    def time(self, carry: Carry) -> Array:
+        """The time, (), computed from the index."""
+        return time_of(self.t0, self.dt, carry.index)
+
+    def ok(self, carry: Carry) -> Array:
+        """Whether all steps succeeded and all numbers are finite, ()."""
+        return carry.progress.ok & cp.all_finite(carry.progress.motion)
+
+    def result(self, carry: Carry) -> Any:
+        """Why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`."""
+        return result_of(carry.progress.verdict, cp.all_finite(carry.progress.motion))
+
+    def _system(self) -> System:
+        structure, others = self._others
+        return structure.unflatten(eqx.combine(self._constants, list(others)))
+
+    def _system_of(self, torque: Any, body: Any) -> System:
+        torque, body = self.torque if torque is None else torque, self.body if body is None else body
+        _check_alike("torque", torque, self.torque)
+        _check_alike("body", body, self.body)
+        return self.method.system(body, torque, self.like, self.t0, self.dt)
+
+
+def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
+    """The start of a run as a state, the index of its first step, and the progress there if `start` is a `Carry`."""
+    if not isinstance(start, Carry):
+        return start, first_step, None
+    if isinstance(first_step, Array | np.ndarray) or first_step != 0:
+        raise ValueError("first_step must be left out where start is a Carry, which has the index of the next step.")
+    index = start.index
+    if index.ndim:
+        if not is_traced(index) and np.ptp(np.asarray(index)):
+            raise ValueError("start must be a Carry with one index for all bodies; map `integrate` over other carries.")
+        index = index[0]
+    return start.like, index, start.progress
+
+
+def check_carried(carried: Progress, system: System, method: Method) -> None:
+    """Raises unless a method can go on from this progress."""
+    if (carried.force is not None) != method.keeps_force(system):
+        raise ValueError(
+            f"start must be a Carry of the same method and torque, got one of another: {method.name} "
+            f"{'needs' if carried.force is None else 'does not keep'} the force there. Start from the state."
+        )
+
+
+def stepper(
+    method: Method | str, body: Body, torque: TorqueLike | None, start: AnyState, *, dt: Any, t0: Any = 0.0
+) -> Stepper:
+    """The steps of a method as pure functions, for loops of your own: control, learning, bodies that change.
+
+    Args:
+        method, body, torque: as for `midlie_jax.integrate`.
+        start: a state of the class, shape and dtype of the run.
+        dt: step, (), may be negative.
+        t0: time of step 0, ().
+
+    Returns:
+        A `Stepper`.
+
+    Raises:
+        ValueError: as `midlie_jax.integrate`.
+
+    Examples:
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> top = ml.stepper("JACOBI[EA]", body, torque, start, dt=0.01)
+        >>> carry = top.advance(top.init(), 99)
+        >>> carry = top.step(carry, torque=ml.torques.HeavyTop(30.0))  # one step under another weight
+        >>> round(float(top.time(carry)), 6), bool(top.ok(carry)), top.state(carry).momentum.shape
+        (1.0, True, (3,))
+    """
+    method = check_system(as_method(method), body, torque, start)
+    h, t0 = (as_scalar(name, x, start.momentum.dtype) for name, x in (("dt", dt), ("t0", t0)))
+    check_step(method, h)
+    check_clock(t0, h)
+    leaves, structure = jax.tree.flatten(method.system(body, torque, start, t0, h))
+    constants, others = eqx.partition(leaves, eqx.is_array)
+    return Stepper(method, body, torque, start, t0, h, constants, (structure, tuple(others)))
+
+
+def _moved_over(before: OneStep, after: OneStep, index: Array, progress: Progress) -> Progress:
+    """The progress of a system as that of another, with the same momentum in the user's axes, and the force there."""
+    motion, system = progress.motion, after.system
+    if system.frame is not None:
+        motion = system.motion(before.system.state(motion))
+    keeps = after.method.keeps_force(system)
+    return progress._replace(
+        motion=motion, force=system.force(time_of(after.t0, after.dt, index), motion) if keeps else None
+    )
+
+
+def _check_alike(name: str, value: Any, like: Any) -> None:
+    """Raises unless a pytree has the structure, shapes and dtypes of another."""
+    if jax.tree.structure(value) != jax.tree.structure(like):
+        raise ValueError(
+            f"{name} must have the structure of that of the stepper, {_form(like)}, got {_form(value)}; "
+            "make another stepper for it."
+        )
+    for leaf, other in zip(jax.tree.leaves(value), jax.tree.leaves(like), strict=True):
+        if eqx.is_array_like(other) and (jnp.shape(leaf), jnp.result_type(leaf)) != (
+            jnp.shape(other),
+            jnp.result_type(other),
+        ):
+            raise ValueError(
+                f"{name} must have the shapes and dtypes of that of the stepper, {_form(like)}, got {_form(value)}; "
+                "cast it, or make another stepper for it."
+            )
+
+
+def _form(value: Any) -> str:
+    return " ".join(eqx.tree_pformat(value, width=1000).split())
