@@ -25,7 +25,7 @@ from .counted import count_as_argument, prepared_steps
 from .observe import Observe, Statistic, as_observe
 from .path import Path
 from .rows import AUTO, count_rows, torque_rows
-from .stepper import carried_on
+from .stepper import Carry, carried_on
 
 
 @overload  # what is observed takes the place of the states
@@ -33,7 +33,7 @@ def ensemble(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState,
+    start: AnyState | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -63,11 +63,28 @@ def ensemble(
     adjoint: Adjoint | None = ...,
     mesh: Mesh | None = ...,
 ) -> Path[StateT]: ...
+@overload
 def ensemble(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: StateT,
+    start: Carry,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    torque_axes: Any = ...,
+    chunk: int | None = ...,
+    adjoint: Adjoint | None = ...,
+    mesh: Mesh | None = ...,
+) -> Path[Any]: ...
+def ensemble(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -130,9 +147,9 @@ def ensemble(
     steps = as_count("steps", steps)
     chunk = chunk if chunk is None else as_count("chunk", chunk)
     save_every = as_saving(save_every, steps)
-    start, first, carried = carried_on(start, first_step)
+    state, first, carried = carried_on(start, first_step)
     first = as_first_step(first, steps)
-    batch = as_batch(method, body, torque, start, dt, t0, torque_axes)
+    batch = as_batch(method, body, torque, state, dt, t0, torque_axes)
     check_times_of_batch(batch, first, steps)
     observe = as_observe(observe)
     check_spread(batch, observe, mesh)

@@ -37,7 +37,7 @@ def integrate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: AnyState,
+    start: AnyState | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -61,11 +61,25 @@ def integrate(
     first_step: int | Array = ...,
     adjoint: Adjoint | None = ...,
 ) -> Path[StateT]: ...
+@overload
 def integrate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: StateT,
+    start: Carry,
+    *,
+    dt: float | Array,
+    steps: int,
+    save_every: int | None = ...,
+    t0: float | Array = ...,
+    first_step: int | Array = ...,
+    adjoint: Adjoint | None = ...,
+) -> Path[Any]: ...
+def integrate(
+    method: Method | str,
+    body: Body,
+    torque: TorqueLike | None,
+    start: StateT | Carry,
     *,
     dt: float | Array,
     steps: int,
@@ -129,15 +143,15 @@ def integrate(
     save_every = as_saving(save_every, steps)
     if isinstance(observe, Series):
         observe.check(save_every and 1 + steps // save_every)
-    start, first, carried = carried_on(start, first_step)
+    state, first, carried = carried_on(start, first_step)
     first = as_first_step(first, steps)
-    method = check_system(as_method(method), body, torque, start)
-    dtype = start.momentum.dtype
+    method = check_system(as_method(method), body, torque, state)
+    dtype = state.momentum.dtype
     h, begin = as_argument("dt", dt, dtype), as_argument("t0", t0, dtype)
     check_step(method, h)
     check_times(method, torque, begin, h, first, steps)
     adjoint, every = as_adjoint(adjoint), save_every or steps
-    run = adjoint, body, torque, start, h, begin, first, steps // every, count_as_argument(every, steps, adjoint)
+    run = adjoint, body, torque, state, h, begin, first, steps // every, count_as_argument(every, steps, adjoint)
     guarded = carried is None and not bodies_at_once()
     return _run(method, *run, at_end=save_every is None, observe=observe, guarded=guarded, carried=carried)
 

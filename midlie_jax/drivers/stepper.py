@@ -1,5 +1,6 @@
 """`stepper`: the steps of a method as pure functions of a `Carry`; and `OneStep`, which every driver takes."""
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -124,30 +125,47 @@ class Carry(eqx.Module):
 
     @property
     def like(self) -> AnyState:
-        """A state of the class of the run, in principal axes."""
-        motion = self.progress.motion
-        return self.kind.join(motion.momentum, motion.pose)
+        """A state of the class of the run, in principal axes; with the leading axes of a batch of carries."""
+        join = self.kind.join
+        for _ in range(self.progress.verdict.ndim):
+            join = jax.vmap(join)
+        return join(self.progress.motion.momentum, self.progress.motion.pose)
 
 
-class Stepper(eqx.Module):
+@partial(jax.tree_util.register_dataclass, data_fields=["t0", "dt", "_arrays"], meta_fields=["_others"])
+@dataclass(frozen=True, eq=False, repr=False)
+class Stepper:
     """The steps of one body as pure functions of a `Carry`; made by `midlie_jax.stepper`. A pytree.
 
     Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a `lax.scan` of your own, `unroll=2`
     saves XLA a copy of the arrays.
 
     Attributes:
-        method: fitted to the body.
-        body, torque, like, t0, dt: as for `midlie_jax.stepper`.
+        t0, dt: (), the time of step 0, and the step.
     """
 
-    method: Method
-    body: Any
-    torque: Any
-    like: AnyState
     t0: Array
     dt: Array
-    _constants: Any
-    _others: Any = eqx.field(static=True)
+    _arrays: list[Any]
+    _others: Any
+
+    def __repr__(self) -> str:
+        return f"Stepper({self.method.name}, {self.body}, dt={eqx.tree_pformat(self.dt)})"
+
+    @property
+    def method(self) -> Method:
+        """The method, fitted to the body."""
+        return self._parts[0]
+
+    @property
+    def body(self) -> Any:
+        """The body of all steps that name no other."""
+        return self._parts[1]
+
+    @property
+    def torque(self) -> Any:
+        """The torque of all steps that name no other."""
+        return self._parts[2]
 
     def init(self, start: AnyState | None = None, first_step: Any = 0) -> Carry:
         """The carry before the first step.
@@ -159,11 +177,12 @@ class Stepper(eqx.Module):
         Raises:
             ValueError: the start is of another class, shape or dtype.
         """
-        start = self.like if start is None else start
-        _check_alike("start", start, self.like)
-        system, first = self._system(), jnp.asarray(as_first_step(first_step, 1), jnp.int32)
-        progress = self.method.begin(system, start, time_of(self.t0, self.dt, first))
-        verdict = at_start(self.body, cp.all_finite(start), True)
+        method, body, _, like, system = self._parts
+        start = like if start is None else start
+        _check_alike("start", start, like)
+        first = jnp.asarray(as_first_step(first_step, 1), jnp.int32)
+        progress = method.begin(system, start, time_of(self.t0, self.dt, first))
+        verdict = at_start(body, cp.all_finite(start), True)
         return Carry(first, progress._replace(verdict=verdict), system.kind)
 
     def step(self, carry: Carry, *, torque: Any = None, body: Any = None) -> Carry:
@@ -193,10 +212,11 @@ class Stepper(eqx.Module):
         Raises:
             ValueError: as for `step`; or `steps` is not a positive integer.
         """
-        own = one = OneStep(self.method, self._system(), self.t0, self.dt)
+        method, *given, system = self._parts
+        own = one = OneStep(method, system, self.t0, self.dt)
         progress = carry.progress
         if torque is not None or body is not None:
-            one = one._replace(system=self._system_of(torque, body))
+            one = one._replace(system=self._system_under(torque, body, *given))
             progress = _moved_over(own, one, carry.index, progress)
         if not isinstance(steps, int):
             steps = jnp.asarray(as_first_step(steps, 0), jnp.int32)
@@ -205,7 +225,7 @@ class Stepper(eqx.Module):
             progress = one.take(progress, (carry.index, None))
         else:
             adjoint = as_adjoint(adjoint)
-            adjoint.check(self.method, one.system, steps)
+            adjoint.check(method, one.system, steps)
             indices = carry.index + jnp.arange(steps, dtype=jnp.int32)
             progress = adjoint.run(one.many((indices, None), steps, steps), progress)
         index = carry.index + steps
@@ -213,7 +233,7 @@ class Stepper(eqx.Module):
 
     def state(self, carry: Carry) -> AnyState:
         """The state, in the user's axes."""
-        return self._system().state(carry.progress.motion)
+        return self._parts[-1].state(carry.progress.motion)
 
     def time(self, carry: Carry) -> Array:
         """The time, (), computed from the index."""
@@ -227,18 +247,19 @@ class Stepper(eqx.Module):
         """Why the run failed, one of `midlie_jax.RESULTS`; `RESULTS.successful` where `ok`."""
         return result_of(carry.progress.verdict, cp.all_finite(carry.progress.motion))
 
-    def _system(self) -> System:
+    @property
+    def _parts(self) -> tuple[Method, Any, Any, AnyState, System]:
         structure, others = self._others
-        return structure.unflatten(eqx.combine(self._constants, list(others)))
+        return structure.unflatten(eqx.combine(self._arrays, list(others)))
 
-    def _system_of(self, torque: Any, body: Any) -> System:
-        torque, body = self.torque if torque is None else torque, self.body if body is None else body
-        _check_alike("torque", torque, self.torque)
-        _check_alike("body", body, self.body)
-        return self.method.system(body, torque, self.like, self.t0, self.dt)
+    def _system_under(self, torque: Any, body: Any, own_body: Any, own_torque: Any, like: AnyState) -> System:
+        torque, body = own_torque if torque is None else torque, own_body if body is None else body
+        _check_alike("torque", torque, own_torque)
+        _check_alike("body", body, own_body)
+        return self.method.system(body, torque, like, self.t0, self.dt)
 
 
-def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
+def carried_on(start: AnyState | Carry, first_step: Any) -> tuple[AnyState, Any, Progress | None]:
     """The start of a run as a state, the index of its first step, and the progress there if `start` is a `Carry`."""
     if not isinstance(start, Carry):
         return start, first_step, None
@@ -291,9 +312,9 @@ def stepper(
     h, t0 = (as_scalar(name, x, start.momentum.dtype) for name, x in (("dt", dt), ("t0", t0)))
     check_step(method, h)
     check_clock(t0, h)
-    leaves, structure = jax.tree.flatten(method.system(body, torque, start, t0, h))
-    constants, others = eqx.partition(leaves, eqx.is_array)
-    return Stepper(method, body, torque, start, t0, h, constants, (structure, tuple(others)))
+    leaves, structure = jax.tree.flatten((method, body, torque, start, method.system(body, torque, start, t0, h)))
+    arrays, others = eqx.partition(leaves, eqx.is_array)
+    return Stepper(t0, h, arrays, (structure, tuple(others)))
 
 
 def _moved_over(before: OneStep, after: OneStep, index: Array, progress: Progress) -> Progress:

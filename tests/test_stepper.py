@@ -1,0 +1,228 @@
+"""`ml.stepper` and carries: pure steps under every transformation of JAX, under other parameters, and in loops."""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import RIGID_FLIGHTS, quick
+
+import midlie_jax as ml
+
+BODY, START = ml.RigidBody([5.0, 4.0, 1.0]), ml.RigidState([1.0, 2.0, 9.0], ml.so3.exp(jnp.array([0.3, 0.1, 0.0])))
+STEPS, DT = 24, 0.01
+METHODS = ["JACOBI[EA]", "LIEMID[EA]", "DMV4[EA]", "GBS12", "SW", "JACOBI[SRKN14a]"]
+
+
+def top(weight=20.0):
+    return ml.torques.HeavyTop(weight)
+
+
+def stepper(method="JACOBI[EA]", body=BODY, torque=None, start=START, **options):
+    return ml.stepper(method, body, top() if torque is None else torque, start, **{"dt": DT, "t0": 0.0, **options})
+
+
+def near(found, expected, rtol=1e-12):
+    jax.tree.map(partial(np.testing.assert_allclose, rtol=rtol, atol=rtol), found, expected)
+
+
+def whole(method="JACOBI[EA]", torque=None, start=START, **options):
+    run = {"dt": DT, "steps": STEPS, "save_every": None, **options}
+    return ml.integrate(method, BODY, top() if torque is None else torque, start, **run)
+
+
+def scanned(one, carry):
+    return jax.lax.scan(lambda c, _: (one.step(c), None), carry, length=STEPS)[0]
+
+
+def by_while(one, carry):
+    return jax.lax.while_loop(lambda c: c.index < STEPS, one.step, carry)
+
+
+WAYS = {
+    "scan": scanned,
+    "while": by_while,
+    "advance": lambda one, carry: one.advance(carry, STEPS),
+    "traced": lambda one, carry: one.advance(carry, carry.index + STEPS),
+    "checkpoint": lambda one, carry: jax.checkpoint(scanned)(one, carry),
+    "reversible": lambda one, carry: one.advance(carry, STEPS, adjoint=ml.Reversible()),
+    "unrolled": lambda one, carry: jax.lax.scan(lambda c, _: (one.step(c), None), carry, length=STEPS, unroll=2)[0],
+    "two parts": lambda one, carry: one.advance(one.advance(carry, 7), STEPS - 7),
+}
+
+
+@pytest.mark.sample(len(WAYS))
+@pytest.mark.parametrize(
+    ("method", "way"), [*(("JACOBI[EA]", way) for way in WAYS), *((m, w) for m in METHODS[1:] for w in WAYS)]
+)
+def test_every_loop_over_steps_gives_what_integrate_gives(method, way):
+    if way == "reversible" and not ml.method(method).symmetric:
+        with pytest.raises(ValueError, match="symmetric"):
+            WAYS[way](stepper(method), stepper(method).init())
+        return
+    one = stepper(method)
+    end = quick(WAYS[way])(one, one.init())
+    path = whole(method)
+    near(one.state(end), path.states)
+    assert bool(one.ok(end))
+    assert int(end.index) == int(path.carry.index) == STEPS
+    assert one.result(end) == ml.RESULTS.successful
+    np.testing.assert_allclose(one.time(end), STEPS * DT)
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("way", ["scan", "advance", "while", "two parts", "reversible"])
+def test_derivatives_are_those_of_integrate(way):
+    def height(weight, run):
+        return jnp.sum(run(weight).attitude ** 3)
+
+    def stepped(weight):
+        one = stepper(torque=top(weight))
+        return one.state(WAYS[way](one, one.init()))
+
+    expected = jax.grad(partial(height, run=lambda w: whole(torque=top(w)).states))(20.0)
+    forward = jax.jvp(partial(height, run=stepped), (20.0,), (1.0,))[1] if way != "reversible" else expected
+    np.testing.assert_allclose(forward, expected, rtol=1e-10)
+    if way != "while":
+        np.testing.assert_allclose(jax.grad(partial(height, run=stepped))(20.0), expected, rtol=1e-10)
+
+
+def test_a_batch_of_steppers_is_a_stepper_under_vmap():
+    weights = jnp.linspace(10.0, 30.0, 5)
+
+    @jax.jit
+    @jax.vmap
+    def run(weight):
+        one = stepper(torque=top(weight))
+        return one.state(scanned(one, one.init()))
+
+    many = jax.vmap(lambda w: stepper(torque=top(w)))(weights)
+    ends = jax.vmap(lambda one: one.state(scanned(one, one.init())))(many)
+    near(ends, run(weights))
+    near(jax.tree.map(lambda x: x[3], ends), whole(torque=top(weights[3])).states)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_step_under_another_torque_is_that_of_a_run_under_it(method):
+    one, states = stepper(method), START
+    carry = one.init()
+    for n, weight in enumerate([20.0, 35.0, 20.0, 5.0, 20.0]):
+        carry = one.step(carry) if weight == 20 else one.step(carry, torque=top(weight))
+        states = whole(method, torque=top(weight), start=states, steps=1, first_step=n).states
+        near(one.state(carry), states, 1e-11)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("flight", [f for f in RIGID_FLIGHTS if f.moves(jnp.array([5.0, 4.0, 1.0]))], ids=str)
+def test_a_body_that_changes_keeps_its_momentum_and_the_run_is_of_order_two(flight):
+    """I(t) = I0 (1 - 0.1 t) without torque: with the body at the middle of each step."""
+
+    def run(steps):
+        one = ml.stepper(f"{flight.name}[EA]", BODY, None, START, dt=1 / steps)
+
+        def step(carry, _):
+            middle = one.time(carry) + one.dt / 2
+            return one.step(carry, body=ml.RigidBody(BODY.moments * (1 - 0.1 * middle))), None
+
+        return one.state(jax.lax.scan(step, one.init(), length=steps)[0])
+
+    ends = [jax.jit(run, static_argnums=0)(steps) for steps in (40, 80, 640)]
+    spatial = [ml.so3.rotate(x.attitude, x.momentum) for x in (START, *ends)]
+    for found in spatial[1:] if flight.name != "LIEMID" else []:
+        np.testing.assert_allclose(found, spatial[0], rtol=0, atol=2e-12)
+    errors = [float(jnp.linalg.norm(x.attitude - ends[-1].attitude)) for x in ends[:-1]]
+    assert errors[0] / errors[1] > 3.3
+
+
+def test_a_tensor_body_that_turns_in_its_frame_keeps_its_momentum():
+    """A change of the principal axes moves the components of the run, not the vector."""
+    tensors = [jnp.array([[5.0, x, 0.0], [x, 4.0, 0.2], [0.0, 0.2, 3.0]]) for x in (0.1, 0.4)]
+    one = ml.stepper("JACOBI[EA]", ml.TensorBody(tensors[0]), None, START, dt=DT)
+    end = one.state(one.step(one.init(), body=ml.TensorBody(tensors[1])))
+    expected = ml.integrate("JACOBI[EA]", ml.TensorBody(tensors[1]), None, START, dt=DT, steps=1, save_every=None)
+    near(end, expected.states)
+
+
+def loop(gain, one, begun, periods=6):
+    """A controller that samples every four steps, with a delay of one sample, a memory and a dead zone."""
+
+    def period(state, _):
+        carry, applied, memory = state
+        rate = BODY.velocity(one.state(carry).momentum)
+        memory = 0.5 * memory + rate
+        wanted = jnp.where(jnp.abs(rate) > 0.01, -gain * memory, 0.0)
+        carry = one.advance(carry, 4, torque=lambda t, state: applied)
+        return (carry, wanted, memory), None
+
+    return jax.lax.scan(period, begun, length=periods)[0]
+
+
+def test_a_gradient_through_a_control_loop_is_that_of_differences():
+    one = stepper(torque=lambda t, state: jnp.zeros(3))
+
+    @jax.jit
+    def cost(gain):
+        carry, _, _ = loop(gain, one, (one.init(), jnp.zeros(3), jnp.zeros(3)))
+        return jnp.sum(one.state(carry).momentum ** 2)
+
+    slope = jax.jit(jax.grad(cost))(0.3)
+    np.testing.assert_allclose(slope, (cost(0.3001) - cost(0.2999)) / 2e-4, rtol=1e-6)
+
+
+def test_a_control_loop_resumes_from_a_file_to_the_bit(tmp_path):
+    one = stepper(torque=lambda t, state: jnp.zeros(3))
+    part = jax.jit(partial(loop, 0.3, one))
+    first = part((one.init(), jnp.zeros(3), jnp.zeros(3)))
+    eqx.tree_serialise_leaves(tmp_path / "loop.eqx", first)
+    read = eqx.tree_deserialise_leaves(tmp_path / "loop.eqx", first)
+    jax.tree.map(np.testing.assert_array_equal, part(read), part(first))
+
+
+def test_failures_are_seen():
+    one = stepper(dt=10.0)
+    end = one.advance(one.init(), STEPS)
+    assert not one.ok(end)
+    assert one.result(end) == ml.RESULTS.beyond_reach
+    bad = one.init(eqx.tree_at(lambda s: s.momentum, START, jnp.full(3, jnp.nan)))
+    assert not one.ok(bad)
+
+
+def test_blocks_from_carries_have_the_bits_and_the_noise_of_one_run():
+    warm = ml.torques.Langevin(0.7, 1.3, jax.random.key(0)) + top()
+    run = {"dt": DT, "steps": 2 * STEPS, "save_every": 2 * STEPS}
+    expected = ml.integrate("JACOBI[BAOAB]", BODY, warm, START, **run)
+    block = whole("JACOBI[BAOAB]", warm)
+    block = whole("JACOBI[BAOAB]", warm, block.carry)
+    near(block.states, jax.tree.map(lambda x: x[-1], expected.states), 1e-13)
+
+
+def test_arguments_that_do_not_fit_are_refused():
+    one, carry = stepper(), stepper().init()
+    with pytest.raises(ValueError, match="torque must have the structure"):
+        one.step(carry, torque=BODY)
+    with pytest.raises(ValueError, match="torque must have the shapes and dtypes"):
+        one.step(carry, torque=top(jnp.float32(3)))
+    with pytest.raises(ValueError, match="start must have the structure"):
+        one.init(ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]))
+    with pytest.raises(ValueError, match="steps"):
+        one.advance(carry, 0)
+    with pytest.raises(ValueError, match="first_step must be left out"):
+        whole(start=carry, first_step=3)
+    with pytest.raises(ValueError, match="Carry of the same method"):
+        whole("RK4", start=carry)
+    with pytest.raises(ValueError, match="dt must be finite and not zero"):
+        stepper(dt=0.0)
+
+
+def test_many_bodies_stay_in_vectors_in_a_program_of_the_user():
+    """XLA leaves alone a loop with a sort; few bodies are faster without one."""
+
+    def text(count):
+        starts = jax.tree.map(lambda x: jnp.stack([x] * count), START)
+        return jax.jit(jax.vmap(lambda start: whole(start=start).states)).lower(starts).as_text()
+
+    assert "stablehlo.sort" in text(64)
+    assert "stablehlo.sort" not in text(2)
