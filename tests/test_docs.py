@@ -103,6 +103,7 @@ TABLES = (
     ("gpu", "reports/gpu"),
     ("kernels", "reports/gpu"),
     ("gradients", "reports/gradient-costs"),
+    ("stepper", "reports/stepper"),
     ("published_fits", "reports/published-fits"),
     ("scattered_tops", "scatter"),
     ("ensembles", "reports/large-runs"),
@@ -144,7 +145,8 @@ def run_page(page):
         for block in blocks(page):
             exec(compile(block, page, "exec"), names)
         for name, value in names.items():
-            assert bool(jax.numpy.all(getattr(value, "ok", True))), f"{name}.ok is False"
+            ok = getattr(value, "ok", True)
+            assert callable(ok) or bool(jax.numpy.all(ok)), f"{name}.ok is False"
     if "solution" in names:
         assert names["solution"].result == names["diffrax"].RESULTS.successful
 

@@ -1,0 +1,216 @@
+"""Steps inside programs of users: in their own `jax.jit`, `jax.grad` and `lax.scan`, and with a controller in the loop.
+
+    python benchmarks/stepper.py [--write]
+
+All ratios are of runs that take turns on one core. `XLA_FLAGS` must not be set.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from midlie_jax.advice.timing import pin
+
+pin()  # before XLA counts the cores
+
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+
+jax.config.update("jax_enable_x64", True)
+
+from pages import put, shown  # noqa: E402
+
+import midlie_jax as ml  # noqa: E402
+from midlie_jax.advice.timing import timed_in_turn  # noqa: E402
+
+JIT = "<!-- jit -->", "<!-- /jit -->"
+GRADIENT = "<!-- gradient -->", "<!-- /gradient -->"
+LOOPS = "<!-- loops -->", "<!-- /loops -->"
+CRAFT = "<!-- craft -->", "<!-- /craft -->"
+METHODS = "SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12"
+MOMENTS = {"SYMMETRIC[EA]": [5.0, 5.0, 1.0]}
+
+
+def seconds(*calls: Callable[[], Any]) -> list[float]:
+    return [timing.seconds for _, timing in timed_in_turn([partial(waited, call) for call in calls], least=5, most=15)]
+
+
+def waited(call: Callable[[], Any]) -> Any:
+    return jax.block_until_ready(call())
+
+
+def tops(method: str, count: int, dtype: str = "float64") -> tuple[ml.RigidBody, ml.RigidState]:
+    rng = np.random.default_rng(0)
+    momentum = rng.normal(size=(count, 3)) + np.array([0, 0, 9])
+    attitude = np.tile([1.0, 0, 0, 0], (count, 1))
+    body = ml.RigidBody(jnp.asarray(MOMENTS.get(method, [5.0, 4.0, 1.0]), dtype))
+    return body, ml.RigidState(jnp.asarray(momentum, dtype), jnp.asarray(attitude, dtype))
+
+
+def end(method: str, body: Any, weight: Any, start: Any, steps: int) -> Any:
+    torque = ml.torques.HeavyTop(weight)
+    return ml.integrate(method, body, torque, start, dt=0.01, steps=steps, save_every=None).states
+
+
+def in_jit() -> Iterator[list[str]]:
+    steps = 256
+    for method in METHODS:
+        for dtype in ("float64", "float32"):
+            for count in (64, 1024):
+                body, starts = tops(method, count, dtype)
+                weight = jnp.asarray(20.0, dtype)
+                torque = ml.torques.HeavyTop(weight)
+                users = jax.jit(jax.vmap(lambda s, m=method, b=body, w=weight: end(m, b, w, s, steps)))
+                times = seconds(
+                    partial(users, starts),
+                    lambda m=method, b=body, t=torque, s=starts: ml.ensemble(m, b, t, s, dt=0.01, steps=steps),
+                )
+                own, ours = (1e9 * t / steps / count for t in times)
+                yield [method, dtype, str(count), f"{own:.1f}", f"{ours:.1f}", f"{own / ours:.2f}"]
+
+
+def gradients() -> Iterator[list[str]]:
+    for method in ("SYMMETRIC[EA]", "JACOBI[EA]", "JACOBI[SRKN6b]"):
+        for steps, count in ((128, 1000), (1000, 256), (10000, 64))[: 1 if "SRKN" in method else 3]:
+            body, starts = tops(method, count)
+
+            def loss(weight: Any, m: str = method, b: Any = body, s: Any = starts, n: int = steps) -> Any:
+                return jnp.sum(jax.vmap(lambda one: end(m, b, weight, one, n).momentum)(s) ** 2)
+
+            both, alone = seconds(partial(jax.jit(jax.value_and_grad(loss)), 20.0), partial(jax.jit(loss), 20.0))
+            yield [method, f"{steps} x {count}", f"{1e9 * both / steps / count:.1f}", f"{both / alone:.1f}"]
+
+
+def loops() -> Iterator[list[str]]:
+    count, steps = 1024, 400
+    for method in METHODS[:3]:
+        body, starts = tops(method, count)
+
+        def stepped(start: Any, m: str = method, b: Any = body) -> Any:
+            one = ml.stepper(m, b, ml.torques.HeavyTop(20.0), start, dt=0.01)
+            carry = jax.lax.scan(lambda c, _: (one.step(c), None), one.init(), length=steps, unroll=2)[0]
+            return one.state(carry)
+
+        plain = jax.jit(jax.vmap(lambda s, m=method, b=body: end(m, b, 20.0, s, steps)))
+        own = jax.jit(jax.vmap(stepped))
+        same = all(jax.tree.leaves(jax.tree.map(lambda x, y: bool(jnp.all(x == y)), own(starts), plain(starts))))
+        scan, ours = seconds(partial(own, starts), partial(plain, starts))
+        yield [f"{method}, `stepper.step` in `lax.scan`", f"{scan / ours:.2f} of `integrate`", "yes" if same else "no"]
+    body, starts = tops("JACOBI[EA]", 1000)
+    free = ml.stepper("JACOBI[EA]", body, lambda t, state: jnp.zeros(3), jax.tree.map(lambda x: x[0], starts), dt=0.02)
+    samples, each = 40, 13  # of 20 ms: about 4 Hz
+
+    def controlled(start: Any) -> Any:
+        def sample(loop: Any, _: None) -> tuple[Any, None]:
+            carry, applied, on = loop
+            rate = body.velocity(free.state(carry).momentum)
+            on = jnp.where(on, jnp.linalg.norm(rate) > 0.02, jnp.linalg.norm(rate) > 0.05)
+            wanted = jnp.where(on, -5.0 * jnp.sign(rate), 0.0)
+            carry = free.step(carry, torque=lambda t, state: applied)  # a pulse of 20 ms, of the last sample
+            return (free.advance(carry, each - 1), wanted, on), None
+
+        begin = free.init(start), jnp.zeros(3), jnp.array(False)
+        return free.state(jax.lax.scan(sample, begin, length=samples)[0][0])
+
+    many = jax.jit(jax.vmap(controlled))
+    run = {"dt": 0.02, "steps": samples * each}
+    times = seconds(partial(many, starts), lambda: ml.ensemble("JACOBI[EA]", body, None, starts, **run))
+    yield ["JACOBI[EA], 1000 craft, controller of 4 Hz with pulses", f"{times[0] / times[1]:.2f} of `ensemble`", ""]
+
+
+QUADROTORS = 4096
+
+
+def craft() -> Iterator[list[str]]:
+    """Quadrotors in float32 at 200 Hz: thrust and torque are the action, with and without a policy."""
+    rng = np.random.default_rng(1)
+    f32 = partial(np.asarray, dtype=np.float32)
+    body = ml.FreeBody(ml.RigidBody(f32([0.006, 0.006, 0.011])), f32(0.5))
+    zeros, attitude = f32(np.zeros((QUADROTORS, 3))), f32(np.tile([1.0, 0, 0, 0], (QUADROTORS, 1)))
+    starts = ml.FreeState(f32(1e-3 * rng.normal(size=(QUADROTORS, 3))), attitude, zeros, zeros)
+    actions = f32(rng.normal(size=(QUADROTORS, 4)) * [0.5, 1e-3, 1e-3, 1e-3] + [4.9, 0, 0, 0])
+    weights = [f32(0.1 * rng.normal(size=shape)) for shape in ((64, 13), (64, 64), (4, 64))]
+    steps, dt = 200, np.float32(0.005)
+    weight = f32([0.0, 0.0, -9.81 * 0.5])
+
+    def policy(momentum: Any, attitude: Any, linear: Any, position: Any, action: Any) -> Any:
+        seen = jnp.concatenate([momentum, attitude, linear, position])
+        hidden = jnp.tanh(weights[1] @ jnp.tanh(weights[0] @ seen))
+        return action + np.float32(1e-3) * jnp.tanh(weights[2] @ hidden)
+
+    def wrench(action: Any) -> Any:
+        def force(t: Any, state: Any) -> Any:
+            up = ml.so3.rotate(state.attitude, jnp.stack([0 * action[0], 0 * action[0], action[0]]))
+            return ml.Wrench(action[1:], up + weight)
+
+        return force
+
+    def with_stepper(method: str, learned: bool) -> Any:
+        def run(start: Any, action: Any) -> Any:
+            one = ml.stepper(method, body, wrench(action), start, dt=dt)
+
+            def act(carry: Any, _: None) -> tuple[Any, None]:
+                if not learned:
+                    return one.step(carry), None
+                s = one.state(carry)
+                command = policy(s.momentum, s.attitude, s.linear, s.position, action)
+                return one.step(carry, torque=wrench(command)), None
+
+            return one.state(jax.lax.scan(act, one.init(), length=steps, unroll=1 if learned else 2)[0])
+
+        return jax.jit(jax.vmap(run))
+
+    moments = np.asarray(body.body.moments)
+
+    def slope(y: Any, action: Any) -> Any:
+        momentum, q, linear, _ = y
+        rate = momentum / moments
+        spin = jnp.concatenate([jnp.zeros(1, jnp.float32), rate])
+        up = ml.so3.rotate(q, jnp.stack([0 * action[0], 0 * action[0], action[0]]))
+        turn = jnp.cross(momentum, rate) + action[1:]
+        return turn, np.float32(0.5) * ml.so3.multiply(q, spin), up + weight, linear / np.float32(0.5)
+
+    def by_hand(learned: bool) -> Any:
+        def run(start: Any, action: Any) -> Any:
+            def act(y: Any, _: None) -> tuple[Any, None]:
+                command = policy(*y, action) if learned else action
+
+                def moved(k: Any, h: Any) -> Any:
+                    return jax.tree.map(lambda a, b: a + h * b, y, k)
+
+                k1 = slope(y, command)
+                k2 = slope(moved(k1, dt / 2), command)
+                k3 = slope(moved(k2, dt / 2), command)
+                k4 = slope(moved(k3, dt), command)
+                total = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
+                momentum, q, linear, position = moved(total, dt)
+                return (momentum, q / jnp.linalg.norm(q), linear, position), None
+
+            begin = start.momentum, start.attitude, start.linear, start.position
+            return jax.lax.scan(act, begin, length=steps)[0]
+
+        return jax.jit(jax.vmap(run))
+
+    makers = {name: partial(with_stepper, name) for name in ("JACOBI[EA]", "SYMMETRIC[EA]", "RK4")}
+    for name, maker in {**makers, "RK4 by hand, on arrays": by_hand}.items():
+        times = seconds(*(partial(maker(learned), starts, actions) for learned in (False, True)))
+        yield [name, *(f"{QUADROTORS * steps / t / 1e6:.1f}" for t in times)]
+
+
+TABLES = {
+    JIT: (("method", "dtype", "bodies", "your `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"), in_jit),
+    GRADIENT: (("method", "steps x bodies", "value and gradient, ns", "over value"), gradients),
+    LOOPS: (("loop", "time", "same bits"), loops),
+    CRAFT: (("method", "million steps a second", "with the policy"), craft),
+}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/reports/stepper.md")
+    write = parser.parse_args().write
+    for marks, (heads, rows) in TABLES.items():
+        lines = shown(heads, rows())
+        if write:
+            put("reports/stepper.md", *marks, lines)
