@@ -163,7 +163,7 @@ OBSERVED = {"Axis", "Function", "Observable", "Together"}
 # Functions that run others, or take numbers without units: names, keys, points of no dimension.
 RUNS = {
     *("check", "ensemble", "fit", "integrate", "integrate_adaptive", "method", "methods", "recommend", "scatter"),
-    *("simulate", "checkerboard", "flights", "schemes"),
+    *("simulate", "stepper", "checkerboard", "flights", "schemes"),
 }
 
 

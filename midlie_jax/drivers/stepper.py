@@ -142,6 +142,14 @@ class Stepper:
 
     Attributes:
         t0, dt: (), the time of step 0, and the step.
+
+    Examples:
+        >>> body = ml.RigidBody([5.0, 4.0, 1.0])
+        >>> start = ml.RigidState([0.0, 0.0, 9.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> free = ml.stepper("JACOBI[EA]", body, None, start, dt=0.01)
+        >>> carry, _ = jax.lax.scan(lambda carry, _: (free.step(carry), None), free.init(), length=100)
+        >>> round(float(free.time(carry)), 6), free.result(carry) == ml.RESULTS.successful
+        (1.0, Array(True, dtype=bool))
     """
 
     t0: Array
@@ -259,7 +267,7 @@ class Stepper:
         return self.method.system(body, torque, like, self.t0, self.dt)
 
 
-def carried_on(start: AnyState | Carry, first_step: Any) -> tuple[AnyState, Any, Progress | None]:
+def carried_on(start: Any, first_step: Any) -> tuple[Any, Any, Progress | None]:
     """The start of a run as a state, the index of its first step, and the progress there if `start` is a `Carry`."""
     if not isinstance(start, Carry):
         return start, first_step, None
