@@ -28,13 +28,15 @@ def loops_of(method):
     the batch before it and one after it. A splitting that loops over its stages sets the verdict before this loop, and
     has the last flight after it; if it begins with a kick, that comes before the loop, and after a long flight the last
     kick is a loop of its own. With the projection after it, the longest extrapolation is too long for one loop.
+
+    Where a step goes into a loop at once, the array that `begin_step` guards is one more, short pass.
     """
     if isinstance(method, Splitting):
-        ends = 0 if method.scheme.stages[0][0] == ml.schemes.FLIGHT else 1 if method.flight.per_loop > 2 else 2
+        ends = 1 if method.scheme.stages[0][0] == ml.schemes.FLIGHT else 1 if method.flight.per_loop > 2 else 2
         return 2 + ends if method.loops else 1
     if isinstance(method, RungeKutta):
         return 2 if method.projects and method.order > 8 else 1
-    return 2 if isinstance(method, Implicit) and not isinstance(method, NewmarkBody) else 1
+    return 3 if isinstance(method, Implicit) and not isinstance(method, NewmarkBody) else 1
 
 
 # The flights that solve by pairs of Newton's steps are cut into a loop for each pair, and are not counted here.
@@ -99,7 +101,7 @@ def test_what_no_step_may_hold_is_found_where_it_is():
 @pytest.mark.sample(0)
 @pytest.mark.parametrize("kind", [ml.RigidState, ml.MomentumState])
 def test_a_doubling_of_free_motion_is_one_loop(kind):
-    """And nothing of it sorts, indexes or calls a dear function, inside the loop or out of it."""
+    """And nothing of it indexes or calls a dear function, inside the loop or out of it; it sorts two numbers."""
 
     def run(momentum):
         start = kind(momentum) if kind is ml.MomentumState else kind(momentum, jnp.array([1.0, 0, 0, 0]))
@@ -108,7 +110,7 @@ def test_a_doubling_of_free_motion_is_one_loop(kind):
     text = real(jax.vmap(run)).lower(jnp.ones((BATCH, 3))).compile().as_text()
     (body,) = (body for body in loop_bodies(text) if f"[{BATCH}" in body)
     assert len(re.findall(rf"\[{BATCH},1\].* fusion\(", body)) == 1
-    assert not re.search(DEAR + r"|\b(sort|scatter|sqrt|divide)\(", text)
+    assert not re.search(DEAR + r"|\b(scatter|sqrt|divide)\(", text)
 
 
 def test_the_derivative_of_a_flight_does_not_solve_twice():
