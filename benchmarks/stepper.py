@@ -127,7 +127,8 @@ def craft() -> Iterator[list[str]]:
     """Quadrotors in float32 at 200 Hz: thrust and torque are the action, with and without a policy."""
     rng = np.random.default_rng(1)
     f32 = partial(np.asarray, dtype=np.float32)
-    body = ml.FreeBody(ml.RigidBody(f32([0.006, 0.006, 0.011])), f32(0.5))
+    inertia = f32([0.006, 0.006, 0.011])
+    body = ml.FreeBody(ml.RigidBody(inertia), f32(0.5))
     zeros, attitude = f32(np.zeros((QUADROTORS, 3))), f32(np.tile([1.0, 0, 0, 0], (QUADROTORS, 1)))
     starts = ml.FreeState(f32(1e-3 * rng.normal(size=(QUADROTORS, 3))), attitude, zeros, zeros)
     actions = f32(rng.normal(size=(QUADROTORS, 4)) * [0.5, 1e-3, 1e-3, 1e-3] + [4.9, 0, 0, 0])
@@ -154,7 +155,7 @@ def craft() -> Iterator[list[str]]:
             def act(carry: Any, _: None) -> tuple[Any, None]:
                 if not learned:
                     return one.step(carry), None
-                s = one.state(carry)
+                s: Any = one.state(carry)
                 command = policy(s.momentum, s.attitude, s.linear, s.position, action)
                 return one.step(carry, torque=wrench(command)), None
 
@@ -162,7 +163,7 @@ def craft() -> Iterator[list[str]]:
 
         return jax.jit(jax.vmap(run))
 
-    moments = np.asarray(body.body.moments)
+    moments = np.asarray(inertia)
 
     def slope(y: Any, action: Any) -> Any:
         momentum, q, linear, _ = y

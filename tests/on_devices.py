@@ -95,14 +95,14 @@ def on_mesh(function, specs, out, **options):
 def on_rows(function):
     """The other axis of the mesh is left to the compiler."""
     rows = P("rows")
-    return on_mesh(function, rows, ml.Path(ALL, rows, rows, rows, rows), axis_names={"rows"})
+    return on_mesh(function, rows, ml.Path(ALL, *[rows] * 5), axis_names={"rows"})
 
 
 def mapped(function, *axes):
-    return jax.vmap(function, axes, ml.Path(None, 0, 0, 0, 0))
+    return jax.vmap(function, axes, ml.Path(None, 0, 0, 0, 0, 0))
 
 
-PATH = ml.Path(ALL, EACH, EACH, EACH, EACH)
+PATH = ml.Path(ALL, *[EACH] * 5)
 EVERY, SHARED, STARTED = (BODIES, WEIGHTS, STARTS), (BODY, WEIGHT, STARTS), (BODY, WEIGHTS, START)
 # A solve, a loop over stages, a table; and flights that solve, that are exact, of one axis, of turns, and of matrices.
 METHODS = ["LIEMID[I]", "JACOBI[SRKN6b]", "RK4", "SLIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]", "DLM[EA]", "DMV[EA]"]
