@@ -5,9 +5,9 @@
 1000 fast tops P1 take 128 steps in float64 on one core; the gradient is that of |Pi|^2 at the end with respect to the
 three moments and the weight, for each top. Times are medians of processor time, of programs that take turns; first
 calls include tracing and compiling. The memory is what the compiled gradient needs besides arguments and results, for
-one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint. Our programs have the options
-of the compiler that docs/performance.md recommends for many bodies; Tsit5, which is faster without the second of them,
-has the first. Of 128 steps the default, `Checkpointed()`, keeps every state, as `every=1` does.
+one top. diffrax's Tsit5 takes as many steps of the same length, with its default adjoint. Our programs have both
+options of the compiler (midlie_jax/_xla/compiler.py); Tsit5, which is faster without the second of them, has the first.
+Of 128 steps the default, `Checkpointed()`, keeps every state, as `every=1` does.
 """
 
 import time

@@ -201,7 +201,7 @@ def craft() -> Iterator[list[str]]:
 
 
 TABLES = {
-    JIT: (("method", "dtype", "bodies", "your `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"), in_jit),
+    JIT: (("method", "dtype", "bodies", "custom `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"), in_jit),
     GRADIENT: (("method", "steps x bodies", "value and gradient, ns", "over value"), gradients),
     LOOPS: (("loop", "time", "same bits"), loops),
     CRAFT: (("method", "million steps a second", "with the policy"), craft),

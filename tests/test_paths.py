@@ -170,6 +170,8 @@ def carried(case: Case, tmp_path: Any) -> Any:
         end = case.run(start=before.carry, steps=STEPS - first, save_every=None)
         yield end.states, at(reference(case), STEPS)
         assert int(end.carry.index) == STEPS
+    before = case.run(steps=33, save_every=33)
+    yield at(case.run(start=before.carry, steps=33, save_every=1).states, -1), at(reference(case), STEPS)
     before = case.together(BODIES, steps=33)
     end = case.together(BODIES, start=before.carry, steps=STEPS - 33)
     for row in range(BODIES):

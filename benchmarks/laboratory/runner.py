@@ -15,7 +15,6 @@ from jax import Array
 
 from midlie_jax._math import components as cp
 from midlie_jax._xla.compiler import compiler_options
-from midlie_jax.advice.program import loop_of_steps
 from midlie_jax.drivers.clock import time_of
 from midlie_jax.drivers.stepper import OneStep
 from midlie_jax.methods.base import Method, Progress
@@ -82,7 +81,7 @@ def _path(method: Method, most: int, row: Rows, first: Array, every: Array, coun
     system = System.of(row.body, row.torque, row.start, zero)
 
     def save(k: Array, carry: tuple[Progress, RigidState]) -> tuple[Progress, RigidState]:
-        progress = loop_of_steps(OneStep(method, system, zero, row.dt), first + k * every, every, carry[0])
+        progress = OneStep(method, system, zero, row.dt).loop(carry[0], first + k * every, every)
         return progress, jax.tree.map(lambda all, x: all.at[k].set(x), carry[1], system.state(progress.motion))
 
     saved = jax.tree.map(lambda x: jnp.zeros((most, *x.shape), x.dtype), row.start)

@@ -5,12 +5,13 @@ XLA's CPU compiler has two habits that cost time:
 - It uses vectors of 256 bits even where the processor has AVX-512, unless it is told to use more. The width changes no
   bit of a result.
 - It compiles a short loop of steps as one function ("small while loop hoisting"), without vectors. A run of one body
-  gains by that, because its steps need not be launched one by one. For many bodies a step takes three to seven times as
+  gains by that, because its steps need not be launched one by one. For many bodies a step takes several times as
   long. From jaxlib 0.12 on, loops over thousands of bodies count as short, too. Results can differ by rounding, because
   such a function contracts other products and sums (seen with GBS12 in float32).
 
 Compiler options can be given to the outermost `jax.jit` alone: inside another `jax.jit` or a derivative JAX refuses
-them. There `fusion.begin_step` keeps loops in vectors. The width remains at 256 bits, unless users set `XLA_FLAGS` to
+them. There `fusion.begin_step` keeps loops in vectors, which is up to 20 % slower than the option
+(`benchmarks/compiler_options.py`). The width remains at 256 bits, unless users set `XLA_FLAGS` to
 `--xla_cpu_prefer_vector_width=512` before JAX starts. If XLA_FLAGS names one of these flags, its value holds
 everywhere, and this module leaves that option alone.
 """

@@ -17,7 +17,7 @@ outside of loops. `split`, `cut` and `fuse_derivative` divide a step that does n
 accelerators alone. All use one JAX primitive, which fuses tangents and cotangents as well.
 
 XLA's CPU compiler compiles a short loop as one function without vectors ("small while loop hoisting"), in which a step
-of many bodies takes three to eight times as long. It leaves alone a loop with an operation that such a function cannot
+of many bodies takes several times as long. It leaves alone a loop with an operation that such a function cannot
 hold. So `begin_step` sorts two equal numbers, and flips a bit of the state if they come out in descending order, which
 they never do. The compiler cannot know this. It costs about a tenth of a microsecond per step. For few bodies a
 function without vectors is faster, and there `begin_step` is `begin`. So it is where a compiler option turns the pass

@@ -2,8 +2,7 @@
 
 `recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
 `integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative.
-`tests/test_work_precision.py` checks that its results equal those of `integrate`. `loop_of_steps` is the loop itself,
-also for other programs whose number of steps the compiler does not know.
+`tests/test_work_precision.py` checks that its results equal those of `integrate`.
 """
 
 import math
@@ -113,7 +112,7 @@ def _run(
             rows = inputs.table(system, t0, dt, jnp.broadcast_to(dt, indices.shape), indices)
 
         def of_body(progress: Progress) -> Progress:
-            return loop_of_steps(one, before * unroll, in_block, progress, unroll, rows)
+            return one.loop(progress, before * unroll, in_block, unroll, rows)
 
         return jax.lax.map(jax.vmap(of_body), progress)
 
@@ -123,22 +122,3 @@ def _run(
     progress = jax.lax.fori_loop(0, blocks, take_block, progress)
     progress = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[2:]), progress)
     return jax.vmap(system.state)(progress.motion), progress.ok
-
-
-def loop_of_steps(
-    one: OneStep, first: Array, iterations: Array, progress: Progress, unroll: int = 1, rows: Any = None
-) -> Progress:
-    """The progress of a body after `iterations` iterations of `unroll` steps; the first step has the index `first`.
-
-    Args:
-        iterations: their number, an argument of the compiled program.
-        rows: the prepared inputs of the steps, with a row for each, if there are any.
-    """
-
-    def iteration(i: Array, progress: Progress) -> Progress:
-        for k in range(unroll):
-            number = i * unroll + k
-            progress = one.take(progress, (first + number, jax.tree.map(lambda x, j=number: x[j], rows)))
-        return progress
-
-    return jax.lax.fori_loop(0, iterations, iteration, progress)

@@ -12,7 +12,7 @@ from .._xla.compiler import tuned_jit
 from .._xla.internals import bodies_at_once
 from .._xla.mesh import all_promoted, axes_of_run, promoted
 from ..methods.base import Method, Progress
-from ..methods.verdict import UNSTABLE, at_start
+from ..methods.verdict import UNSTABLE, at_start, earlier
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
@@ -215,7 +215,8 @@ def run_of_body(
 
     def begin() -> Progress:
         if carried is not None:
-            return all_promoted(carried, axes)
+            verdict = earlier(carried.verdict, at_start(body, counted=counted))
+            return all_promoted(carried._replace(verdict=verdict), axes)
         progress = Progress(system.motion(start), None, promoted(at_start(body, good, counted), axes))
         if waits:
             return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
@@ -278,8 +279,10 @@ def run_of_body(
     times = time_of(*uniform, jnp.concatenate([first[None], interval_starts + save_every]))
     finite = cp.all_finite(progress.motion)
     result = result_of(progress.verdict, finite)
+    bad = first_bad(given, trusted)
+    bad = bad if carried is None else jnp.where(carried.ok, bad, 0)
     carry = None if leg is not None else Carry(first + steps, progress, system.kind)
-    path = Path(times, seen, progress.ok & finite, first_bad(given, trusted), result, carry)
+    path = Path(times, seen, progress.ok & finite, bad, result, carry)
     end = system.state(progress.motion)
     return path, nan_unless(good, end) if guarded else end, progress
 

@@ -72,20 +72,28 @@ class OneStep(NamedTuple):
         again, ends = partial(self.method.step_again, known=known), partial(ends_of_step, step[0], self.dt)
         return self.method.advance(self.system, (self.t0, self.dt), ends, self.dt, progress, self.axes, again)[0]
 
+    def loop(self, progress: Progress, first: Array, iterations: Array, unroll: int = 1, rows: Any = None) -> Progress:
+        """The progress after `iterations` iterations of `unroll` steps; the first step has the index `first`.
+
+        Args:
+            iterations: their number, an argument of the compiled program.
+            rows: the prepared inputs of the steps, with a row for each, if there are any.
+        """
+
+        def iteration(i: Array, progress: Progress) -> Progress:
+            for k in range(unroll):
+                number = i * unroll + k
+                progress = self.take(progress, (first + number, jax.tree.map(lambda x, j=number: x[j], rows)))
+            return progress
+
+        return jax.lax.fori_loop(0, iterations, iteration, progress)
+
     def counted(self, progress: Progress, first: Array, count: Array) -> Progress:
         """The progress after a number of steps that the compiler does not know; the first has the index `first`."""
-
-        def iteration(size: int, i: Array, state: tuple[Array, Progress]) -> tuple[Array, Progress]:
-            del i
-            n, progress = state
-            for k in range(size):
-                progress = self.take(progress, (n + k, None))
-            return n + size, progress
-
-        state = jax.lax.fori_loop(0, count // self.unroll, partial(iteration, self.unroll), (first, progress))
-        if self.unroll > 1:
-            state = jax.lax.fori_loop(0, count % self.unroll, partial(iteration, 1), state)
-        return state[1]
+        whole = count // self.unroll
+        progress = self.loop(progress, first, whole, self.unroll)
+        taken = whole * self.unroll
+        return progress if self.unroll == 1 else self.loop(progress, first + taken, count - taken)
 
     def many(self, inputs: Any, number: int, total: int) -> Steps:
         """Consecutive steps, as an adjoint takes them.
@@ -137,7 +145,7 @@ class Carry(eqx.Module):
 class Stepper:
     """The steps of one body as pure functions of a `Carry`; made by `midlie_jax.stepper`. A pytree.
 
-    Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a `lax.scan` of your own, `unroll=2`
+    Use it under `jax.jit`, `vmap`, `grad`, `lax.scan` and `lax.while_loop`. In a custom `lax.scan`, `unroll=2`
     saves XLA a copy of the arrays.
 
     Attributes:
@@ -213,8 +221,8 @@ class Stepper:
 
         Args:
             carry, torque, body: as for `step`; the torque and body hold for all of these steps.
-            steps: an int; or an integer array, (), for which one program serves every number, without a reverse
-                derivative.
+            steps: an int; or an integer array of JAX, (), for which one program serves every number, without a
+                reverse derivative. None are taken if it is negative.
             adjoint: how an int of steps is differentiated, as for `midlie_jax.integrate`.
 
         Raises:
@@ -226,10 +234,10 @@ class Stepper:
         if torque is not None or body is not None:
             one = one._replace(system=self._system_under(torque, body, *given))
             progress = _moved_over(own, one, carry.index, progress)
-        if not isinstance(steps, int):
-            steps = jnp.asarray(as_first_step(steps, 0), jnp.int32)
+        if isinstance(steps, Array) and not steps.ndim and jnp.issubdtype(steps.dtype, jnp.integer):
+            steps = jnp.maximum(steps, 0).astype(jnp.int32)
             progress = one.counted(progress, carry.index, steps)
-        elif as_count("steps", steps) == 1 and adjoint is None:
+        elif (steps := as_count("steps", steps)) == 1 and adjoint is None:
             progress = one.take(progress, (carry.index, None))
         else:
             adjoint = as_adjoint(adjoint)
@@ -293,7 +301,7 @@ def check_carried(carried: Progress, system: System, method: Method) -> None:
 def stepper(
     method: Method | str, body: Body, torque: TorqueLike | None, start: AnyState, *, dt: Any, t0: Any = 0.0
 ) -> Stepper:
-    """The steps of a method as pure functions, for loops of your own: control, learning, bodies that change.
+    """The steps of a method as pure functions, for custom loops: control, learning, bodies that change.
 
     Args:
         method, body, torque: as for `midlie_jax.integrate`.
