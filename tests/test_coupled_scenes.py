@@ -84,6 +84,21 @@ def test_a_file_gives_back_the_bodies(file):
 
 
 @pytest.mark.sample(0)
+def test_a_store_gives_back_bodies_with_full_tensors(tmp_path):
+    pytest.importorskip("zarr")
+    scene = scenes.scene("dimer")
+    turn = np.asarray(ml.so3.to_matrix(ml.so3.exp(jnp.array([0.3, -0.5, 0.9]))))
+    tensors = np.einsum("ia,na,ja->nij", turn, np.asarray(scene.body.body.moments), turn)
+    body = ml.FreeBody(ml.TensorBody(tensors), scene.body.mass)
+    start = scenes.perturbed(scene, 2, 1e-3)
+    ml.simulate(scene.method, body, scene.torque, start, dt=scene.dt, steps=2, out=tmp_path / "run.zarr", save_every=1)
+    found: Any = saved_path(tmp_path / "run.zarr", 1).body
+    frames = np.asarray(ml.so3.to_matrix(found.body.frame))
+    again = np.einsum("nia,na,nja->nij", frames, found.body.principal.moments, frames)
+    np.testing.assert_allclose(again, tensors, rtol=0, atol=1e-14)
+
+
+@pytest.mark.sample(0)
 def test_a_file_is_looked_at(file, tmp_path):
     picture = tmp_path / "view.gif"
     code, _, err = midlie("view", file, "--body", 1, "--out", picture, "--frames", 3)

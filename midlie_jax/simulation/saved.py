@@ -187,8 +187,8 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
         if principal is None or axes is None:
             raise lacks("moments of inertia")
         turn = np.asarray(so3.to_matrix(jnp.asarray(axes)))
-        tensor = turn @ np.diag(principal) @ turn.T
-        return TensorBody((tensor + tensor.T) / 2, physical=_is_physical(principal))
+        tensor = (turn * principal[..., None, :]) @ turn.swapaxes(-1, -2)
+        return TensorBody((tensor + tensor.swapaxes(-1, -2)) / 2, physical=_is_physical(principal))
 
     if not issubclass(kind, TravellingState):
         return turning("body", kind)
@@ -199,5 +199,5 @@ def _body(source: File, arrays: Mapping[str, Any], body: int, kind: type[AnyStat
 
 
 def _is_physical(moments: np.ndarray) -> bool:
-    least, middle, largest = np.sort(moments)
-    return bool(largest <= least + middle)
+    least, middle, largest = np.moveaxis(np.sort(moments), -1, 0)
+    return bool(np.all(largest <= least + middle))
