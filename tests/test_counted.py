@@ -11,8 +11,8 @@ from cases import CLASSES, OTHER, REAL, cast, integrate, rows, setup
 
 import midlie_jax as ml
 from midlie_jax._xla import compiler
-from midlie_jax.drivers import counted
 from midlie_jax.drivers.adjoints import Checkpointed, Reversible
+from midlie_jax.drivers.integrate import count_as_argument
 
 START = setup(moments=[2.0, 2.4, 2.5], first_step=3)  # physical also with two of them equal
 MANY = rows(START, setup(**OTHER), setup(moments=[2.0, 3.0, 1.5], dt=1 / 40))
@@ -42,9 +42,9 @@ def as_for_users(monkeypatch):
     ],
 )
 def test_which_numbers_of_steps_are_an_argument(every, steps, adjoint, free):
-    assert isinstance(counted.count_as_argument(every, steps, adjoint), np.ndarray) == free
+    assert isinstance(count_as_argument(every, steps, adjoint), np.ndarray) == free
     inside = []
-    jax.jit(lambda: inside.append(counted.count_as_argument(every, steps, adjoint)))()
+    jax.jit(lambda: inside.append(count_as_argument(every, steps, adjoint)))()
     assert inside == [every]
 
 
@@ -75,7 +75,7 @@ def test_the_bits_are_those_of_a_fixed_number(name, dtype, steps, as_for_users):
 @pytest.mark.sample(0)
 @pytest.mark.parametrize(("name", "shared"), [("JACOBI[EA]", True), ("GBS12", True), ("JACOBI[EA]", False)])
 def test_an_orbit_gives_the_same_bits(name, shared, as_for_users):
-    """Prepared inputs have rows for idle steps, too; an orbit of its own has none prepared."""
+    """An orbit that all bodies share has prepared inputs; an orbit for each body has none."""
     phase = 0.3 if shared else jnp.array([0.3, 0.7])
     places = jnp.stack([jnp.cos(jnp.asarray(phase)), jnp.sin(jnp.asarray(phase)), 0 * jnp.asarray(phase)], -1)
     speeds = jnp.stack([-places[..., 1], places[..., 0], places[..., 2]], -1)

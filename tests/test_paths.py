@@ -23,7 +23,7 @@ from path_scenes import BODIES, CHEAPEST, DT, SCENES, STILL, T0, cast, starts_of
 import midlie_jax as ml
 from midlie_jax._xla import compiler
 from midlie_jax.drivers.arguments import as_method
-from midlie_jax.drivers.clock import ends_of_step
+from midlie_jax.drivers.clock import time_of
 from midlie_jax.methods.registry import ENTRIES
 from midlie_jax.model.torques.reads_body import ReadsBody
 
@@ -367,7 +367,8 @@ def test_a_step_of_no_length_is_the_identity(name):
         system = method.system(case.body, torque, start, t0, dt)
         before = method.begin(system, start, t0)
         n = jnp.asarray(5, jnp.int32)
-        return before, method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n, h), h, before)[0]
+        end = time_of(t0, dt, n + 1)
+        return before, method.advance(system.at_step(n), (), lambda _: (end, end, None), h, before)[0]
 
     t0, dt = (jnp.asarray(x, case.dtype) for x in (T0, DT))
     before, after = step(case.start(0), case.torque(case.keys()[0]), t0, dt, jnp.zeros_like(dt))

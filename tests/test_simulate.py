@@ -199,7 +199,7 @@ DAMAGE = {
     [
         ("momentum/c/1/2/0", "momentum of span 2, group 1"),
         ("attitude/c/3/0/0", "attitude of span 0, group 3"),
-        ("checkpoint/momentum/c/1/2/0", "the states after span 3, group 2"),
+        ("checkpoint/carried_motion_momentum_0/c/1/2", "the states after span 3, group 2"),
         ("checkpoint/commit/c/1/0/0", "the commit of span 1, group 0"),
         ("time/c/0", "time"),
     ],

@@ -109,7 +109,7 @@ def _run(
         else:
             in_block = jnp.minimum(iterations - before, shared_inputs.BLOCK)
             indices = before * unroll + jnp.arange(shared_inputs.BLOCK * unroll, dtype=jnp.int32)
-            rows = inputs.table(system, t0, dt, jnp.broadcast_to(dt, indices.shape), indices)
+            rows = inputs.table(system, t0, dt, indices)
 
         def of_body(progress: Progress) -> Progress:
             return one.loop(progress, before * unroll, in_block, unroll, rows)

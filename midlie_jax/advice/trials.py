@@ -113,7 +113,7 @@ class Trials:
         shared = body, torque, start, jnp.asarray(dt, t0.dtype), t0
         run = method, Forward(), batch.mapped, shared, jnp.zeros((), jnp.int32)
         intervals, chunk = self.steps // self.every, chunk_size(batch.bodies, batch.mapped[2])
-        path, _ = run_ensemble(*run, intervals, self.every, False, chunk, tables=shared_tables(*run, self.steps))
+        path = run_ensemble(*run, intervals, self.every, False, chunk, tables=shared_tables(*run, self.steps))
         facts, energies = jax.tree.map(np.asarray, _along(method, batch.mapped, shared, path))
         first_bad = np.asarray(path.first_bad)
         good = int(np.min(first_bad)) - 1  # saved states after the start that are good for every body

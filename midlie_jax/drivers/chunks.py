@@ -59,12 +59,12 @@ def run_ensemble(
     observe: Observe | None = None,
     mesh: Mesh | None = None,
     counted: Array | None = None,
-    tables: tuple[Rows, Rows] | None = None,
+    tables: Rows | None = None,
     leg: Leg | None = None,
     guarded: bool = False,
     begins: Progress | None = None,
-) -> tuple[Path[Any], Any]:
-    """`ensemble` without the checks: the path of all bodies, and their states at its end; for a leg also the progress.
+) -> Path[Any]:
+    """`ensemble` without the checks: the path of all bodies.
 
     Args:
         method, adjoint, first, chunk, observe, mesh: as for `ensemble`; `method` fitted.
@@ -86,40 +86,38 @@ def run_ensemble(
 
     fixed = save_every if isinstance(save_every, int) else None
 
-    def run_of_one(own: Any, shared: Any, first: Array, given: Any, rows: Any, ends: Any) -> tuple[Path[Any], Any]:
+    def run_of_one(own: Any, shared: Any, first: Array, given: Any, rows: Any, ends: Any) -> Path[Any]:
         (mapped, carried, begins), every = own, given if fixed is None else fixed
         body, torque, start, dt, t0 = eqx.combine(mapped, shared)
         own_leg = None if leg is None else Leg(ends[0], ends[1], carried)
         run = method, adjoint, body, torque, start, dt, t0, first, intervals, every
-        path, end, progress = run_of_body(*run, inputs, rows, observe, own_leg, guarded, begins)
-        return end_alone(path) if at_end else path, end if leg is None else (end, progress)
+        path = run_of_body(*run, inputs, rows, observe, own_leg, guarded, begins)
+        return end_alone(path) if at_end else path
 
-    out_axes: Any = (Path(0 if own_times else None, 0, 0, 0, 0, 0), 0)  # pyright: ignore[reportArgumentType]
+    out_axes: Any = Path(0 if own_times else None, 0, 0, 0, 0, 0)  # pyright: ignore[reportArgumentType]
     run_of_bodies = jax.vmap(run_of_one, in_axes=(0, None, None, None, None, None), out_axes=out_axes)
     ends = None if leg is None else (leg.begin, leg.end)
     mapped = mapped, None if leg is None else leg.carried, begins
 
-    def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> tuple[Path[Any], Any]:
-        path, end = run_of_bodies(mapped, *common)
-        if isinstance(observe, Statistic):
-            path = path._replace(states=_parts(observe, path, counted))
-        return path, end
+    def run_of_chunk(counted: Array, mapped: Any, *common: Any) -> Path[Any]:
+        path = run_of_bodies(mapped, *common)
+        return path._replace(states=_parts(observe, path, counted)) if isinstance(observe, Statistic) else path
 
-    def run_of_chunks(counted: Array, mapped: Any, *common: Any) -> tuple[Path[Any], Any]:
+    def run_of_chunks(counted: Array, mapped: Any, *common: Any) -> Path[Any]:
         """The run, from `counted` (chunks, bodies) and rows of bodies; results per body have one leading axis again."""
         if len(counted) == 1:
-            path, end = run_of_chunk(counted[0], mapped, *common)
+            path = run_of_chunk(counted[0], mapped, *common)
             whole = jax.tree.map(lambda x: x[None], path.states) if isinstance(observe, Statistic) else path.states
-            return path._replace(states=whole), end
+            return path._replace(states=whole)
 
         def join(parts: Any) -> Any:
             return jax.tree.map(lambda x: x.reshape(counted.size, *x.shape[2:]), parts)
 
         rows = jax.tree.map(lambda x: x.reshape(*counted.shape, *x.shape[1:]), mapped)
-        path, end = jax.lax.map(lambda chunk: run_of_chunk(*chunk, *common), (counted, rows))
+        path = jax.lax.map(lambda chunk: run_of_chunk(*chunk, *common), (counted, rows))
         times = join(path.times) if own_times else path.times[0]
         seen = path.states if isinstance(observe, Statistic) else join(path.states)
-        return Path(times, seen, *map(join, path[2:])), join(end)
+        return Path(times, seen, *map(join, path[2:]))
 
     # The last chunks are filled up with copies of the last body, so that one compiled program serves all chunks.
     chunks, size = _cut(count, chunk, None if mesh is None else mesh.size)
@@ -129,13 +127,13 @@ def run_ensemble(
         may_count = may_count[rows_of_all] & (jnp.arange(chunks * size) < count)
     arrays, others = eqx.partition(shared, eqx.is_array)
 
-    def run(counted: Array, mapped: Any, arrays: Any, *common: Any) -> tuple[Path[Any], Any]:
+    def run(counted: Array, mapped: Any, arrays: Any, *common: Any) -> Path[Any]:
         return run_of_chunks(counted, mapped, eqx.combine(arrays, others), *common)
 
     if mesh is not None:
         run = _on_mesh(run, mesh, own_times)
     given = save_every if fixed is None else None
-    path, end = run(may_count.reshape(chunks, size), mapped, arrays, first, given, tables, ends)
+    path = run(may_count.reshape(chunks, size), mapped, arrays, first, given, tables, ends)
     if isinstance(observe, Statistic):
         parts = path.states
         if mesh is not None:  # every device merges the parts of all chunks, in the same order
@@ -144,17 +142,17 @@ def run_ensemble(
         interval = shared[3] * jnp.asarray(save_every, shared[3].dtype)  # a statistic needs one dt
         path = path._replace(states=observe.result(observe.merged(parts), interval))
     if chunks * size == count:
-        return path, end
+        return path
     cut = partial(jax.tree.map, lambda x: x[:count])
     times = cut(path.times) if own_times else path.times
     seen = path.states if isinstance(observe, Statistic) else cut(path.states)
-    return Path(times, seen, *map(cut, path[2:])), cut(end)
+    return Path(times, seen, *map(cut, path[2:]))
 
 
 def _on_mesh(run: Any, mesh: Mesh, own_times: bool) -> Any:
     """`run` on chunks that are spread over a mesh: each device runs its own chunks."""
     each, all_ = PartitionSpec(mesh.axis_names), PartitionSpec()
-    out: Any = (Path(each if own_times else all_, *[each] * 5), each)  # pyright: ignore[reportArgumentType]
+    out: Any = Path(each if own_times else all_, *[each] * 5)  # pyright: ignore[reportArgumentType]
     mesh = Mesh(mesh.devices, mesh.axis_names)  # whatever the types of its axes
     # The specifications say what varies from device to device, so JAX need not check it. Its check would refuse the
     # step that was traced before the bodies were spread, to prepare the shared inputs.
@@ -178,10 +176,8 @@ def _parts(observe: Statistic, path: Path[Any], counted: Array) -> Any:
     return parts if path.times.ndim else jax.tree.map(lambda x: x[0], parts)
 
 
-def shared_tables(
-    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int, idle: Any = None
-) -> tuple[Rows, Rows] | None:
-    """The prepared inputs of steps of zero length, and of the steps of a run; None if nothing is worth preparing.
+def shared_tables(method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Any, steps: int) -> Rows | None:
+    """The prepared inputs of the steps of a run; None if nothing is worth preparing.
 
     They are computed by a program of their own, because XLA rounds some of them differently in one for several devices.
     It is not called where it is known that the bodies share nothing.
@@ -189,12 +185,11 @@ def shared_tables(
     Args:
         method, adjoint, mapped, shared, first: as for `run_ensemble`.
         steps: how many steps are prepared, at least those of the run.
-        idle: the indices of the steps of zero length; by default that before the run alone.
     """
     decision = structure_of((method, adjoint, mapped, shared))
     if decision is not None and decision in _nothing_shared:
         return None
-    tables = _shared_tables(method, adjoint, mapped, shared, first, steps, idle)
+    tables = _shared_tables(method, adjoint, mapped, shared, first, steps)
     if decision is not None and tables is None:
         remember(_nothing_shared, decision, None)
     return tables or None
@@ -202,8 +197,8 @@ def shared_tables(
 
 @tuned_jit
 def _shared_tables(
-    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int, idle: Array | None
-) -> tuple[Rows, Rows] | tuple[()] | None:
+    method: Method, adjoint: Adjoint, mapped: Any, shared: Any, first: Array, steps: int
+) -> Rows | tuple[()] | None:
     """`shared_tables`: None if nothing is shared, () if the tables would be too large."""
     # A step backwards needs other inputs than a step forwards.
     inputs = None if isinstance(adjoint, Reversible) else _inputs_of_all(method, mapped, shared)
@@ -211,18 +206,12 @@ def _shared_tables(
         return None
     body, torque, start, dt, t0 = eqx.combine(jax.tree.map(lambda x: x[0], mapped), shared)
     system, first = method.system(body, torque, start, t0, dt), first.astype(jnp.int32)
-    row = jax.eval_shape(partial(inputs.rows, system, t0, dt, dt), first)
+    row = jax.eval_shape(partial(inputs.rows, system, t0, dt), first)
     if steps * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(row)) > _LARGEST_TABLE:
         return ()
-    idle = first[None] - 1 if idle is None else idle
-    indices = jnp.concatenate([idle, first + jnp.arange(steps, dtype=jnp.int32)])
-    lengths = jnp.concatenate([jnp.broadcast_to(0 * dt, idle.shape), jnp.broadcast_to(dt, (steps,))])
-    indices, lengths = (jnp.pad(x, (0, -len(x) % shared_inputs.BLOCK), mode="edge") for x in (indices, lengths))
-    table = inputs.table(system, t0, dt, lengths, indices)
-    return (
-        jax.tree.map(lambda x: x[: len(idle)], table),
-        jax.tree.map(lambda x: x[len(idle) : len(idle) + steps], table),
-    )
+    indices = first + jnp.arange(steps + -steps % shared_inputs.BLOCK, dtype=jnp.int32)
+    table = inputs.table(system, t0, dt, indices)
+    return jax.tree.map(lambda x: x[:steps], table)
 
 
 def _inputs_of_all(method: Method, mapped: Any, shared: Any) -> SharedInputs | None:

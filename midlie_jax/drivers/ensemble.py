@@ -21,11 +21,13 @@ from ..model.torques.by_step import is_by_step
 from .adjoints import Adjoint, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times
 from .chunks import chunk_size, run_ensemble, shared_tables
-from .counted import count_as_argument, prepared_steps
+from .integrate import count_as_argument
 from .observe import Observe, Statistic, as_observe
 from .path import Path
 from .rows import AUTO, count_rows, torque_rows
 from .stepper import Carry, carried_on
+
+_LEAST_TABLE = 64  # steps
 
 
 @overload  # what is observed takes the place of the states
@@ -159,10 +161,18 @@ def ensemble(
     adjoint, intervals = as_adjoint(adjoint), 1 if save_every is None else steps // save_every
     every = count_as_argument(steps // intervals, steps, adjoint)
     run = batch.method, adjoint, batch.mapped, batch.shared, first
-    tables = shared_tables(*run, *prepared_steps(first, intervals, every))
+    tables = shared_tables(*run, steps if isinstance(every, int) else _prepared_steps(steps))
     guarded = carried is None and not bodies_at_once()
     saving = intervals, every, save_every is None, size, observe, mesh
-    return run_ensemble(*run, *saving, tables=tables, guarded=guarded, begins=carried)[0]
+    return run_ensemble(*run, *saving, tables=tables, guarded=guarded, begins=carried)
+
+
+def _prepared_steps(steps: int) -> int:
+    """The length of the table of prepared inputs: one, and so one program, serves up to four times as many steps."""
+    length = _LEAST_TABLE
+    while length < steps:
+        length *= 4
+    return length
 
 
 class Batch(NamedTuple):

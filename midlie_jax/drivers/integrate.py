@@ -4,24 +4,25 @@ from typing import Any, overload
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from .._checks.arguments import as_count
 from .._math import components as cp
 from .._xla.compiler import tuned_jit
 from .._xla.internals import bodies_at_once
-from .._xla.mesh import all_promoted, axes_of_run, promoted
+from .._xla.mesh import all_promoted, axes_of_run
+from .._xla.platform import on_cpu
 from ..methods.base import Method, Progress
 from ..methods.verdict import UNSTABLE, at_start, earlier
 from ..model.bodies import Body
 from ..model.state import AnyState, StateT
 from ..model.states.members import MEMBERS_MOST
 from ..model.torques import TorqueLike, on_body
-from .adjoints import Adjoint, as_adjoint
+from .adjoints import Adjoint, Checkpointed, as_adjoint
 from .arguments import as_argument, as_first_step, as_method, as_saving, check_step, check_system, check_times, counts
 from .bad_start import finite_start, nan_unless
 from .clock import time_of
-from .counted import count_as_argument, take_counted
 from .gain import with_gain_judged
 from .legs import Leg, in_leg
 from .observe import Observe, as_observe_of_one, observe_state
@@ -168,25 +169,24 @@ def run_of_body(
     intervals: int,
     save_every: int | Array,
     shared: SharedInputs | None = None,
-    rows: tuple[Rows, Rows] | None = None,
+    rows: Rows | None = None,
     observe: Observe | None = None,
     leg: Leg | None = None,
     guarded: bool = False,
     carried: Progress | None = None,
-) -> tuple[Path[Any], AnyState, Progress]:
-    """`integrate` without the checks: the path, and the state and progress at its end, from which a run can go on.
+) -> Path[Any]:
+    """`integrate` without the checks.
 
     Args:
         method, adjoint, body, torque, start, dt, t0, first: as for `integrate`.
         intervals: the number of saved states after the start.
-        save_every: the steps between two of them; an array if it is an argument of the program (`counted.py`). Then
-            `adjoint` is ignored.
+        save_every: the steps between two of them; an array if it is an argument of the program. Then `adjoint` is
+            ignored.
         shared: the step with prepared inputs, or None for the step of the method.
-        rows: the prepared inputs of steps of zero length, one before the run and one after each interval, and of the
-            steps of the run.
+        rows: the prepared inputs of the steps.
         observe: what the path holds in place of the states.
-        leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg and the
-            failures there are valid. `adjoint` is ignored.
+        leg: which of the steps are taken, by default all. Of the path, only the states saved within the leg, the
+            failures there and the carry at its end are valid. `adjoint` is ignored.
         guarded: whether a start that is not finite must not reach the steps, because they may be differentiated.
         carried: the progress at the start, from a `Carry`; then only the class, shape and dtype of `start` are read.
     """
@@ -206,62 +206,35 @@ def run_of_body(
     given, good = start, cp.all_finite(start) if guarded else jnp.asarray(True)
     if guarded:
         start = finite_start(start, good, on_body(torque, body), t0, (body, dt))
-    rows_idle, rows_of_steps = (None, None) if rows is None else rows
-    keeps_force = method.keeps_force(system)
-    # Whether an idle step of the loop computes the force at the start.
-    waits = carried is None and keeps_force and not isinstance(save_every, int) and not system.kind.apart
-
     one = OneStep(method, system, t0, dt, shared, axes)
+    progress = method.begin(system, start, time_of(t0, dt, first)) if carried is None else carried
+    verdict = at_start(body, good, counted)
+    verdict = verdict if carried is None else earlier(carried.verdict, verdict)
+    progress = all_promoted(progress._replace(verdict=verdict), axes) if leg is None else leg.carried
 
-    def begin() -> Progress:
-        if carried is not None:
-            verdict = earlier(carried.verdict, at_start(body, counted=counted))
-            return all_promoted(carried._replace(verdict=verdict), axes)
-        progress = Progress(system.motion(start), None, promoted(at_start(body, good, counted), axes))
-        if waits:
-            return progress._replace(force=jax.tree.map(jnp.zeros_like, progress.motion.momentum))
-        if keeps_force:
-            before = jax.tree.map(lambda x: x[jnp.array([0, 0])], rows_idle)
-            progress = _with_force(one, progress, time_of(t0, dt, first), first, before)
-        return progress
-
-    def move(progress: Progress, i: Array, n: Array, rows: Any) -> Progress:
-        """The progress after interval i, which begins with step n."""
+    def move(progress: Progress, n: Array, rows_of_interval: Any) -> Progress:
+        """The progress after the interval that begins with step n."""
         if not isinstance(save_every, int):
-
-            def take_or_wait(progress: Progress, k: Array, taken: Array) -> Progress:
-                row, idle = jax.tree.map(lambda x: x[n - first + k], rows_of_steps), (k >= 0).astype(jnp.int32)
-                row = jax.tree.map(lambda x, y: jnp.where(taken, x, y[i + idle]), row, rows_idle)
-                return one.take(progress, (n + k, row), jnp.where(taken, dt, 0))
-
-            idle = ((i == 0) & waits).astype(jnp.int32)
-            return take_counted(take_or_wait, progress, jnp.asarray(save_every), one.unroll, idle)
+            return one.counted(progress, first, save_every, rows, n - first)
         if leg is not None:
-
-            def take(progress: Progress, k: Array) -> Progress:
-                return one.take(progress, (n + k, jax.tree.map(lambda x: x[k], rows)))
-
-            return in_leg(leg, n - first, save_every, method, take, progress)
+            return in_leg(leg, one, first, n - first, save_every, rows, progress)
         indices = n + jnp.arange(save_every, dtype=jnp.int32)
-        return adjoint.run(one.many((indices, rows), save_every, intervals * save_every), progress)
+        return adjoint.run(one.many((indices, rows_of_interval), save_every, intervals * save_every), progress)
 
-    progress = begin() if leg is None else jax.lax.cond(leg.begin == 0, begin, lambda: leg.carried)
-
-    def save_interval(progress: Progress, interval: tuple[Array, Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
-        i, n, rows = interval
-        progress = move(progress, i, n, rows)
+    def save_interval(progress: Progress, interval: tuple[Array, Any]) -> tuple[Progress, tuple[Any, Array]]:
+        n, rows_of_interval = interval
+        progress = move(progress, n, rows_of_interval)
         state = system.state(progress.motion)
         if observe is None:
             return progress, (state, progress.ok)
         seen = observe_state(observe, time_of(*uniform, n + save_every), state, body, torque)
         return progress, (seen, progress.ok & cp.all_finite(state))
 
-    numbers = jnp.arange(intervals, dtype=jnp.int32)
-    interval_starts = first + save_every * numbers
+    interval_starts = first + save_every * jnp.arange(intervals, dtype=jnp.int32)
     rows_of_intervals = None
-    if isinstance(save_every, int):
-        rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows_of_steps)
-    progress, (seen, solved) = jax.lax.scan(save_interval, progress, (numbers, interval_starts, rows_of_intervals))
+    if isinstance(save_every, int) and leg is None:
+        rows_of_intervals = jax.tree.map(lambda x: x.reshape(intervals, save_every, *x.shape[1:]), rows)
+    progress, (seen, solved) = jax.lax.scan(save_interval, progress, (interval_starts, rows_of_intervals))
     # Outside the loop over steps, which does not need this result.
     steps = intervals * save_every
     whole = leg is None or leg.end == steps
@@ -281,19 +254,17 @@ def run_of_body(
     result = result_of(progress.verdict, finite)
     bad = first_bad(given, trusted)
     bad = bad if carried is None else jnp.where(carried.ok, bad, 0)
-    carry = None if leg is not None else Carry(first + steps, progress, system.kind)
-    path = Path(times, seen, progress.ok & finite, bad, result, carry)
-    end = system.state(progress.motion)
-    return path, nan_unless(good, end) if guarded else end, progress
+    carry = Carry(first + (steps if leg is None else leg.end), progress, system.kind)
+    return Path(times, seen, progress.ok & finite, bad, result, carry)
 
 
 def path_of_body(*arguments: Any, at_end: bool = False, observe: Observe | None = None, **options: Any) -> Path[Any]:
-    """The first result of `run_of_body`, the path; a statistic of time takes the place of the values.
+    """`run_of_body`; a statistic of time takes the place of the values.
 
     Args:
         at_end: whether the path has only the state at the end.
     """
-    path = run_of_body(*arguments, observe=observe, **options)[0]
+    path = run_of_body(*arguments, observe=observe, **options)
     if not isinstance(observe, Series):
         return end_alone(path) if at_end else path
     dt, save_every = arguments[5], arguments[9]
@@ -314,32 +285,18 @@ def _side_by_side(
 _run = tuned_jit(path_of_body, _side_by_side)
 
 
-def _with_force(one: OneStep, progress: Progress, t: Array, first: Array, rows: Any) -> Progress:
-    """The progress with the force at the start, computed by two steps of length zero.
+# Fewer steps between saved states are a part of the program: the states that a run saves, and the loop over the last
+# few steps between two of them, take longer.
+_FEW = 32
 
-    A direct evaluation of the torque would be shorter. But outside the loop the compiled torque may round differently
-    than inside, and a continued run would then differ in the last bit from an uninterrupted run. A step of length zero
-    leaves the motion unchanged and runs the code of the loop. There are two such steps, because XLA would unroll a loop
-    of one iteration. The derivative is taken from the direct evaluation, because that compiles faster than the
-    derivative of the loop.
+
+def count_as_argument(every: int, steps: int, adjoint: Adjoint) -> Any:
+    """The steps between two saved states: as an array, an argument of one program for every number; or as an int.
+
+    JAX needs an int for a reverse derivative, and an accelerator for launches without a question after each. So the
+    number is an argument on a CPU, outside of every other program (`jax.jit`, `jax.grad` and the like). An adjoint
+    other than the default is checked when the program is made, with all its numbers.
     """
-    system, motion = one.system, progress.motion
-    if system.kind.apart:  # such a torque rounds alike everywhere
-        return progress._replace(force=system.force(t, motion))
-    zeros = jax.tree.map(jnp.zeros_like, motion.momentum)
-    indices = jnp.stack([first - 1, first - 1])
-    zero_step = jnp.zeros_like(jax.tree.leaves(motion)[0].ravel()[0])
-    before = jax.lax.stop_gradient(progress._replace(force=zeros))
-    after, _ = jax.lax.scan(lambda p, step: (one.take(p, step, zero_step), None), before, (indices, rows))
-    value = jax.lax.stop_gradient(after.force)
-    return progress._replace(force=_with_derivative_of(system.force(t, motion), value))
-
-
-@jax.custom_jvp
-def _with_derivative_of(direct: Any, value: Any) -> Any:
-    """The value, with the derivative of `direct`, which a run without derivatives does not compute."""
-    del direct
-    return value
-
-
-_with_derivative_of.defjvp(lambda primals, tangents: (_with_derivative_of(*primals), tangents[0]))
+    default = isinstance(adjoint, Checkpointed) and adjoint.every is None
+    free = default and (every == steps or every >= _FEW)
+    return np.asarray(every, np.int32) if free and on_cpu() and bodies_at_once() else every

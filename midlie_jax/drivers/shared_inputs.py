@@ -29,7 +29,7 @@ class SharedInputs(NamedTuple):
 
     Attributes:
         costly: `System.costly` of the step that reads its inputs from a row.
-        hoisted: the split function of (h, n, t0, dt, arrays of the system, progress before).
+        hoisted: the split function of (n, t0, dt, arrays of the system, progress before).
         structure: the tree structure of the progress after the step.
     """
 
@@ -37,23 +37,21 @@ class SharedInputs(NamedTuple):
     hoisted: Hoisted
     structure: Any
 
-    def rows(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
-        """The prepared values of step n, whose length is h."""
-        return self.hoisted.prepare(h, n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
+    def rows(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
+        """The prepared values of step n."""
+        return self.hoisted.prepare(n, t0, dt, *_arrays(system), *[None] * self.structure.num_leaves)
 
-    def table(self, system: System, t0: Array, dt: Array, h: Array, n: Array) -> Rows:
-        """The rows of steps with these lengths and indices, (k,), k a multiple of `BLOCK`, with a leading axis (k,).
+    def table(self, system: System, t0: Array, dt: Array, n: Array) -> Rows:
+        """The rows of steps with these indices, (k,), k a multiple of `BLOCK`, with a leading axis (k,).
 
         All blocks have one size, so the code that computes a row, and hence the bits of the row, do not depend on k.
         """
-        return jax.lax.map(lambda step: self.rows(system, t0, dt, *step), (h, n), batch_size=BLOCK)
+        return jax.lax.map(lambda n: self.rows(system, t0, dt, n), n, batch_size=BLOCK)
 
-    def advance(
-        self, system: System, t0: Array, dt: Array, h: Array, progress: Progress, n: Array, row: Any
-    ) -> Progress:
+    def advance(self, system: System, t0: Array, dt: Array, progress: Progress, n: Array, row: Any) -> Progress:
         """`Method.advance` of step n, with its prepared values."""
         leaves = jax.tree.leaves(progress)
-        return self.structure.unflatten(self.hoisted.rest(row, h, n, t0, dt, *_arrays(system), *leaves))
+        return self.structure.unflatten(self.hoisted.rest(row, n, t0, dt, *_arrays(system), *leaves))
 
 
 def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
@@ -90,16 +88,16 @@ def find(method: Method, arguments: Any, rows: Any) -> SharedInputs | None:
     progress = Progress(motion, force, jnp.asarray(FINE))
     structure = jax.tree.structure(progress)
 
-    def step(h: Array, n: Array, t0: Array, dt: Array, *leaves: Array) -> list[Array]:
+    def step(n: Array, t0: Array, dt: Array, *leaves: Array) -> list[Array]:
         count = len(leaves) - structure.num_leaves
         system = eqx.combine(jax.tree.unflatten(jax.tree.structure(constants), leaves[:count]), other)
         before = structure.unflatten(leaves[count:])
-        after, _ = method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n, h), h, before)
+        after, _ = method.advance(system.at_step(n), (t0, dt), partial(ends_of_step, n), dt, before)
         return jax.tree.leaves(after)
 
-    inputs = [dt, jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]
-    known = [True, True, True, True, *(not o for o in own), *[False] * structure.num_leaves]
-    varying = [False, True, *[False] * (len(inputs) - 2)]
+    inputs = [jnp.zeros((), jnp.int32), t0, dt, *jax.tree.leaves(constants), *jax.tree.leaves(progress)]
+    known = [True, True, True, *(not o for o in own), *[False] * structure.num_leaves]
+    varying = [True, *[False] * (len(inputs) - 1)]
     split = hoist(jax.make_jaxpr(step)(*map(_without_mesh, inputs)), known, varying)
     return None if split is None else SharedInputs(costly, split, structure)
 

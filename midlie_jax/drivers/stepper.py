@@ -49,14 +49,13 @@ class OneStep(NamedTuple):
         """Steps per iteration of a loop: one if the torque is a loop of its own, so that it is compiled once."""
         return 1 if self.system.kind.apart or self.system.separate else self.method.unroll
 
-    def take(self, progress: Progress, step: tuple[Array, Any], h: Array | None = None) -> Progress:
-        """The progress after a step, from its index and its prepared inputs; h is its length, if not dt."""
+    def take(self, progress: Progress, step: tuple[Array, Any]) -> Progress:
+        """The progress after a step, from its index and its prepared inputs."""
         n, row = step
-        h = self.dt if h is None else h
         if self.shared is not None:
-            return self.shared.advance(self.system, self.t0, self.dt, h, progress, n, row)
-        ends = partial(ends_of_step, n, h)
-        return self.method.advance(self.system.at_step(n), (self.t0, self.dt), ends, h, progress, self.axes)[0]
+            return self.shared.advance(self.system, self.t0, self.dt, progress, n, row)
+        ends = partial(ends_of_step, n)
+        return self.method.advance(self.system.at_step(n), (self.t0, self.dt), ends, self.dt, progress, self.axes)[0]
 
     def take_back(self, progress: Progress, step: tuple[Array, Any]) -> tuple[Progress, Any]:
         """The progress before a step, and what `take_again` can use of this computation."""
@@ -69,31 +68,42 @@ class OneStep(NamedTuple):
         """`take` for its derivative alone, after `take_back`."""
         if self.shared is not None:
             return self.take(progress, step)
-        again, ends = partial(self.method.step_again, known=known), partial(ends_of_step, step[0], self.dt)
+        again, ends = partial(self.method.step_again, known=known), partial(ends_of_step, step[0])
         return self.method.advance(self.system, (self.t0, self.dt), ends, self.dt, progress, self.axes, again)[0]
 
-    def loop(self, progress: Progress, first: Array, iterations: Array, unroll: int = 1, rows: Any = None) -> Progress:
-        """The progress after `iterations` iterations of `unroll` steps; the first step has the index `first`.
+    def loop(
+        self, progress: Progress, first: Array, iterations: Array, size: int = 1, rows: Any = None, skip: Any = 0
+    ) -> Progress:
+        """The progress after some iterations of `size` steps each.
 
         Args:
+            first: the index of the step that belongs to the first row.
             iterations: their number, an argument of the compiled program.
             rows: the prepared inputs of the steps, with a row for each, if there are any.
+            skip: the number of the first step, counted from `first`.
         """
 
+        def take(progress: Progress, number: Array) -> tuple[Progress, None]:
+            row = jax.tree.map(lambda x: x[number], rows)
+            return self.take(progress, (first + number, row)), None
+
         def iteration(i: Array, progress: Progress) -> Progress:
-            for k in range(unroll):
-                number = i * unroll + k
-                progress = self.take(progress, (first + number, jax.tree.map(lambda x, j=number: x[j], rows)))
+            begin = skip + i * size
+            if size > self.unroll:
+                numbers = begin + jnp.arange(size, dtype=jnp.int32)
+                return jax.lax.scan(take, progress, numbers, unroll=self.unroll)[0]
+            for k in range(size):
+                progress, _ = take(progress, begin + k)
             return progress
 
         return jax.lax.fori_loop(0, iterations, iteration, progress)
 
-    def counted(self, progress: Progress, first: Array, count: Array) -> Progress:
-        """The progress after a number of steps that the compiler does not know; the first has the index `first`."""
+    def counted(self, progress: Progress, first: Array, count: Array, rows: Any = None, skip: Any = 0) -> Progress:
+        """The progress after a number of steps that the compiler does not know; arguments as for `loop`."""
         whole = count // self.unroll
-        progress = self.loop(progress, first, whole, self.unroll)
+        progress = self.loop(progress, first, whole, self.unroll, rows, skip)
         taken = whole * self.unroll
-        return progress if self.unroll == 1 else self.loop(progress, first + taken, count - taken)
+        return progress if self.unroll == 1 else self.loop(progress, first, count - taken, 1, rows, skip + taken)
 
     def many(self, inputs: Any, number: int, total: int) -> Steps:
         """Consecutive steps, as an adjoint takes them.

@@ -10,10 +10,10 @@ from ..drivers.ensemble import Batch
 from ..drivers.observe import Observe, Statistic
 from .describe import attributes_of
 from .description import ATTRIBUTE
-from .names import parameter
+from .names import named, parameter
 from .plan import Plan
 from .summary import names_of_merged
-from .variables import seen_variables, state_variables
+from .variables import seen_variables
 
 _MAY_CHANGE = "title"
 _READ = "time", "times", "first_bad", "ok", "dt", "t0", "moments", "momenta", "attitudes", ATTRIBUTE  # by `saved_path`
@@ -68,7 +68,7 @@ def _mixed(value: Any, kind: str) -> bool:
 
 def taken_names(batch: Batch, observe: Observe | None, seen: Any, plan: Plan) -> set[str]:
     """The names that a file has without the attributes of the user, which may only change the title."""
-    taken = {*attributes_of(batch, plan), *state_variables(batch, observe), *seen_variables(seen, observe, plan)}
+    taken = {*attributes_of(batch, plan), *named(batch.mapped[2]), *seen_variables(seen, observe, plan)}
     if isinstance(observe, Statistic):
         taken.update(names_of_merged(observe, seen, plan, batch.mapped[2].momentum.dtype))
     return {*taken, *_READ} - {_MAY_CHANGE}

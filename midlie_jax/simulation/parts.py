@@ -13,39 +13,39 @@ from jax.sharding import Mesh
 from .._xla.compiler import tuned_jit
 from ..drivers.adjoints import as_adjoint
 from ..drivers.chunks import bodies_in, run_ensemble, shared_tables
+from ..drivers.clock import time_of
 from ..drivers.ensemble import Batch
-from ..drivers.legs import Leg, iteration, next_stop, nothing_carried
+from ..drivers.legs import Leg, iteration, next_stop
 from ..drivers.observe import Observe, Statistic
 from ..drivers.observe.arguments import Values
 from ..drivers.observe.series import Series
 from ..methods.base import Method
-from ..model.state import AnyState
+from ..methods.verdict import at_start
 from .names import named
 from .plan import Part, Plan
 from .sink import Arrays, Begun
-from .variables import SERIES, value_leaves
+from .variables import CARRIED, SERIES, value_leaves
 
 
 class Progress(NamedTuple):
     """How far a group of bodies has come.
 
     Attributes:
-        start: the states where the part begins, of all rows of the group, including rows that only fill it up.
+        begun: the progress of its bodies (`methods.base.Progress`) where the part begins, of all rows of the group,
+            including rows that only fill it up.
+        carried: the progress now.
         first_bad: `Simulation.first_bad` of these rows, from the steps taken so far.
-        steps: how many steps of the part are taken. The following attributes hold their results:
-        carried: the progress of all rows.
+        steps: how many steps of the part are taken.
         seen: what the part will write, in pieces ordered by time.
-        end: the states of all rows.
         series: what a statistic over times carries of the bodies of the group, until the part is complete that of the
             parts before.
     """
 
-    start: AnyState
+    begun: Any
+    carried: Any
     first_bad: np.ndarray
     steps: int = 0
-    carried: Any = None
     seen: tuple[Arrays, ...] = ()
-    end: Any = None
     series: Any = None
 
     def all_seen(self) -> Arrays:
@@ -57,11 +57,11 @@ class Progress(NamedTuple):
 
     def after(self) -> "Progress":
         """The group at the beginning of the next part."""
-        return Progress(self.end, self.first_bad, series=self.series)
+        return Progress(self.carried, self.carried, self.first_bad, series=self.series)
 
     def state(self) -> Arrays:
         """What is stored at the end of the part, from which the next part goes on."""
-        return named(self.end) | ({} if self.series is None else named({SERIES: self.series}))
+        return named({CARRIED: self.carried}) | ({} if self.series is None else named({SERIES: self.series}))
 
 
 class Computation(NamedTuple):
@@ -69,43 +69,40 @@ class Computation(NamedTuple):
 
     Attributes:
         batch, observe, plan, mesh: the run.
-        nothing: stands for the carried progress before the first step of a part; nobody reads its numbers.
     """
 
     batch: Batch
     observe: Observe | None
     plan: Plan
     mesh: Mesh
-    nothing: Any
-
-    @classmethod
-    def of(cls, batch: Batch, observe: Observe | None, plan: Plan, mesh: Mesh) -> "Computation":
-        nothing = jax.tree.map(np.asarray, nothing_carried(batch.method, batch.mapped, batch.shared, plan.group))
-        return cls(batch, observe, plan, mesh, nothing)
 
     def begin(self, group: int) -> Progress:
         """A group at the start of the run."""
-        rows = self.rows(group)
-        start = jax.tree.map(lambda x: np.asarray(x[rows]), self.batch.mapped[2])
-        return Progress(start, np.full(len(rows), self.plan.saves, np.int32), series=self._series(group))
+        rows, (method, _, mapped, shared) = self.rows(group), self.batch
+        mapped = jax.tree.map(lambda x: x[rows], mapped)
+        carried = jax.tree.map(np.asarray, _begun(method, mapped, shared, jnp.int32(self.plan.begin), self.plan.chunk))
+        return Progress(carried, carried, np.full(len(rows), self.plan.saves, np.int32), series=self._series(group))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
-        """A group at the end of a span, from the states and `first_bad` that were stored there."""
-        rows = self._rows_in(group)
-        structure = jax.tree.structure(self.batch.mapped[2])
-        arrays = [state[name][rows] for name in named(self.batch.mapped[2])]
-        series = self._series(group)
-        if series is not None:
-            names = named({SERIES: series})
-            series = jax.tree.unflatten(jax.tree.structure(series), [state[name] for name in names])
-        return Progress(jax.tree.unflatten(structure, arrays), first_bad[rows], series=series)
+        """A group at the end of a span, from what was stored there."""
+        rows, series = self._rows_in(group), self._series(group)
+        carried = jax.tree.map(lambda x: x[rows], _filled(self.carried, CARRIED, state))
+        series = series if series is None else _filled(series, SERIES, state)
+        return Progress(carried, carried, first_bad[rows], series=series)
 
     def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
         """A group in the middle of a part, from its progress before the part and what is stored of the part."""
         rows = self._rows_in(group)
-        carried = jax.tree.unflatten(jax.tree.structure(self.nothing), [x[rows] for x in begun.carried])
+        carried = jax.tree.unflatten(jax.tree.structure(before.carried), [x[rows] for x in begun.carried])
         pieces = (begun.seen,) if begun.seen else ()
-        return Progress(before.start, begun.first_bad[rows], begun.steps, carried, pieces, series=before.series)
+        return before._replace(carried=carried, first_bad=begun.first_bad[rows], steps=begun.steps, seen=pieces)
+
+    @property
+    def carried(self) -> Any:
+        """The progress of one body, with a leading axis, as a pytree of shapes and dtypes."""
+        method, _, mapped, shared = self.batch
+        mapped = jax.tree.map(lambda x: x[:1], mapped)
+        return eqx.filter_eval_shape(_begun, method, mapped, shared, jax.ShapeDtypeStruct((), jnp.int32), 1)
 
     def tables(self, span: int) -> Any:
         """The inputs that all bodies share in a span, computed once for all groups."""
@@ -118,17 +115,14 @@ class Computation(NamedTuple):
         plan, rows, every = self.plan, self.rows(part.group), self.plan.save_every
         stop = next_stop(before.steps, steps, iteration(self.batch.method, every), every)
         stop = min(stop, plan.steps(part.span))
-        body, torque, _, dt, t0 = self.batch.mapped
-        body, torque, dt, t0 = jax.tree.map(lambda x: x[rows], (body, torque, dt, t0))
-        # As NumPy arrays: for arrays on a mesh JAX would compile the program anew.
-        start, first_bad, carried = jax.tree.map(
-            jnp.asarray, (before.start, before.first_bad, before.carried if before.steps else self.nothing)
-        )
+        # From NumPy arrays: for arrays on a mesh JAX would compile the program anew.
+        begun, first_bad, carried = jax.tree.map(jnp.asarray, (before.begun, before.first_bad, before.carried))
         found = _compute(
             self.batch.method,
             Values(self.observe.observable) if isinstance(self.observe, Series) else self.observe,
-            (body, torque, start, dt, t0),
+            jax.tree.map(lambda x: x[rows], self.batch.mapped),
             self.batch.shared,
+            begun,
             first_bad,
             jnp.asarray(np.arange(part.group * plan.group, part.group * plan.group + len(rows)) < plan.bodies),
             jnp.int32(plan.first_step(part.span)),
@@ -137,14 +131,14 @@ class Computation(NamedTuple):
             tables,
             Leg(jnp.int32(before.steps), jnp.int32(stop), carried),
         )
-        seen, end, carried, first_bad = jax.tree.map(np.asarray, found)
+        seen, carried, first_bad = jax.tree.map(np.asarray, found)
         # The state with which a part begins is written by the previous part.
         new = slice(before.steps // every + 1 if before.steps or part.span else 0, stop // every + 1)
         combined = isinstance(self.observe, Statistic) and not isinstance(self.observe, Series)
         real = slice(None) if combined else slice(plan.bodies_in(part.group))
         piece = {name: values[real, new].copy() for name, values in seen.items()}
         pieces = (*before.seen, piece) if new.stop > new.start else before.seen
-        after = Progress(before.start, first_bad, stop, carried, pieces, end, before.series)
+        after = before._replace(carried=carried, first_bad=first_bad, steps=stop, seen=pieces)
         return self._with_series(part, after) if stop == plan.steps(part.span) else after
 
     @property
@@ -197,6 +191,7 @@ def _compute(
     observe: Observe | None,
     mapped: Any,
     shared: Any,
+    begun: Any,
     first_bad: Array,
     real: Array,
     first: Array,
@@ -204,18 +199,35 @@ def _compute(
     mesh: Mesh,
     tables: Any,
     leg: Leg,
-) -> tuple[dict[str, Array], AnyState, Any, Array]:
-    """What a span writes, valid within the leg; states and progress at the end of the leg; and `first_bad`.
+) -> tuple[dict[str, Array], Any, Array]:
+    """What a span writes, valid within the leg; the progress at the end of the leg; and `first_bad`.
 
     One program serves all spans and legs, so the results do not depend on where legs begin and end.
     """
     counted = real & (first_bad == plan.saves)
     every, last = plan.save_every, plan.intervals
     run = method, as_adjoint(None), mapped, shared, first, last, every, False, plan.chunk
-    path, (end, carried) = run_ensemble(*run, observe, mesh, counted, tables, leg)
+    path = run_ensemble(*run, observe, mesh, counted, tables, leg, begins=begun)
     local = jnp.where(path.ok, path.first_bad, jnp.minimum(path.first_bad, last))
     found = jnp.where(local <= last, (first - plan.begin) // every + local, plan.saves)
     seen = path.states
     if isinstance(observe, Statistic):
         seen = jax.tree.map(lambda x: x[None], seen)
-    return named(seen), end, carried, jnp.minimum(first_bad, found)
+    return named(seen), path.carry.progress, jnp.minimum(first_bad, found)
+
+
+@tuned_jit
+def _begun(method: Method, mapped: Any, shared: Any, first: Array, chunk: int) -> Any:
+    """The progress of bodies at the start of the run."""
+
+    def begun(own: Any) -> Any:
+        body, torque, start, dt, t0 = eqx.combine(own, shared)
+        progress = method.begin(method.system(body, torque, start, t0, dt), start, time_of(t0, dt, first))
+        return progress._replace(verdict=at_start(body))
+
+    return jax.lax.map(begun, mapped, batch_size=chunk)
+
+
+def _filled(tree: Any, name: str, arrays: Arrays) -> Any:
+    """A tree of this structure with the arrays that have been stored under a name."""
+    return jax.tree.unflatten(jax.tree.structure(tree), [arrays[own] for own in named({name: tree})])

@@ -36,10 +36,8 @@ def program(batch: Batch, observe: Observe | None) -> str:
         body, torque, start, dt, t0 = eqx.combine(arrays, functions)
         first = jax.numpy.int32(0)
         run_one: Callable[..., Any] = run_of_body
-        path, end, _ = run_one(
-            batch.method, as_adjoint(None), body, torque, start, dt, t0, first, 2, 1, None, None, observe
-        )
-        return path, end, _combined(observe, path.states) if isinstance(observe, Statistic) else None
+        path = run_one(batch.method, as_adjoint(None), body, torque, start, dt, t0, first, 2, 1, None, None, observe)
+        return path, _combined(observe, path.states) if isinstance(observe, Statistic) else None
 
     return jax.jit(run).lower(arrays).as_text()
 

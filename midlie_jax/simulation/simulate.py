@@ -35,7 +35,7 @@ from .progress import reported
 from .resume import begun, repair_whole, resumed
 from .store import Store, create
 from .summary import Simulation, merged_statistic
-from .variables import bytes_of, carried_leaves, seen_leaves, seen_variables, state_variables, value_leaves
+from .variables import bytes_of, carried_leaves, carried_variables, seen_leaves, seen_variables, value_leaves
 
 Repaired = tuple[str, ...]
 
@@ -136,7 +136,7 @@ def simulate(
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
     own = checked_attributes(attributes, taken_names(batch, observe, seen, plan) if attributes else ())
-    computation = Computation.of(batch, observe, plan, _local(mesh))
+    computation = Computation(batch, observe, plan, _local(mesh))
     described_by = {**attributes_of(batch, plan), **own}
     if path.suffix == ".npz":
         first_bad, computed, repaired = _in_memory(computation, path, seen, progress, described_by)
@@ -231,7 +231,8 @@ def _in_store(
                 )
         elif first:
             variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
-            create(path, plan, now, variables, state_variables(batch, observe), whole, attributes)
+            carried = carried_variables(computation.carried, batch, observe)
+            create(path, plan, now, variables, carried, whole, attributes)
 
     processes.all_succeed(check_or_create)
     store = processes.all_succeed(lambda: existing or Store(path))

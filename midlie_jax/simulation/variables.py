@@ -14,7 +14,8 @@ from .names import named
 from .plan import Plan
 
 BODY, GROUP, TIME, SPAN = "body", "group", "time", "span"  # names of dimensions
-SERIES = "series"  # under this name the states hold what a statistic over times carries from span to span
+# Under these names a checkpoint holds the progress of each body, and what a statistic over times carries.
+CARRIED, SERIES = "carried", "series"
 COORDINATES = {"axis": ["1", "2", "3"], "space_axis": ["x", "y", "z"], "quaternion": ["w", "x", "y", "z"]}
 
 
@@ -81,9 +82,15 @@ def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, 
     return found
 
 
-def state_variables(batch: Batch, observe: Observe | None) -> dict[str, Variable]:
-    """The variables with the states of all bodies from which a run goes on, and with what their statistic carries."""
-    arrays = named(batch.mapped[2])
+def carried_variables(carried: Any, batch: Batch, observe: Observe | None) -> dict[str, Variable]:
+    """The variables of a checkpoint: the progress of all bodies, and what their statistic carries.
+
+    Args:
+        carried: the progress of some bodies.
+    """
+    arrays = named(
+        {CARRIED: jax.tree.map(lambda x: jax.ShapeDtypeStruct((batch.bodies, *x.shape[1:]), x.dtype), carried)}
+    )
     if isinstance(observe, Series):
         arrays |= named({SERIES: carried_leaves(batch, observe, batch.bodies)})
     return {
