@@ -40,9 +40,10 @@ ATTITUDES = RNG.normal(size=(BODIES, 4))
 ATTITUDES /= np.linalg.norm(ATTITUDES, axis=1, keepdims=True)
 
 
-def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, **options):
+def simulated(out, *, momenta=MOMENTA, method="SYMMETRIC[EA]", torque=None, start=None, **options):
     """The run, or one in which something is different."""
-    body, start = ml.RigidBody(jnp.asarray(MOMENTS)), ml.RigidState(jnp.asarray(momenta), jnp.asarray(ATTITUDES))
+    body = ml.RigidBody(jnp.asarray(MOMENTS))
+    start = ml.RigidState(jnp.asarray(momenta), jnp.asarray(ATTITUDES)) if start is None else start
     torque = ml.torques.HeavyTop(jnp.asarray(WEIGHTS)) if torque is None else torque
     given = {"dt": 0.05, "steps": STEPS, "save_every": EVERY, "progress": False, **CUT, **options}
     return ml.simulate(method, body, torque, start, out=out, **given)

@@ -13,13 +13,14 @@ import tempfile
 import time
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import zarr
 from cases import whole
-from simulated import BODIES, EVERY, MOMENTA, MOMENTS, STEPS, simulated
+from simulated import BODIES, EVERY, MOMENTA, MOMENTS, STEPS, WEIGHTS, simulated
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
@@ -87,6 +88,42 @@ def test_what_all_bodies_share_is_computed_for_each_span(tmp_path):
     np.testing.assert_array_equal(path.states.attitude, run.attitude)
 
 
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("method", ["SYMMETRIC[EA]", "JACOBI[SRKN6b]", "RK4"])
+@pytest.mark.parametrize("suffix", ["zarr", "npz"])
+def test_a_run_continued_from_a_carry_has_the_same_bits(tmp_path, suffix, method):
+    """In `simulate` and `ensemble`, and after a complete run has been opened again; times and indices go on."""
+    half = {"steps": STEPS // 2, "method": method}
+    whole_run = simulated(tmp_path / f"whole.{suffix}", method=method).open()
+    first = simulated(tmp_path / f"first.{suffix}", **half)
+    if suffix == "zarr":
+        first = simulated(first.out, resume=True, **half)
+        assert first.computed == 0
+    np.testing.assert_array_equal(first.carry.index, STEPS // 2)
+    second = simulated(tmp_path / f"second.{suffix}", start=first.carry, **half)
+    found = second.open()
+    rest = slice((SAVES - 1) // 2, None)
+    for name in ("momentum", "attitude"):
+        np.testing.assert_array_equal(found[name], np.asarray(whole_run[name])[:, rest])
+    np.testing.assert_array_equal(found["time"], np.asarray(whole_run["time"])[rest])
+    body, torque = ml.RigidBody(jnp.asarray(MOMENTS)), ml.torques.HeavyTop(jnp.asarray(WEIGHTS))
+    end = ml.ensemble(method, body, torque, second.carry, dt=0.05, steps=1).carry
+    np.testing.assert_array_equal(end.index, STEPS + 1)
+
+
+def test_a_run_from_another_carry_is_refused(tmp_path):
+    half = {"steps": STEPS // 2}
+    first = simulated(tmp_path / "first.npz", **half)
+    with pytest.raises(ValueError, match="first_step must be left out"):
+        simulated(tmp_path / "run.npz", start=first.carry, first_step=3, **half)
+    with pytest.raises(ValueError, match="start must be a Carry of the same method"):
+        simulated(tmp_path / "run.npz", method="RK4", start=first.carry, **half)
+    simulated(tmp_path / "run.zarr", start=first.carry, **half)
+    other = eqx.tree_at(lambda carry: carry.progress.force[0], first.carry, first.carry.progress.force[0] + 1)
+    with pytest.raises(ValueError, match=r"carry\.force"):
+        simulated(tmp_path / "run.zarr", start=other, resume=True, **half)
+
+
 @pytest.mark.sample(0)
 def test_a_small_run_fits_one_file(tmp_path, reference):
     result = simulated(tmp_path / "run.npz")
@@ -115,7 +152,7 @@ def crash_at(monkeypatch, instant, error):
 
 
 CREATED = 5  # writes that create the store: the time, two parameters, the names of components
-WRITES = 16 * 7  # in the 16 parts: two variables, two states, first_bad twice, and the commit
+WRITES = 16 * 7  # in the 16 parts: two variables, two arrays of carries, first_bad twice, and the commit
 
 
 @pytest.mark.sample(0)
@@ -199,7 +236,7 @@ DAMAGE = {
     [
         ("momentum/c/1/2/0", "momentum of span 2, group 1"),
         ("attitude/c/3/0/0", "attitude of span 0, group 3"),
-        ("checkpoint/carried_motion_momentum_0/c/1/2", "the states after span 3, group 2"),
+        ("checkpoint/carried_float64/c/1/2/0", "the states after span 3, group 2"),
         ("checkpoint/commit/c/1/0/0", "the commit of span 1, group 0"),
         ("time/c/0", "time"),
     ],

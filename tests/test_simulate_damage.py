@@ -137,7 +137,7 @@ def test_resuming_mends_descriptions_names_and_spare_states(stored, tmp_path):
     copy = tmp_path / "run.zarr"
     shutil.copytree(path, copy)
     named = [file for file in copy.rglob("zarr.json") if file.parent != copy]
-    broken = [*named, copy / "checkpoint/carried_motion_momentum_0/c/0/0", *copy.glob("quaternion/c/0")]
+    broken = [*named, copy / "checkpoint/carried_float64/c/0/0/0", *copy.glob("quaternion/c/0")]
     broken += [*copy.glob("axis/c/0"), *copy.glob("mean/c/0/0")]
     for file in broken:
         damage(file, "no file")

@@ -22,10 +22,10 @@ _HARMLESS = ("--xla_force_host_platform_device_count", "--xla_cpu_prefer_vector_
 UNSEEN = "code that is not in the program"
 
 
-def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str]:
+def identity(batch: Batch, observe: Observe | None, plan: Plan, given: Any = None) -> dict[str, str]:
     """Names and contents of all that determines the numbers of the run; long contents are represented by a hash.
 
-    The entry `UNSEEN`, if there is one, names what cannot be compared.
+    The entry `UNSEEN`, if there is one, names what cannot be compared. `given` is the progress from a `Carry`.
     """
     arguments = eqx.combine(batch.mapped, batch.shared)
     body, torque, start, dt, t0 = arguments
@@ -45,6 +45,7 @@ def identity(batch: Batch, observe: Observe | None, plan: Plan) -> dict[str, str
         **_contents("body.", body),
         **_contents("torque.", torque),
         **_contents("start.", start),
+        **_contents("carry.", given),
         "observe": "the states" if observe is None else f"{type(observe).__name__} {_hash(*_arrays(observe))}",
         "program (the code of method, torque and observe, and the numbers in it)": _hash(text=lowered),
         **({UNSEEN: ", ".join(hidden)} if hidden else {}),

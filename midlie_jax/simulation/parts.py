@@ -19,12 +19,13 @@ from ..drivers.legs import Leg, iteration, next_stop
 from ..drivers.observe import Observe, Statistic
 from ..drivers.observe.arguments import Values
 from ..drivers.observe.series import Series
+from ..drivers.stepper import Carry, check_carried
 from ..methods.base import Method
-from ..methods.verdict import at_start
+from ..methods.verdict import at_start, earlier
 from .names import named
 from .plan import Part, Plan
 from .sink import Arrays, Begun
-from .variables import CARRIED, SERIES, value_leaves
+from .variables import SERIES, packed, unpacked, value_leaves
 
 
 class Progress(NamedTuple):
@@ -61,7 +62,7 @@ class Progress(NamedTuple):
 
     def state(self) -> Arrays:
         """What is stored at the end of the part, from which the next part goes on."""
-        return named({CARRIED: self.carried}) | ({} if self.series is None else named({SERIES: self.series}))
+        return packed(self.carried) | ({} if self.series is None else named({SERIES: self.series}))
 
 
 class Computation(NamedTuple):
@@ -69,25 +70,30 @@ class Computation(NamedTuple):
 
     Attributes:
         batch, observe, plan, mesh: the run.
+        given: the progress of all bodies at the start, from a `Carry`, or None.
     """
 
     batch: Batch
     observe: Observe | None
     plan: Plan
     mesh: Mesh
+    given: Any = None
 
     def begin(self, group: int) -> Progress:
         """A group at the start of the run."""
         rows, (method, _, mapped, shared) = self.rows(group), self.batch
-        mapped = jax.tree.map(lambda x: x[rows], mapped)
-        carried = jax.tree.map(np.asarray, _begun(method, mapped, shared, jnp.int32(self.plan.begin), self.plan.chunk))
+        mapped, given = jax.tree.map(lambda x: x[rows], (mapped, self.given))
+        found = _begun(method, mapped, given, shared, jnp.int32(self.plan.begin), self.plan.chunk)
+        carried = jax.tree.map(np.asarray, found.progress)
         return Progress(carried, carried, np.full(len(rows), self.plan.saves, np.int32), series=self._series(group))
 
     def resume(self, group: int, state: Arrays, first_bad: np.ndarray) -> Progress:
         """A group at the end of a span, from what was stored there."""
         rows, series = self._rows_in(group), self._series(group)
-        carried = jax.tree.map(lambda x: x[rows], _filled(self.carried, CARRIED, state))
-        series = series if series is None else _filled(series, SERIES, state)
+        carried = jax.tree.map(lambda x: x[rows], unpacked(self.like.progress, state))
+        if series is not None:
+            names = named({SERIES: series})
+            series = jax.tree.unflatten(jax.tree.structure(series), [state[name] for name in names])
         return Progress(carried, carried, first_bad[rows], series=series)
 
     def resume_within(self, group: int, before: Progress, begun: Begun) -> Progress:
@@ -98,11 +104,20 @@ class Computation(NamedTuple):
         return before._replace(carried=carried, first_bad=begun.first_bad[rows], steps=begun.steps, seen=pieces)
 
     @property
-    def carried(self) -> Any:
-        """The progress of one body, with a leading axis, as a pytree of shapes and dtypes."""
+    def like(self) -> Carry:
+        """The carry of one body, with a leading axis, as a pytree of shapes and dtypes."""
         method, _, mapped, shared = self.batch
-        mapped = jax.tree.map(lambda x: x[:1], mapped)
-        return eqx.filter_eval_shape(_begun, method, mapped, shared, jax.ShapeDtypeStruct((), jnp.int32), 1)
+        mapped, given = jax.tree.map(lambda x: x[:1], (mapped, self.given))
+        return eqx.filter_eval_shape(_begun, method, mapped, given, shared, jax.ShapeDtypeStruct((), jnp.int32), 1)
+
+    def carry(self, groups: dict[int, Progress]) -> Carry | None:
+        """The carry of all bodies at the end of the run; None if other processes have some of them."""
+        plan = self.plan
+        if len(groups) < plan.groups:
+            return None
+        own = [jax.tree.map(lambda x, g=g: x[: plan.bodies_in(g)], groups[g].carried) for g in range(plan.groups)]
+        index = np.full(plan.bodies, plan.begin + (plan.saves - 1) * plan.save_every, np.int32)
+        return Carry(jnp.asarray(index), jax.tree.map(lambda *x: jnp.concatenate(x), *own), self.like.kind)
 
     def tables(self, span: int) -> Any:
         """The inputs that all bodies share in a span, computed once for all groups."""
@@ -217,17 +232,18 @@ def _compute(
 
 
 @tuned_jit
-def _begun(method: Method, mapped: Any, shared: Any, first: Array, chunk: int) -> Any:
-    """The progress of bodies at the start of the run."""
+def _begun(method: Method, mapped: Any, given: Any, shared: Any, first: Array, chunk: int) -> Carry:
+    """The carry of bodies at the start of the run."""
 
-    def begun(own: Any) -> Any:
-        body, torque, start, dt, t0 = eqx.combine(own, shared)
-        progress = method.begin(method.system(body, torque, start, t0, dt), start, time_of(t0, dt, first))
-        return progress._replace(verdict=at_start(body))
+    def begun(own: Any) -> Carry:
+        mapped, given = own
+        body, torque, start, dt, t0 = eqx.combine(mapped, shared)
+        system = method.system(body, torque, start, t0, dt)
+        if given is None:
+            progress, verdict = method.begin(system, start, time_of(t0, dt, first)), at_start(body)
+        else:
+            check_carried(given, system, method)
+            progress, verdict = given, earlier(given.verdict, at_start(body))
+        return Carry(first, progress._replace(verdict=verdict), system.kind)
 
-    return jax.lax.map(begun, mapped, batch_size=chunk)
-
-
-def _filled(tree: Any, name: str, arrays: Arrays) -> Any:
-    """A tree of this structure with the arrays that have been stored under a name."""
-    return jax.tree.unflatten(jax.tree.structure(tree), [arrays[own] for own in named({name: tree})])
+    return jax.lax.map(begun, (mapped, given), batch_size=chunk)

@@ -19,6 +19,7 @@ from ..drivers.chunks import chunk_size
 from ..drivers.ensemble import Batch, as_batch, check_spread, check_times_of_batch
 from ..drivers.observe import Observe, Statistic, as_observe
 from ..drivers.observe.series import Series
+from ..drivers.stepper import Carry, carried_on
 from ..methods.base import Method
 from ..model.bodies import Body
 from ..model.state import StateT
@@ -35,7 +36,7 @@ from .progress import reported
 from .resume import begun, repair_whole, resumed
 from .store import Store, create
 from .summary import Simulation, merged_statistic
-from .variables import bytes_of, carried_leaves, carried_variables, seen_leaves, seen_variables, value_leaves
+from .variables import bytes_of, carried_leaves, kept_variables, seen_leaves, seen_variables, value_leaves
 
 Repaired = tuple[str, ...]
 
@@ -45,7 +46,7 @@ def simulate(
     method: Method | str,
     body: Body,
     torque: TorqueLike | None,
-    start: StateT,
+    start: StateT | Carry,
     *,
     out: str | Path,
     dt: float | Array,
@@ -74,8 +75,9 @@ def simulate(
 
     Args:
         method, body, torque, start, dt, steps, t0, first_step, torque_axes, observe: as for `ensemble`; `start` has a
-            leading axis (n,). A run that begins with the last states of another one (`Simulation.states`) and with
-            `first_step` the number of steps of that run goes on with the same bits.
+            leading axis (n,). A run continues another one with the same bits from the carry of that run
+            (`Simulation.carry`); it agrees to rounding if it continues from the last states of that run
+            (`Simulation.states`), with `first_step` the number of steps of that run.
         out: a folder whose name ends in .zarr, for a Zarr store (needs the extra `io`); or a file whose name ends in
             .npz, for a small run that is kept in memory, written at its end, and cannot be resumed.
         save_every: save a state, or what is observed, every `save_every` steps, and at the start. `None` saves the
@@ -118,13 +120,14 @@ def simulate(
     require_numbers("simulate", body, torque, start, dt, t0, first_step, observe)
     steps = as_count("steps", steps)
     save_every = as_saving(save_every, steps) or steps
-    begin = int(as_first_step(first_step, steps))
+    state, first, given = carried_on(start, first_step)
+    begin = int(as_first_step(first, steps))
     cut = {"group": group, "span": span, "chunk": chunk}
     cut = {name: as_count(name, size) for name, size in cut.items() if size is not None}
     if cut.get("span", 2) < 2:
         raise ValueError("span must be at least 2 saved states, got 1.")
     path = _checked_path(out, resume)
-    batch, observe = as_batch(method, body, torque, start, dt, t0, torque_axes), as_observe(observe)
+    batch, observe = as_batch(method, body, torque, state, dt, t0, torque_axes), as_observe(observe)
     check_times_of_batch(batch, begin, steps)
     check_spread(batch, observe, mesh)
     if isinstance(observe, Statistic):
@@ -136,14 +139,14 @@ def simulate(
         cut = {"group": before.group, "span": before.span, "chunk": before.chunk, **cut}
     plan = _plan(batch, observe, seen, 1 + steps // save_every, save_every, **cut)._replace(begin=begin)
     own = checked_attributes(attributes, taken_names(batch, observe, seen, plan) if attributes else ())
-    computation = Computation(batch, observe, plan, _local(mesh))
+    computation = Computation(batch, observe, plan, _local(mesh), given)
     described_by = {**attributes_of(batch, plan), **own}
     if path.suffix == ".npz":
-        first_bad, computed, repaired = _in_memory(computation, path, seen, progress, described_by)
+        first_bad, computed, repaired, carry = _in_memory(computation, path, seen, progress, described_by)
     else:
-        first_bad, computed, repaired = _in_store(computation, path, existing, seen, progress, described_by)
+        first_bad, computed, repaired, carry = _in_store(computation, path, existing, seen, progress, described_by)
     seconds = time.perf_counter() - began
-    return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, seconds, repaired)
+    return Simulation(path, batch.bodies, steps, plan.saves, first_bad, computed, seconds, repaired, carry)
 
 
 def _local(mesh: Mesh | None) -> Mesh:
@@ -194,26 +197,30 @@ def _plan(
 
 def _in_memory(
     computation: Computation, path: Path, seen: Any, progress: Any, attributes: dict[str, Any]
-) -> tuple[np.ndarray, int, Repaired]:
-    """Computes all parts and writes the file; returns `first_bad`, the body-steps computed, and what was repaired."""
+) -> tuple[np.ndarray, int, Repaired, Carry | None]:
+    """Computes all parts and writes the file.
+
+    Returns:
+        `first_bad`, the body-steps computed, what was repaired, and the carry at the end.
+    """
     batch, observe, plan, *_ = computation
     sink, parts = Memory(plan, seen_variables(seen, observe, plan)), list(plan.parts(range(plan.groups)))
-    total = plan.work(parts)
+    total, groups = plan.work(parts), begun(computation, range(plan.groups)).groups
     with reported(progress, total, 0) as written:
-        compute_and_write(computation, parts, begun(computation, range(plan.groups)).groups, sink, written)
+        compute_and_write(computation, parts, groups, sink, written)
     whole = whole_variables(batch, plan)
     if isinstance(observe, Statistic):
         whole |= merged_statistic(observe, seen, sink, computation.interval)
     sink.save(path, {name: values for name, (_, values) in whole.items()}, attributes)
-    return sink.first_bad(), total, ()
+    return sink.first_bad(), total, (), computation.carry(groups)
 
 
 def _in_store(
     computation: Computation, path: Path, existing: Store | None, seen: Any, progress: Any, attributes: dict[str, Any]
-) -> tuple[np.ndarray, int, Repaired]:
+) -> tuple[np.ndarray, int, Repaired, Carry | None]:
     """`_in_memory` for a store: this process computes its share of the missing parts."""
     batch, observe, plan, *_ = computation
-    now, first = identity(batch, observe, plan), jax.process_index() == 0
+    now, first = identity(batch, observe, plan, computation.given), jax.process_index() == 0
 
     def check_or_create() -> None:
         if existing is not None:
@@ -231,8 +238,8 @@ def _in_store(
                 )
         elif first:
             variables, whole = seen_variables(seen, observe, plan), whole_variables(batch, plan)
-            carried = carried_variables(computation.carried, batch, observe)
-            create(path, plan, now, variables, carried, whole, attributes)
+            kept = kept_variables(computation.like.progress, batch, observe)
+            create(path, plan, now, variables, kept, whole, attributes)
 
     processes.all_succeed(check_or_create)
     store = processes.all_succeed(lambda: existing or Store(path))
@@ -250,4 +257,4 @@ def _in_store(
             repaired += tuple(name for name in store.damaged_whole() if name in merged)
             store.add(merged)
         processes.wait(str(path))
-        return store.first_bad(), missing, repaired
+        return store.first_bad(), missing, repaired, computation.carry(found.groups)

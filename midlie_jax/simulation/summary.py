@@ -37,6 +37,8 @@ class Simulation(NamedTuple, TypedBy[States]):
         seconds: how long this call took, compiling included.
         repaired: what was damaged in the file and has been computed or written again; damaged spare states are only
             given up.
+        carry: the `midlie_jax.Carry` of all bodies at the end, from which every driver continues with the same bits;
+            None where other processes have some of the bodies.
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
@@ -57,6 +59,7 @@ class Simulation(NamedTuple, TypedBy[States]):
     computed: int
     seconds: float
     repaired: tuple[str, ...]
+    carry: Any = None
 
     @property
     def ok(self) -> np.ndarray:

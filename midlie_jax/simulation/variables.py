@@ -82,21 +82,44 @@ def seen_variables(seen: Any, observe: Observe | None, plan: Plan) -> dict[str, 
     return found
 
 
-def carried_variables(carried: Any, batch: Batch, observe: Observe | None) -> dict[str, Variable]:
+def kept_variables(carried: Any, batch: Batch, observe: Observe | None) -> dict[str, Variable]:
     """The variables of a checkpoint: the progress of all bodies, and what their statistic carries.
 
     Args:
-        carried: the progress of some bodies.
+        carried: the progress of some bodies, as a pytree of shapes and dtypes.
     """
-    arrays = named(
-        {CARRIED: jax.tree.map(lambda x: jax.ShapeDtypeStruct((batch.bodies, *x.shape[1:]), x.dtype), carried)}
-    )
+    arrays = eqx.filter_eval_shape(packed, carried)
     if isinstance(observe, Series):
         arrays |= named({SERIES: carried_leaves(batch, observe, batch.bodies)})
     return {
-        name: Variable((BODY, *own_dims(name, leaf.shape[1:])), leaf.shape, np.dtype(leaf.dtype), {})
+        name: Variable(
+            (BODY, *own_dims(name, leaf.shape[1:])), (batch.bodies, *leaf.shape[1:]), np.dtype(leaf.dtype), {}
+        )
         for name, leaf in arrays.items()
     }
+
+
+def packed(carried: Any) -> dict[str, Any]:
+    """The arrays (bodies, ...) of a progress as one array (bodies, numbers) for each dtype, by name."""
+    leaves = jax.tree.leaves(carried)
+    numpy = np if all(isinstance(x, np.ndarray) for x in leaves) else jnp
+    return {
+        f"{CARRIED}_{dtype}": numpy.concatenate([x.reshape(len(x), -1) for x in leaves if x.dtype == dtype], axis=1)
+        for dtype in sorted({x.dtype for x in leaves}, key=str)
+    }
+
+
+def unpacked(like: Any, arrays: dict[str, np.ndarray]) -> Any:
+    """The progress from its arrays as `packed` makes them; `like` has its structure, shapes and dtypes."""
+    leaves, structure = jax.tree.flatten(like)
+    begin = dict.fromkeys(arrays, 0)
+    found: list[np.ndarray] = []
+    for leaf in leaves:
+        name, size = f"{CARRIED}_{leaf.dtype}", int(np.prod(leaf.shape[1:]))
+        values = arrays[name][:, begin[name] : begin[name] + size]
+        found.append(np.ascontiguousarray(values).reshape(len(values), *leaf.shape[1:]))
+        begin[name] += size
+    return jax.tree.unflatten(structure, found)
 
 
 def own_dims(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
