@@ -1,7 +1,8 @@
 """`Program`: a method on a batch of bodies, compiled once for any step and any number of steps.
 
 `recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
-`integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative.
+`integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative. Later
+programs of the same method, torque function and shapes reuse what was compiled.
 `tests/test_work_precision.py` checks that its results equal those of `integrate`.
 """
 
@@ -13,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .._xla.compiler import compiler_options
+from .._xla.compiler import tuned_jit
 from ..drivers import shared_inputs
 from ..drivers.stepper import OneStep
 from ..methods.base import Method, Progress
@@ -42,7 +43,7 @@ class Program:
         unroll: int | None = None,
         t0: float | Array = 0.0,
     ):
-        """Compiles the program.
+        """Compiles the program, unless it was compiled before.
 
         Args:
             method, body, torque: as for `integrate`, but not checked.
@@ -54,28 +55,29 @@ class Program:
         """
         self.method = method.fitted(body)
         self.unroll = self.method.unroll if unroll is None else unroll
-        self._starts, self._dtype = starts, starts.momentum.dtype
+        self._dtype = starts.momentum.dtype
         count = len(starts.momentum)
         size = chunk if chunk and count % chunk == 0 else count
 
-        start_time = jnp.asarray(t0, self._dtype)
-        run = partial(_run, self.method, body, torque, size, self.unroll, start_time)
-        lowered = jax.jit(run).lower(starts, *self._arguments(0.0, 0))
-        self._compiled = lowered.compile(compiler_options=compiler_options(size))
+        self._given = self.method, body, torque, size, self.unroll, jnp.asarray(t0, self._dtype), starts
         self.run(0.0, 0)  # the first call takes longer than the others and must not be timed
 
     def run(self, dt: float, steps: int) -> tuple[Any, Array]:
         """The states at the end, and `ok` for each body; waits until both are computed."""
-        return jax.block_until_ready(self._compiled(self._starts, *self._arguments(dt, steps)))
+        iterations = jnp.asarray(steps // self.unroll, jnp.int32)
+        return jax.block_until_ready(_run(*self._given, jnp.asarray(dt, self._dtype), iterations))
 
     def whole(self, steps: int) -> int:
         """The least positive multiple of `unroll` that is at least `steps`."""
         return self.unroll * max(1, math.ceil(steps / self.unroll))
 
-    def _arguments(self, dt: float, steps: int) -> tuple[Array, Array]:
-        return jnp.asarray(dt, self._dtype), jnp.asarray(steps // self.unroll, jnp.int32)
+
+def _moved_at_once(method: Method, body: Any, torque: Any, size: int, *others: Any) -> int:
+    del method, body, torque, others
+    return size
 
 
+@partial(tuned_jit, bodies=_moved_at_once)
 def _run(
     method: Method,
     body: Body,
