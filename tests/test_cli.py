@@ -3,6 +3,7 @@
 import contextlib
 import io
 import math
+import os
 import re
 import struct
 import subprocess
@@ -304,3 +305,20 @@ def test_extrapolated_reference_is_as_good_as_it_says(monkeypatch):
     np.testing.assert_allclose(found.attitude, exact.attitude, atol=2 * found.uncertainty)
     scale = float(np.linalg.norm(exact.momentum))
     np.testing.assert_allclose(found.momentum, exact.momentum, atol=2 * found.uncertainty * scale)
+
+
+@pytest.mark.sample(0)
+def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
+    """In the folder that JAX is told; the second process loads them."""
+
+    def run(**more: str) -> tuple[int, str]:
+        env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "JAX_LOG_COMPILES": "1", **more}
+        command = [sys.executable, "-m", "midlie_jax", "run", "P1", "--steps", "7", "--out", str(tmp_path / "run.npz")]
+        found = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+        return len(list(tmp_path.glob("cache/midlie_jax/*/*-cache"))), found.stderr
+
+    none, _ = run(JAX_ENABLE_COMPILATION_CACHE="0")
+    kept, _ = run()
+    _, log = run()
+    assert none == 0 < kept
+    assert "Persistent compilation cache hit" in log

@@ -50,7 +50,7 @@ def test_the_wheel_is_the_package_alone(wheel):
     assert set(files) == ours | {"midlie_jax/py.typed"} | information
     assert "midlie_jax/__init__.pyi" in ours
     assert all(files[name] == (ROOT / name).read_bytes() for name in ours)
-    assert b"midlie = midlie_jax.cli.main:main" in files[f"{INFO}entry_points.txt"]
+    assert b"midlie = midlie_jax.cli.main:command" in files[f"{INFO}entry_points.txt"]
     assert wheel.stat().st_size < 1e6
 
 

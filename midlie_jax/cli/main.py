@@ -5,10 +5,31 @@ Every mistake of the user gives one line on stderr and exit code 2; only bugs gi
 # PYTHON_ARGCOMPLETE_OK
 
 import os
+import platform
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
 
 from .parser import read
+
+_CACHE_BYTES = 2**28
+
+
+def command() -> int:
+    """Runs the command in a process of its own, and keeps the compiled programs for the next one.
+
+    They are in the user's cache folder, for each machine apart, in at most 256 MB. The environment variables of JAX
+    change this: JAX_COMPILATION_CACHE_DIR names another folder, JAX_ENABLE_COMPILATION_CACHE=0 keeps nothing.
+    """
+    if find_spec("platformdirs") and find_spec("filelock"):
+        from platformdirs import user_cache_dir
+
+        folder = Path(user_cache_dir("midlie_jax", appauthor=False), platform.node() or "here")
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+        os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(_CACHE_BYTES))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+    return main()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -112,9 +112,8 @@ def integrate(
         t0: time of step 0, (). The size of dt must be at least 4 units in the last place of t0, or times would not
             move: in float32 count time from the start, or use float64.
         first_step: the index of the first step. The time after n steps is t0 + (first_step + n) dt, computed from the
-            integer index. So a run continued from a saved state, with the index of that state as `first_step`, equals
-            the uninterrupted run, with the same random numbers. It mostly has the same bits; where the compiler rounds
-            a sum of products once in one program and twice in the other, the last digits differ.
+            integer index. So a run continued from a saved state, with the index of that state as `first_step`, has the
+            same random numbers as the uninterrupted run and agrees with it to rounding; from a `Carry`, to the bit.
         adjoint: how a derivative of the run is computed. By default `Checkpointed()`: reverse mode keeps one state for
             each step, or in a long run one for about a hundred steps, and recomputes the rest. `Reversible()`: reverse
             mode takes the steps backwards, in memory that does not grow with the number of steps. `Forward()`: only
