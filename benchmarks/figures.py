@@ -3,8 +3,9 @@
     python benchmarks/figures.py [NAME ...]      all pictures, or those named, as in work-precision-P1; all take hours
     python benchmarks/figures.py --list          only says which command draws which picture
 
-A picture's command is that of the line "Drawn by `COMMAND`." below it; or else the one on its page that names the file,
-as in `midlie stability P1 --out stability-P1.png`; or else the script on its page that names the file in its source.
+A picture's command is in the comment "<!-- drawn by: `COMMAND` -->", or the line "Drawn by `COMMAND`.", below it. Or else
+it is the one on its page that names the file, as in `midlie stability P1 --out stability-P1.png`. Or else it is the script
+on its page that names the file in its source.
 Nothing is listed here, so that pages and pictures cannot differ.
 `make gpu` draws its picture on a GPU only, and is not among them until its picture is on a page.
 """
@@ -20,7 +21,7 @@ from pathlib import Path
 from pages import DOCS
 
 ROOT = DOCS.parent
-PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+Drawn by `([^`]+)`\.)?")
+PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+(?:<!-- drawn by: |Drawn by )`([^`]+)`)?")
 SPAN = re.compile(r"`([^`\n]+)`")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHELLS = ("", "sh", "bash", "console")

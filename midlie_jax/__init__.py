@@ -1,4 +1,4 @@
-"""midlie_jax integrates the rotation of many rigid bodies at once, by explicit midpoint Lie methods, on JAX.
+"""Fast, structure-preserving simulation of rotating rigid bodies, in JAX.
 
 The public names are listed in `__init__.pyi`, each with the file that it is from; everything else is internal. A name
 is imported when it is first used, so that `midlie --help` does not wait for JAX, nor a run for diffrax.
