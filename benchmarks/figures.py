@@ -3,9 +3,9 @@
     python benchmarks/figures.py [NAME ...]      all pictures, or those named, as in work-precision-P1; all take hours
     python benchmarks/figures.py --list          only says which command draws which picture
 
-A picture's command is in the comment "<!-- drawn by: `COMMAND` -->", or the line "Drawn by `COMMAND`.", below it. Or else
-it is the one on its page that names the file, as in `midlie stability P1 --out stability-P1.png`. Or else it is the script
-on its page that names the file in its source.
+The command of a picture stands below it: in a comment `<!-- drawn by: `COMMAND` -->`, or in a line "Drawn by `COMMAND`."
+Otherwise it is the command on its page that names the file, as in `midlie stability P1 --out stability-P1.png`.
+Otherwise it is the script on its page that names the file in its source.
 Nothing is listed here, so that pages and pictures cannot differ.
 `make gpu` draws its picture on a GPU only, and is not among them until its picture is on a page.
 """
@@ -21,7 +21,7 @@ from pathlib import Path
 from pages import DOCS
 
 ROOT = DOCS.parent
-PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+(?:<!-- drawn by: |Drawn by )`([^`]+)`)?")
+PICTURE = re.compile(r"!\[[^\]]*\]\(([\w/.-]+\.(?:png|gif))\)(?:\s+(?:<!-- d|D)rawn by:? `([^`]+)`)?")
 SPAN = re.compile(r"`([^`\n]+)`")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHELLS = ("", "sh", "bash", "console")
