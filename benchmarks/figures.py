@@ -3,7 +3,7 @@
     python benchmarks/figures.py [NAME ...]      all pictures, or those named, as in work-precision-P1; all take hours
     python benchmarks/figures.py --list          only says which command draws which picture
 
-The command of a picture stands below it: in a comment `<!-- drawn by: `COMMAND` -->`, or in a line "Drawn by `COMMAND`."
+The command of a picture stands below it, in a comment `<!-- drawn by: `COMMAND` -->` or a line "Drawn by `COMMAND`."
 Otherwise it is the command on its page that names the file, as in `midlie stability P1 --out stability-P1.png`.
 Otherwise it is the script on its page that names the file in its source.
 Nothing is listed here, so that pages and pictures cannot differ.
