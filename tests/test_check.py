@@ -183,6 +183,17 @@ def test_jumps_of_a_torque_in_time_are_found(case):
         assert found.jump_error == pytest.approx(2.5, rel=0.5)
 
 
+def test_a_torque_of_rounding_errors_does_not_jump():
+    """The gravity gradient on a symmetric body whose axis is normal to the plane of its orbit."""
+    orbit = ml.orbits.CircularOrbit([7e6, 0.0, 0.0], [0.0, 1.0, 0.0], 3.986e14)
+    start = ml.RigidState([0.0, 0.01, 8.0], [1.0, 0.0, 0.0, 0.0])
+    found = ml.check(
+        EA, ml.RigidBody([80.0, 80.0, 120.0]), ml.torques.GravityGradient(None, orbit, 3.986e14), start, dt=2.0
+    )
+    assert found.jump_error == 0
+    assert found.sane
+
+
 @pytest.mark.sample(0)
 def test_the_verdict_is_not_about_accuracy_and_the_error_is_said():
     """The error of a top that nutates: mostly that of a phase, found by the order and half the step."""

@@ -31,7 +31,8 @@ def jump_error(batch: Batch, dt: float, steps: int) -> float:
     """By how much jumps of the torque in time can make its impulse wrong, relative to the impulse; of the worst body.
 
     The torque on the states at the start is looked at in up to `steps` steps. `Held` and `Pulses` are exact in each
-    step, and so do not count as jumps. Zero if the torque does not depend on time.
+    step, and so do not count as jumps. Zero if the torque does not depend on time, or if the impulse is wrong by less
+    than each step rounds the momentum: then the torque is zero but for rounding errors, which jump.
     """
     body, torque, start, _, t0 = eqx.combine(jax.tree.map(lambda x: x[0], batch.mapped), batch.shared)
     if torque is None or not traits(lambda t: on_body(torque, body)(t, start), t0).reads[0]:
@@ -53,8 +54,13 @@ def jump_error(batch: Batch, dt: float, steps: int) -> float:
     found = look(places)
     own = values(places, numbers) if is_by_step(torque) else found
     impulse = np.linalg.norm(own[..., :-1, :, :], axis=-1).mean(axis=2).sum(axis=1)
-    wrong = [_wrong(lambda x, i=i: look(x)[..., i, :], places, found[..., i, :]) for i in range(found.shape[-2])]
-    return float(np.max(np.stack(wrong, axis=-1) / np.where(impulse > 0, impulse, 1)))
+    vectors = range(found.shape[-2])
+    wrong = np.stack([_wrong(lambda x, i=i: look(x)[..., i, :], places, found[..., i, :]) for i in vectors], axis=-1)
+    start = batch.mapped[2]
+    momenta = [start.momentum, *([start.linear] if len(vectors) > 1 else [])]
+    size = np.stack([np.linalg.norm(np.reshape(x, (batch.bodies, -1)), axis=-1) for x in momenta], axis=-1)
+    rounded = len(numbers) * np.finfo(t0.dtype).eps * size / abs(dt)
+    return float(np.max(np.where(wrong > rounded, wrong / np.where(impulse > 0, impulse, 1), 0)))
 
 
 def _wrong(look: Callable[[np.ndarray], np.ndarray], places: np.ndarray, found: np.ndarray) -> np.ndarray:
