@@ -2,7 +2,7 @@
 
     python benchmarks/observed.py [--write]
 
-`--write` puts the table into docs/api-observe.md.
+`--write` puts the table into docs/api.md.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ from midlie_jax.advice.timing import pin, timed_in_turn  # noqa: E402
 
 BEGIN, END = "<!-- observed -->", "<!-- /observed -->"
 BODIES, STEPS, TURNS = 10_000, 100, 11
-HEADS = ("at each step", "time a body-step, ns", "more than the motion alone, ns")
+HEADS = ("at each step", "ns per body-step", "more than the motion alone, ns")
 
 
 def component(t: Any, state: Any) -> Any:
@@ -58,4 +58,4 @@ def run(body: Any, start: Any, options: dict[str, Any]) -> Any:
 
 if __name__ == "__main__":
     pin()
-    command(__doc__, "api-observe.md", BEGIN, END, HEADS, rows())
+    command(__doc__, "api.md", BEGIN, END, HEADS, rows())
