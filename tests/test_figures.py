@@ -47,6 +47,12 @@ def test_a_command_is_found_in_a_block_and_between_backticks():
     assert with_pages.commands_in(page) == ["midlie chart P1 --out a.png", "midlie scenes"]
 
 
+@pytest.mark.parametrize("below", ["<!-- drawn by: `python a.py b` -->", "Drawn by `python a.py b`.", "Text."])
+def test_a_command_is_found_in_a_comment_or_a_line_below_its_picture(below):
+    command = "" if below == "Text." else "python a.py b"
+    assert with_pages.PICTURE.findall(f"![A top](top.gif)\n{below}\n") == [("top.gif", command)]
+
+
 def test_the_fastest_methods_are_those_of_the_measured_page():
     """`python benchmarks/choosing.py --write` after a change of docs/reports/work-precision.md."""
     text = (DOCS / "choosing-a-method.md").read_text()
