@@ -2,11 +2,13 @@
 
     python benchmarks/times_faster.py
 
-Draws the tables of docs/reports/work-precision.md. `make rivals` measures them, and draws this picture at its end.
+Draws docs/reports/tables/work-precision.csv. `make rivals` measures them, and draws this picture at its end.
 Above the line at 1 the fastest of our methods takes less time than the other program.
 """
 
-from pages import DOCS, tables
+import re
+
+from pages import DOCS, by_scene
 
 from midlie_jax.cli.figures import FAINT, INK, heading, new_figure, panel, write
 from midlie_jax.cli.line_labels import End, label_ends
@@ -32,7 +34,7 @@ NOTE = (
 
 def measured() -> dict[str, dict[str, list[tuple[float, float]]]]:
     """For each program and scene the errors and our times over theirs."""
-    scenes = tables("reports/work-precision.md", "error")
+    scenes = by_scene("work-precision")
     return {
         name: {
             scene: [(float(row["error"]), float(row[column])) for row in rows if row[column] != "-"]
@@ -40,6 +42,14 @@ def measured() -> dict[str, dict[str, list[tuple[float, float]]]]:
         }
         for name, column in COLUMNS.items()
     }
+
+
+def inverse(ratios: str) -> str:
+    """How many times faster, to two digits, from ratios of times such as "0.032 to 0.12"; words stay as they are."""
+    known, *rest = ratios.partition(" (")
+    found = [float(f"{1 / float(number):.2g}") for number in re.findall(r"\d[\d.]*(?:e[+-]\d+)?", known)]
+    words = [f"{times:.0f}" if times >= 10 else f"{times:g}" for times in reversed(found)]
+    return " to ".join(words) + "".join(rest) if words else ratios
 
 
 def main() -> None:

@@ -1,10 +1,10 @@
-"""Error against time, for our methods and for other programs, on one core: the charts and tables under docs/reports/.
+"""Error against time, for midlie_jax and for other programs, on one core: the charts and tables under docs/reports/.
 
     python benchmarks/work_precision.py [--scene NAME ...] [--quick] [--out FOLDER]
 
 The process pins itself to one core before XLA counts the cores. It writes FOLDER/work-precision-SCENE.png for each
-scene and FOLDER/work-precision.md, of which it replaces only the parts of the scenes named.
-`--quick` times fewer runs, and by default writes into a temporary folder.
+scene, the page FOLDER/work-precision.md, and its data, FOLDER/tables/work-precision*.csv. It replaces only the parts of
+the scenes named. `--quick` times fewer runs, and by default writes into a temporary folder.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import platform
 import re
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -23,9 +23,9 @@ from laboratory import frontier, rivals, work_precision
 from laboratory.families import FAMILIES
 from laboratory.frontier_chart import work_precision_chart
 from laboratory.rivals import spinning_top
-from pages import put, shown
+from pages import link, put, save, saved, shown
 
-from midlie_jax.advice.timing import cost_clock, pin
+from midlie_jax.advice.timing import cost_clock, pin, spread_in_words
 
 jax.config.update("jax_enable_x64", True)
 pin()
@@ -34,38 +34,58 @@ ROOT = Path(__file__).resolve().parent.parent
 REPORTS = ROOT / "docs" / "reports"
 BEGIN, END = "<!-- ratios -->", "<!-- /ratios -->"
 SPIN_BEGIN, SPIN_END = "<!-- spin -->", "<!-- /spin -->"
-SPIN = "A spinning frame is expensive for the series of heyoka:"
+SPIN = "A spinning frame is expensive for the Taylor series of heyoka."
 PROGRAMS = ("jax", "diffrax", "heyoka", "scipy", "mujoco")
-HEAD = """# Error against time
+DATA = ("work-precision", "work-precision-heyoka", "work-precision-ratios")
+ERRORS = ("1e-03", "1e-06", "1e-09", "1e-12")  # in the tables of the page; the data file has every decade
+HEAD = """# Error against run time
 
-Written by `make rivals`. One core, float64, {bodies} bodies with slightly different starts. Times are processor times
-per body, medians of several runs, without compiling; on one core that is wall time without the time that other
-processes take. ± is half the distance between the quartiles of the runs. Errors are those at the end, root mean square
-over the first {judged} bodies; each section says of what.
+This page compares the run times of midlie_jax, heyoka, diffrax, SciPy and MuJoCo at equal error, for seven scenes.
+The fastest method of midlie_jax is faster than heyoka and diffrax in every scene and at every error from 1e-3 to
+1e-12. Symplectic methods are slower than heyoka for `asymmetric-top` and `orbit` at small errors.
 
-In the charts, the lower and the further left a line is, the better. The three bold lines of the left panel belong to
-our families of methods (see below): each shows, at every error, the time of the fastest method of the family. They are
-drawn on top of each other, from the widest (general) to the narrowest (symplectic), so where a line has three stripes
-the fastest of all our methods is symplectic. Hollow marks are other programs. The right panel shows our methods one by
-one, each in the colour of its family, against the number of torque evaluations.
+`make rivals` measures and writes this page. The times use one core, float64 and {bodies} bodies with slightly
+different initial states. A time is processor time per body, the median of several runs, without compilation. The
+errors are root mean squares over the first {judged} bodies at the end of the run. Versions: {versions};
+{machine}.
 
-In the tables, "general" is the fastest of all our methods, "conserving" the fastest of those that are reversible, keep
-the energy to rounding or are symplectic, and "symplectic" the fastest of the symplectic ones. "same" stands for the
-method in the column of the family before. A ratio below 1 means that our method is faster; "-" means that one of the
-two does not reach the error. Costs between two points of a method are interpolated in logarithms; for errors larger
-than that of a method's coarsest run, the cost is that of the coarsest run. "free_motion" is the closed form of a body
-under no torque (`ml.free_motion`): it takes no steps, is exact to rounding, and so belongs to all three families. The
-row "in steps" has the ratios without it.
+## Times faster at equal error
 
-heyoka: `taylor_adaptive_batch`, at each tolerance the fastest of several widths of the batch and options, without the
-time of the Python loop over batches. diffrax: the better of a constant step and a PID controller, compiled with the
-options of our own programs. Every program is given as many numbers as we have: seven for a rigid body, thirteen for one
-that travels (`orbit`), six for an axis (`axis`). SciPy, MuJoCo: a few bodies, one after another; MuJoCo does not run
-the satellite and the orbit, whose torques would need a callback in Python, nor the axis. NO_SQUISH is another name of
-DLM (`tests/test_work_precision.py`).
+Each entry is the range over the errors from 1e-3 to 1e-12. A value below 1 means that midlie_jax is slower.
 
-{versions}; {machine}.
+{summary}
+
+- **General**: the fastest of all methods of midlie_jax.
+- **Conserving**: the fastest method that is reversible or symplectic, or that conserves energy to machine precision.
+- **Symplectic**: the fastest symplectic method.
+- **In steps**: without `ml.free_motion`, the closed form for a torque-free body, which belongs to all three families.
+
+{link}
+
+The charts use the same families. A bold line gives, for each error, the time of the fastest method of one family.
+Hollow marks are other programs. The right panel has the number of torque evaluations.
+
+## Conditions and limits
+
+- Times between two runs of a method are interpolated in logarithms. An error larger than the largest measured error
+  gets the time of the coarsest run.
+- heyoka uses `taylor_adaptive_batch`, the fastest of several batch widths and options, without the time of the Python
+  loop over batches. heyoka's errors for each tolerance are in
+  [work-precision-heyoka.csv](tables/work-precision-heyoka.csv).
+- diffrax uses the better of a constant step and a PID controller, with the compiler options of midlie_jax.
+- SciPy and MuJoCo integrate a few bodies, one after another. MuJoCo runs neither the satellite, the orbit nor the
+  axis.
+- Every program integrates as many numbers as midlie_jax: seven for a rigid body, thirteen in `orbit`, six in `axis`.
+- The method NO_SQUISH is identical to DLM (`tests/test_work_precision.py`).
+- These results hold for batches. For one body, heyoka is about 8 times faster ([comparison with
+  heyoka](../coming-from/heyoka.md)).
 """
+CURVE = ("tolerance", "fastest variant", "error", "µs per body")
+RATIOS = (*(f"{family} / heyoka" for family in FAMILIES), "general / diffrax")
+HEADS = (
+    *("error", "fastest method: µs per body", "times faster than heyoka", "than diffrax"),
+    *("fastest symplectic method: µs per body", "times faster than heyoka"),
+)
 
 
 def main() -> None:
@@ -79,51 +99,100 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     page = out / "work-precision.md"
-    parts = parts_of(page.read_text()) if page.exists() else {}
+    texts = texts_of(page.read_text()) if page.exists() else {}
     for name in options.scene:
-        parts[name] = scene_report(name, out, options.quick)
+        texts[name] = scene_report(name, out, options.quick)
         print(f"[{time.perf_counter() - began:.0f} s]", flush=True)
-    page.write_text(whole_page([parts[name] for name in work_precision.SCENES if name in parts]))
+    page.write_text(whole_page(texts, out / "tables"))
     if out == REPORTS:
-        into_page(page.read_text())
+        into_pages()
         times_faster.main()
     print(f"wrote {out}")
 
 
-def whole_page(parts: list[tuple[str, str]]) -> str:
-    """The page of all scenes, from the section and the summary of each."""
-    versions = ", ".join(f"{p} {version(p)}" for p in PROGRAMS)
-    machine = f"{platform.machine()}, {platform.system()}"
-    head = HEAD.format(bodies=work_precision.BODIES, judged=work_precision.JUDGED, versions=versions, machine=machine)
-    heads = ["scene", *(f"{family} / heyoka" for family in FAMILIES), "general / diffrax"]
-    summary = [_row(heads), _row("---" for _ in heads), *(row for _, row in parts), ""]
-    return "\n".join([head, *summary, *(section for section, _ in parts)])
+def whole_page(texts: Mapping[str, str], folder: Path) -> str:
+    """The page of all scenes, from what is said about each scene and from the data files in the folder."""
+    heads = ["scene", *(f"{family}: than heyoka" for family in FAMILIES), "general: than diffrax"]
+    faster = [[name, *map(times_faster.inverse, ratios)] for name, *ratios in map(dict.values, saved(DATA[2], folder))]
+    head = HEAD.format(
+        bodies=work_precision.BODIES,
+        judged=work_precision.JUDGED,
+        versions=", ".join(f"{p} {version(p)}" for p in PROGRAMS),
+        machine=f"{platform.machine()}, {platform.system()}",
+        summary="\n".join(_table(heads, faster)),
+        link=link(DATA[0], DATA[2]),
+    )
+    rows = saved(DATA[0], folder)
+    sections = [
+        text + "\n" + "\n".join(key_rows([row for row in rows if row["scene"] == name])) + "\n"
+        for name, text in sorted(texts.items(), key=lambda one: work_precision.SCENES.index(one[0]))
+    ]
+    return "\n".join([head, *sections])
 
 
-def parts_of(page: str) -> dict[str, tuple[str, str]]:
-    """The section and the summary of each scene on a page."""
-    head, *sections = re.split(r"^(?=## )", page, flags=re.MULTILINE)
-    found: dict[str, tuple[str, str]] = {}
-    for section in sections:
+def key_rows(rows: Sequence[Mapping[str, str]]) -> list[str]:
+    """The table of a scene on the page: times and how many times faster, at `ERRORS`."""
+    families = [f"{family}: µs per body" for family in FAMILIES]
+
+    def method(row: Mapping[str, str], place: int) -> str:
+        while row[families[place]] == "same":
+            place -= 1
+        return row[families[place]]
+
+    return _table(
+        HEADS,
+        [
+            [
+                *(row["error"], method(row, 0), times_faster.inverse(row["general / heyoka"])),
+                *(times_faster.inverse(row["general / diffrax"]), method(row, 2)),
+                times_faster.inverse(row["symplectic / heyoka"]),
+            ]
+            for row in rows
+            if row["error"] in ERRORS
+        ],
+    )
+
+
+def texts_of(page: str) -> dict[str, str]:
+    """What a page says about each scene, without the table, by the name of the scene."""
+    found: dict[str, str] = {}
+    for section in re.split(r"^(?=## )", page, flags=re.MULTILINE):
         name = section.removeprefix("## ").partition(":")[0]
-        rows = [line for line in head.split("\n") if line.startswith((f"| {name} |", f"| {name}, in steps |"))]
-        found[name] = section.rstrip("\n") + "\n", "\n".join(rows)
+        if name in work_precision.SCENES:
+            found[name] = section.partition("\n| ")[0]
     return found
 
 
-def into_page(text: str) -> None:
-    """Copies the ratios of all scenes to docs/how-it-compares.md, the fastest methods to docs/choosing-a-method.md."""
-    lines = text.split("\n")
-    first = next(i for i, line in enumerate(lines) if line.startswith("|"))
-    last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))
-    put("how-it-compares.md", BEGIN, END, lines[first:last])
+def ratio_lines() -> list[str]:
+    """The table of docs/how-it-compares.md: ratios of times, of all scenes."""
+    rows = saved(DATA[2])
+    return _table(list(rows[0]), map(dict.values, rows))
+
+
+def spin_lines() -> list[str]:
+    """The paragraph of docs/how-it-compares.md on the spin of a top, as it stands on the page."""
+    lines = (REPORTS / "work-precision.md").read_text().split("\n")
     at = next(i for i, line in enumerate(lines) if line.startswith(SPIN))
-    put("how-it-compares.md", SPIN_BEGIN, SPIN_END, lines[at : lines.index("", at)])
+    return lines[at : lines.index("", at)]
+
+
+def into_pages() -> None:
+    """Copies the ratios of all scenes to docs/how-it-compares.md, the fastest methods to docs/choosing-a-method.md."""
+    put("how-it-compares.md", BEGIN, END, ratio_lines())
+    put("how-it-compares.md", SPIN_BEGIN, SPIN_END, spin_lines())
     put("choosing-a-method.md", choosing.BEGIN, choosing.END, shown(choosing.HEADS, choosing.rows()))
 
 
-def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
-    """Measures and draws a scene; returns its section of the file and its row of the summary."""
+def keep(name: str, heads: Sequence[str], file: str, rows: Sequence[Sequence[str]], folder: Path) -> None:
+    """Replaces the rows of a scene in a data file; the scenes stay in the order of the page."""
+    before = [list(row.values()) for row in saved(file, folder)] if (folder / f"{file}.csv").exists() else []
+    every = [row for row in before if row[0].partition(",")[0] != name] + [list(row) for row in rows]
+    every.sort(key=lambda row: work_precision.SCENES.index(row[0].partition(",")[0]))
+    save(file, _table(["scene", *heads], every), folder)
+
+
+def scene_report(name: str, out: Path, quick: bool) -> str:
+    """Measures and draws a scene, and keeps its data; returns what the page says about it."""
     comparison = work_precision.compared(name, quick=quick)
     problem, rows = comparison.problem, comparison.ratios
     picture = out / f"work-precision-{name}.png"
@@ -134,35 +203,42 @@ def scene_report(name: str, out: Path, quick: bool) -> tuple[str, str]:
         measured=problem.kind.measured,
         clock=cost_clock().name,
     )
-    curve = "\n".join(
-        _row([*p.setting.removeprefix("tol ").split(", ", 1), f"{p.error:.1e}", f"{1e6 * p.seconds:.3g}"])
+    curve = [
+        [name, *p.setting.removeprefix("tol ").split(", ", 1), f"{p.error:.1e}", f"{1e6 * p.seconds:.3g}"]
         for p in comparison.rivals
         if p.method == "heyoka"
-    )
-    section = f"""## {work_precision.title(problem)}
-
-Errors of {problem.kind.measured}, against the {problem.source}, uncertainty {problem.uncertainty:.0e}.
-{work_precision.timing_note(comparison)}
-{with_the_spin(comparison)}
-![error against cost]({picture.name})
-
-Drawn by `python benchmarks/work_precision.py --scene {name}`.
-
-{frontier.markdown(rows)}
-
-<details markdown="1"><summary>heyoka's errors by tolerance</summary>
-
-| tolerance | fastest variant | error | us a body |
-| --- | --- | --- | --- |
-{curve}
-
-</details>
-"""
-    summary = _row([name, *_spans(rows)])
+    ]
+    summary = [[name, *_spans(rows)]]
     if comparison.in_steps:
-        summary += "\n" + _row([f"{name}, in steps", *_spans(comparison.in_steps)])
-    print(section + "\n" + summary, flush=True)
-    return section, summary
+        summary.append([f"{name}, in steps", *_spans(comparison.in_steps)])
+    folder = out / "tables"
+    keep(name, frontier.HEADS, DATA[0], [[name, *frontier.cells(row)] for row in rows], folder)
+    keep(name, CURVE, DATA[1], curve, folder)
+    keep(name, RATIOS, DATA[2], summary, folder)
+    spreads = [point.spread for point in comparison.ours + comparison.rivals]
+    text = section(
+        work_precision.title(problem),
+        f"Error: {problem.kind.measured}. Reference: {problem.source}, uncertainty {problem.uncertainty:.0e}.",
+        f"Times: {spread_in_words(spreads)}. {comparison.warning}".strip(),
+        with_the_spin(comparison),
+        picture.name,
+        name,
+    )
+    print(text, *summary, sep="\n", flush=True)
+    return text
+
+
+def section(title: str, errors: str, times: str, spin: str, picture: str, name: str) -> str:
+    """What the page says about a scene, up to the table."""
+    return f"""## {title}
+
+{errors}
+{times}
+{spin}
+![Error against run time and torque evaluations]({picture})
+
+<!-- drawn by: `python benchmarks/work_precision.py --scene {name}` -->
+"""
 
 
 def with_the_spin(comparison: work_precision.Comparison) -> str:
@@ -171,14 +247,19 @@ def with_the_spin(comparison: work_precision.Comparison) -> str:
     def took(program: str) -> str:
         points = [point for point in comparison.rivals if point.method == program]
         costs = [1e6 * frontier.best_at(points, error).cost for error in frontier.DECADES]
-        return f"{min(costs):.2g} to {max(costs):.2g} us"
+        return f"{min(costs):.2g} to {max(costs):.2g} µs"
 
     if not any(point.method == spinning_top.LABEL for point in comparison.rivals):
         return ""
+    return spin_text(took("heyoka"), took(spinning_top.LABEL))
+
+
+def spin_text(axis: str, whole: str) -> str:
+    """The paragraph on the times of heyoka for the six equations of an axis and the seven of a spinning body."""
     return f"""
-{SPIN} it takes {took("heyoka")} a body on these six
-equations, and {took(spinning_top.LABEL)} on the seven of a spinning body ("{spinning_top.LABEL}"). Whoever
-asks for the axis alone would write the six, so the table has their times.
+{SPIN} heyoka takes {axis} per body for these six
+equations, and {whole} for the seven equations of a spinning body ("{spinning_top.LABEL}").
+The tables use the times for six equations, which suffice for the axis alone.
 """
 
 
@@ -188,8 +269,8 @@ def _spans(rows: list[frontier.Ratio]) -> list[str]:
     return [*over_heyoka, frontier.span([row.over_diffrax for row in rows])]
 
 
-def _row(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    return [f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows)]
 
 
 if __name__ == "__main__":

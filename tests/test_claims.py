@@ -13,6 +13,7 @@ from cases import benchmark
 from laboratory.claims import command, measure, page, structure, verdicts
 from laboratory.claims.counting import work
 from laboratory.claims.measure import Bench
+from pages import saved
 
 import midlie_jax as ml
 from midlie_jax.methods.registry import ENTRIES
@@ -166,7 +167,9 @@ def test_the_command_prints_and_writes_figures_and_verdicts(no_measuring, tmp_pa
     assert "declarations of the registry hold" in capsys.readouterr().out
     text = (tmp_path / "page.md").read_text()
     assert f"| `{HAS}` | drift -1.05e-03 -> -1.05e-03 |" in text
-    assert "| holds | `python benchmarks/claims.py --methods 'JACOBI[EA]'` |" in text
+    verdicts_of = (tmp_path / "tables" / "claims-drifts.csv").read_text()
+    assert f"{HAS},drift -1.05e-03 -> -1.05e-03," in verdicts_of
+    assert ",holds,python benchmarks/claims.py --methods 'JACOBI[EA]'\n" in verdicts_of
     assert "![Energy over the two long runs](energy.png)" in text
     assert (tmp_path / "energy.png").read_bytes().startswith(b"\x89PNG")
     assert all(f"| `{name}` |" in text for name in (HAS, LACKS))
@@ -205,5 +208,8 @@ def test_the_default_methods_are_those_of_the_paper_and_one_of_each_flight_and_s
 
 
 def test_the_page_has_every_default_method():
-    text = (page.Path(__file__).parent.parent / "docs" / "reports" / "claims.md").read_text()
+    reports = page.Path(__file__).parent.parent / "docs" / "reports"
+    text = (reports / "claims.md").read_text()
     assert all(f"\n| `{name}` | " in text for name in chosen())
+    for name in ("figures", "declared"):
+        assert [row["method"] for row in saved(f"claims-{name}", reports / "tables")] == chosen()

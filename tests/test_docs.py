@@ -12,6 +12,7 @@ from pathlib import Path
 
 import jax
 import pytest
+from cases import benchmark
 
 import midlie_jax as ml
 
@@ -138,12 +139,27 @@ def test_tables_of_benchmarks_have_their_markers():
 
 def test_what_is_copied_from_the_report_is_what_it_says():
     """The ratios and the paragraph on the spin, which `benchmarks/work_precision.py` copies to a page for readers."""
-    report = (ROOT / "docs" / "reports" / "work-precision.md").read_text()
+    report = " ".join((ROOT / "docs" / "reports" / "work-precision.md").read_text().split())
     copy = (ROOT / "docs" / "how-it-compares.md").read_text()
-    for mark in ("ratios", "spin"):
-        text = copy.split(f"<!-- {mark} -->\n")[1].split(f"<!-- /{mark} -->")[0]
-        assert text.count("\n") >= 3
-        assert text in report
+    pages, inverse = benchmark("pages"), benchmark("times_faster").inverse
+    ratios, spin = (copy.split(f"<!-- {mark} -->\n")[1].split(f"<!-- /{mark} -->")[0] for mark in ("ratios", "spin"))
+    measured = pages.saved("work-precision-ratios")
+    assert list(map(pages.cells, ratios.splitlines()))[2:] == [list(row.values()) for row in measured]
+    for row in measured:
+        faster = [inverse(ratio) for ratio in list(row.values())[1:]]
+        assert f"| {row['scene']} | {' | '.join(faster)} |" in report
+    spans = re.findall(r"[\d.]+ to [\d.]+", spin)
+    assert len(spans) == 2
+    assert all(f"{span} µs" in report for span in spans)
+
+
+def test_the_first_sentences_of_the_report_hold():
+    """The fastest method is faster than both programs everywhere; symplectic methods are not, in two scenes."""
+    rows = [row for scene in benchmark("pages").by_scene("work-precision").values() for row in scene]
+    assert len(rows) == 70
+    assert all(float(row[f"general / {program}"]) < 1 for row in rows for program in ("heyoka", "diffrax"))
+    slower = {row["scene"] for row in rows if float(row["symplectic / heyoka"]) > 1}
+    assert slower == {"asymmetric-top", "orbit"}
 
 
 def run_page(page):

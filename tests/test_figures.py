@@ -54,7 +54,7 @@ def test_a_command_is_found_in_a_comment_or_a_line_below_its_picture(below):
 
 
 def test_the_fastest_methods_are_those_of_the_measured_page():
-    """`python benchmarks/choosing.py --write` after a change of docs/reports/work-precision.md."""
+    """`python benchmarks/choosing.py --write` after a change of docs/reports/tables/work-precision.csv."""
     text = (DOCS / "choosing-a-method.md").read_text()
     table = text.split(choosing.BEGIN)[1].split(choosing.END)[0]
     rows = [f"| {' | '.join(cells)} |" for cells in choosing.rows()]

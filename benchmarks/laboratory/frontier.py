@@ -156,8 +156,8 @@ def _over(first: Best, second: Best) -> float:
 
 HEADS = (
     "error",
-    *(head for name in FAMILIES for head in (f"{name}: us a body", f"{name} / heyoka")),
-    "best rival: us a body",
+    *(head for name in FAMILIES for head in (f"{name}: µs per body", f"{name} / heyoka")),
+    "best rival: µs per body",
     "general / rival",
     "general / diffrax",
 )

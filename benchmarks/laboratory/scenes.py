@@ -52,7 +52,7 @@ def _axis() -> Scene:
     whole = scenes.scene("P1-tilted", "float64")
     return SceneOfAnyKind(
         name="axis",
-        title="the axis of the fast heavy top P1, tilted by .3; nobody asks for its spin angle",
+        title="the axis of the fast heavy top P1, tilted by 0.3 rad, without its spin angle",
         body=Rotor(whole.body.moments[0], whole.body.moments[2]),
         torque=whole.torque,
         start=AxisState.of(whole.start),

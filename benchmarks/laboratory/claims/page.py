@@ -1,7 +1,11 @@
-"""The tables of the claims, for the terminal and for docs/reports/claims.md."""
+"""The tables of the claims, for the terminal, for docs/reports/claims.md and for its data files."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
+
+from pages import cells as cells_of
+from pages import link, part, save
 
 from midlie_jax.methods.base import Method
 
@@ -9,40 +13,43 @@ from .measure import Measured
 from .verdicts import DECLARED, RANK, Verdict, paper_verdicts, published_verdicts, registry_verdicts, trend
 
 HEADS = (
-    *("method", "order", "defect, h=.1", "area, h=.1", "R Pi", "reversal", "top: shift", "top: osc."),
+    *("method", "order", "defect, h=0.1", "area, h=0.1", "R Pi", "reversal", "top: shift", "top: osc."),
     *("drift: first", "last", "ev.", "solves", "error, top", "error, P1", "ok"),
 )
 
-ABOUT = """# The claims on trial
+TRIED = ("method", "claim", "measured", "verdict", "command")
+SHOWN = (0, 1, 2, 4, 5, 8, 9, 10, 13)  # the columns of `HEADS` on the page; the data file has all
 
-Written by `{command}`. Every figure is measured by that command, and every verdict is computed from the figures:
-the paper's claims first, then what was published about the drift of the energy, then what the package itself declares
-of its methods. The figures of one method come from `python benchmarks/claims.py --methods NAME`, those of all flights
-with all schemes from `python benchmarks/claims.py --all`.
+ABOUT = """# The paper's claims, tested
 
-What is measured, for every method the same way:
+Krysl (2004) claims that the method `LIEMID[EA]` is symplectic and the best explicit integrator of second order. Each
+claim is measured here, and each verdict is computed from the figures. Written by `{command}`.
 
-- **order**: {tops} tops (the scene `asymmetric-top`, starts changed by a tenth) over two units of time, 2 to 128 steps;
-  the slope between the two smallest steps whose errors are above rounding.
-- **defect**: the largest entry of `M^T W M - W` for one step of a top, `M` the derivative of the step and `W` the
-  canonical form of T*SO(3). **area**: by how much one step of a free body changes an area on the momentum sphere. Both
-  with h = .4, .2 and .1; about 1e-13 is rounding.
-- **R Pi**: the largest relative change of the spatial momentum of {bodies} free bodies over {steps:.0e} steps of .2 to
-  .5 radians.
-- **reversal**: how far from the start 64 steps of .1 and 64 of -.1 end.
-- **top**: the energy error of {bodies} tops over {steps:.0e} steps of .05, relative. The shift is that of its mean from
-  the first eighth of the run to the last, root mean square over the tops; the oscillation is its root mean square in
-  the first eighth. A trend is a shift of more than a fifth of the oscillation and more than rounding. The motion is
-  chaotic: {chaos}
-- **drift**: the test of Bou-Rabee, Ortolan and Saccon (arXiv 1005.3078; the scene `drift-test`), T = 1e4 with h = .25:
-  the mean energy error over the first and the last eighth.
-- **ev.**: torque evaluations a step after the first, with directional derivatives, counted in the trace of a step.
-  **solves**: equations that a step solves by iteration.
-- **error**: of momentum (relative) and attitude (radians) together, on the tops at T = 2 with h = 1/32, and on the
-  paper's fast top P1 at T = 10 with h = .005.
+{outcome}
 
-A method for bodies with two equal moments (`SYMMETRIC`) is measured on a top with the moments (1, 3, 3), with gravity
-across the axis of symmetry.
+## What is measured
+
+All methods are measured in the same way. A method for bodies with two equal moments (`SYMMETRIC`) uses a top with
+moments (1, 3, 3), with gravity across the axis of symmetry.
+
+- **Order**: {tops} tops (scene `asymmetric-top`, initial states changed by a tenth), T = 2, 2 to 128 steps. The order
+  is the slope between the two smallest steps whose errors exceed rounding errors.
+- **Defect**: the largest entry of `M^T W M - W` for one step of a top. `M` is the derivative of the step, and `W` is
+  the canonical form of T*SO(3). An entry of 1e-13 is rounding error.
+- **Area**: the change of an area on the momentum sphere in one step of a free body.
+- **R Pi**: the largest relative change of the spatial momentum of {bodies} free bodies over {steps:.0e} steps of 0.2
+  to 0.5 rad.
+- **Reversal**: the distance from the initial state after 64 steps of 0.1 and 64 of -0.1.
+- **Top**: the relative energy error of {bodies} tops over {steps:.0e} steps of 0.05. The shift is the change of its
+  mean from the first to the last eighth of the run. The oscillation is its root mean square in the first eighth. A
+  trend is a shift of more than a fifth of the oscillation and more than rounding error. The motion is chaotic:
+  {chaos}
+- **Drift**: the test of Bou-Rabee, Ortolan and Saccon (arXiv 1005.3078; scene `drift-test`), T = 1e4, h = 0.25. The
+  numbers are the mean energy errors over the first and the last eighth.
+- **Ev.**: torque evaluations per step after the first, with directional derivatives. **Solves**: iterative solves per
+  step.
+- **Error**: momentum (relative) and attitude [rad] together; the tops at T = 2 with h = 1/32, P1 at T = 10 with h =
+  0.005.
 """
 
 
@@ -73,9 +80,9 @@ def word(verdict: Verdict) -> str:
     return "holds" if verdict.holds else "FALLS"
 
 
-def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a table."""
+    return ["| " + " | ".join(line) + " |" for line in (heads, ["---"] * len(heads), *rows)]
 
 
 def summary(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:
@@ -84,6 +91,21 @@ def summary(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:
     falls = [v for v in verdicts if not v.holds]
     text = f"{len(verdicts) - len(falls)} of {len(verdicts)} declarations of the registry hold."
     return text + "".join(f"\n{v.method}: {v.claim} FALLS, measured {v.measured}." for v in falls)
+
+
+class Tables(NamedTuple):
+    """The tables of the page, as lines of Markdown.
+
+    Attributes:
+        claims, drifts: the verdicts on the paper's claims and on the published drifts, with `TRIED` as heads.
+        figures: what was measured of each method, with `HEADS`.
+        declared: the verdicts on the registry's declarations.
+    """
+
+    claims: list[str]
+    drifts: list[str]
+    figures: list[str]
+    declared: list[str]
 
 
 def write_page(
@@ -98,7 +120,7 @@ def write_page(
     bodies: int,
     picture: str | None,
 ) -> None:
-    """Writes the page as Markdown.
+    """Writes the page as Markdown, and its data files into the folder `tables` beside it.
 
     Args:
         file: the page.
@@ -110,39 +132,79 @@ def write_page(
         picture: name of the picture beside the page, if there is one.
     """
 
-    def quoted(name: str) -> str:
-        return f"`{name}`"
-
     def alone(method: str) -> str:
         return f"python benchmarks/claims.py --methods '{given.get(method, method)}'"
 
-    def tried(verdicts: Sequence[Verdict]) -> str:
+    def tried(verdicts: Sequence[Verdict]) -> list[str]:
         rows = [
-            [quoted(v.method), v.claim, v.measured, word(v), quoted(command if v.key == RANK else alone(v.method))]
+            [f"`{v.method}`", v.claim, v.measured, word(v), f"`{command if v.key == RANK else alone(v.method)}`"]
             for v in verdicts
         ]
-        return markdown(["method", "claim", "measured", "verdict", "command"], rows)
+        return markdown(TRIED, rows)
 
-    steps = all_found[0].steps
-    parts = [
-        ABOUT.format(command=command, steps=steps, chaos=chaos, tops=tops, bodies=bodies),
-        "## The paper's claims\n\nThe paper makes them of its alternating method: `LIEMID[EA]`, or `LIEMID[EA*]` "
-        "when the same sequence is cut at another place. Its kind: second order, explicit with one torque a step, "
-        "momentum kept.\n",
-        tried(paper_verdicts(methods, all_found)),
-        "## The published drift of the energy\n\nMeans over copies that differ by 1e-14. Where the copies part "
-        "ways, the motion is chaotic by then, and the published figure is one draw.\n",
+    paper = paper_verdicts(methods, all_found)
+    tables = Tables(
+        tried(paper),
         tried(published_verdicts(all_found)),
-        *([f"![Energy over the two long runs]({picture})\n\nDrawn by `{command}`.\n"] if picture else []),
-        "## All figures\n",
-        markdown(HEADS, [[quoted(row[0]), *row[1:]] for row in map(cells, all_found)]),
-        "## What the package declares\n\n" + summary(methods, all_found) + " A dash: not declared.\n",
+        markdown(HEADS, [[f"`{row[0]}`", *row[1:]] for row in map(cells, all_found)]),
         _declared(methods, all_found),
+    )
+    about = ABOUT.format(
+        command=command, steps=all_found[0].steps, chaos=chaos, tops=tops, bodies=bodies, outcome=outcome(paper)
+    )
+    write_tables(file, tables, about, summary(methods, all_found), command, picture)
+
+
+def outcome(verdicts: Sequence[Verdict]) -> str:
+    """How many of the claims hold for each method that they are about, and which do not."""
+    groups: dict[str, list[str]] = {}
+    for method in dict.fromkeys(v.method for v in verdicts):
+        own = [v for v in verdicts if v.method == method]
+        falls = [v.claim for v in own if not v.holds]
+        text = f"{len(own) - len(falls)} of {len(own)} claims hold."
+        text += f" These do not:\n{'; '.join(falls)}." if falls else ""
+        groups.setdefault(text, []).append(f"`{method}`")
+    return "\n".join(f"For {' and '.join(methods)}, {text}" for text, methods in groups.items())
+
+
+def write_tables(file: Path, tables: Tables, about: str, declared: str, command: str, picture: str | None) -> None:
+    """Writes the page from its tables and its first section, and the data files."""
+    folder = file.parent / "tables"
+    for name, lines in zip(Tables._fields, tables, strict=True):
+        save(f"claims-{name}", lines, folder)
+    drawn = f"![Energy over the two long runs]({picture})\n\n<!-- drawn by: `{command}` -->\n"
+    parts = [
+        about,
+        "## Verdicts\n\nThe paper makes these claims for its alternating method, `LIEMID[EA]`. The method "
+        "`LIEMID[EA*]` is the same\nsequence, cut at another place; the data file has its rows and all commands. "
+        "Methods of its kind have order 2,\nevaluate one torque per step explicitly, and conserve momentum.\n",
+        *_with_link(_of_first_method(tables.claims), "claims-claims"),
+        "## The published drift of the energy\n\nEach value is a mean over copies that differ by 1e-14. Where the "
+        "copies separate, the motion is chaotic, and the\npublished value is one draw.\n",
+        *_with_link(part(tables.drifts, columns=range(4)), "claims-drifts"),
+        *([drawn] if picture else []),
+        "## Measured values\n\nThe command `python benchmarks/claims.py --methods NAME` prints the values for one "
+        "method; `--all` measures all flights with\nall schemes.\n",
+        *_with_link(part(tables.figures, columns=SHOWN), "claims-figures"),
+        f"## Properties that the package declares\n\n{declared} The file\n[claims-declared.csv]"
+        "(tables/claims-declared.csv) lists them for each method. A dash means that a property is not declared.\n",
+        "## Limits\n\nThe verdicts concern these scenes, steps and lengths of runs. A property that holds in one "
+        "measurement is not proved for\nall bodies and torques.",
     ]
-    file.write_text("\n".join(parts))
+    file.write_text("\n".join(parts) + "\n")
 
 
-def _declared(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:
+def _of_first_method(lines: Sequence[str]) -> list[str]:
+    """Claims, measured values and verdicts for the first method of the table."""
+    first = cells_of(lines[2])[0] if len(lines) > 2 else ""
+    return part(lines, lambda row: row[0] == first, range(1, 4))
+
+
+def _with_link(lines: Sequence[str], name: str) -> list[str]:
+    return [*lines, "", link(name), ""]
+
+
+def _declared(methods: Sequence[Method], all_found: Sequence[Measured]) -> list[str]:
     rows: list[list[str]] = []
     for method, found in zip(methods, all_found, strict=True):
         words = {v.key: word(v) for v in registry_verdicts(method, found)}

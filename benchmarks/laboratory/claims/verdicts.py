@@ -204,7 +204,7 @@ def paper_verdicts(methods: Sequence[Method], all_found: Sequence[Measured]) -> 
     for method, found in zip(methods, all_found, strict=True):
         if not is_alternating(method):
             continue
-        explicit = f"{found.work.evaluations} evaluation a step, outside of the {found.solves} solves"
+        explicit = f"{found.work.evaluations} evaluation per step, outside the {found.solves} solves"
         claims = [
             ("explicit in the forcing", explicit, found.work.explicit),
             ("conserves momentum", f"spatial momentum moves by {found.momentum:.1e}", keeps_momentum(found)),
@@ -263,4 +263,4 @@ def _defects(defects: Sequence[float]) -> str:
     if max(defects) <= _DEFECT:
         return f"{defects[-1]:.0e}"
     order = f", order {np.log2(defects[-2] / defects[-1]):.1f}" if defects[-1] > _DEFECT else ""
-    return f"{defects[-1]:.1e} at h = .1{order}"
+    return f"{defects[-1]:.1e} at h = 0.1{order}"
