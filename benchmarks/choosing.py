@@ -1,8 +1,9 @@
-"""The table of docs/choosing-a-method.md: the fastest methods at four errors, from tables/work-precision.csv of the reports.
+"""The table of docs/choosing-a-method.md: the fastest methods at four errors, from the data of the reports.
 
     python benchmarks/choosing.py [--write]
 
-Nothing is measured here. `make rivals`, which measures, calls this at its end, so that the two pages agree.
+Nothing is measured here: it reads docs/reports/tables/work-precision.csv. `make rivals`, which measures,
+calls this at its end, so that the two pages agree.
 """
 
 from collections.abc import Iterator

@@ -11,7 +11,7 @@ on a processor with AVX-512, elsewhere the script says so and ends.
 import os
 import sys
 
-from pages import command
+from pages import command, publish
 from served import Served, asked_in_turn, requests
 
 BEGIN, END = "<!-- compiler options -->", "<!-- /compiler options -->"
@@ -68,6 +68,12 @@ def rows():
 COLUMNS = ("sort, 256 bits", "option, 256 bits", "option, 512 bits", "gain")
 HEADS = ("M body-steps/s", *(f"{dtype}, {what}" for dtype in DTYPES for what in COLUMNS))
 
+
+def write(lines):
+    """Puts the whole table into its data file, and the main columns into the page."""
+    publish("reports/speed.md", BEGIN, END, lines, "compiler-options", columns=(0, 2, 3, 4))
+
+
 if __name__ == "__main__":
     if "--serve" in sys.argv:
         serve()
@@ -76,4 +82,4 @@ if __name__ == "__main__":
 
         if not vector_width_options():
             sys.exit("this processor has no AVX-512, or XLA_FLAGS sets the width of vectors: nothing to compare.")
-        command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows())
+        command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows(), write)

@@ -6,7 +6,7 @@ solvers  one term with five solvers of diffrax and two of ours: error, order, dr
 energy   energy error of an asymmetric top over a long time, with a constant step and with a PIDController
 float32  1e5 steps in float32: the torque itself, against the torque recovered from the derivative of the arrays
 events   a crossing of the fast top P1 by both kinds of dense output, against the closed form
-adjoints  first and later calls of the derivatives that optimisers need; --write puts it into docs/reports/pipeline.md
+adjoints  first and later calls of the derivatives that optimisers need; --write puts it into docs/reports/speed.md
 """
 
 import sys
@@ -228,7 +228,7 @@ HEADS = "solver", "steps", "`value_and_grad`: first call", "later calls", "`jacf
 
 
 def derivatives():
-    """The rows of the table of docs/reports/pipeline.md."""
+    """The rows of the table of docs/reports/speed.md."""
     fixed = diffrax.StepTo(ts=LENGTH / STEPS * jnp.arange(STEPS + 1.0))
     adaptive = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=ml.RotationNorm(momentum=50.0))
     ours = [ml.LieSolver(name) for name in ("LIEMID[EA]", "JACOBI[EA]", "SYMMETRIC[EA]")]
@@ -254,7 +254,7 @@ def derivatives():
 def adjoints(write=False):
     lines = shown(HEADS, derivatives())
     if write:
-        put("reports/pipeline.md", BEGIN, END, lines)
+        put("reports/speed.md", BEGIN, END, lines)
 
 
 TABLES = {"solvers": solvers, "energy": energy, "float32": float32, "events": events, "adjoints": adjoints}

@@ -3,7 +3,7 @@
     python benchmarks/ensembles.py [--bodies 1000000] [--steps 1000] [--write]
 
 Each row of the table is measured in a process of its own, which runs everything twice and reports the second time, when
-all is compiled. `--write` puts the tables into docs/reports/large-runs.md.
+all is compiled. `--write` puts the tables into docs/reports/speed.md.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pages import put, shown
+from pages import put, save, shown
 
 EVERY = 100
 STATE = 7 * 8  # bytes of one state in float64
@@ -133,8 +133,8 @@ def main() -> None:
         for (kind, devices), cost in found.items()
     ]
     heads = [
-        *("run", "states saved", "million body-steps a second", "over `ensemble`"),
-        *("processor time a body-step, ns", "largest memory, MB"),
+        *("run", "states saved", "million body-steps per second", "over `ensemble`"),
+        *("processor time per body-step, ns", "largest memory, MB"),
     ]
     one = found["simulate", 1]
     size = (steps // EVERY + 1) * bodies * STATE
@@ -152,8 +152,8 @@ def main() -> None:
     for heads_of, table in ((heads, rows), (scaling_heads, scaling)):
         print("\n".join(shown(heads_of, table)))
     if options.write:
-        put("reports/large-runs.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
-        put("reports/large-runs.md", "<!-- scaling -->", "<!-- /scaling -->", shown(scaling_heads, scaling))
+        put("reports/speed.md", "<!-- million -->", "<!-- /million -->", shown(heads, rows))
+        save("scaling", shown(scaling_heads, scaling))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a derivative costs: value and gradient over value, first calls, memory, put into docs/reports/gradient-costs.md.
+"""What a derivative costs: value and gradient over value, first calls, memory, put into docs/reports/speed.md.
 
     python benchmarks/gradients.py [--write]
 
@@ -22,7 +22,7 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import command  # noqa: E402
+from pages import command, publish  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options, vector_width_options  # noqa: E402
@@ -90,7 +90,7 @@ def row(label, adjoint, end, options):
     return [label, adjoint, f"{both.seconds / one.seconds:.1f}", f"{nanoseconds:.0f}", f"{seconds:.0f} s"]
 
 
-HEADS = ("", "adjoint", "value and gradient over value", "ns a step and body", "first call")
+HEADS = ("method", "adjoint", "value and gradient over value", "ns per body-step", "first call")
 HEADS += tuple(f"memory, {steps} steps" for steps in LONG)
 
 
@@ -102,5 +102,10 @@ def rows():
     yield [*row("diffrax Tsit5", "`RecursiveCheckpointAdjoint()`", tsit5, vector_width_options()), *("" for _ in LONG)]
 
 
+def write(lines):
+    """Puts the whole table into its data file, and the recommended methods and diffrax into the page."""
+    publish("reports/speed.md", BEGIN, END, lines, "gradients", lambda row: row[0] != "LIEMID[EA]")
+
+
 if __name__ == "__main__":
-    command(__doc__, "reports/gradient-costs.md", BEGIN, END, HEADS, rows())
+    command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows(), write)

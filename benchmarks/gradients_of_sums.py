@@ -1,4 +1,4 @@
-"""What the gradient of one sum over many bodies costs, put into docs/reports/gradient-costs.md.
+"""What the gradient of one sum over many bodies costs, put into docs/reports/speed.md.
 
     python benchmarks/gradients_of_sums.py [--write]
 
@@ -17,7 +17,7 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import command  # noqa: E402
+from pages import command, publish  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options  # noqa: E402
@@ -60,7 +60,16 @@ def rows():
                 yield [f"{steps} x {bodies}", name, label, f"{seconds / value:.1f}", nanoseconds, memory]
 
 
-HEADS = ("steps x bodies", "", "adjoint", "value and gradient over value", "ns a step and body", "memory")
+HEADS = ("steps x bodies", "method", "adjoint", "value and gradient over value", "ns per body-step", "memory")
+
+
+KEY = ["128 x 1000", "JACOBI[EA]"], ["10000 x 64", "JACOBI[EA]"]
+
+
+def write(lines):
+    """Puts the whole table into its data file, and one method into the page."""
+    publish("reports/speed.md", BEGIN, END, lines, "gradients-of-sums", lambda row: row[:2] in KEY)
+
 
 if __name__ == "__main__":
-    command(__doc__, "reports/gradient-costs.md", BEGIN, END, HEADS, rows())
+    command(__doc__, "reports/speed.md", BEGIN, END, HEADS, rows(), write)

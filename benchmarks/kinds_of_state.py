@@ -1,4 +1,4 @@
-"""What a body-step costs with each kind of state, and beside MuJoCo and MJX: docs/reports/kinds-of-state.md.
+"""What a body-step costs with each kind of state, and beside MuJoCo and MJX: docs/reports/speed.md.
 
     python benchmarks/kinds_of_state.py [--write]
 
@@ -24,12 +24,12 @@ jax.config.update("jax_enable_x64", True)
 
 import first_call  # noqa: E402
 from laboratory import scenes, thrown_brick  # noqa: E402
-from pages import put, shown  # noqa: E402
+from pages import publish, put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla.compiler import compiler_options  # noqa: E402
 
-PAGE = "reports/kinds-of-state.md"
+PAGE = "reports/speed.md"
 BEGIN, END = "<!-- kinds -->", "<!-- /kinds -->"
 THROW_BEGIN, THROW_END = "<!-- throw -->", "<!-- /throw -->"
 COSTS_BEGIN, COSTS_END = "<!-- costs -->", "<!-- /costs -->"
@@ -37,7 +37,15 @@ BODIES, DT, ROUNDS = 4096, 0.005, 9
 STEPS = {"EA": 800, "SRKN6b": 160, "SRKN14a": 80, "GBS12": 80, "DOP853": 160}  # by scheme or method
 PULL = ml.torques.UniformGravity([0.0, 0.0, -9.81])
 DTYPES = ("float64", "float32")
-HEADS = ("method", "state", "float64, ns", "by `RigidState`", "float32, ns", "by `RigidState`", "first call, s")
+HEADS = (
+    "method",
+    "state",
+    "float64, ns",
+    "relative to `RigidState`",
+    "float32, ns",
+    "relative to `RigidState`",
+    "first call, s",
+)
 
 
 def rigid(name: str) -> tuple[Any, Any, Any]:
@@ -177,6 +185,19 @@ def short(states: list[str]) -> list[str]:
     return lines
 
 
+def write(states: list[str]) -> None:
+    """Puts the whole table into its data file, and what two methods take in float64 into the page."""
+    key = ("`JACOBI[EA]`", "`SYMMETRIC[EA]`")
+    chosen = lambda row: row[0] in key and not row[1].startswith("`RigidState`")  # noqa: E731
+    publish("reports/speed.md", BEGIN, END, states, "kinds-of-state", chosen, range(4))
+
+
+def write_throw(lines: list[str]) -> None:
+    """Puts the whole table of the thrown brick into its data file, and all but the Euler methods into the page."""
+    marks = THROW_BEGIN, THROW_END
+    publish("reports/speed.md", *marks, lines, "thrown-brick", lambda row: not row[0].endswith("Euler"))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE}")
@@ -187,9 +208,9 @@ def main() -> None:
         return
     states, throw = shown(HEADS, rows()), shown(thrown_brick.HEADS, thrown_brick.rows())
     if options.write:
-        put("reports/kinds-of-state.md", BEGIN, END, states)
+        write(states)
         put("which-state.md", COSTS_BEGIN, COSTS_END, short(states))
-        put("reports/kinds-of-state.md", THROW_BEGIN, THROW_END, throw)
+        write_throw(throw)
 
 
 if __name__ == "__main__":

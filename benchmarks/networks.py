@@ -23,7 +23,7 @@ import jax.numpy as jnp  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put, shown  # noqa: E402
+from pages import publish, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla import replay  # noqa: E402
@@ -118,7 +118,8 @@ def measured(transform, function, torque, body_steps):
     return f"{first:.1f} s", f"{1e9 * later / body_steps:.0f} ns"
 
 
-HEADS = ["torque", "driver", "value: first call", "a step", "value and gradient: first call", "a step"]
+HEADS = ["torque", "driver", "value: first call", "time per step", "value and gradient: first call", "time per step"]
+KEY = ("network of width 8", "network of width 32", "network of width 128", "spring", "12 facets")
 
 
 def rows(method, torques):
@@ -133,6 +134,13 @@ def rows(method, torques):
             yield [name, f"`{driver}`", *value, *both]
 
 
+def write(lines):
+    """Puts the whole table into its data file, and the ensembles of `KEY` into the page."""
+    marks = "<!-- networks -->", "<!-- /networks -->"
+    key = lambda row: row[0] in KEY and row[1] == "`ensemble`"  # noqa: E731
+    publish("reports/speed.md", *marks, lines, "networks", key)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", default="JACOBI[EA]")
@@ -145,4 +153,4 @@ if __name__ == "__main__":
     networks = {f"network of width {width}": network(width) for width in given.widths}
     lines = shown(HEADS, rows(given.method, networks | {name: formula(name) for name in FORMULAS}))
     if given.write:
-        put("reports/speed.md", "<!-- networks -->", "<!-- /networks -->", lines)
+        write(lines)

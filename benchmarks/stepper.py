@@ -20,7 +20,7 @@ import numpy as np  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put, shown  # noqa: E402
+from pages import publish, put, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.advice.timing import timed_in_turn  # noqa: E402
@@ -204,14 +204,25 @@ TABLES = {
     JIT: (("method", "dtype", "bodies", "custom `jit(vmap)`, ns", "`ml.ensemble`, ns", "ratio"), in_jit),
     GRADIENT: (("method", "steps x bodies", "value and gradient, ns", "over value"), gradients),
     LOOPS: (("loop", "time", "same bits"), loops),
-    CRAFT: (("method", "million steps a second", "with the policy"), craft),
+    CRAFT: (("method", "million steps per second", "with the policy"), craft),
 }
+
+
+def write(marks, lines):
+    """Puts a table into the page; those of custom programs have data files, and key rows on the page."""
+    if marks == JIT:
+        publish("reports/speed.md", *marks, lines, "custom-programs", lambda row: row[1:3] == ["float64", "1024"])
+    elif marks == GRADIENT:
+        publish("reports/speed.md", *marks, lines, "custom-gradients", lambda row: row[1] == "128 x 1000")
+    else:
+        put("reports/speed.md", *marks, lines)
+
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/reports/stepper.md")
-    write = parser.parse_args().write
-    for marks, (heads, rows) in TABLES.items():
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/reports/speed.md")
+    wanted = parser.parse_args().write
+    for table, (heads, rows) in TABLES.items():
         lines = shown(heads, rows())
-        if write:
-            put("reports/stepper.md", *marks, lines)
+        if wanted:
+            write(table, lines)

@@ -24,7 +24,13 @@ from .rivals.problem import program
 BODIES, STEPS, DT = 1024, 200, 0.01
 MASS, GRAVITY = 0.155404754, 32.174  # slug and ft/s^2, as the moments of the scene `tumbling-brick`
 VELOCITY, SPIN = (5.0, 1.0, 30.0), (2.0, 9.0, 4.0)  # ft/s, and rad/s in the body frame
-HEADS = ("program", "time a body-step, by ours", "error of attitude, rad", "error of position, ft", "drift of energy")
+HEADS = (
+    "program",
+    "time per body-step, relative to midlie_jax",
+    "error of attitude, rad",
+    "error of position, ft",
+    "drift of energy",
+)
 
 
 class Ends(NamedTuple):
