@@ -40,7 +40,7 @@ jax.config.update("jax_enable_x64", True)
 
 import limit  # noqa: E402
 from laboratory.kinds.rigid import rates  # noqa: E402
-from pages import put  # noqa: E402
+from pages import link, part, put, save  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.cli import scenes  # noqa: E402
@@ -49,12 +49,12 @@ from midlie_jax.methods.splitting import Splitting  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- gpu -->", "<!-- /gpu -->"
-DRAWN = "Drawn by `python benchmarks/gpu.py --write`."
+DRAWN = "<!-- drawn by: `python benchmarks/gpu.py --write` -->"
 DT = 0.005
 COMPARED = 64  # bodies whose result is compared with the CPU's
 # Bodies of the runs that are compared. These have 384 steps; in more, differences grow with the motion.
 COMPARED_AT = 10**6
-OURS, SINGLE, GRAPH, KERNEL = "ours", "one step a turn", "graph", "one kernel"
+OURS, SINGLE, GRAPH, KERNEL = "midlie_jax", "one step a turn", "graph", "one kernel"
 TSIT5, SOLVER = "diffrax Tsit5", "LIEMID[EA] by diffrax"
 METHODS = ("SYMMETRIC[EA]", "JACOBI[EA]", "LIEMID[EA]", "JACOBI[SRKN14a]", "GBS12")
 FORMS: dict[str, dict[str, Any]] = {
@@ -220,7 +220,13 @@ def table(figures: list[Figure]) -> list[str]:
     sizes = sorted({figure.job.bodies for figure in figures})
     found = {figure.job: figure for figure in figures}
     kinds = sorted(dict.fromkeys((f.job.dtype, f.job.form, f.job.method) for f in figures), key=lambda kind: kind[0])
-    heads = ["body-steps a second", "", "", *(f"{n:.0e} bodies" for n in sizes), "difference from the CPU"]
+    heads = [
+        "body-steps per second",
+        "dtype",
+        "program",
+        *(f"{n:.0e} bodies" for n in sizes),
+        "difference from the CPU",
+    ]
     lines = [heads, ["---"] * len(heads)]
     for dtype, form, method in kinds:
         row = [found.get(Job(method, dtype, n, form)) for n in sizes]
@@ -257,7 +263,7 @@ def chart(figures: list[Figure], path: Path) -> None:
         names = list(dict.fromkeys(f.job.method for f in chosen))
         look = styles([name for name in names if name in METHODS], COOL, SOLID, ours=True)
         look |= styles([name for name in names if name not in METHODS], WARM, DASHED, ours=False)
-        panel(axes, dtype, "Bodies", "Body-steps a second")
+        panel(axes, dtype, "Bodies", "Body-steps per second")
         axes.set(xscale="log", yscale="log")
         ends = []
         for name in names:
@@ -270,6 +276,14 @@ def chart(figures: list[Figure], path: Path) -> None:
                 axes.plot(*zip(*limits, strict=True), color=look[name].colour, linewidth=0.9, linestyle=(0, (1, 2)))
         label_ends(axes, ends)
     write(figure, str(path))
+
+
+def write_page(device: str, lines: list[str]) -> None:
+    """Puts the whole table into its data file, and the picture and key rows into the page."""
+    save("gpu", lines)
+    rows = part(lines, lambda row: row[2] in (OURS, KERNEL) or row[0] == TSIT5, (0, 1, 2, 3, 5, 7, 9))
+    picture = "![Speed against the number of bodies](gpu.png)"
+    put("reports/gpu.md", BEGIN, END, [picture, "", DRAWN, "", f"{device}.", "", *rows, "", link("gpu")])
 
 
 def where() -> str:
@@ -289,12 +303,12 @@ def main() -> None:
     figures: list[Figure] = []
     for figure in measured(list(jobs(options.quick)), options.seconds):
         figures.append(figure)
-        print(f"{figure.job}: {figure.speed:.3g} body-steps a second, {figure.difference:.0f} eps", flush=True)
+        print(f"{figure.job}: {figure.speed:.3g} body-steps per second, {figure.difference:.0f} eps", flush=True)
     lines = [f"{where()}.", "", *table(figures)]
     print("\n".join(lines))
     chart(figures, ROOT / "docs" / "reports" / "gpu.png" if options.write else Path("gpu.png"))
     if options.write:
-        put("reports/gpu.md", BEGIN, END, ["![Speed against the number of bodies](gpu.png)", "", DRAWN, "", *lines])
+        write_page(where(), table(figures))
 
 
 if __name__ == "__main__":

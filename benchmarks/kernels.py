@@ -30,7 +30,7 @@ from jax.sharding import SingleDeviceSharding
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put  # noqa: E402
+from pages import publish  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax._xla import fusion  # noqa: E402
@@ -234,22 +234,27 @@ def _size(shape: str) -> int:
 def row(name: str, dtype: str, **form: Any) -> str:
     found = compiled(name, dtype, **form)
     kernels, small, size = (f"{x:.4g}" for x in found.step)
-    words = "other number of steps an iteration" if "unroll" in form else "not cut" if form else ""
+    words = "other number of steps per iteration" if "unroll" in form else "not cut" if form else ""
     cells = (name, dtype, words, str(found.unroll), f"{kernels} + {small}", size, f"{found.seconds:.0f} s")
     line = f"| {' | '.join(cells)} |"
     print(line, flush=True)
     return line
 
 
+def write(lines: list[str]) -> None:
+    """Puts the whole table into its data file, and the programs as they are in float32 into the page."""
+    publish("reports/gpu.md", BEGIN, END, lines, "gpu-kernels", lambda row: row[1:3] == ["float32", ""], (0, 3, 4, 5))
+
+
 def main() -> None:
     if missing():
         sys.exit(missing())
-    heads = ("method", "dtype", "form", "steps an iteration", "launches a step", "bytes a body and step", "compile")
+    heads = ("method", "dtype", "form", "steps per iteration", "launches per step", "bytes per body-step", "compile")
     lines = [f"| {' | '.join(heads)} |", f"| {' | '.join(['---'] * len(heads))} |"]
     for name in NAMES:
         for dtype in ("float32", "float64"):
             lines += [row(name, dtype), *(row(name, dtype, **form) for form in FORMS.get((name, dtype), ()))]
-    put("reports/gpu.md", BEGIN, END, lines)
+    write(lines)
 
 
 if __name__ == "__main__":
