@@ -1,4 +1,4 @@
-"""Binary asteroids: what a day costs at an error, and ten years of energy and momenta: docs/reports/binaries.md.
+"""Binary asteroids: what a day costs at an error, and ten years of energy and momenta: docs/reports/applications.md.
 
     python benchmarks/binaries.py [--write]
 
@@ -23,13 +23,26 @@ jax.config.update("jax_enable_x64", True)
 import first_call  # noqa: E402
 from laboratory.binaries import chart, didymos  # noqa: E402
 from laboratory.binaries.cost import GUBAS, Rung, day, end, fastest, gravity, rungs  # noqa: E402
-from pages import DOCS, put, shown  # noqa: E402
+from pages import DOCS, put, save, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 
-PAGE, PICTURE = "reports/binaries.md", "binaries.png"
+MARKERS = {
+    "cost": ("<!-- binaries cost -->", "<!-- /binaries cost -->"),
+    "long": ("<!-- binaries long -->", "<!-- /binaries long -->"),
+}
+PAGE, PICTURE = "reports/applications.md", "binaries.png"
 DEGREES, ERROR = (2, 4), 1e-10
-HEADS = ("degree", "method", "steps a day", "ms a day and binary", "error", "GUBAS, ms", "its error", "times faster")
+HEADS = (
+    "degree",
+    "method",
+    "steps per day",
+    "ms per day and binary",
+    "error",
+    "GUBAS, ms",
+    "error of GUBAS",
+    "times faster",
+)
 FIRST_HEADS = ("degree", "method", "one binary, s", "1000 binaries, s")
 LONG_HEADS = ("method", "step, s", "energy, first five years", "last five years", "angular momentum", "seconds")
 YEARS, STATES = 10, 1000
@@ -78,6 +91,14 @@ def long_rows() -> Iterator[list[str]]:
         yield [f"`{method}`", f"{dt:g}", *halves, f"{lost:.0e}", f"{seconds:.1f}"]
 
 
+def write(name: str, lines: list[str]) -> None:
+    """Puts a table into the page; first calls only into a data file."""
+    if name == "first":
+        save("binaries-first-calls", lines)
+    else:
+        put(PAGE, *MARKERS[name], lines)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"put tables and picture into docs/{PAGE}")
@@ -95,7 +116,7 @@ def main() -> None:
     if options.write:
         chart.draw(found, DOCS / "reports" / PICTURE)
         for name, lines in parts.items():
-            put(PAGE, f"<!-- {name} -->", f"<!-- /{name} -->", lines)
+            write(name, lines)
 
 
 if __name__ == "__main__":

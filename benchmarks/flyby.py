@@ -1,4 +1,4 @@
-"""Apophis past the Earth: errors and times beside SciPy, and steps that know the perigee: docs/reports/flyby.md.
+"""Apophis past the Earth: errors and times beside SciPy, and steps that know the perigee: docs/reports/applications.md.
 
     python benchmarks/flyby.py [--write]
 
@@ -21,12 +21,17 @@ jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from laboratory import flyby  # noqa: E402
-from pages import put, shown  # noqa: E402
+from pages import publish, put, save, shown  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax.advice.timing import timed  # noqa: E402
 
-PAGE = "reports/flyby.md"
+MARKERS = {
+    "ratio": ("<!-- flyby ratio -->", "<!-- /flyby ratio -->"),
+    "adaptive": ("<!-- flyby adaptive -->", "<!-- /flyby adaptive -->"),
+    "outcome": ("<!-- flyby outcome -->", "<!-- /flyby outcome -->"),
+}
+PAGE = "reports/applications.md"
 COUNT, BY_SCIPY = 1000, 20  # phases; those that SciPy integrates, one by one, for time and error
 LADDER = {"JACOBI[EA]": (1152,), "JACOBI[SRKN6b]": (144, 288, 576, 1152), "GBS12": (192,)}
 REFERENCE = 9216  # steps of JACOBI[SRKN6b]
@@ -123,6 +128,16 @@ def outcome(starts, right):
     yield ["pole moves by 10 degrees or more", f"{100 * np.mean(moved >= 10):.0f} %", "", "", "", ""]
 
 
+def write(name, lines):
+    """Puts a table into the page; all runs with constant steps only into a data file."""
+    if name == "constant":
+        save("flyby-constant-steps", lines)
+    elif name == "ratio":
+        publish(PAGE, *MARKERS[name], lines, "flyby-ratio", columns=(0, 1, 2, 4, 5))
+    else:
+        put(PAGE, *MARKERS[name], lines)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE}")
@@ -130,7 +145,7 @@ def main():
     starts = jax.jit(flyby.starts, static_argnums=0)(COUNT)
     right, seconds, first = ends("JACOBI[SRKN6b]", REFERENCE, starts)
     print(f"reference: {seconds:.1f} s, first call {first:.1f} s", flush=True)
-    constant_heads = ["", "steps", "step, s", "error, rad", "µs a body", "first call, s"]
+    constant_heads = ["", "steps", "step, s", "error, rad", "µs per body", "first call, s"]
     rows = []
 
     def kept():
@@ -140,16 +155,16 @@ def main():
 
     tables = {
         "constant": shown(constant_heads, kept()),
-        "ratio": shown(["at the error of", "error, rad", "", "steps", "error, rad", "times as fast"], compared(rows)),
+        "ratio": shown(["at the error of", "error, rad", "", "steps", "error, rad", "times faster"], compared(rows)),
         "adaptive": shown(
-            ["dt, s", "steps", "error, rad", "the same number of constant steps", "µs a body", "µs, constant"],
+            ["dt, s", "steps", "error, rad", "the same number of constant steps", "µs per body", "µs, constant"],
             adaptive(starts, right),
         ),
         "outcome": shown(["", "least", "5 %", "50 %", "95 %", "most"], outcome(starts, right)),
     }
     if write:
         for name, lines in tables.items():
-            put(PAGE, f"<!-- {name} -->", f"<!-- /{name} -->", lines)
+            write(name, lines)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import jax  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 from laboratory.heat import averages, chart, correlations, cost, diffusion, dumbbell, temperature  # noqa: E402
-from pages import DOCS, put, shown  # noqa: E402
+from pages import DOCS, link, publish, put, save, saved, shown  # noqa: E402
 
 PAGE = "reports/heat.md"
 MARKERS = {
@@ -36,6 +36,12 @@ MARKERS = {
     "correlations": ("<!-- correlations -->", "<!-- /correlations -->"),
     "temperature": ("<!-- temperature -->", "<!-- /temperature -->"),
     "diffusion": ("<!-- diffusion -->", "<!-- /diffusion -->"),
+}
+KEY = {  # of tables that have a data file: which rows and columns are on the page
+    "ratios": (lambda row: row[2] == "0.03", (0, 1, 3, 4, 5, 6, 7)),
+    "cost": (lambda row: row[2] == "float32", (0, 1, 3, 4, 5)),
+    "diffusion": (lambda row: row[0] == "`BAOAB`", (1, 2, 3, 4)),
+    "dumbbell": (lambda row: row[1] != "slowest third", (0, 1, 3, 4, 5)),
 }
 PICTURES = DOCS / "reports"
 
@@ -91,6 +97,28 @@ PARTS = {
 }
 
 
+def write(name: str, lines: list[str]) -> None:
+    """Puts a table, or its key rows, into the page; of the longest tables what they show, in a sentence."""
+    if name in KEY:
+        publish(PAGE, *MARKERS[name], lines, f"heat-{name}", *KEY[name])
+        return
+    save(f"heat-{name}", lines)
+    rows = saved(f"heat-{name}")
+    text = []
+    if name == "correlations":
+        off = max(abs(float(row["difference, standard errors"])) for row in rows)
+        text = [f"The largest difference of {len(rows)} values from theory is {off:.1f} standard errors.", ""]
+    elif name == "temperature":
+        off = max(float(row["largest deviation, standard errors"]) for row in rows)
+        same = sum(row["same bits"] == "yes" for row in rows)
+        text = [
+            f"In {len(rows)} runs, no temperature differs from theory by more than {off:.1f} standard errors (0.01).",
+            f"The final states have the same bits for every `save_every` in {same} of {len(rows)} runs.",
+            "",
+        ]
+    put(PAGE, *MARKERS[name], [*text, link(f"heat-{name}")])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=list(PARTS))
@@ -100,7 +128,7 @@ def main() -> None:
     options = parser.parse_args()
     for name, lines in PARTS[options.part](options).items():
         if options.write:
-            put(PAGE, *MARKERS[name], lines)
+            write(name, lines)
 
 
 if __name__ == "__main__":

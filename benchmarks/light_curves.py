@@ -1,4 +1,4 @@
-"""A tumbling ellipsoid from its light curve, twenty times: put into docs/reports/light-curves.md.
+"""A tumbling ellipsoid from its light curve, twenty times: put into docs/reports/applications.md.
 
     python benchmarks/light_curves.py [--write]
 
@@ -16,14 +16,14 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import put, shown  # noqa: E402
+from pages import link, part, put, save, shown  # noqa: E402
 from scipy.optimize import least_squares  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import fitting, observe  # noqa: E402
 from midlie_jax.fitting.layout import Layout  # noqa: E402
 
-PAGE = "reports/light-curves.md"
+PAGE = "reports/applications.md"
 BEGIN, END = "<!-- light curves -->", "<!-- /light curves -->"
 SETS, STARTS, BY_SCIPY = 20, 4, 5
 POINTS, HOURS, NOISE, DT = 500, 60.0, 0.01, 0.5
@@ -145,6 +145,13 @@ def stacked(values):
     return jnp.stack(list(words(values).values()))
 
 
+def write(intervals, fits):
+    """Puts all intervals into a data file, and those of moments and periods and the table of fits into the page."""
+    save("light-curves", intervals)
+    key = part(intervals, lambda row: row[0].startswith(("I1", "I2", "precession", "rotation")))
+    put(PAGE, BEGIN, END, [*key, "", link("light-curves"), "", *fits])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE}")
@@ -169,10 +176,10 @@ def main():
         (name, f"{count} of {tried}", f"{taken:.2g}", f"{taken / times[1]:.2g}")
         for name, count, tried, taken in zip(names, best, (SETS, SETS, BY_SCIPY), times, strict=True)
     ]
-    heads = ("fit", "reaches the least sum of squares", "seconds, the median", "over `ml.fit` from one start")
-    lines += ["", *shown(heads, rows)]
+    heads = ("fit", "reaches least sum of squares", "seconds, median", "relative to `ml.fit`, one start")
+    fits = shown(heads, rows)
     if options.write:
-        put(PAGE, BEGIN, END, lines)
+        write(lines, fits)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,12 @@ def put(name: str, begin: str, end: str, lines: Iterable[str]) -> None:
     """Replaces what stands between the comments `begin` and `end` of docs/`name` by these lines."""
     page = DOCS / name
     head, rest = page.read_text().split(begin)
-    page.write_text("\n".join([head + begin, *lines, end]) + rest.split(end)[1])
+    page.write_text("\n".join([head + begin, *map(compact, lines), end]) + rest.split(end)[1])
+
+
+def compact(line: str) -> str:
+    """The line below the heads of a table without spaces; other lines as they are."""
+    return line.replace(" ", "") if set(line) <= set("|- ") else line
 
 
 def cells(line: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Fits to published rates, each estimate beside the published number, put into docs/reports/published-fits.md.
+"""Fits to published rates, each estimate beside the published number, put into docs/reports/applications.md.
 
     python benchmarks/published_fits.py [--write]
 
@@ -16,7 +16,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from pages import command  # noqa: E402
+from pages import command, publish  # noqa: E402
 
 import midlie_jax as ml  # noqa: E402
 from midlie_jax import fitting  # noqa: E402
@@ -141,6 +141,12 @@ def rows():
         yield label, name, f"{published:.12g}", shown, f"{half:.1e}"
 
 
+def write(lines):
+    """Puts the whole table into its data file, and the ratios of the moments into the page."""
+    ratio = lambda row: row[1] in ("I1/I3", "I2/I3")  # noqa: E731
+    publish("reports/applications.md", BEGIN, END, lines, "published-fits", ratio)
+
+
 if __name__ == "__main__":
-    command(__doc__, "reports/published-fits.md", BEGIN, END, HEADS, rows())
+    command(__doc__, "reports/applications.md", BEGIN, END, HEADS, rows(), write)
     print(satellite_without_scale())

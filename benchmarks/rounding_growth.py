@@ -74,8 +74,8 @@ def cases() -> list[Case]:
     weights = ml.torques.HeavyTop(20 * one)
     turning = {turn: exact_rows(moments, None, momentum, attitude, turn / 0.67 * one) for turn in (0.2, 2e-5)}
     p1 = exact_rows(np.tile(top.body.moments, (BODIES, 1)), weights, tops.momentum, tops.attitude, 0.005 * one)
-    free = [Case(f"free body, {turn:g} rad a step", "JACOBI[EA]", rows) for turn, rows in turning.items()]
-    return [free[0], free[1]._replace(share=0.1), Case("P1, .25 rad a step", "SYMMETRIC[CHIN4A]", p1)]
+    free = [Case(f"free body, {turn:g} rad per step", "JACOBI[EA]", rows) for turn, rows in turning.items()]
+    return [free[0], free[1]._replace(share=0.1), Case("P1, 0.25 rad per step", "SYMMETRIC[CHIN4A]", p1)]
 
 
 def rows_of(case: Case, mode: Mode) -> Rows:

@@ -1,4 +1,4 @@
-"""Surfaces of facets: what sunlight on them costs, and a light curve: docs/reports/surfaces.md, docs/surfaces.md.
+"""Surfaces of facets: what sunlight on them costs, and a light curve: docs/reports/applications.md, docs/surfaces.md.
 
     python benchmarks/surfaces.py cost [--write]      a step with sunlight beside a loop in C over the same facets
     python benchmarks/surfaces.py curve [--write]     the light curve of a tumbling body; light-curve.png
@@ -17,10 +17,15 @@ import jax  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 from laboratory.surfaces import cost, curve  # noqa: E402
-from pages import DOCS, put, shown  # noqa: E402
+from pages import DOCS, publish, shown  # noqa: E402
 
-PAGE, PICTURE = "reports/surfaces.md", "light-curve.png"
-BEGIN, END = "<!-- cost -->", "<!-- /cost -->"
+PAGE, PICTURE = "reports/applications.md", "light-curve.png"
+BEGIN, END = "<!-- surfaces cost -->", "<!-- /surfaces cost -->"
+
+
+def write(lines: list[str]) -> None:
+    """Puts the whole table into its data file, and its main columns into the page."""
+    publish(PAGE, BEGIN, END, lines, "surfaces", lambda row: row[1] == "float64", (0, 2, 3, 4, 7))
 
 
 def main() -> None:
@@ -33,7 +38,7 @@ def main() -> None:
         return
     lines = shown(cost.HEADS, cost.rows())
     if options.write:
-        put(PAGE, BEGIN, END, lines)
+        write(lines)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What docs/reports/spins.md shows of spins: its pictures can be drawn, its closed forms hold, its parts run small."""
+"""What docs/reports/heat.md shows of spins: its pictures can be drawn, its closed forms hold, its parts run small."""
 
 import math
 

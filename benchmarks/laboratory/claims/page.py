@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pages import cells as cells_of
-from pages import link, part, save
+from pages import compact, link, part, save
 
 from midlie_jax.methods.base import Method
 
@@ -18,7 +18,7 @@ HEADS = (
 )
 
 TRIED = ("method", "claim", "measured", "verdict", "command")
-SHOWN = (0, 1, 2, 4, 5, 8, 9, 10, 13)  # the columns of `HEADS` on the page; the data file has all
+SHOWN = (0, 1, 2, 4, 5, 8, 9, 13)  # the columns of `HEADS` on the page; the data file has all
 
 ABOUT = """# The paper's claims, tested
 
@@ -82,7 +82,7 @@ def word(verdict: Verdict) -> str:
 
 def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """The lines of a table."""
-    return ["| " + " | ".join(line) + " |" for line in (heads, ["---"] * len(heads), *rows)]
+    return [compact("| " + " | ".join(line) + " |") for line in (heads, ["---"] * len(heads), *rows)]
 
 
 def summary(methods: Sequence[Method], all_found: Sequence[Measured]) -> str:
@@ -201,7 +201,7 @@ def _of_first_method(lines: Sequence[str]) -> list[str]:
 
 
 def _with_link(lines: Sequence[str], name: str) -> list[str]:
-    return [*lines, "", link(name), ""]
+    return [*map(compact, lines), "", link(name), ""]
 
 
 def _declared(methods: Sequence[Method], all_found: Sequence[Measured]) -> list[str]:

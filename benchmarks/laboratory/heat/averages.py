@@ -23,9 +23,9 @@ THEIRS = {
 # Runs of each, so that the larger errors have larger standard errors.
 _RUNS = {"SYMMETRIC[BAOAB]": 24, "SYMMETRIC[OBABO]": 8, "SYMMETRIC[ABOBA]": 12, "Heun": 8, "ShARK": 6, "EulerHeun": 2}
 _STEPS, _ROUNDS, _TIMES = 300, 9, 3  # of the runs that are timed
-HEADS = "x", "method", "step", "ns a step", "ns a time", "exact ⟨cos θ⟩", "found, off by", "T, off by"
+HEADS = "x", "method", "step", "ns per step", "ns per time", "exact ⟨cos θ⟩", "error of ⟨cos θ⟩", "error of T"
 SLOPE_HEADS = "x", "method", "slope of the error of ⟨cos θ⟩", "of T"
-RATIO_HEADS = "x", "of", "relative error", "ours", "ns", "theirs", "ns", "times faster"
+RATIO_HEADS = "x", "of", "relative error", "midlie_jax", "ns", "diffrax", "ns", "times faster"
 ERRORS = 0.003, 0.01, 0.03  # at which costs are compared
 _SURE = 3.0  # standard errors from which an error counts as measured
 _LARGEST, _THEIR_LARGEST = 1.0, 0.5  # steps for the slopes: larger ones are close to where a method diverges

@@ -78,7 +78,7 @@ def measured() -> tuple[Correlation, Correlation]:
     )
 
 
-HEADS = "correlation", "time", "found", "standard error", "known", "off, standard errors"
+HEADS = "correlation", "time", "simulated", "standard error", "theory", "difference, standard errors"
 
 
 def rows(found: Sequence[Correlation]) -> Iterator[list[str]]:

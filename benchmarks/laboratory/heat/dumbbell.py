@@ -180,7 +180,7 @@ def shoulders(spin: float, difference: float) -> tuple[float, float]:
     return math.sqrt(mean - root), math.sqrt(mean + root)
 
 
-HEADS = "a", "bodies", "spin, of its thermal size", "peaks found", "w ± l/2 of this spin", "⟨u_x²⟩ / (kT/2 V0)"
+HEADS = "a", "bodies", "spin / thermal spin", "simulated peaks", "theory: ω ± l/2", "⟨u_x²⟩ / (kT/2 V0)"
 
 
 def rows(panels: Sequence[tuple[float, Spectrum]]) -> Iterator[list[str]]:

@@ -12,7 +12,7 @@ from . import water
 from .lammps_runs import Waters
 from .runs import energy, forces_per_step, motion
 
-HEADS = ("method", "step at one force a fs, fs", "2 forces a fs", "1", "1/2", "1/4")
+HEADS = ("method", "step at one force per fs, fs", "2 forces per fs", "1", "1/2", "1/4")
 PER_FORCE = (0.5, 1.0, 2.0, 4.0)  # fs
 SCHEMES = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3, "SRKN14a": 2}  # steps between two samples
 LENGTH = 2.0  # ps

@@ -18,7 +18,7 @@ import midlie_jax as ml
 from . import water
 from .runs import forces_per_step, motion
 
-HEADS = ("method", "time for each force, fs", "step, fs", "run, ps", "T_rot - T_tr, K", "T, K")
+HEADS = ("method", "time per force, fs", "step, fs", "run, ps", "T_rot - T_tr, K", "T, K")
 CASES = [(scheme, per_force) for per_force in (1.0, 2.0) for scheme in ("EA", "CHIN4A", "SRKN6b")] + [("EA", 4.0)]
 STEPS = {"EA": 20, "CHIN4A": 6, "SRKN6b": 3}  # between two samples
 TURN, FORGOTTEN = 4.0, 4.0  # ps of a run at a time, and at its begin

@@ -12,7 +12,7 @@ from . import water
 from .lammps_runs import Waters
 from .runs import motion
 
-HEADS = ("molecules", "program", "time a step, ms", "spread", "by LAMMPS")
+HEADS = ("molecules", "program", "time per step, ms", "spread", "relative to LAMMPS")
 # Copies of the box along an edge: skin of the list in nm (None: all are neighbours), steps a list, lists a lap. LAMMPS'
 # skin of 2 A is the fastest of 1, 1.5, 2 and 2.5.
 SIZES: dict[int, tuple[float | None, int, int]] = {1: (None, 40, 3), 2: (0.24, 24, 2)}

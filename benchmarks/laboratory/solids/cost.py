@@ -14,7 +14,7 @@ from .tetrahedra import NeoHookean
 
 MESHES = ((8, 4, 2), (16, 8, 4))  # cells
 METHODS = ("Verlet", "position Verlet", "symplectic Euler")
-HEADS = ("tetrahedra", "coordinates", "dtype", "", "µs a step", "by the force", "steps/s")
+HEADS = ("tetrahedra", "coordinates", "dtype", "", "µs per step", "relative to the force", "steps/s")
 _STEPS, _ROUNDS = 400, 9
 
 

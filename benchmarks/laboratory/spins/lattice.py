@@ -16,7 +16,7 @@ from .starts import random
 
 SHAPES = (16, 16, 16), (100, 100, 100)
 OURS, JAX = ("SUBLATTICES[EA]", "SUBLATTICES[SRKN6b]", "RK4"), "Depondt-Mertens in JAX"
-HEADS = ("spins", "dtype", "method", "ns a spin and step", "million spin-steps a second", "of what memory allows")
+HEADS = ("spins", "dtype", "method", "ns per spin-step", "million spin-steps per second", "relative to a copy")
 LEAST, UPDATES = 16, 8_000_000  # steps, and spin-steps of a run
 # A step must at least read every spin, and write it.
 NUMBERS = 6

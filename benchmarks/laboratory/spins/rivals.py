@@ -123,7 +123,7 @@ def cost_at(rungs: Sequence[Rung], error: float) -> float:
     return math.nan
 
 
-HEADS = "method", "ns a spin and step", *(f"error {x:g}" for x in TARGETS)
+HEADS = "method", "ns per spin-step", *(f"error {x:g}" for x in TARGETS)
 COMPARED = "SUBLATTICES[SRKN6b]"
 
 

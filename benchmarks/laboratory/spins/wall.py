@@ -104,7 +104,7 @@ def measured(shares: Sequence[float] = SHARES, **options: Any) -> list[Speed]:
     return [Speed(share * WALKER, found(share * WALKER, **options), known(share * WALKER)) for share in shares]
 
 
-HEADS = "B / (alpha K')", "speed found", "speed known", "found / known - 1"
+HEADS = "B / (alpha K')", "simulated speed", "theory", "simulated / theory - 1"
 
 
 def rows(speeds: Sequence[Speed]) -> Iterator[list[str]]:

@@ -20,7 +20,7 @@ from midlie_jax.advice.timing import timed_in_turn
 SOURCE = Path(limit.__file__).parent / "facets.c"
 FACETS, BODIES, CHUNK = 980, 10_000, 2000
 HEADS = (
-    "facets", "dtype", "C, ps", "a step more, ps", "ratio", "loops over bodies", "memory, bytes a body",
+    "facets", "dtype", "C, ps", "additional time, ps", "ratio", "loops over bodies", "memory, bytes a body",
     "gradient / step", "its memory",
 )  # fmt: skip
 _STEPS, _ROUNDS = 20, 5
