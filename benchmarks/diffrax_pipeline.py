@@ -6,7 +6,9 @@ solvers  one term with five solvers of diffrax and two of ours: error, order, dr
 energy   energy error of an asymmetric top over a long time, with a constant step and with a PIDController
 float32  1e5 steps in float32: the torque itself, against the torque recovered from the derivative of the arrays
 events   a crossing of the fast top P1 by both kinds of dense output, against the closed form
-adjoints  first and later calls of the derivatives that optimisers need; --write puts it into docs/reports/speed.md
+adjoints  first and later calls of the derivatives that optimisers need
+
+--write puts the tables solvers, events and adjoints into docs/reports/speed.md, and whole into its data files.
 """
 
 import sys
@@ -47,7 +49,23 @@ def numbers(state):
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state)])
 
 
-def solvers():
+SOLVERS = "<!-- solvers -->", "<!-- /solvers -->"
+SOLVER_HEADS = ("solver", "error at h = 1/8", "measured order", "drift of the spatial momentum, free body, h = 1/4")
+
+
+def write_solvers(lines):
+    """Puts the whole table into its data file, and four solvers into the page."""
+    left_out = ("Heun", "Bosh3", "Kvaerno5")
+    publish("reports/speed.md", *SOLVERS, lines, "diffrax-solvers", lambda row: row[0].strip("`") not in left_out)
+
+
+def solvers(write=False):
+    lines = shown(SOLVER_HEADS, solver_rows())
+    if write:
+        write_solvers(lines)
+
+
+def solver_rows():
     @eqx.filter_jit
     def end(solver, weight, dt):
         return diffrax.diffeqsolve(TERM, solver, 0.0, 1.0, dt, start(), weight).ys
@@ -55,7 +73,6 @@ def solvers():
     exact = numbers(end(diffrax.Dopri8(), jnp.array(WEIGHT), jnp.array(1 / 64)))
     before = np.asarray(ml.spatial_momentum(start()))
     newton = optimistix.Newton(rtol=1e-11, atol=1e-11)
-    print(f"{'solver':20} {'error at h = 1/8':>16} {'order':>6} {'drift of R Pi, free body, h = 1/4':>34}")
     for solver in (
         diffrax.Heun(),
         diffrax.Bosh3(),
@@ -70,8 +87,8 @@ def solvers():
         ]
         free = jax.tree.map(lambda x: x[0], end(solver, jnp.array(0.0), jnp.array(1 / 4)))
         drift = np.max(np.abs(ml.spatial_momentum(free) - before))
-        name = solver.method.name if isinstance(solver, ml.LieSolver) else type(solver).__name__
-        print(f"{name:20} {errors[0]:16.1e} {np.log2(errors[0] / errors[1]):6.2f} {drift:34.1e}", flush=True)
+        name = f'LieSolver("{solver.method.name}")' if isinstance(solver, ml.LieSolver) else type(solver).__name__
+        yield [f"`{name}`", f"{errors[0]:.1e}", f"{np.log2(errors[0] / errors[1]):.2f}", f"{drift:.1e}"]
 
 
 def energy(duration=2000.0, parts=8):
@@ -154,8 +171,32 @@ def float32(steps=100_000, dt=0.005, count=64):
         print(f"{way:10} {jnp.median(error):8.1e} {jnp.median(drift):30.1e}", flush=True)
 
 
-def events(dt=0.01):
-    """Prints errors and costs of the moment at which the axis of the top first falls through the plane x = 0."""
+EVENTS = "<!-- events -->", "<!-- /events -->"
+EVENT_HEADS = (
+    "method",
+    "`dense`",
+    "error of the time",
+    "of the momentum",
+    "of the attitude",
+    "first call",
+    "later calls",
+)
+
+
+def write_events(lines):
+    """Puts the whole table into its data file, and two methods without their first calls into the page."""
+    columns = (0, 1, 2, 3, 4, 6)
+    publish("reports/speed.md", *EVENTS, lines, "diffrax-events", lambda row: "6b" not in row[0], columns)
+
+
+def events(write=False):
+    lines = shown(EVENT_HEADS, event_rows())
+    if write:
+        write_events(lines)
+
+
+def event_rows(dt=0.01):
+    """Errors and costs of the moment at which the axis of the top first falls through the plane x = 0."""
     scene = scenes.scene("P1")
     moments, weight = np.asarray(scene.body.moments), float(scene.torque.weight)
     term = ml.RigidBodyTerm(scene.body, scene.torque)
@@ -170,9 +211,6 @@ def events(dt=0.01):
         return ml.RigidState(jnp.asarray(momentum), jnp.asarray(attitude))
 
     event = diffrax.Event(east, optimistix.Newton(1e-13, 1e-13), direction=False)
-    print(f"an event of the fast top P1, steps of {dt}")
-    heads = f"{'method':22} {'dense':6} {'error of time':>13} {'of Pi':>8} {'of attitude':>11}"
-    print(f"{heads} {'first call':>10} {'later':>8}")
     for name in ("SYMMETRIC[EA]", "SYMMETRIC[SRKN6b]", "SYMMETRIC[SRKN14a]"):
         for dense in ("cubic", "step"):
 
@@ -192,10 +230,10 @@ def events(dt=0.01):
             crossed: Any = brentq(lambda t: float(east(t, exact(t), None)), near - dt / 9, near + dt / 9, xtol=1e-15)
             true = float(crossed)
             turn = ml.so3.multiply(ml.so3.conjugate(exact(true).attitude), state.attitude)
-            errors = abs(near - true), jnp.linalg.norm(state.momentum - exact(true).momentum)
-            figures = f"{errors[0]:13.1e} {errors[1]:8.1e} {2 * jnp.linalg.norm(turn[1:]):11.1e}"
-            costs = f"{seconds[0]:8.1f} s {1e3 * np.median(seconds[1:]):5.2f} ms"
-            print(f"{name:22} {dense:6} {figures} {costs}", flush=True)
+            moved = jnp.linalg.norm(state.momentum - exact(true).momentum)
+            figures = (f"{error:.1e}" for error in (abs(near - true), moved, 2 * jnp.linalg.norm(turn[1:])))
+            costs = f"{seconds[0]:.1f} s", f"{1e3 * np.median(seconds[1:]):.2f} ms"
+            yield [f"`{name}`", f'`"{dense}"`', *figures, *costs]
 
 
 BEGIN, END = "<!-- adjoints -->", "<!-- /adjoints -->"
@@ -263,11 +301,12 @@ def adjoints(write=False):
 
 
 TABLES = {"solvers": solvers, "energy": energy, "float32": float32, "events": events, "adjoints": adjoints}
+WRITTEN = ("solvers", "events", "adjoints")
 
 if __name__ == "__main__":
     names = [name for name in sys.argv[1:] if name != "--write"]
     for name in names or TABLES:
         if name not in TABLES:
             sys.exit(f"unknown table {name!r}; choose from {', '.join(TABLES)}.")
-        TABLES[name](**({"write": True} if name == "adjoints" and "--write" in sys.argv else {}))
+        TABLES[name](**({"write": True} if name in WRITTEN and "--write" in sys.argv else {}))
         print()

@@ -142,6 +142,20 @@ def test_tables_of_benchmarks_have_their_markers():
             assert text.index(begin) < text.index(end)
 
 
+def test_data_files_are_written_by_a_benchmark_and_on_a_page():
+    """Each whole table has a script that writes it, by its name, and a page that leads to it; none is empty."""
+    pages = benchmark("pages")
+    names = sorted(path.stem for path in pages.DATA.iterdir())
+    code = "".join(path.read_text() for path in (ROOT / "benchmarks").rglob("*.py"))
+    text = "".join(path.read_text() for path in (DOCS / "reports").glob("*.md"))
+    families = tuple(re.findall(r'f"([a-z]+-)\{', code))  # f"heat-{name}"
+    assert names
+    for name in names:
+        assert f'"{name}"' in code or name.startswith(families)
+        assert f"(tables/{name}.csv)" in text
+        assert pages.saved(name)
+
+
 def test_what_is_copied_from_the_report_is_what_it_says():
     """The ratios and the paragraph on the spin, which `benchmarks/work_precision.py` copies to a page for readers."""
     report = " ".join((ROOT / "docs" / "reports" / "work-precision.md").read_text().split())
