@@ -327,4 +327,4 @@ plt.show()
 # - A fit says what its data allow, `result.draws(n)`; an ensemble says what follows from it.
 #
 # More: [orbits](../docs/orbits.md), [surfaces](../docs/surfaces.md), [fitting](../docs/fitting.md), and [the flyby,
-# measured](../docs/reports/flyby.md) beside SciPy.
+# measured](../docs/reports/applications.md#apophis-flyby) beside SciPy.
