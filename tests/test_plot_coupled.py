@@ -171,7 +171,7 @@ def test_a_section_of_coupled_bodies():
     ("draw", "words"),
     [
         (lambda axes: ml.plot.polhode(axes, *apart(2)), "path._replace(states=path.states.of_body(i))"),
-        (lambda axes: ml.plot.axis_path(axes, apart(FEW + 1)[1]), "7 bodies, and the sphere has room for 6"),
+        (lambda axes: ml.plot.axis_path(axes, apart(FEW + 1)[1]), "path must hold at most 6 bodies, got 7"),
         (lambda axes: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "13 paths, and a picture has room for 12"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.ones(3)), "points must be (a, 3)"),
         (lambda axes: ml.plot.animate(*apart(2, ml.CoupledRigidState), points=SITES), "body must be a FreeBody"),

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from midlie_jax.plot.apart import apart
+from midlie_jax.plot.labels import apart
 
 from .bands import BANDS
 from .frontier import cost_at

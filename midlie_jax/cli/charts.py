@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..plot.apart import apart
+from ..plot.labels import apart
 from ..plot.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from .convergence import Row
 from .figures import FAINT, heading, new_figure, panel, spread_bars, write

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..plot.apart import apart
+from ..plot.labels import apart
 
 _SIZE = 8.5  # font size of the names, points
 _GAP = 1.3  # distance between the middles of two names, in units of the font size

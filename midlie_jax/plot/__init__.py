@@ -11,14 +11,14 @@ lower modules, too.
 """
 
 from .animate import animate as animate
-from .axis_path import axis_path as axis_path
 from .bands import Bands as Bands
 from .bands import bands as bands
 from .conserved import Conserved as Conserved
 from .conserved import conserved as conserved
+from .curves import axis_path as axis_path
+from .curves import polhode as polhode
+from .curves import track as track
 from .poincare import Crossings as Crossings
 from .poincare import poincare as poincare
-from .polhode import polhode as polhode
-from .track import track as track
 from .view import View as View
 from .view import view as view

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks.arguments import described
-from .edge import name_at_edge
+from .labels import name_at_edge
 from .style import BLUE
 
 _OPACITY = 0.3  # of the widest band; narrower bands are drawn on top of it

@@ -13,7 +13,7 @@ from ..model.states import TravellingState
 from ..model.torques import TorqueLike
 from .balance import balanced
 from .conservation import Change, energy_change, linear_change, momentum_change
-from .edge import name_at_edge
+from .labels import name_at_edge
 from .motion import motion_of
 from .style import BLUE, GREEN, VERMILLION, remark
 

@@ -17,7 +17,7 @@ from .._checks.arguments import described, require_function, shown
 from .._checks.typed_by import TypedBy
 from ..drivers.path import AnyPath, States
 from ..model.state import StateT
-from .edge import name_at_edge
+from .labels import name_in_legend
 from .motion import Motion, motion_of
 from .style import BLUE, remark
 
@@ -89,7 +89,7 @@ def poincare(
         x, y: the coordinates to draw, functions of the same kind.
         direction: 1 for crossings at which `section` grows along the path, -1 for those at which it falls, 0 for both.
         colour: colour of the dots, any of matplotlib's.
-        label: a name for the dots, written at the right edge at the height of the last dot.
+        label: a name for the dots, in the legend.
         size: size of the dots, points.
 
     Returns:
@@ -127,7 +127,7 @@ def poincare(
         *points.T, linestyle="", marker="o", markersize=size, markeredgewidth=0, color=colour or BLUE, label=label
     )
     if label and len(points):
-        name_at_edge(axes, [(label, float(points[-1, 1]))], colour or BLUE)
+        name_in_legend(axes)
     remark(axes, motion.failed)
     return Crossings(np.asarray(times), states, points)
 

@@ -9,15 +9,13 @@ import numpy as np
 from matplotlib import rc_context
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from .ellipsoid import BEHIND, IN_FRONT, draw_curve, draw_ellipsoid
-from .labels3d import towards_viewer
-from .space import draw_space
+from .artists import BEHIND, IN_FRONT, draw_axes, draw_curve, draw_ellipsoid, draw_space, towards_viewer
 from .style import GREY, PLANET, VERMILLION
 from .together import Together
 from .travel import Travel
 from .turning import Turning
 
-_TEXT = 9  # font size of the letters at the axes, points
+_TEXT = 9.0  # font size of the letters at the axes, points
 _SMALL = 7.0  # that of lengths at the axes
 _LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
 _FIRST, _OTHER = 42.0, 14.0  # areas of the dots of a body drawn as points: of the first, and of each other
@@ -41,6 +39,7 @@ class Scene:
         self.shown = shown
         with rc_context({"grid.linewidth": 0.4, "grid.color": GREY}):  # 3-D axes take these when they are made
             self.axes = axes = figure.add_axes(place, projection="3d", facecolor="none")
+        axes.xaxis.label.set_color(text)
         axes.view_init(*view)
         self.out = towards_viewer(axes)
         right = np.cross([0.0, 0.0, 1.0], self.out) / max(float(np.hypot(*self.out[:2])), 1e-9)
@@ -143,9 +142,7 @@ class _Sphere:
     def __init__(self, axes: Any, shown: Turning, text: str, colour: str):
         self.axes, self.shown, self.colour = axes, shown, colour
         draw_ellipsoid(axes, np.ones(3))
-        for direction, letter in zip(np.eye(3), "xyz", strict=True):
-            axes.plot(*np.stack([0 * direction, 1.15 * direction]).T, color=GREY, linewidth=0.8)
-            axes.text(*(1.24 * direction), letter, color=text, fontsize=_TEXT, ha="center", va="center")
+        draw_axes(axes, np.zeros((3, 3)), 1.15 * np.eye(3), "xyz", _TEXT)
         self.trace: list[Any] = []
 
     def move(self, k: int) -> None:
@@ -159,7 +156,7 @@ class _Space:
     """The axes of space with their lengths, what stands around, and the tracks of the centres of mass, if not many."""
 
     def __init__(self, axes: Any, shown: Together, limits: np.ndarray, text: str, out: np.ndarray):
-        draw_space(axes, limits, _SMALL, text)
+        draw_space(axes, limits, _SMALL)
         self.shown, self.out, around = shown, out, shown.around
         for ends in around.edges:
             axes.plot(*ends.T, color=GREY, linewidth=0.9, zorder=BEHIND)

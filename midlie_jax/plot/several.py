@@ -12,6 +12,7 @@ from ..model.bodies import Body, RigidBody, TensorBody
 from ..model.free_body import FreeBody
 from ..model.rotor import Rotor
 from ..model.states import Coupled, OrientedState, TravellingState
+from .motion import path_of_one
 
 _MOST = 12
 _MOST_TOGETHER = 500  # bodies in one space
@@ -130,8 +131,3 @@ def _bodies(body: Any, paths: list[Any]) -> list[Any]:
 def each_body(body: Any, count: int) -> list[Any]:
     """The bodies of a batch one by one; a body that serves all is repeated."""
     return [jax.tree.map(lambda x, i=i: x[i], body) if body.batch else body for i in range(count)]
-
-
-def path_of_one(path: Any, i: int) -> Any:
-    """The path of one of coupled bodies."""
-    return path._replace(states=path.states.of_body(i))

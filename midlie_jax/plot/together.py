@@ -8,8 +8,8 @@ import numpy as np
 from ..model.compatibility import check_body
 from ..model.states import Coupled
 from .around import NOTHING, Around
-from .motion import motion_of
-from .several import Panel, each_body, path_of_one
+from .motion import motion_of, path_of_one
+from .several import Panel, each_body
 from .shape import CORNER, shape_of
 from .style import FEW, ORANGE, SKY, VERMILLION, colours_of
 from .travel import SEEN, apart_by, room_of

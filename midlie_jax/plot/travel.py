@@ -12,12 +12,12 @@ import numpy as np
 from ..model.free_body import FreeBody
 from ..model.states import TravellingState
 from .around import unwrapped, wrapped
+from .curves import limits_around
 from .motion import Motion
 from .shape import CORNER, Shape
 
 SEEN = 0.11  # the length of the drawn axis over the size of the path, where the body must be drawn larger than it is
 _AT_REST = 0.02  # a path that is smaller than this, relative to the body, is not shown
-_SLIMMEST = 0.4  # the least side of the picture over the largest, so that names of axes have room
 
 
 class Room(NamedTuple):
@@ -68,15 +68,7 @@ class Travel(NamedTuple):
     @property
     def limits(self) -> np.ndarray:
         """The least and the largest coordinates of the picture, (2, 3)."""
-        return around(self.track if self.box is None else self.box, 1.05 * self.size)
-
-
-def around(track: np.ndarray, margin: float) -> np.ndarray:
-    """The least and the largest coordinates of a picture of a track (n, 3), (2, 3)."""
-    low, high = track.min(axis=0), track.max(axis=0)
-    half = (high - low) / 2 + margin
-    half = np.maximum(half, max(_SLIMMEST * float(half.max()), np.finfo(float).tiny))
-    return (low + high) / 2 + np.stack([-half, half])
+        return limits_around(self.track if self.box is None else self.box, 1.05 * self.size)
 
 
 def room_of(

@@ -9,8 +9,8 @@ import numpy as np
 
 from .._checks.arguments import as_count
 from ..model import so3
-from ..model.states import AxisState
-from .axis_path import as_axis
+from ..model.states import AxisState, attitude_of
+from .curves import as_axis
 from .motion import Motion, motion_of
 from .shape import Shape, shape_of
 from .travel import Room, Travel, travel_of
@@ -187,6 +187,6 @@ def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.
         between /= np.linalg.norm(between, axis=1, keepdims=True)
         at = AxisState(jnp.zeros_like(between), jnp.asarray(between)).with_attitude().attitude
     else:
-        attitudes = jnp.asarray(motion.turning.attitudes)
+        attitudes = jnp.asarray(attitude_of(states))
         at = so3.slerp(attitudes[before], attitudes[after], jnp.asarray(share))
     return np.asarray(so3.to_matrix(at), float)

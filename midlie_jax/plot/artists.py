@@ -1,34 +1,36 @@
-"""Curves on an ellipsoid, or the unit sphere, on 3-D axes: strong towards the viewer, faint behind.
+"""Artists for 3-D axes: curves on an ellipsoid, strong towards the viewer and faint behind, and axes of space.
 
 matplotlib does not know which part of a curve an ellipsoid hides. The artists here find it whenever they are drawn, so
-a picture that is turned by hand stays correct. The view is orthographic: a point is in front if the normal of the
-surface there points to the viewer. This module imports matplotlib, so the modules of `plot` import it only when they
-draw.
+a picture that is rotated by hand stays correct. The view is orthographic: a point is in front if the normal of the
+surface there points to the viewer. This module imports matplotlib, so other modules import it only when they draw.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 
-from .labels3d import towards_viewer
-from .style import GREY
+from .style import GREY, SIZE, ink
 
 BEHIND, IN_FRONT = 1.0, 20.0  # the sequence in which matplotlib draws; things inside the surface are between both
 _BEHIND = 0.28  # opacity of things behind the surface
 _ROOM = 1.3  # size of the panel over that of the ellipsoid, so that axes can stick out
 _SMOOTH = np.radians(2.0)  # the angle between neighbouring points of a curve
+_TICKS = 3  # about how many numbers stand at an axis
+_TICK_OFFSET, _LABEL_OFFSET = 8.0, 21.0  # matplotlib's own distances of numbers and names from an axis, points
+
+
+def towards_viewer(axes: Any) -> np.ndarray:
+    """The unit vector (3,) from the picture to the viewer, for 3-D axes whose z points up."""
+    elevation, azimuth = np.radians([axes.elev, axes.azim])
+    across = np.cos(elevation)
+    return np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
 
 
 class HalfCurve(Line3D):
-    """The part of a curve on one side of an ellipsoid. Its data are the whole curve.
-
-    Args:
-        points: (n, 3).
-        semi_axes: those of the ellipsoid, (3,).
-        front: True for the part towards the viewer, False for the other.
-        style: style of the line, as in matplotlib.
-    """
+    """The part of a curve (n, 3) towards the viewer (`front`) or behind the ellipsoid. Its data are the whole curve."""
 
     def __init__(self, points: np.ndarray, semi_axes: np.ndarray, front: bool, **style: Any):
         super().__init__(*points.T, **style)
@@ -89,6 +91,13 @@ def draw_dot(axes: Any, point: np.ndarray, semi_axes: np.ndarray, colour: str) -
     draw_curve(axes, point[None], semi_axes, color=colour, marker="o", markersize=6.0, linestyle="")
 
 
+def draw_axes(axes: Any, starts: np.ndarray, ends: np.ndarray, names: Sequence[str], size: float = SIZE) -> None:
+    """Draws a grey line from each start to its end (n, 3), with a name beyond it."""
+    for start, end, name in zip(starts, ends, names, strict=True):
+        axes.plot(*np.stack([start, end]).T, color=GREY, linewidth=1.0)
+        axes.text(*(1.08 * end), name, fontsize=size, color=ink(axes), ha="center", va="center")
+
+
 def along_arcs(points: np.ndarray) -> np.ndarray:
     """Unit vectors (n, 3), with more between them on the shortest arcs, so that none are over two degrees apart."""
     ends = points[1:]
@@ -102,3 +111,24 @@ def along_arcs(points: np.ndarray) -> np.ndarray:
         share = turn * np.arange(1, count + 1)[:, None] / count
         pieces.append((np.sin(turn - share) * start + np.sin(share) * end) / np.sin(turn))
     return np.concatenate(pieces)
+
+
+def draw_space(axes: Any, limits: np.ndarray, size: float = SIZE) -> None:
+    """Sets limits (2, 3), equal scales and names of axes, with few numbers, in a font of this size."""
+    colour, spans = ink(axes), limits[1] - limits[0]
+    power = 3 * int(np.floor(np.log10(max(float(np.max(np.abs(limits))), np.finfo(float).tiny)) / 3 + 1e-9))
+    scale, unit = (10.0**power, rf"$10^{{{power}}}$ length") if power not in (0, -3) else (1.0, "length")
+    axes.set_proj_type("ortho")
+    axes.set(xlim=limits[:, 0], ylim=limits[:, 1], zlim=limits[:, 2])
+    axes.set_box_aspect(spans / spans.max(), zoom=0.76 if size < SIZE else 0.88)
+    for place, (axis, letter) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
+        axis.set_major_locator(MaxNLocator(_TICKS))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:.6g}"))
+        axis.set_label_text(f"{letter}  [{unit}]", fontsize=size, color=colour)
+        # matplotlib places texts at distances that shrink with the picture across the axis, here undone by half.
+        farther = float(spans.max() / np.delete(spans, place).max()) ** 0.5 - 1
+        pad = (1 if letter == "z" else -3) + _TICK_OFFSET * farther
+        axis.set_tick_params(labelsize=size, labelcolor=colour, color=GREY, pad=pad)
+        axis.labelpad = _LABEL_OFFSET * farther
+        axis.line.set_color(GREY)
+        axis.set_pane_color((0.5, 0.5, 0.5, 0.05))

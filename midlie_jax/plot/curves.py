@@ -1,0 +1,383 @@
+"""Curves of one motion in space: `axis_path` on the unit sphere, `polhode` on the energy ellipsoid, and `track`."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks.arguments import as_floats, described, is_unit, shown
+from ..drivers.path import AnyPath
+from ..model.bodies import RigidBody, TensorBody, principal_of
+from ..model.compatibility import body_named
+from ..model.free_body import FreeBody
+from ..model.state import AnyState
+from ..model.states import OrientedState, TravellingState
+from .labels import name_in_legend
+from .motion import Motion, motion_of, path_of_one
+from .style import BLUE, FEW, GREY, colours_of, is_3d, remark
+
+_FAR = np.radians(30.0)  # if saved directions are further apart, the picture says so
+_BODY_AXES = ("e1", "e2", "e3")
+_SAME = 1e-2  # energies that differ less are drawn on one ellipsoid
+_FAMILY = (0.15, 0.5, 0.85)  # where, from an axis to the separatrix, other polhodes are drawn
+_MARGIN = 0.05  # room around tracks, relative to their size
+_SLIMMEST = 0.4  # the least side of a picture of a track over the largest, so that names of axes have room
+_TRACK = "midlie_jax.plot.track"  # marks tracks on 3-D axes
+
+
+def axis_path(
+    axes: Any,
+    path: AnyPath[OrientedState],
+    axis: str | int | ArrayLike = 2,
+    *,
+    colour: str | None = None,
+    label: str | None = None,
+) -> np.ndarray:
+    """Draws the path of an axis of the body in space, on the unit sphere.
+
+    On 3-D axes (`figure.add_subplot(projection="3d")`) the part of the path towards the viewer is strong and the other
+    part faint, also after the picture is rotated by hand. On plain axes the sphere is seen from +z, and the part below
+    the xy plane is faint. A dot marks the initial direction. Saved directions are joined by the shortest arc. Call the
+    function again on the same axes to compare paths. A failed run is drawn up to its last good state, and the picture
+    says so. Each of up to six coupled bodies has its own colour.
+
+    Args:
+        axes: matplotlib's axes, 3-D or plain.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with
+            states that have an attitude, such as a `RigidState` or a `FreeState`, or the axis of symmetry: an
+            `AxisState` or a `FreeAxisState`; or of coupled bodies.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. For
+            states with an axis alone only e3, which is that axis.
+        colour: colour of the path, any of matplotlib's.
+        label: the name of the path in the legend; by default the name of the axis. For coupled bodies the number
+            follows.
+
+    Returns:
+        The directions in space that are drawn, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
+
+    Raises:
+        ValueError: the path is not of one body with attitudes or axes, or its first two states are bad; the axis is
+            neither a name, nor an index, nor a unit vector, or the states do not define it; there are more than six
+            coupled bodies.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> figure = Figure()
+        >>> ml.plot.axis_path(figure.add_subplot(projection="3d"), path).shape  # what is drawn
+        (101, 3)
+        >>> figure.savefig("axis.png")
+    """
+    direction, name = as_axis(axis)
+    count = getattr(getattr(path, "states", None), "count", 0)
+    if count > FEW:
+        raise ValueError(
+            f"path must hold at most {FEW} bodies, got {count}. Draw some of them: "
+            "path._replace(states=path.states.of_body(i)) is the path of body i."
+        )
+    if count:
+        each = [
+            axis_path(axes, path_of_one(path, i), axis, colour=colour or own, label=f"{label or name} of body {i}")
+            for i, own in enumerate(colours_of(count))
+        ]
+        return np.stack(each, axis=1)
+    motion = motion_of(path)
+    tips = motion.directions(direction)
+    name, chosen = label or name, colour or BLUE
+    (_on_sphere if is_3d(axes) else _seen_from_above)(axes, tips, name, chosen)
+    name_in_legend(axes)
+    remark(axes, motion.failed and f"{name}: {motion.failed}")
+    gap = np.max(np.arccos(np.clip(np.sum(tips[1:] * tips[:-1], axis=1), -1, 1)))
+    if gap > _FAR:
+        remark(axes, f"{name}: saved directions are up to {np.degrees(gap):.0f}° apart")
+    return tips
+
+
+def as_axis(axis: Any) -> tuple[np.ndarray, str]:
+    """An axis of the body as a unit vector (3,), and its name."""
+    if isinstance(axis, int | np.integer) and not isinstance(axis, bool) and axis in (0, 1, 2):
+        axis = _BODY_AXES[axis]
+    if isinstance(axis, str) and axis in _BODY_AXES:
+        return np.eye(3)[_BODY_AXES.index(axis)], axis
+    try:
+        direction = np.asarray(as_floats("axis", axis), float)
+    except ValueError:
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not is_unit(direction):
+        got = repr(axis) if isinstance(axis, str | int) else shown(axis) if direction.shape == (3,) else described(axis)
+        raise ValueError(
+            'axis must be "e1", "e2" or "e3", or its index 0, 1 or 2, or a unit vector (3,) in the body frame, '
+            f"got {got}."
+        )
+    return direction / np.linalg.norm(direction), "axis"
+
+
+def _on_sphere(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
+    from .artists import along_arcs, draw_axes, draw_curve, draw_dot, draw_ellipsoid, shade_of
+
+    sphere = np.ones(3)
+    if shade_of(axes) is None:
+        draw_ellipsoid(axes, sphere)
+        circle = _circle()
+        for shift in range(3):
+            draw_curve(axes, np.roll(circle, shift, axis=1), sphere, color=GREY, linewidth=0.6, alpha=0.7)
+        draw_axes(axes, np.eye(3), 1.2 * np.eye(3), "xyz")
+    draw_curve(axes, along_arcs(tips), sphere, color=colour, linewidth=1.4, label=name)
+    draw_dot(axes, tips[0], sphere, colour)
+
+
+def _circle() -> np.ndarray:
+    angle = np.linspace(0, 2 * np.pi, 181)
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+
+
+def _seen_from_above(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
+    from .artists import along_arcs
+
+    x, y, z = along_arcs(tips).T
+    above = np.where(z >= 0, 1.0, np.nan)
+    axes.plot(x, y, color=colour, linewidth=1.0, alpha=0.35)
+    axes.plot(x * above, y * above, color=colour, linewidth=1.4, label=name)
+    axes.plot(*tips[0, :2], marker="o", markersize=6.0, color=colour)
+    if np.max(np.abs(tips[:, :2])) > 0.5:
+        axes.plot(*_circle()[:, :2].T, color=GREY, linewidth=0.8, zorder=1)
+    axes.set(xlabel="x in space  [-]", ylabel="y in space  [-]")
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def polhode(
+    axes: Any,
+    body: RigidBody | TensorBody | FreeBody,
+    path: AnyPath[AnyState],
+    *,
+    kind: str = "momentum",
+    colour: str | None = None,
+    label: str | None = None,
+) -> np.ndarray:
+    """Draws the angular momentum in the principal frame of the body, on the ellipsoid of its kinetic energy.
+
+    A body under no torque conserves its kinetic energy T and the length of its momentum Pi. So in the body frame the
+    momentum moves on the ellipsoid Pi . I^-1 Pi = 2T, along its intersection with a sphere. The angular velocity W
+    moves on the ellipsoid W . I W = 2T, along the polhode of Poinsot (H. Goldstein, Classical Mechanics, section 5.6).
+    Here the curve of the momentum is called a polhode as well.
+
+    Faint curves are other polhodes of this energy; the grey curves through the axis of the middle moment are the
+    separatrix. A dot marks the initial momentum. The ellipsoid is that of the initial energy: under a torque the path
+    leaves it, and the picture says so. Call the function again on the same axes for another path of nearly the same
+    energy. A failed run is drawn up to its last good state, and the picture says so.
+
+    Args:
+        axes: matplotlib's 3-D axes: `figure.add_subplot(projection="3d")`.
+        body: the body of the path, a `RigidBody` or a `TensorBody`, or a `FreeBody` of one, whose rotation is drawn.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
+            state of a rigid body, or a `FreeState`.
+        kind: "momentum", or "velocity" for the angular velocity, whose ellipsoid has the axes sqrt(2T / I).
+        colour: colour of the path, any of matplotlib's.
+        label: the name of the path in the legend; by default "momentum" or "angular velocity".
+
+    Returns:
+        The drawn points (n, 3), at the saved times, in the principal frame.
+
+    Raises:
+        ValueError: the axes are not 3-D; the body is not one rigid body; the path is not of one body, its first two
+            states are bad, or they have no momentum in the body frame, such as an `AxisState`; the body does not
+            rotate; the energy differs from the energy of the ellipsoid on the axes.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body = ml.RigidBody([1.0, 2.0, 2.5])
+        >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
+        >>> path = ml.free_motion(body, start, jnp.linspace(0.0, 18.0, 181))
+        >>> ml.plot.polhode(Figure().add_subplot(projection="3d"), body, path).shape
+        (181, 3)
+    """
+    if not is_3d(axes):
+        raise ValueError('axes must be 3-D, got plain axes. Make them by figure.add_subplot(projection="3d").')
+    if kind not in ("momentum", "velocity"):
+        raise ValueError(f"kind must be one of momentum, velocity, got {kind!r}.")
+    motion = motion_of(path).turning
+    if motion.has_axis_alone:
+        raise ValueError(
+            "path must hold momenta in the body frame, got AxisStates. Integrate a RigidState or a FreeState, such as "
+            "state.with_attitude(), with the moments of the body."
+        )
+    body, moments = _turning(body)
+    momenta = _in_principal_frame(body, motion)
+    energies = np.sum(momenta**2 / moments, axis=1) / 2
+    if not energies[0] > 0:
+        raise ValueError("path must start with a momentum that is not zero, got a body at rest; it has no ellipsoid.")
+    power = 0.5 if kind == "momentum" else -0.5
+    points, semi_axes = momenta * moments ** (power - 0.5), np.sqrt(2 * energies[0]) * moments**power
+    name = label or ("momentum" if kind == "momentum" else "angular velocity")
+    _on_ellipsoid(axes, points, semi_axes, moments, name, colour or BLUE)
+    name_in_legend(axes)
+    remark(axes, motion.failed and f"{name}: {motion.failed}")
+    if np.ptp(energies) > _SAME * energies[0]:
+        low, high = np.array([energies.min(), energies.max()]) / energies[0]
+        remark(axes, f"{name}: kinetic energy from {low:.3g} to {high:.3g} times that of the ellipsoid")
+    return points
+
+
+def _turning(body: Any) -> tuple[RigidBody | TensorBody, np.ndarray]:
+    """The one rigid body that rotates, and its principal moments (3,)."""
+    turning = body.turning if isinstance(body, FreeBody) else body
+    if not isinstance(turning, RigidBody | TensorBody):
+        raise ValueError(f"body must be a RigidBody or a TensorBody, or a FreeBody of one, got {body_named(body)}.")
+    moments = np.asarray(principal_of(turning).moments, float)
+    if moments.shape != (3,):
+        raise ValueError(f"body must be one body with moments (3,), got {moments.shape}. Take the row of the body.")
+    return turning, moments
+
+
+def _in_principal_frame(body: RigidBody | TensorBody, motion: Motion) -> np.ndarray:
+    momenta = body.to_principal(motion.states.momentum) if isinstance(body, TensorBody) else motion.states.momentum
+    return np.asarray(momenta, float)
+
+
+def _on_ellipsoid(
+    axes: Any, points: np.ndarray, semi_axes: np.ndarray, moments: np.ndarray, name: str, colour: str
+) -> None:
+    from .artists import draw_axes, draw_curve, draw_dot, draw_ellipsoid, shade_of
+
+    drawn = shade_of(axes)
+    if drawn is None:
+        draw_ellipsoid(axes, semi_axes)
+        for curve, bold in polhodes(moments):
+            style = {"linewidth": 1.2, "alpha": 1.0} if bold else {"linewidth": 0.6, "alpha": 0.8}
+            draw_curve(axes, curve * semi_axes, semi_axes, color=GREY, **style)
+        draw_axes(axes, np.diag(semi_axes), np.diag(semi_axes + 0.18 * np.max(semi_axes)), _BODY_AXES)
+        remark(axes, "moments of e1, e2, e3: " + ", ".join(f"{moment:.4g}" for moment in moments))
+    elif drawn.semi_axes.shape != semi_axes.shape or np.max(np.abs(drawn.semi_axes / semi_axes - 1)) > _SAME / 2:
+        raise ValueError(
+            "path and body must have the kinetic energy of the ellipsoid on these axes, got another one. Draw them on "
+            "other axes."
+        )
+    else:
+        semi_axes = drawn.semi_axes
+    draw_curve(axes, points, semi_axes, color=colour, linewidth=1.8, label=name)
+    draw_dot(axes, points[0], semi_axes, colour)
+
+
+def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:
+    """Polhodes of one energy, and whether each belongs to the separatrix, as points u (181, 3) with |u| = 1.
+
+    The momentum is sqrt(2T I) u. Its square over 2T is sum(I u^2), between the smallest moment a and the largest c. The
+    polhodes with a square below the middle moment b go around axis a, those above it around axis c; at b itself there
+    are two ellipses through axis b.
+    """
+    a, b, c = np.argsort(moments)
+    low, middle, high = moments[[a, b, c]]
+    cosine, sine, _ = _circle().T
+    found: list[tuple[np.ndarray, bool]] = []
+
+    def around(axis: Any, others: tuple[Any, Any], rest: float) -> None:
+        """The polhodes with sum(I u^2) = moments[axis] + rest, at both ends of the axis."""
+        u = np.zeros((len(cosine), 3))
+        for other, values in zip(others, (cosine, sine), strict=True):
+            gap = moments[other] - moments[axis]
+            u[:, other] = np.sqrt(rest / gap) * values if gap else 0.0
+        u[:, axis] = np.sqrt(np.maximum(1 - np.sum(u**2, axis=1), 0.0))
+        found.extend([(u, False), (u * np.where(np.arange(3) == axis, -1, 1), False)])
+
+    least = 1e-9 * high
+    for share in _FAMILY:
+        if middle - low > least:
+            around(a, (b, c), share**2 * (middle - low))
+        if high - middle > least:
+            around(c, (a, b), -(share**2) * (high - middle))
+    if middle - low > least and high - middle > least:
+        # sum (I - b) u^2 = 0: u_c = +- slope u_a.
+        slope = np.sqrt((middle - low) / (high - middle))
+        for sign in (1, -1):
+            u = np.zeros((len(cosine), 3))
+            u[:, b], u[:, a], u[:, c] = cosine, sine / np.hypot(1, slope), sign * slope * sine / np.hypot(1, slope)
+            found.append((u, True))
+    return found
+
+
+def track(
+    axes: Any, path: AnyPath[TravellingState], *, colour: str | None = None, label: str | None = None
+) -> np.ndarray:
+    """Draws the path of the centre of mass in space, with one scale in all directions.
+
+    On plain axes it is drawn in the plane xy, xz or yz in which it is longest; labels "x" and "z" that the axes have
+    already, such as those of an earlier call, choose the plane. A dot marks the initial position. Saved positions are
+    joined by straight lines. Call the function again on the same axes to compare paths. A failed run is drawn up to its
+    last good state, and the picture says so. Each coupled body has its own colour; up to six are named.
+
+    Args:
+        axes: matplotlib's axes, 3-D (`figure.add_subplot(projection="3d")`) or plain.
+        path: a `Path` or `AdaptivePath` of one body that translates, with `FreeState`s or `FreeAxisState`s; or of
+            coupled bodies.
+        colour: colour of the path, any of matplotlib's.
+        label: the name of the path in the legend; by default it has none. For coupled bodies the number follows.
+
+    Returns:
+        The positions that are drawn, (n, 3), or for N coupled bodies (n, N, 3), at the saved times.
+
+    Raises:
+        ValueError: the path is not of one body that translates, or its first two states are bad.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
+        >>> weight = ml.torques.UniformGravity([0.0, 0.0, -9.81])
+        >>> level = [1.0, 0.0, 0.0, 0.0]
+        >>> start = ml.FreeState([0.1, 3.0, 0.2], level, linear=[12.0, 0.0, 9.0], position=[0.0, 0.0, 1.5])
+        >>> path = ml.integrate("JACOBI[EA]", body, weight, start, dt=0.01, steps=100)
+        >>> ml.plot.track(Figure().add_subplot(), path, label="brick").shape
+        (101, 3)
+    """
+    motion = motion_of(path, together=True)
+    if not isinstance(motion.states, TravellingState):
+        raise ValueError(
+            f"path must hold positions, got {type(motion.states).__name__}s. Integrate a FreeState of a FreeBody."
+        )
+    positions = np.asarray(motion.states.position, float)
+    draw = _in_space if is_3d(axes) else _in_plane
+    if motion.states.several:
+        count = positions.shape[1]
+        names = [f"{label or 'body'} {i}" if count <= FEW else None for i in range(count)]
+        # The largest comes first, because it chooses the plane.
+        for i in np.argsort(-np.max(np.ptp(positions, axis=0), axis=1), kind="stable"):
+            draw(axes, positions[:, i], colour or colours_of(count)[i], names[i])
+    else:
+        names = [label]
+        draw(axes, positions, colour or BLUE, label)
+    if names[0]:
+        name_in_legend(axes)
+    remark(axes, motion.failed and (f"{label}: {motion.failed}" if label else motion.failed))
+    return positions
+
+
+def _in_space(axes: Any, positions: np.ndarray, colour: str, label: str | None) -> None:
+    from .artists import draw_space
+
+    axes.plot(*positions.T, color=colour, linewidth=1.4, label=label, gid=_TRACK)
+    axes.plot(*positions[:1].T, marker="o", markersize=5.0, color=colour, linestyle="")
+    drawn = np.concatenate([np.transpose(line.get_data_3d()) for line in axes.lines if line.get_gid() == _TRACK])
+    draw_space(axes, limits_around(drawn, _MARGIN * float(np.max(np.ptp(drawn, axis=0)))))
+
+
+def limits_around(points: np.ndarray, margin: float) -> np.ndarray:
+    """The least and the largest coordinates of a picture of points (n, 3), (2, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = (high - low) / 2 + margin
+    half = np.maximum(half, max(_SLIMMEST * float(half.max()), np.finfo(float).tiny))
+    return (low + high) / 2 + np.stack([-half, half])
+
+
+def _in_plane(axes: Any, positions: np.ndarray, colour: str, label: str | None) -> None:
+    # The labels choose the plane, or else the two directions in which the path is longest.
+    letters = [label[:1].lower() for label in (axes.get_xlabel(), axes.get_ylabel())]
+    if letters[0] == letters[1] or not all(letter and letter in "xyz" for letter in letters):
+        spans = np.ptp(positions, axis=0)
+        letters = "xyz".replace("xyz"[int(np.argmin(spans))] if np.any(spans) else "z", "")
+    i, j = map("xyz".index, letters)
+    axes.plot(positions[:, i], positions[:, j], color=colour, linewidth=1.4, label=label)
+    axes.plot(*positions[0, [i, j]], marker="o", markersize=5.0, color=colour)
+    axes.set(xlabel=axes.get_xlabel() or f"{letters[0]}  [length]")
+    axes.set(ylabel=axes.get_ylabel() or f"{letters[1]}  [length]")
+    axes.set_aspect("equal", adjustable="datalim")
