@@ -12,8 +12,7 @@ from PIL import Image
 from test_view import figure_of
 
 import midlie_jax as ml
-from midlie_jax.plot.balance import add_up_to_zero, balanced
-from midlie_jax.plot.kept import kept_by
+from midlie_jax.plot.conservation import add_up_to_zero, balanced, kept_by
 from midlie_jax.plot.several import panels
 from midlie_jax.plot.style import FEW, colours_of
 from midlie_jax.plot.together import togethers

@@ -17,7 +17,7 @@ from test_view import figure_of
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
-from midlie_jax.plot.kept import kept_by
+from midlie_jax.plot.conservation import kept_by
 from midlie_jax.plot.several import panels
 from midlie_jax.plot.shape import CORNERS, shape_of
 from midlie_jax.plot.style import ORANGE

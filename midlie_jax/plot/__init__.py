@@ -13,8 +13,8 @@ lower modules, too.
 from .animate import animate as animate
 from .bands import Bands as Bands
 from .bands import bands as bands
-from .conserved import Conserved as Conserved
-from .conserved import conserved as conserved
+from .conservation import Conserved as Conserved
+from .conservation import conserved as conserved
 from .curves import axis_path as axis_path
 from .curves import polhode as polhode
 from .curves import track as track

@@ -1,41 +1,149 @@
-"""The change of energy and momenta along motions, and whether the exact motion conserves them.
+"""What the exact motion conserves, the errors of a run in it, and `conserved`, which draws them against time.
 
-Changes are computed in float64, if it is enabled, for runs of any dtype, so that the result shows the rounding of the
+Errors are computed in float64, if it is enabled, for runs of any dtype, so that the result shows the rounding of the
 run and not that of its evaluation.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._math import components as cp
+from ..drivers.path import AnyPath
+from ..model import torques
 from ..model.bodies import Body
+from ..model.compatibility import check_body, check_torque
 from ..model.observables import energy
 from ..model.state import AnyState, State
 from ..model.states import TravellingState
-from ..model.torques import TorqueLike
-from .balance import add_up_to_zero, forces_on
-from .kept import ALL, Kept, kept_by
+from ..model.torques import TorqueLike, on_body
+from .labels import name_at_edge
+from .motion import motion_of
+from .style import BLUE, GREEN, VERMILLION, remark
+
+# Colours and dashes of energy, angular and linear momentum.
+_LINES = (BLUE, "-"), (VERMILLION, (0, (4, 1.5))), (GREEN, (0, (1.5, 1.5)))
+
+
+class Conserved(NamedTuple):
+    """The errors that `conserved` has drawn.
+
+    Attributes:
+        times: (n,), the saved times before the run failed.
+        energy: the relative error of the energy, (n,); None if it is not conserved.
+        momentum: the relative error of the conserved part of the spatial momentum, (n,); None if there is none.
+        linear: the relative error of the linear momentum, (n,); None if it is not conserved, or the body does not
+            translate.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> found = ml.plot.conserved(Figure().add_subplot(), body, torque, path)
+        >>> bool(abs(found.energy).max() < 1e-6), bool(abs(found.momentum).max() < 1e-12)
+        (True, True)
+    """
+
+    times: np.ndarray
+    energy: np.ndarray | None
+    momentum: np.ndarray | None
+    linear: np.ndarray | None = None
+
+
+def conserved(
+    axes: Any,
+    body: Body,
+    torque: TorqueLike | None,
+    path: AnyPath[AnyState],
+    *,
+    colour: str | None = None,
+    label: str | None = None,
+) -> Conserved:
+    """Draws the relative errors of a run in the quantities that the exact motion conserves.
+
+    The bold lines are the largest relative error so far, the faint ones the error at each saved time. Conserved are:
+
+    - the energy, if the torque has a potential that does not depend on time;
+    - all of the spatial momentum without a torque and under a `PointMass`, its vertical component under a `HeavyTop`,
+      and its component along the field under a `DipoleInField` whose field is constant, along the acceleration under a
+      `UniformGravity`, and along the pole under an `Oblateness`; under a sum of torques, what each of them conserves;
+    - without a torque, for a state that has no attitude, the length of the momentum;
+    - for a body that translates, the linear momentum if no force acts at the saved times. Its spatial momentum is the
+      total angular momentum about the origin, x cross p + R Pi;
+    - for coupled bodies, the sums of their momenta, if at the saved times their forces, or their torques about the
+      origin, add up to zero up to rounding.
+
+    Other quantities are named on the picture and not drawn. Errors are computed in float64 if it is enabled. Errors
+    below half a unit in the last place of the run's dtype are drawn at that height. Call the function again on the same
+    axes to compare methods, each with a colour.
+
+    Args:
+        axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
+        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`.
+        torque: as for `integrate`.
+        path: a `Path` or `AdaptivePath` of one body, from `integrate`, `integrate_adaptive` or `free_motion`, with any
+            state of one body, or of coupled bodies.
+        colour: the colour of all lines (the lines of the momenta are dashed); by default blue, vermilion and green.
+        label: put before the names "energy" and "momentum", for example the name of the method.
+
+    Returns:
+        The errors, signed for the energy.
+
+    Raises:
+        ValueError: body, torque and path do not fit each other; the path is not of one body, or its first two states
+            are bad; neither energy nor a momentum is conserved.
+
+    Examples:
+        >>> from matplotlib.figure import Figure
+        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
+        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
+        >>> path = ml.integrate("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
+        >>> found = ml.plot.conserved(Figure().add_subplot(), body, torque, path, label="JACOBI[EA]")
+        >>> found.energy.shape
+        (101,)
+    """
+    motion = motion_of(path, together=True)
+    check_body(body, motion.states)
+    check_torque(torque)
+    acting = body, torque, motion.times, motion.states
+    changes = [energy_change(*acting), momentum_change(torque, motion.states, balanced=balanced(*acting))]
+    if isinstance(motion.states, TravellingState):
+        changes.append(linear_change(*acting))
+    if all(change.reason for change in changes):
+        raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
+    least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2
+    axes.set_yscale("log")
+    axes.set(xlabel=axes.get_xlabel() or "time", ylabel=axes.get_ylabel() or "relative error")
+    found: list[np.ndarray | None] = []
+    for change, (own, dash) in zip(changes, _LINES, strict=False):
+        name = f"{label}: {change.short}" if label else change.short
+        if change.reason:
+            remark(axes, f"{name} {change.reason}")
+            found.append(None)
+            continue
+        chosen, sizes = colour or own, np.maximum(np.abs(change.values), least)
+        largest = np.maximum.accumulate(sizes)
+        axes.plot(motion.times, sizes, color=chosen, linewidth=0.7, alpha=0.45)
+        axes.plot(motion.times, largest, color=chosen, linewidth=2.0, linestyle=dash, label=name)
+        axes.margins(x=0)
+        name_at_edge(axes, [(name, float(largest[-1]))], chosen)
+        found.append(change.values)
+    remark(axes, motion.failed)
+    return Conserved(motion.times, *found)
 
 
 class Change(NamedTuple):
-    """The change of a quantity since the start.
+    """The change of a quantity since the start."""
 
-    Attributes:
-        values: the change relative to a value at the start, (..., n).
-        name: name of the quantity.
-        formula: formula of the values.
-        note: to which part of the quantity the values refer; may be "".
-        reason: why the exact motion does not conserve the quantity; "" if it does.
-    """
-
-    values: np.ndarray
+    values: np.ndarray  # relative to a value at the start, (..., n)
     name: str
     formula: str
-    note: str = ""
-    reason: str = ""
+    note: str = ""  # to which part of the quantity the values refer; may be ""
+    reason: str = ""  # why the exact motion does not conserve the quantity; "" if it does
 
     @property
     def in_words(self) -> str:
@@ -44,15 +152,21 @@ class Change(NamedTuple):
             return self.reason
         return f"{float(np.max(np.abs(self.values))):.2e}" + (f"  ({self.note})" if self.note else "")
 
+    @property
+    def short(self) -> str:
+        """A name short enough to stand beside a panel."""
+        total = "total " if self.name.startswith("total") else ""
+        part = self.note.removesuffix(", which is conserved")
+        if part == self.note:
+            return self.name
+        along = part.removeprefix("component ")
+        return f"{total}momentum {along}" if along != part else f"vertical {total}momentum"
+
 
 def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: AnyState) -> Change:
-    """(E(t) - E(0)) / |E(0)|; E is the kinetic energy alone if the torque has no potential.
+    """(E(t) - E(0)) / |E(0)| of one body; E is the kinetic energy alone if the torque has no potential.
 
-    Args:
-        body: one body.
-        torque: as for `integrate`.
-        times: (n,).
-        states: at these times, with leading axes (..., n); they may contain NaN.
+    The states have leading axes (..., n), and may contain NaN; the times are (n,).
     """
     body, torque, states = _doubles((body, torque, states))
     times = np.asarray(times, jnp.result_type(float))
@@ -77,14 +191,10 @@ def energy_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
 def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bool = False) -> Change:
     """|pi(t) - pi(0)| / |pi(0)|; if the torque conserves only one component, the change of this component over |pi(0)|.
 
-    For a body that travels, pi is the total angular momentum about the origin, and the change is relative to the
-    largest |x cross p| + |R Pi| of the path, because pi may vanish. Of coupled bodies it is the sum over all.
-
-    Args:
-        torque: as for `integrate`.
-        states: with leading axes (..., n); they may contain NaN. Without an attitude or an axis only the length of the
-            momentum is known, or its component along the direction of a `DirectionState`.
-        balanced: whether all of it is known to be conserved, as by `balance.balanced`.
+    For a body that translates, pi is the total angular momentum about the origin, and the change is relative to the
+    largest |x cross p| + |R Pi| of the path, because pi may vanish. For coupled bodies it is the sum over all. Without
+    an attitude or an axis, states hold only the length of pi, or its component along the direction of a
+    `DirectionState`. `balanced`: all of pi is conserved, as the function of this name finds.
     """
     torque, states = _doubles((torque, states))
     size, letter = _sizes(states, states.momentum)[..., :1], "|π₀|"
@@ -106,19 +216,13 @@ def momentum_change(torque: TorqueLike | None, states: AnyState, *, balanced: bo
     momenta = _in_space(states)
     whole = _relative(np.linalg.norm(momenta - momenta[..., :1, :], axis=-1), size)
     formula = f"|π - π₀| / {letter}"
-    if kept == ALL:
-        return Change(whole, name, formula, "all of it")
-    return Change(whole, name, formula, reason=changed)
+    return Change(whole, name, formula, "all of it") if kept == ALL else Change(whole, name, formula, reason=changed)
 
 
 def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, states: TravellingState) -> Change:
-    """|p(t) - p(0)| / max |p| of a body that travels, conserved where no force acts; of coupled bodies that of the sum.
+    """|p(t) - p(0)| / max |p| of a body that translates, conserved where no force acts on the first body of a batch.
 
-    Args:
-        body: one body.
-        torque: as for `integrate`.
-        times: (n,).
-        states: at these times, with leading axes (..., n); of a batch, the forces on the first are looked at.
+    For coupled bodies p is the sum over all.
     """
     body, torque, states = _doubles((body, torque, states))
     momenta, size = np.asarray(states.linear), np.nanmax(_sizes(states, states.linear), axis=-1, keepdims=True)
@@ -127,20 +231,19 @@ def linear_change(body: Body, torque: TorqueLike | None, times: ArrayLike, state
     reason = ""
     if torque is not None:
         first = jax.tree.map(lambda leaf: leaf[(0,) * (leaf.ndim - states.own_axes - 1)], states)
-        forces = np.asarray(forces_on(body, torque, np.asarray(times), first).linear)
+        forces = np.asarray(_forces_on(body, torque, np.asarray(times), first).linear)
         acts = not add_up_to_zero(forces) if states.several else np.any(forces != 0)
         reason = "not conserved: a force acts" if acts else ""
     return Change(values, "linear momentum", "|p - p₀| / max |p|", "" if reason else "all of it", reason)
 
 
 def _sizes(states: Any, vectors: Any) -> np.ndarray:
-    """The lengths of vectors (..., 3); of coupled bodies their sum."""
+    """The lengths of vectors (..., 3), summed over coupled bodies."""
     lengths = np.linalg.norm(np.asarray(vectors), axis=-1)
     return np.sum(lengths, axis=-1) if states.several else lengths
 
 
 def _is_in_space(states: Any) -> bool:
-    """Whether the states know their angular momentum in space."""
     return hasattr(states, "attitude") or type(states).spatial_momentum is not State.spatial_momentum
 
 
@@ -169,3 +272,75 @@ def _doubles(tree: Any) -> Any:
         return jnp.asarray(leaf, jnp.result_type(float)) if floating else leaf
 
     return jax.tree.map(double, tree)
+
+
+class Kept(NamedTuple):
+    """A component of the spatial angular momentum that is conserved.
+
+    For a body that translates, the momentum is the total x cross p + R Pi about the origin: a torque without a force
+    leaves x cross p alone, a uniform force changes the total momentum across itself, and a force of the field of a
+    point mass at the origin, with its torque, does not change it. For coupled bodies it is the sum over all.
+    """
+
+    direction: np.ndarray  # a vector along it, in space, (3,)
+    letter: str  # its index in formulas
+    which: str  # its name
+
+
+ALL: Literal["all"] = "all"
+
+
+def kept_by(torque: Any) -> Kept | Literal["all"] | None:
+    """The component that is conserved under a torque, `ALL`, or None if nothing is known to be."""
+    if torque is None or isinstance(torque, torques.PointMass | torques.MutualGravity):
+        return ALL
+    if isinstance(torque, torques.HeavyTop):
+        return Kept(np.array([0.0, 0.0, 1.0]), "z", "vertical component")
+    if isinstance(torque, torques.DipoleInField) and not callable(torque.field):
+        return Kept(np.asarray(torque.field), "f", "component along the field")
+    if isinstance(torque, torques.UniformGravity):
+        return Kept(np.asarray(torque.acceleration), "g", "component along gravity")
+    if isinstance(torque, torques.Oblateness):
+        return Kept(np.asarray(torque.pole), "n", "component along the pole")
+    if isinstance(torque, torques.OnEach):
+        return kept_by(torque.torque)
+    if not isinstance(torque, torques.Sum):
+        return None
+    kept = [kept_by(term) for term in torque.terms]
+    some = [one for one in kept if isinstance(one, Kept)]
+    if None in kept or any(not _parallel(some[0].direction, other.direction) for other in some):
+        return None
+    return some[0] if some else ALL
+
+
+def _parallel(a: np.ndarray, b: np.ndarray) -> bool:
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.linalg.norm(np.cross(a, b))) <= 4 * float(np.finfo(np.float32).eps) * size
+
+
+def _forces_on(body: Any, torque: Any, times: np.ndarray, states: Any) -> Any:
+    """The torque on a body at each saved time, (n, 3), or torque and force of one that translates, as `Momenta`."""
+    bound: Any = on_body(torque, body)
+
+    def at(t: Any, state: Any) -> Any:
+        return type(state).force_of(bound(t, state))
+
+    return jax.jit(jax.vmap(at))(jnp.asarray(times, jnp.result_type(float)), states)
+
+
+def add_up_to_zero(*vectors: Any) -> bool:
+    """Whether vectors (n, N, 3) of N bodies add up to zero at all times, up to rounding."""
+    total = np.linalg.norm(sum(np.sum(each, axis=-2) for each in vectors), axis=-1)
+    sizes = sum(np.sum(np.linalg.norm(each, axis=-1), axis=-1) for each in vectors)
+    return bool(np.all(total <= np.sqrt(jnp.finfo(jnp.result_type(float)).eps) * sizes))
+
+
+def balanced(body: Any, torque: Any, times: np.ndarray, states: Any) -> bool:
+    """Whether the torques on coupled bodies, about the origin, add up to zero at the saved times, (n,)."""
+    if torque is None or not states.several:
+        return False
+    states = jax.tree.map(jnp.asarray, states)
+    found, each = _forces_on(body, torque, times, states), states.of_body(slice(None))
+    travels = isinstance(states, TravellingState)
+    turn = np.stack(each.to_space(cp.vector(found.angular if travels else found)), axis=-1)
+    return add_up_to_zero(turn, np.cross(states.position, found.linear)) if travels else add_up_to_zero(turn)

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...model.bodies import RigidBody
 from ...model.states import AxisState, TravellingState
-from ...plot.balance import balanced
-from ...plot.conservation import Change, energy_change, linear_change, momentum_change
+from ...plot.conservation import Change, balanced, energy_change, linear_change, momentum_change
 from ...plot.style import colours_of
 from ...simulation.names import named, parameter
 from ...simulation.variables import COORDINATES
