@@ -102,12 +102,12 @@ def test_light_and_dark(axes):
 
 WRONG = {
     "shapes": ((TIMES, VALUES.T), {}, r"times must be \(n,\) and values \(bodies, n\), got \(30,\) and \(30, 200\)"),
-    "vectors": ((TIMES, VALUES[..., None]), {}, "for a vector pass one component"),
+    "vectors": ((TIMES, VALUES[..., None]), {}, "For a vector, pass one component"),
     "nothing": ((TIMES, VALUES[:0]), {}, "times must be"),
     "words": ((TIMES, "values"), {}, "must be arrays of numbers, got an array of shape .* and str"),
-    "unsorted": ((TIMES[::-1], VALUES), {}, "times must ascend and be finite; sort"),
+    "unsorted": ((TIMES[::-1], VALUES), {}, "times must ascend and be finite. Sort"),
     "NaN times": ((TIMES * np.nan, VALUES), {}, "times must ascend"),
-    "all failed": ((TIMES, VALUES * np.nan), {}, "not finite in each of its 200 rows; see first_bad"),
+    "all failed": ((TIMES, VALUES * np.nan), {}, "not finite in each of its 200 rows.*first_bad"),
     "percent": ((TIMES, VALUES), {"levels": (50.0, 90.0)}, r"levels must be fractions .*got \(50.0, 90.0\)"),
     "no level": ((TIMES, VALUES), {"levels": ()}, "levels must be fractions"),
 }

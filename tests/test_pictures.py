@@ -22,10 +22,10 @@ from test_plot_coupled import apart as coupled
 from test_view import BRICK, BROWSER, HEADLESS, figure_of, frames_of
 
 import midlie_jax as ml
-from midlie_jax.plot.around import NOTHING, Around, around_of, ball
-from midlie_jax.plot.several import panels
+from midlie_jax.plot.model import NOTHING, Around, around_of, panels
+from midlie_jax.plot.model import scenes as scenes_of
+from midlie_jax.plot.solids import ball
 from midlie_jax.plot.style import FEW, time_text
-from midlie_jax.plot.together import togethers
 
 pictures = benchmark("pictures")
 TIMES = jnp.linspace(0.0, 2.0, 21)
@@ -53,7 +53,7 @@ def moved(states, position):
 
 
 def in_one(path, around=NOTHING, frames=3, body=BODY):
-    (found,) = togethers(panels(body, path, together=True), 2, frames, 100, around=around, in_one=True)
+    (found,) = scenes_of(panels(body, path, together=True), 2, frames, 100, around=around, in_one=True)
     return found
 
 
@@ -63,7 +63,7 @@ def test_bodies_that_travel_are_drawn_in_one_space_where_they_are(count):
     path = fleet(count)
     shown = in_one(path)
     assert [shown.named(i) for i in range(count)] == [f"body {i}" for i in range(count)]
-    assert (shown.few, shown.has_tracks, len(set(shown.colours))) == (count <= FEW, count <= 36, count)
+    assert (shown.few, bool(shown.tracks), len(set(shown.colours))) == (count <= FEW, count <= 36, count)
     middles = np.array([corners.mean(axis=0) for corners in shown.sites(1)])
     np.testing.assert_allclose(middles, path.states.position[:, 10], atol=1e-12)
     assert np.all(np.asarray(shown.limits)[0] < np.min(path.states.position, axis=(0, 1)))
@@ -106,7 +106,7 @@ def test_a_periodic_box_holds_all_bodies_wherever_they_went(wrapped, low):
         turns = (member.travel.centres - wanted) / edge
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
         assert np.all((member.travel.centres >= box[0] - 1e-12) & (member.travel.centres <= box[1] + 1e-12))
-    assert not shown.has_tracks
+    assert not shown.tracks
     assert np.all(np.asarray(shown.limits) * [[1], [-1]] < box * [[1], [-1]])
     edges = np.array(shown.around.edges)
     assert edges.shape == (12, 2, 3)
@@ -117,7 +117,7 @@ def test_coupled_bodies_and_single_ones_have_boxes_too():
     body, path = coupled(2)
     box = [[0.0] * 3, [1.5] * 3]
     for what, moved in ((body, path), (BODY, path._replace(states=path.states.of_body(1)))):
-        (shown,) = togethers(panels(what, moved), 2, 9, 100, SITES, around=around_of(box, None, [moved]))
+        (shown,) = scenes_of(panels(what, moved), 2, 9, 100, SITES, around=around_of(box, None, [moved]))
         places = np.array([member.travel.centres for member in shown.members])
         assert np.all((places >= 0) & (places <= 1.5))
 
@@ -153,8 +153,8 @@ def test_a_gif_with_a_planet_and_one_with_a_box_show_them(tmp_path):
     ("show", "message"),
     [
         (lambda file: ml.plot.animate(*coupled(2), file, together=True), "drawn together without it"),
-        (lambda file: ml.plot.animate(BRICK, spun(), file, together=True), "RigidState has no place"),
-        (lambda file: ml.plot.animate(BRICK, spun(), file, planet=1.0), "planet needs bodies with a place"),
+        (lambda file: ml.plot.animate(BRICK, spun(), file, together=True), "RigidState, which has no position"),
+        (lambda file: ml.plot.animate(BRICK, spun(), file, planet=1.0), "planet needs bodies with a position"),
         (lambda file: around_of(1.2, None, [fleet(2)]), r"\[\[0, 0, 0\], \[L, L, L\]\] for a box"),
         (lambda file: ml.plot.animate(BODY, fleet(2), file, box=[[1.0] * 3, [0.0] * 3]), "least corner first"),
         (lambda file: ml.plot.animate(BODY, fleet(2), file, planet=-1.0), "planet must be the radius"),
@@ -162,8 +162,8 @@ def test_a_gif_with_a_planet_and_one_with_a_box_show_them(tmp_path):
         (lambda _: ml.plot.view(BRICK, fleet(2), together=True), OTHER_BODY),
         (lambda file: ml.plot.animate(BRICK, fleet(1), file, planet=1.0), OTHER_BODY),
         (lambda file: ml.plot.animate(BRICK, coupled(2)[1], file), "a CoupledState belongs to a FreeBody"),
-        (lambda file: ml.plot.animate(BODY, fleet(13), file), "room for 12; choose some of them, or .* together=True"),
-        (lambda file: ml.plot.animate(BODY, fleet(501), file, together=True), "room for 500; choose some"),
+        (lambda file: ml.plot.animate(BODY, fleet(13), file), "at most 12 paths, got 13. Choose .*together=True"),
+        (lambda file: ml.plot.animate(BODY, fleet(501), file, together=True), "at most 500 paths, got 501"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_drawn_in_one_space_is_refused(show, message, tmp_path):

@@ -13,9 +13,8 @@ from test_view import figure_of
 
 import midlie_jax as ml
 from midlie_jax.plot.conservation import add_up_to_zero, balanced, kept_by
-from midlie_jax.plot.several import panels
-from midlie_jax.plot.style import FEW, colours_of
-from midlie_jax.plot.together import togethers
+from midlie_jax.plot.model import panels, scenes
+from midlie_jax.plot.style import FEW, SKY, VERMILLION, colours_of
 
 TIMES = np.linspace(0.0, 2.0, 21)
 SITES = np.array([[0.0, 0.0, -0.1], [0.2, 0.0, 0.1], [-0.2, 0.0, 0.1]])
@@ -47,7 +46,7 @@ def spun(path, i, k):
 
 def test_all_bodies_are_drawn_where_they_are():
     body, path = apart(2)
-    (shown,) = togethers(panels(body, path), 2, 3, 100)
+    (shown,) = scenes(panels(body, path), 2, 3, 100)
     assert (len(shown.members), len(set(shown.colours)), shown.few, shown.solid) == (2, 2, True, True)
     sizes = {member.travel.size for member in shown.members if member.travel is not None}
     assert len(sizes) == 1  # they are alike, and drawn alike
@@ -69,7 +68,7 @@ def test_a_rod_is_drawn_as_bodies_that_touch():
     moved = ml.CoupledState(start.momentum, start.attitude, start.linear, start.position + 9.0)
     states = jax.tree.map(lambda *x: jnp.stack(x), start, moved)
     path = ml.Path(jnp.arange(2.0), states, jnp.asarray(True), jnp.asarray(2), jnp.asarray(0))
-    (shown,) = togethers(panels(body, path), 2, 2, 100)
+    (shown,) = scenes(panels(body, path), 2, 2, 100)
     heights = np.array([[corners[:, 2].min(), corners[:, 2].max()] for corners in shown.sites(0)])
     np.testing.assert_allclose(heights[1:, 0], heights[:-1, 1], atol=1e-12)
     assert not shown.few
@@ -79,16 +78,16 @@ def test_a_rod_is_drawn_as_bodies_that_touch():
 @pytest.mark.sample(0)
 def test_points_are_drawn_in_place_of_solids():
     body, path = apart(2)
-    (shown,) = togethers(panels(body, path), 2, 21, 100, SITES)
+    (shown,) = scenes(panels(body, path), 2, 21, 100, SITES)
     assert not shown.solid
     for i, sites in enumerate(shown.sites(5)):
         wanted = np.asarray(path.states.position[5, i]) + SITES @ spun(path, i, 5).T
         np.testing.assert_allclose(sites, wanted, atol=1e-12)
     assert len(shown.sticks(0)) == 4
-    (many,) = togethers(panels(*apart(FEW + 1)), 2, 2, 100, SITES)
-    assert many.colours_of_sites[:3] == [many.colours_of_sites[0], *2 * [many.colours_of_sites[1]]]
+    (many,) = scenes(panels(*apart(FEW + 1)), 2, 2, 100, SITES)
+    assert many.styles_of_sites(3.0, 2.0)[0][:3] == [VERMILLION, SKY, SKY]
     single = ml.FreeBody(ml.RigidBody([0.02, 0.03, 0.04]), 1.0), path._replace(states=path.states.of_body(1))
-    (alone,) = togethers(panels(*single), 2, 21, 100, SITES)
+    (alone,) = scenes(panels(*single), 2, 21, 100, SITES)
     np.testing.assert_allclose(alone.sites(5)[0] - shown.sites(5)[1], 0, atol=1e-12)
 
 
@@ -115,7 +114,7 @@ def test_bodies_that_stay_have_a_panel_each():
     body, path = apart(3, ml.CoupledRigidState)
     shown = panels(body, path)
     assert [panel.name for panel in shown] == ["body 0", "body 1", "body 2"]
-    assert all(together.limits is None for together in togethers(shown, 2, 3, 100))
+    assert all(together.limits is None for together in scenes(shown, 2, 3, 100))
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), apart(3)[1])
     assert [panel.name for panel in panels(apart(3)[0], batch)] == ["replica 0", "replica 1"]
 
@@ -171,7 +170,7 @@ def test_a_section_of_coupled_bodies():
     [
         (lambda axes: ml.plot.polhode(axes, *apart(2)), "path._replace(states=path.states.of_body(i))"),
         (lambda axes: ml.plot.axis_path(axes, apart(FEW + 1)[1]), "path must hold at most 6 bodies, got 7"),
-        (lambda axes: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "13 paths, and a picture has room for 12"),
+        (lambda axes: ml.plot.animate(*apart(13, ml.CoupledRigidState)), "path must hold at most 12 paths, got 13"),
         (lambda axes: ml.plot.animate(*apart(2), points=np.ones(3)), "points must be (a, 3)"),
         (lambda axes: ml.plot.animate(*apart(2, ml.CoupledRigidState), points=SITES), "body must be a FreeBody"),
     ],

@@ -18,11 +18,9 @@ from test_view import figure_of
 import midlie_jax as ml
 from midlie_jax.cli.main import main
 from midlie_jax.plot.conservation import kept_by
-from midlie_jax.plot.several import panels
-from midlie_jax.plot.shape import CORNERS, shape_of
+from midlie_jax.plot.model import Scene, panels, turning
+from midlie_jax.plot.solids import CORNERS, shape_of
 from midlie_jax.plot.style import ORANGE
-from midlie_jax.plot.together import Together
-from midlie_jax.plot.turning import turning
 from midlie_jax.simulation.saved import saved_path
 
 HALF, MASS = np.array([0.3, 0.2, 0.5]), 4.0  # the half sides of a brick
@@ -255,7 +253,7 @@ def test_names_and_numbers_are_inside_the_picture_and_apart(monkeypatch, speed, 
 
     monkeypatch.setattr(Text, "draw", seen)
     shown = turning(brick(), thrown(speed=speed, steps=steps), 2, 3, most=9)
-    movie = _Movie([""], [Together((shown,), (ORANGE,))], 320, (22.0, -55.0), ("white", False), title)
+    movie = _Movie([""], [Scene((shown,), (ORANGE,))], 320, (22.0, -55.0), ("white", False), title)
     found.clear()
     movie.frame(1)
     assert len(found) > 8

@@ -11,9 +11,8 @@ from PIL import Image
 from test_view import BRICK, START, figure_of, frames_of, midlie
 
 import midlie_jax as ml
-from midlie_jax.plot.several import grid, panels
-from midlie_jax.plot.shape import shape_of
-from midlie_jax.plot.turning import turning, turnings
+from midlie_jax.plot.model import grid, panels, turning, turnings
+from midlie_jax.plot.solids import shape_of
 
 SLIM = ml.RigidBody([0.3, 2.0, 2.1])
 
@@ -72,7 +71,7 @@ def test_what_may_be_shown_side_by_side(path, other):
     ("body", "many", "message"),
     [
         (BRICK, [], "path holds no path"),
-        (BRICK, 13, "path holds 13 paths, and a picture has room for 12"),
+        (BRICK, 13, "path must hold at most 12 paths, got 13"),
         ([BRICK], 2, r"body must be one body, or one for each of the 2 paths, got 1"),
     ],
 )

@@ -18,8 +18,8 @@ from PIL import Image, ImageSequence
 import midlie_jax as ml
 from midlie_jax.cli import scenes
 from midlie_jax.cli.main import main
-from midlie_jax.plot.shape import FACES, shape_of
-from midlie_jax.plot.turning import turning
+from midlie_jax.plot.model import turning
+from midlie_jax.plot.solids import FACES, shape_of
 from midlie_jax.simulation.saved import saved_path
 
 BRICK = ml.RigidBody([1.0, 2.0, 2.5])

@@ -1,4 +1,4 @@
-"""`animate`: turning bodies as a GIF, made with matplotlib and Pillow alone."""
+"""`animate`: rotating bodies as a GIF, made with matplotlib and Pillow alone."""
 
 from pathlib import Path
 from typing import Any
@@ -7,11 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks.arguments import as_count
-from .around import around_of
-from .several import Bodies, Paths, grid, panels
+from .model import Bodies, Paths, Scene, around_of, grid, panels, picture_file, scenes
 from .style import BLUE, SKY, new_figure, time_text
-from .together import Together, togethers
-from .turning import picture_file
 
 _DPI = 80
 _TEXT = 9  # font size, points
@@ -40,20 +37,20 @@ def animate(
     box: ArrayLike | None = None,
     planet: float | None = None,
 ) -> Path:
-    """Writes a GIF of a turning body: a box with its moments of inertia, an axis of the body, and this axis's path.
+    """Writes a GIF of a rotating body: a box with its moments of inertia, an axis of the body, and this axis's path.
 
-    A body that travels is drawn at its place in space, with the track of its centre of mass. If its path is so long
-    that it could not be seen beside it, it is drawn larger, and the picture says how many times. A body of which only
-    the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
+    A body that translates is drawn at its position in space, with the track of its centre of mass. Beside a long path
+    it is drawn larger, and the picture says how many times. A body whose states hold only the axis of symmetry is drawn
+    as a cylinder, or a rod, whose spin is not shown.
 
-    Bodies that act on each other are drawn in one space, each in its colour, if they travel; up to six have their axes
-    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists. Bodies that travel and do
-    not act on each other, such as a fleet of satellites, are drawn so by `together`.
+    Bodies that act on each other are drawn in one space, each in its colour, if they translate; up to six have their
+    axes and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists. With `together`,
+    bodies that translate and do not act on each other, such as a fleet of satellites, are drawn in one space as well.
 
     Several bodies, or one body moved by several methods, stand side by side at the same times. The frames are evenly
-    spaced in time. If the body turns by more than a quarter of a turn from one frame to the next, the eye is misled, as
-    by wheels in a film: the picture then says by how many turns the body turns per frame, and a shorter path or more
-    frames help. A run that failed is shown up to its last good state, and the picture says so.
+    spaced in time. If the body rotates by more than a quarter of a turn from one frame to the next, the eye is misled,
+    as by wheels in a film: the picture then says by how many turns it rotates per frame; take a shorter path or more
+    frames. A failed run is shown up to its last good state, and the picture says so.
 
     Args:
         body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
@@ -63,17 +60,17 @@ def animate(
             up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
             up to 500 with `together`.
         file: the GIF to write; an existing file is replaced.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
-            only the axis of symmetry is known, only e3, which is that axis.
+        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. For
+            states with an axis alone only e3, which is that axis.
         frames: number of frames, at most 400.
-        rate: frames shown in a second, at most 50, which is what browsers show.
+        rate: frames per second, at most 50, which is what browsers show.
         size: width and height of the picture of one body, pixels.
         elevation, azimuth: the direction of the viewer in degrees, above the xy plane and around z from x.
         background: any colour of matplotlib; text is black or white, whichever stands out.
         title: a line above the picture.
-        points: places in the frame of the body, (a, 3), such as the atoms of a molecule: they are drawn in place of the
-            solid, the first joined to each of the others; for bodies with a mass.
-        together: whether several bodies that travel are drawn in one space, instead of side by side.
+        points: positions in the frame of the body, (a, 3), such as the atoms of a molecule. They replace the solid, and
+            the first is joined to each of the others; for bodies with a mass.
+        together: whether several bodies that translate are drawn in one space, instead of side by side.
         box: the least and the largest corner of a periodic box, (2, 3), in the units of the positions. The centres of
             the bodies are drawn in it, and no tracks; from one saved state to the next they must move by less than half
             the box. Positions may be wrapped into the box or not.
@@ -99,20 +96,14 @@ def animate(
     if not 64 <= pixels <= 2000:
         raise ValueError(f"size must be between 64 and 2000 pixels, got {pixels}.")
     if not 0 < rate <= 50:
-        raise ValueError(f"rate must be above 0 and at most 50 frames a second, got {rate}.")
+        raise ValueError(f"rate must be above 0 and at most 50 frames per second, got {rate}.")
     dark = _is_dark(background)
-    shown = panels(body, path, together)
-    around = around_of(box, planet, [panel.path for panel in shown])
-    turns = togethers(shown, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
-    movie = _Movie(
-        [""] if together else [panel.name for panel in shown],
-        turns,
-        pixels,
-        (elevation, azimuth),
-        (background, dark),
-        title,
-    )
-    _write([movie.frame(k) for k in range(len(turns[0].times))], target, rate)
+    given = panels(body, path, together)
+    around = around_of(box, planet, [panel.path for panel in given])
+    shown = scenes(given, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
+    names = [""] if together else [panel.name for panel in given]
+    movie = _Movie(names, shown, pixels, (elevation, azimuth), (background, dark), title)
+    _write([movie.frame(k) for k in range(len(shown[0].times))], target, rate)
     return target
 
 
@@ -127,46 +118,46 @@ def _is_dark(background: str) -> bool:
 
 
 class _Movie:
-    """The figure of the animation, with a scene for each body, the title and the clock."""
+    """The figure of the animation, with a drawing of each scene, the title and the clock."""
 
     def __init__(
         self,
         names: list[str],
-        turns: list[Together],
+        shown: list[Scene],
         pixels: int,
         view: tuple[float, float],
         ground: tuple[str, bool],
         title: str,
     ):
-        from .scene import Scene
+        from .drawing import Drawing
 
         background, dark = ground
         text, line = ("white", SKY) if dark else ("black", BLUE)
-        rows, columns = grid(len(turns))
+        rows, columns = grid(len(shown))
         # The title of a single picture is drawn in the picture; a title of several is drawn above them.
-        strip = _STRIP if title and len(turns) > 1 else 0
+        strip = _STRIP if title and len(shown) > 1 else 0
         width, height = columns * pixels, rows * pixels + strip
-        self.figure, self.times = new_figure(width / _DPI, height / _DPI), turns[0].times
+        self.figure, self.times = new_figure(width / _DPI, height / _DPI), shown[0].times
         self.figure.set_dpi(_DPI)
         self.figure.set_facecolor(background)
         note = {"color": text, "fontsize": _TEXT}
         edge = 0.03 * pixels
-        self.scenes = []
-        for k, (name, shown) in enumerate(zip(names, turns, strict=True)):
+        self.drawings = []
+        for k, (name, scene) in enumerate(zip(names, shown, strict=True)):
             x, y = k % columns * pixels, (rows - 1 - k // columns) * pixels
             place = (x / width, y / height, pixels / width, pixels / height)
-            self.scenes.append(Scene(self.figure, place, shown, view, text, line))
-            heading = name or (title if len(turns) == 1 else "")
+            self.drawings.append(Drawing(self.figure, place, scene, view, text, line))
+            heading = name or (title if len(shown) == 1 else "")
             self.figure.text((x + edge) / width, (y + pixels - edge) / height, heading, va="top", weight="bold", **note)
-            self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(shown.remarks), **note)
-            named = [(n, c) for n, c in zip(shown.names, shown.colours, strict=False) if n and shown.few]
+            self.figure.text((x + edge) / width, (y + edge) / height, "\n".join(scene.remarks), **note)
+            named = [(n, c) for n, c in zip(scene.names, scene.colours, strict=False) if n and scene.few]
             for row, (word, colour) in enumerate(named, start=1 if heading else 0):
                 top = (y + pixels - edge - row * _LINE) / height
                 self.figure.text((x + edge) / width, top, word, va="top", **(note | {"color": colour}))
         if strip:
             self.figure.text(edge / width, 1 - edge / height, title, va="top", weight="bold", **note)
         # The clock stands beside the remarks of the last picture; above them, if there is no room.
-        remarks = turns[-1].remarks
+        remarks = shown[-1].remarks
         beside = max((len(one) for one in remarks), default=0) + _CLOCK <= (pixels - 2 * edge) / _LETTER
         above = 0 if beside else len(remarks) * _LINE
         self.clock = self.figure.text(1 - edge / width, (edge + above) / height, "", ha="right", **note)
@@ -175,8 +166,8 @@ class _Movie:
         """The picture of frame k, as an RGB image of Pillow."""
         from PIL import Image
 
-        for scene in self.scenes:
-            scene.move(k)
+        for drawing in self.drawings:
+            drawing.move(k)
         self.clock.set_text(f"t = {time_text(float(self.times[k]))}")
         self.figure.canvas.draw()
         return Image.fromarray(np.asarray(self.figure.canvas.buffer_rgba())[..., :3].copy())

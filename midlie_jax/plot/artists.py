@@ -86,11 +86,6 @@ def draw_curve(axes: Any, points: np.ndarray, semi_axes: np.ndarray, **style: An
     return [axes.add_line(part) for part in parts]
 
 
-def draw_dot(axes: Any, point: np.ndarray, semi_axes: np.ndarray, colour: str) -> None:
-    """Draws a dot at a point (3,) of the ellipsoid."""
-    draw_curve(axes, point[None], semi_axes, color=colour, marker="o", markersize=6.0, linestyle="")
-
-
 def draw_axes(axes: Any, starts: np.ndarray, ends: np.ndarray, names: Sequence[str], size: float = SIZE) -> None:
     """Draws a grey line from each start to its end (n, 3), with a name beyond it."""
     for start, end, name in zip(starts, ends, names, strict=True):

@@ -1,8 +1,4 @@
-"""`bands`: the quantiles of an ensemble against time, with their names at the right edge of the panel.
-
-It draws by the methods of the user's axes alone, so it does not import matplotlib. Text has the colour of the axis
-labels, and the bands have the colour of the line, made transparent, so both fit a light and a dark background.
-"""
+"""`bands`: the quantiles of an ensemble against time, with their names at the right edge of the panel."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -18,13 +14,13 @@ _OPACITY = 0.3  # of the widest band; narrower bands are drawn on top of it
 
 
 class Bands(NamedTuple):
-    """What `bands` has drawn.
+    """The quantiles that `bands` has drawn.
 
     Attributes:
         median: (n,).
         edges: for each level the lower and the upper quantile, each (n,).
-        bodies: the number of bodies of which the quantiles are taken.
-        failed: how many bodies were left out because they have a number that is not finite.
+        bodies: the number of bodies in the quantiles.
+        failed: the number of bodies left out because they have a number that is not finite.
 
     Examples:
         >>> from matplotlib.figure import Figure
@@ -59,10 +55,10 @@ def bands(
     Args:
         axes: matplotlib's axes; names stand at their right edge, for which the panel becomes narrower.
         times: (n,), ascending, with any unit.
-        values: (bodies, n). A body with a number that is not finite is left out altogether, because its run failed. The
-            number of bodies left out is written below the label.
+        values: (bodies, n). A body with a number that is not finite is left out, because its run failed. The number of
+            bodies left out is written below the label.
         levels: fractions of the bodies, each above 0 and below 1.
-        label: name of the ensemble, written beside the median; by default "median". A legend shows it, too, with the
+        label: name of the ensemble, written beside the median; by default "median". A legend also shows the
             numbers of bodies.
         colour: colour of the line and the bands, any of matplotlib's.
 
@@ -84,12 +80,11 @@ def bands(
     failed = len(all_values) - len(good)
     if not len(good):
         raise ValueError(
-            f"values has a number that is not finite in each of its {len(all_values)} rows; see first_bad of the path "
-            "for when the bodies failed, and draw the times before."
+            f"values must have a finite row, got a number that is not finite in each of its {len(all_values)} rows. "
+            "Draw the times before the bodies failed; see first_bad of the path."
         )
     chosen, name = colour or BLUE, label or "median"
-    named: list[tuple[str, float]] = []
-    edges: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+    named, edges = list[tuple[str, float]](), dict[float, tuple[np.ndarray, np.ndarray]]()
     # The widest first, so that narrower bands are drawn on top of it.
     for level in sorted(map(float, levels), reverse=True):
         low, high = np.quantile(good, [(1 - level) / 2, (1 + level) / 2], axis=0)
@@ -117,11 +112,11 @@ def _checked(times: Any, values: Any, levels: Sequence[float]) -> tuple[np.ndarr
         ) from error
     if t.ndim != 1 or numbers.ndim != 2 or numbers.shape[1:] != t.shape or not numbers.size:
         raise ValueError(
-            f"times must be (n,) and values (bodies, n), got {t.shape} and {numbers.shape}; for a vector pass one "
+            f"times must be (n,) and values (bodies, n), got {t.shape} and {numbers.shape}. For a vector, pass one "
             "component, such as path.states.momentum[:, :, 2]."
         )
     if not np.all(np.diff(t) > 0):
-        raise ValueError("times must ascend and be finite; sort them, and the columns of values with them.")
+        raise ValueError("times must ascend and be finite. Sort them, and the columns of values with them.")
     if not levels or not all(0 < level < 1 for level in levels):
-        raise ValueError(f"levels must be fractions above 0 and below 1, got {levels}; 90 % is 0.9.")
+        raise ValueError(f"levels must be fractions above 0 and below 1, got {levels}. Write 0.9 for 90 %.")
     return t, numbers

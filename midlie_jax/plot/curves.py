@@ -115,7 +115,7 @@ def as_axis(axis: Any) -> tuple[np.ndarray, str]:
 
 
 def _on_sphere(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
-    from .artists import along_arcs, draw_axes, draw_curve, draw_dot, draw_ellipsoid, shade_of
+    from .artists import along_arcs, draw_axes, draw_curve, draw_ellipsoid, shade_of
 
     sphere = np.ones(3)
     if shade_of(axes) is None:
@@ -125,7 +125,7 @@ def _on_sphere(axes: Any, tips: np.ndarray, name: str, colour: str) -> None:
             draw_curve(axes, np.roll(circle, shift, axis=1), sphere, color=GREY, linewidth=0.6, alpha=0.7)
         draw_axes(axes, np.eye(3), 1.2 * np.eye(3), "xyz")
     draw_curve(axes, along_arcs(tips), sphere, color=colour, linewidth=1.4, label=name)
-    draw_dot(axes, tips[0], sphere, colour)
+    draw_curve(axes, tips[:1], sphere, color=colour, marker="o", markersize=6.0)
 
 
 def _circle() -> np.ndarray:
@@ -239,7 +239,7 @@ def _in_principal_frame(body: RigidBody | TensorBody, motion: Motion) -> np.ndar
 def _on_ellipsoid(
     axes: Any, points: np.ndarray, semi_axes: np.ndarray, moments: np.ndarray, name: str, colour: str
 ) -> None:
-    from .artists import draw_axes, draw_curve, draw_dot, draw_ellipsoid, shade_of
+    from .artists import draw_axes, draw_curve, draw_ellipsoid, shade_of
 
     drawn = shade_of(axes)
     if drawn is None:
@@ -257,7 +257,7 @@ def _on_ellipsoid(
     else:
         semi_axes = drawn.semi_axes
     draw_curve(axes, points, semi_axes, color=colour, linewidth=1.8, label=name)
-    draw_dot(axes, points[0], semi_axes, colour)
+    draw_curve(axes, points[:1], semi_axes, color=colour, marker="o", markersize=6.0)
 
 
 def polhodes(moments: np.ndarray) -> list[tuple[np.ndarray, bool]]:

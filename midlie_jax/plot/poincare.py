@@ -1,8 +1,4 @@
-"""`poincare`: a Poincare section, the places where a motion crosses a surface in phase space.
-
-Drawn in a plane of two coordinates, a motion is a tangle of lines. Its crossings of a surface are dots: they lie on a
-curve if the motion is regular, and fill an area if it is chaotic (M. Henon, Physica D 5 (1982) 412).
-"""
+"""`poincare`: a Poincare section, the points where a motion crosses a surface in phase space (M. Henon, 1982)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -25,6 +21,7 @@ _NEIGHBOURS = 4  # saved states from which a crossing is interpolated, by a cubi
 _LEAST = 64  # crossings that are computed at once
 _HALVINGS = 55  # how often the interval between two saved states is halved
 _JUMP = 1e-3  # if bisection leaves a larger share of the change of g, g jumps there and does not cross zero
+_Function = Callable[[Any, Any], Any]
 
 
 class Crossings(NamedTuple, TypedBy[States]):
@@ -40,13 +37,8 @@ class Crossings(NamedTuple, TypedBy[States]):
         >>> body = ml.RigidBody([1.0, 2.0, 2.5])
         >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
         >>> path = ml.free_motion(body, start, jnp.linspace(0.0, 18.0, 181))
-        >>> def section(t, state):
-        ...     return state.momentum[1]  # zero as the body turns over
-        >>> def x(t, state):
-        ...     return state.momentum[0]
-        >>> def y(t, state):
-        ...     return state.momentum[2]
-        >>> found = ml.plot.poincare(Figure().add_subplot(), path, section, x, y, direction=0)
+        >>> first, second, third = (lambda t, s, i=i: s.momentum[i] for i in range(3))  # the second is zero at a flip
+        >>> found = ml.plot.poincare(Figure().add_subplot(), path, second, first, third, direction=0)
         >>> found.times.shape, found.states.attitude.shape
         ((1,), (1, 4))
         >>> found.times.round(2)
@@ -56,9 +48,6 @@ class Crossings(NamedTuple, TypedBy[States]):
     times: np.ndarray
     states: States
     points: np.ndarray
-
-
-Function = Callable[[Any, Any], Any]
 
 
 def poincare(
@@ -74,6 +63,9 @@ def poincare(
     size: float = 2.0,
 ) -> Crossings[StateT]:
     """Draws a dot wherever a motion crosses the surface `section` = 0.
+
+    The dots lie on a curve if the motion is regular, and fill an area if it is chaotic (M. Henon, Physica D 5 (1982)
+    412).
 
     Between two saved states at which `section` has different signs, the numbers of a state, such as momentum, attitude
     and position, are interpolated by a cubic through the four nearest saved states, on which the crossing is found by
@@ -104,13 +96,8 @@ def poincare(
         >>> body = ml.RigidBody([1.0, 2.0, 2.5])
         >>> start = ml.RigidState([0.01, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
         >>> path = ml.free_motion(body, start, jnp.linspace(0.0, 18.0, 181))
-        >>> def section(t, state):
-        ...     return state.momentum[1]  # zero as the body turns over
-        >>> def x(t, state):
-        ...     return state.momentum[0]
-        >>> def y(t, state):
-        ...     return state.momentum[2]
-        >>> found = ml.plot.poincare(Figure().add_subplot(), path, section, x, y, direction=0)
+        >>> first, second, third = (lambda t, s, i=i: s.momentum[i] for i in range(3))  # the second is zero at a flip
+        >>> found = ml.plot.poincare(Figure().add_subplot(), path, second, first, third, direction=0)
         >>> found.points.shape
         (1, 2)
     """
@@ -120,7 +107,7 @@ def poincare(
         raise ValueError(f"direction must be 1, -1 or 0, got {shown(direction)}.")
     motion = motion_of(path, together=True)
     if len(motion.times) < _NEIGHBOURS:
-        raise ValueError(f"path has {len(motion.times)} good states, and an interpolation needs {_NEIGHBOURS}.")
+        raise ValueError(f"path must have {_NEIGHBOURS} good states, got {len(motion.times)}. Save more often.")
     times, states = _crossings(motion, section, direction)
     points = np.stack([_values(name, f, times, states) for name, f in (("x", x), ("y", y))], axis=1)
     axes.plot(
@@ -133,11 +120,11 @@ def poincare(
 
 
 @partial(jax.jit, static_argnums=0)
-def _map(function: Function, times: Array, states: Any) -> Any:
+def _map(function: _Function, times: Array, states: Any) -> Any:
     return jax.vmap(function)(times, states)
 
 
-def _values(name: str, function: Function, times: Any, states: Any) -> np.ndarray:
+def _values(name: str, function: _Function, times: Any, states: Any) -> np.ndarray:
     """The values of a function of one time and state, (n,)."""
     values = _map(function, jnp.asarray(times), states)
     if not hasattr(values, "shape") or values.shape != np.shape(times):
@@ -145,7 +132,7 @@ def _values(name: str, function: Function, times: Any, states: Any) -> np.ndarra
     return np.asarray(values, float)
 
 
-def _crossings(motion: Motion, section: Function, direction: int) -> tuple[Any, Any]:
+def _crossings(motion: Motion, section: _Function, direction: int) -> tuple[Any, Any]:
     """The times and states of the crossings."""
     values = _values("section", section, motion.times, motion.states)
     before, after = values[:-1], values[1:]
@@ -166,14 +153,10 @@ def _crossings(motion: Motion, section: Function, direction: int) -> tuple[Any, 
 
 
 @partial(jax.jit, static_argnums=0)
-def _bisected(section: Function, times: Array, states: Any, places: Array, signs: Array) -> tuple[Array, Any, Array]:
-    """The times and states at which `section` vanishes, and its value there.
+def _bisected(section: _Function, times: Array, states: Any, places: Array, signs: Array) -> tuple[Array, Any, Array]:
+    """The times and states at which `section` vanishes, and its value there, from four states for each crossing.
 
-    Args:
-        section: the function.
-        times, states: four for each crossing, (k, 4, ...).
-        places: the index among the four of the state before the crossing, (k,).
-        signs: 1 where `section` grows, -1 where it falls, (k,).
+    `places` are the indices among the four of the state before the crossing; `signs` are 1 where `section` grows.
     """
 
     def crossing(times: Array, states: Any, place: Array, sign: Array) -> tuple[Array, Any, Array]:

@@ -6,6 +6,8 @@ dark background. matplotlib is an optional dependency, so it is imported only wh
 
 from typing import Any
 
+import numpy as np
+
 # Of M. Okabe and K. Ito, Color Universal Design (2008).
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"  # the first three lines: contrast above 3 on white and black
 SKY, ORANGE, PURPLE, BLACK = "#56B4E9", "#E69F00", "#CC79A7", "#000000"
@@ -33,20 +35,12 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def colours_of(count: int) -> list[str]:
-    """A colour for each of several bodies; more than `FEW` go from blue through purple to orange in their order.
-
-    Their lightness rises all the way, so that the order is seen in any colour vision.
-    """
+    """A colour for each body; more than `FEW` go from blue through purple to orange, ever lighter, in their order."""
     if count <= FEW:
         return list(_SEVERAL[:count])
-    ends = [[int(end[i : i + 2], 16) for i in (1, 3, 5)] for end in (BLUE, PURPLE, ORANGE)]
-    found = list[str]()
-    for k in range(count):
-        way = 2 * k / (count - 1)
-        first = min(int(way), 1)
-        pairs = zip(ends[first], ends[first + 1], strict=True)
-        found.append("#" + "".join(f"{round(a + (way - first) * (b - a)):02x}" for a, b in pairs))
-    return found
+    ends = np.array([[int(end[i : i + 2], 16) for i in (1, 3, 5)] for end in (BLUE, PURPLE, ORANGE)])
+    mixed = np.stack([np.interp(np.linspace(0, 2, count), range(3), column) for column in ends.T], axis=1)
+    return ["#" + "".join(f"{round(part):02x}" for part in colour) for colour in mixed.tolist()]
 
 
 def time_text(t: float) -> str:
@@ -69,14 +63,6 @@ def remark(axes: Any, text: str) -> None:
     if not text:
         return
     mark = "midlie_jax.plot.remark"
-    above = sum(1 for other in axes.texts if other.get_gid() == mark)
-    axes.annotate(
-        text,
-        (0.0, 0.0),
-        xytext=(4.0, 4.0 + 1.4 * SIZE * above),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        fontsize=SIZE,
-        color=ink(axes),
-        gid=mark,
-    )
+    above = sum(other.get_gid() == mark for other in axes.texts)
+    place = {"xytext": (4.0, 4.0 + 1.4 * SIZE * above), "xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(text, (0.0, 0.0), fontsize=SIZE, color=ink(axes), gid=mark, **place)

@@ -1,25 +1,28 @@
-"""`view`: turning bodies in one HTML page that needs no network, made by plotly, for a notebook or a file."""
+"""`view`: rotating bodies in one HTML page that needs no network, made by plotly, for a notebook or a file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .around import around_of
-from .several import Bodies, Paths, grid, panels
-from .style import BLUE, GREY, SKY, time_text
-from .together import Together, togethers
-from .traces import moving_traces, still_traces
-from .turning import picture_file
+from .model import Bodies, Paths, Scene, around_of, grid, panels, picture_file, scenes
+from .solids import ball
+from .style import BLUE, GREEN, GREY, ORANGE, PLANET, SKY, time_text
 
 _MOST_FRAMES = 1000
+_MOST_POINTS = 4000
 _MILLISECONDS = 40  # how long a frame is shown
 _REACH = 1.25
 _HEIGHT = 560  # the height of a view in a notebook, pixels
+_DIGITS = 5  # of the coordinates, relative to the size of the picture
+_DOTS, _MANY_DOTS = (12, 6), (9, 5)  # sizes of the first point of a body and of its others, pixels
+_FACE_COLOURS = (ORANGE, "#f3c96b", "#8fc6ea", "#c9e3f5", "#9a9a9a", "#c4c4c4")  # of a box, in the order of its faces
+_ROUND_COLOURS = (ORANGE, "#8fc6ea", "#f3c96b")  # of a cylinder: the end at e3, the other end, and the side
 _PAGE: dict[str, Any] = {
     "validate": False,
     "default_height": "96vh",
@@ -46,7 +49,7 @@ follow().then(() => { document.body.dataset.drawn = 'yes'; });
 
 
 class View:
-    """Turning bodies, to be looked at from all sides: shown in a notebook as the value of a cell, or in a browser.
+    """Rotating bodies seen from all sides, in a notebook as the value of a cell, or in a browser.
 
     Attributes:
         file: the file that was written last; None if there is none.
@@ -109,7 +112,7 @@ def view(
     box: ArrayLike | None = None,
     planet: float | None = None,
 ) -> View:
-    """A turning body that can be looked at from all sides, played, and set to any time, in a notebook or a browser.
+    """Shows a rotating body from all sides, played or at any time, in a notebook or a browser.
 
     As the last value of a notebook's cell it is displayed there, and the notebook grows by 5 MB. It shows a box with
     the body's moments of inertia, an axis of the body and its path on the unit sphere, and the angular momentum over
@@ -117,35 +120,17 @@ def view(
     one body moved by several methods, stand side by side at the same times. The page contains plotly, some 5 MB, and
     loads nothing: it works without a network. It is light or dark like the reader's browser.
 
-    A body that travels is shown at its place, with the track of its centre of mass in place of the unit sphere. If its
-    path is so long that it could not be seen beside it, it is drawn larger, and the picture says how many times. A body
-    of which only the axis of symmetry is known is drawn as a cylinder, or a rod, whose spin is not shown.
-
-    Bodies that act on each other are shown in one space, each in its colour, if they travel; up to six have their axes
-    and tracks. The bodies of a `Rod` touch each other, and so show how it bends and twists. Bodies that travel and do
-    not act on each other, such as a fleet of satellites, are drawn so by `together`.
+    Bodies that translate, that act on each other or whose states hold only an axis are drawn as by `animate`.
 
     Args:
-        body: the body of the path: a `RigidBody`, a `TensorBody`, a `Rotor` or a `FreeBody`; for several paths one body
-            for all, a list with one for each, or the bodies of an ensemble.
-        path: a `Path` or `AdaptivePath` of one body with attitudes or axes (`RigidState`, `AxisState`, `FreeState`,
-            `FreeAxisState`), from `integrate`, `integrate_adaptive` or `free_motion`; or a path of coupled bodies. Or
-            up to 12 paths: a mapping of names to paths, such as {"JACOBI[EA]": path}, a list, or a path of `ensemble`;
-            up to 500 with `together`.
-            If there are more than 4,000 saved states, only every second, third, ... of them is drawn.
+        body: as for `animate`.
+        path: as for `animate`. Of more than 4,000 saved states, every second, third, ... is drawn.
         file: a file .html to write; an existing one is replaced. By default none is written.
-        axis: an axis of the body: "e1", "e2", "e3" or its index 0, 1, 2, or a unit vector (3,) in the body frame. Where
-            only the axis of symmetry is known, only e3, which is that axis.
-        frames: at how many evenly spaced times the body is shown, at most 1,000. If the body turns by more than a
-            quarter of a turn from one frame to the next, the picture says by how many turns.
+        axis: as for `animate`.
+        frames: number of evenly spaced times, at most 1,000. If the body rotates by more than a quarter of a turn from
+            one frame to the next, the picture says by how many turns.
         title: a line above the picture.
-        points: places in the frame of the body, (a, 3), such as the atoms of a molecule: they are drawn in place of the
-            solid, the first joined to each of the others; for bodies with a mass.
-        together: whether several bodies that travel are drawn in one space, instead of side by side.
-        box: the least and the largest corner of a periodic box, (2, 3), in the units of the positions. The centres of
-            the bodies are drawn in it, and no tracks; from one saved state to the next they must move by less than half
-            the box. Positions may be wrapped into the box or not.
-        planet: the radius of a ball at the origin, in the units of the positions, such as the Earth below satellites.
+        points, together, box, planet: as for `animate`.
 
     Returns:
         The `View`, whose `file` is the file that was written.
@@ -166,142 +151,217 @@ def view(
     """
     if file is not None:
         picture_file(file, ".html")
-    shown = panels(body, path, together)
-    around = around_of(box, planet, [panel.path for panel in shown])
-    turns = togethers(shown, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
+    given = panels(body, path, together)
+    around = around_of(box, planet, [panel.path for panel in given])
+    shown = scenes(given, axis, frames, _MOST_FRAMES, points, around=around, in_one=together)
     if find_spec("plotly") is None:
         raise ImportError("a view needs plotly: pip install 'midlie_jax[plot]'.")
-    figure = _figure([""] if together else [panel.name for panel in shown], turns, title)
-    found = View(figure, _alone_and_blue(figure, turns))
+    figure = _figure([""] if together else [panel.name for panel in given], shown, title)
+    # Blue lines get another blue on a dark page, except those whose colour identifies a body.
+    alone = [_scene(k) for k, scene in enumerate(shown) if scene.alone]
+    lines = [one["scene"] in alone and one.get("line", {}).get("color") == BLUE for one in figure["data"]]
+    found = View(figure, np.flatnonzero(lines).tolist())
     if file is not None:
         found.write(file)
     return found
 
 
-def _figure(names: Sequence[str], turns: Sequence[Together], title: str) -> dict[str, Any]:
+def _figure(names: Sequence[str], shown: Sequence[Scene], title: str) -> dict[str, Any]:
     """The picture as plotly's dictionary."""
-    still = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, still_traces(shown))]
-    first = [trace for k, shown in enumerate(turns) for trace in _seen_in(k, moving_traces(shown, 0))]
+    still, first, digits = list[dict[str, Any]](), list[dict[str, Any]](), [_digits(scene) for scene in shown]
+    for k, (scene, own) in enumerate(zip(shown, digits, strict=True)):
+        place = {"scene": _scene(k)} | ({"showlegend": False} if k else {})  # the legend lists the first panel
+        still += [trace | place for trace in _still(scene, own)]
+        first += [trace | place for trace in _moving(scene, own)]
     moving = list(range(len(still), len(still) + len(first)))
     # Later frames hold only coordinates: colours are those of the first frame, or of the reader's browser.
-    times = [float(t) for t in turns[0].times]
-    places = [
-        [{axis: trace[axis] for axis in "xyz"} for shown in turns for trace in moving_traces(shown, k)]
+    times = [float(t) for t in shown[0].times]
+    frames = [
+        {
+            "name": str(k),
+            "data": [
+                _coordinates(points, own)
+                for scene, own in zip(shown, digits, strict=True)
+                for points in _moving_points(scene, k)
+            ],
+            "traces": moving,
+        }
         for k in range(len(times))
     ]
-    frames = [{"name": str(k), "data": data, "traces": moving} for k, data in enumerate(places)]
-    return {"data": still + first, "layout": _layout(names, turns, title, times), "frames": frames}
-
-
-def _alone_and_blue(figure: dict[str, Any], turns: Sequence[Together]) -> list[int]:
-    """The blue lines that get another blue on a dark page: not those of a body that is told from others by its blue."""
-    alone = [_scene(k) for k, shown in enumerate(turns) if shown.alone]
-    lines = enumerate(figure["data"])
-    return [i for i, one in lines if one["scene"] in alone and one.get("line", {}).get("color") == BLUE]
+    return {"data": still + first, "layout": _layout(names, shown, title, times), "frames": frames}
 
 
 def _scene(k: int) -> str:
-    """Plotly's name for the part of the page in which body k is seen."""
+    """Plotly's name for the part of the page in which scene k is seen."""
     return f"scene{k + 1}" if k else "scene"
 
 
-def _seen_in(k: int, traces: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The traces of body k; the legend lists only those of the first body."""
-    return [trace | {"scene": _scene(k)} | ({"showlegend": False} if k else {}) for trace in traces]
+def _still(scene: Scene, digits: int) -> list[dict[str, Any]]:
+    """The sphere with the paths on it and the axes of space; or the tracks, and what stands around."""
+    first = scene.members[0]
+    every = -(-len(first.path_times) // _MOST_POINTS)
+    if scene.limits is None:
+        angle = np.linspace(0, 2 * np.pi, 73)
+        circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+        axes = [np.stack([np.zeros(3), 1.15 * direction]) for direction in np.eye(3)]
+        letters = ["", "x", "", "", "y", "", "", "z", ""]
+        return [
+            _line(_joined(axes), "space", GREY, 3, digits) | {"mode": "lines+text", "text": letters},
+            _line(_joined(np.roll(circle, i, axis=1) for i in range(3)), "unit sphere", GREY, 1, digits, opacity=0.6),
+            _line(first.path_tips[::every], f"path of {first.axis}", BLUE, 3, digits, showlegend=True),
+            _line(first.path_momenta[::every], "path of the angular momentum", GREEN, 3, digits, showlegend=True),
+        ]
+    found = list[dict[str, Any]]()
+    if scene.around.planet is not None:
+        points, triangles = ball(scene.around.planet)
+        light = {"ambient": 0.6, "diffuse": 0.6, "specular": 0.0}
+        found.append(_mesh("planet", points, triangles, digits, color=PLANET, lighting=light))
+    if edges := scene.around.edges:
+        found.append(_line(_joined(edges), "box", GREY, 2, digits))
+    if scene.tracks and not scene.few:
+        tracks = (travel.track[::every] for _, travel, _, _ in scene.tracks)
+        return [*found, _line(_joined(tracks), "paths", GREY, 1, digits)]
+    return found + [
+        _line(travel.track[::every], name, colour, 3, digits, showlegend=True)
+        for _, travel, name, colour in scene.tracks
+    ]
 
 
-def _layout(names: Sequence[str], turns: Sequence[Together], title: str, times: Sequence[float]) -> dict[str, Any]:
+def _moving_points(scene: Scene, k: int) -> list[np.ndarray]:
+    """The points of the traces of `_moving` at frame k."""
+    found = [np.concatenate(scene.sites(k))]
+    if not scene.solid:
+        found.append(_joined(scene.sticks(k)))
+    ends = [(member, member.tips[k]) for member, _, _ in scene.axes]
+    if scene.alone:
+        ends.append((scene.members[0], scene.members[0].momenta[k]))
+    return found + [member.placed(k, np.stack([np.zeros(3), end])) for member, end in ends]
+
+
+def _moving(scene: Scene, digits: int) -> list[dict[str, Any]]:
+    """The bodies and, unless they are many, their axes at the first frame; for one body also its momentum."""
+    points = iter(_moving_points(scene, 0))
+    if scene.solid:
+        found = [_solids(scene, next(points), digits)]
+    else:
+        colours, sizes = scene.styles_of_sites(*(_DOTS if scene.few else _MANY_DOTS))
+        dots = {"mode": "markers", "marker": {"color": colours, "size": sizes}}
+        found = [_line(next(points), "points", GREY, 1, digits, **dots)]
+        found.append(_line(next(points), "bonds", GREY, 4 if scene.few else 2, digits))
+    ends = [(name, colour) for _, name, colour in scene.axes] + [("angular momentum", GREEN)] * scene.alone
+    for name, colour in ends:
+        marker = {"color": colour, "size": [0, 5]}
+        found.append(_line(next(points), name, colour, 7, digits, mode="lines+markers", marker=marker, showlegend=True))
+    return found
+
+
+def _solids(scene: Scene, points: np.ndarray, digits: int) -> dict[str, Any]:
+    """All solids as one mesh; the faces of a single body have different colours."""
+    corners, colours, begin = list[tuple[int, int, int]](), list[str](), 0
+    for member, own in zip(scene.members, scene.colours, strict=True):
+        several = _ROUND_COLOURS if member.shape.round else _FACE_COLOURS
+        for place, face in enumerate(member.shape.faces):
+            triangles = [(begin + face[0], begin + b, begin + c) for b, c in pairwise(face[1:])]
+            corners.extend(triangles)
+            colours.extend([several[min(place, len(several) - 1)] if scene.alone else own] * len(triangles))
+        begin += len(member.shape.corners)
+    light = {"ambient": 0.75, "diffuse": 0.5, "specular": 0.05}
+    return _mesh("body", points, np.array(corners), digits, facecolor=colours, flatshading=True, lighting=light)
+
+
+def _mesh(name: str, points: np.ndarray, triangles: np.ndarray, digits: int, **style: Any) -> dict[str, Any]:
+    corners = dict(zip("ijk", triangles.T.tolist(), strict=True))
+    return {"type": "mesh3d", "name": name, **_coordinates(points, digits), **corners, "hoverinfo": "skip", **style}
+
+
+def _line(points: np.ndarray, name: str, colour: str, width: int, digits: int, **more: Any) -> dict[str, Any]:
+    trace = {"type": "scatter3d", "mode": "lines", "name": name, "line": {"color": colour, "width": width}}
+    return {**trace, "hoverinfo": "skip", "showlegend": False, **_coordinates(points, digits), **more}
+
+
+def _joined(lines: Iterable[np.ndarray]) -> np.ndarray:
+    """Lines (n, 3) with gaps between them."""
+    gap = np.full((1, 3), np.nan)
+    return np.concatenate([part for line in lines for part in (line, gap)] or [gap])
+
+
+def _coordinates(points: np.ndarray, digits: int) -> dict[str, list[Any]]:
+    """Points (n, 3) as plotly's x, y and z, with null for NaN, which JSON lacks; plotly interrupts a line there."""
+    rounded = np.round(np.asarray(points, float), digits)
+    whole = rounded if np.all(np.isfinite(rounded)) else np.where(np.isnan(rounded), None, rounded)
+    return dict(zip("xyz", whole.T.tolist(), strict=True))
+
+
+def _digits(scene: Scene) -> int:
+    """The decimals of the coordinates, which are about 1 unless the body translates."""
+    if scene.limits is None:
+        return _DIGITS
+    # The body must be resolved as well, which is about a tenth of the picture.
+    return _DIGITS + 1 - int(np.ceil(np.log10(np.max(np.ptp(scene.limits, axis=0)))))
+
+
+def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Sequence[float]) -> dict[str, Any]:
     """Where the bodies are seen, their names, the buttons and the slider."""
     play = {"frame": {"duration": _MILLISECONDS, "redraw": True}, "fromcurrent": True, "transition": {"duration": 0}}
     stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate", "transition": {"duration": 0}}
     steps = [{"method": "animate", "label": time_text(t), "args": [[str(k)], stop]} for k, t in enumerate(times)]
-    rows, columns = grid(len(turns))
-    places = [
-        ((k % columns / columns, (k % columns + 1) / columns), (1 - (k // columns + 1) / rows, 1 - k // columns / rows))
-        for k in range(len(turns))
-    ]
-    words = [
-        "<br>".join(filter(None, [f"<b>{n}</b>" * bool(n), *t.remarks])) for n, t in zip(names, turns, strict=True)
-    ]
-    alone = len(turns) == 1
+    rows, columns = grid(len(shown))
+    corners = [(k % columns, k // columns) for k in range(len(shown))]
+    places = [((i / columns, (i + 1) / columns), (1 - (j + 1) / rows, 1 - j / rows)) for i, j in corners]
+    words = ["<br>".join([f"<b>{n}</b>"] * bool(n) + [*one.remarks]) for n, one in zip(names, shown, strict=True)]
+    alone = len(shown) == 1
     heading = "<br>".join(filter(None, [title, words[0]])) if alone else title
     legend = {"x": 0.02, "y": 0.98} if alone else {"x": 0.02, "y": 1.0, "yanchor": "bottom", "orientation": "h"}
+    lower_left = {"x": 0.02, "y": 0.0, "xanchor": "left", "yanchor": "top", "pad": {"t": 42}}
+    buttons = [
+        {"label": "play", "method": "animate", "args": [None, play]},
+        {"label": "pause", "method": "animate", "args": [[None], stop]},
+    ]
+    slider = {"steps": steps, "x": 0.2, "len": 0.77, "y": 0.0, "yanchor": "top", "pad": {"t": 30, "b": 10}}
+    ticks = {"currentvalue": {"prefix": "time "}, "minorticklen": 0, "ticklen": 0, "bgcolor": GREY}
     return {
         "title": {"text": heading, "x": 0.02, "font": {"size": 15}},
         "margin": {"l": 0, "r": 0, "t": (50 if heading else 10) + (0 if alone else 30), "b": 100},
         "template": {},
         "autosize": True,
-        **{
-            _scene(k): _seen(shown, columns / rows, *place)
-            for k, (shown, place) in enumerate(zip(turns, places, strict=True))
-        },
+        **{_scene(k): _seen(*pair, columns / rows) for k, pair in enumerate(zip(shown, places, strict=True))},
         "annotations": [] if alone else [_note(text, *place) for text, place in zip(words, places, strict=True)],
         "legend": legend | {"bgcolor": "rgba(0,0,0,0)"},
         "updatemenus": [
-            {
-                "type": "buttons",
-                "direction": "left",
-                "showactive": False,
-                "x": 0.02,
-                "y": 0.0,
-                "xanchor": "left",
-                "yanchor": "top",
-                "pad": {"t": 42},
-                "buttons": [
-                    {"label": "play", "method": "animate", "args": [None, play]},
-                    {"label": "pause", "method": "animate", "args": [[None], stop]},
-                ],
-            }
+            {"type": "buttons", "direction": "left", "showactive": False, **lower_left, "buttons": buttons}
         ],
-        "sliders": [
-            {
-                "steps": steps,
-                "x": 0.2,
-                "len": 0.77,
-                "y": 0.0,
-                "yanchor": "top",
-                "pad": {"t": 30, "b": 10},
-                "currentvalue": {"prefix": "time "},
-                "minorticklen": 0,
-                "ticklen": 0,
-                "bgcolor": GREY,
-            }
-        ],
+        "sliders": [slider | ticks],
     }
 
 
-def _seen(shown: Together, columns: float, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
-    """The part of the page, as fractions, in which one body is seen, and from where."""
-    hidden = {"visible": False, "range": [-_REACH, _REACH]}
-    axes: dict[str, Any] = {**dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden), "aspectmode": "cube"}
-    limits = shown.limits
-    if limits is not None:
+def _seen(scene: Scene, place: tuple[Any, Any], columns: float) -> dict[str, Any]:
+    """The part of the page, as fractions, in which one scene is seen, and from where."""
+    limits = scene.limits
+    if limits is None:
+        hidden = {"visible": False, "range": [-_REACH, _REACH]}
+        axes: dict[str, Any] = {**dict.fromkeys(("xaxis", "yaxis", "zaxis"), hidden), "aspectmode": "cube"}
+        near, lower = max(1.0, 0.45 * columns), 0.0  # a narrow part cuts off what is left and right
+    else:
         spans = limits[1] - limits[0]
-        axes = {f"{letter}axis": _lengths(letter, *ends) for letter, ends in zip("xyz", limits.T, strict=True)}
+        grid = {"gridcolor": GREY, "zerolinecolor": GREY, "showbackground": False, "showspikes": False}
+        numbers = {"nticks": 5, "exponentformat": "power", "showexponent": "all"}
+        axes = {
+            f"{letter}axis": {"title": {"text": f"{letter} [length]"}, "range": ends, **grid, **numbers}
+            for letter, ends in zip("xyz", limits.T.tolist(), strict=True)
+        }
         sides = dict(zip("xyz", (1.3 * spans / spans.max()).tolist(), strict=True))
         axes |= {"aspectmode": "manual", "aspectratio": sides}
-    near, lower = max(1.0, 0.45 * columns), 0.0  # a narrow part cuts off what is left and right
-    if limits is not None:
-        high = np.ptp(limits, axis=0)[2] / np.ptp(limits, axis=0).max()
-        # Farther away where numbers stand at the axes, and the more so the narrower the part is.
-        near = (1.75 + 0.25 * high) * max(1.0, 0.6 * columns)
-        lower = -0.1 - 0.1 * high  # and looking at a lower place, for the names of x and y
+        # Farther away where numbers stand at the axes, and the more so the narrower the part is; and looking at a lower
+        # position, for the names of x and y.
+        high = spans[2] / spans.max()
+        near, lower = (1.75 + 0.25 * high) * max(1.0, 0.6 * columns), -0.1 - 0.1 * high
+    eye = {"x": 0.76 * near, "y": -1.05 * near, "z": 0.56 * near}
     return {
         **axes,
-        "domain": {"x": list(x), "y": list(y)},
-        "camera": {
-            "eye": {"x": 0.76 * near, "y": -1.05 * near, "z": 0.56 * near},
-            "center": {"x": 0.0, "y": 0.0, "z": lower},
-        },
+        "domain": dict(zip("xy", map(list, place), strict=True)),
+        "camera": {"eye": eye, "center": {"x": 0.0, "y": 0.0, "z": lower}},
         "dragmode": "orbit",
     }
-
-
-def _lengths(letter: str, low: float, high: float) -> dict[str, Any]:
-    """An axis of space with numbers; those of orbits are written as powers of ten."""
-    grid = {"gridcolor": GREY, "zerolinecolor": GREY, "showbackground": False, "showspikes": False}
-    numbers = {"nticks": 5, "exponentformat": "power", "showexponent": "all"}
-    return {"title": {"text": f"{letter} [length]"}, "range": [float(low), float(high)], **grid, **numbers}
 
 
 def _note(text: str, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`Shape`: how a body is drawn, as a solid with its moments of inertia.
+"""How bodies are drawn: a solid with the moments of inertia of the body, or its points, and a ball for a planet.
 
 A box of mass m and half sides a, b, c has the moments m (b^2 + c^2) / 3, m (c^2 + a^2) / 3, m (a^2 + b^2) / 3. So a^2
 is proportional to I2 + I3 - I1. A cylinder of radius r and half length c has I3 = m r^2 / 2 and
@@ -20,25 +20,19 @@ from ..model.rotor import Rotor
 CORNER = 0.8  # distance of the outermost corner from the middle; the drawn axis has length 1
 _THINNEST = 0.03  # the thickness with which a flat or thin body is drawn, relative to its longest side
 _SIDES = 24  # of the prism that is drawn for a cylinder
+_SMOOTH = (12, 24)  # how many steps the surface of a ball has from pole to pole, and around
 # The corners of a cube, and its six faces as loops of corners, seen from outside counter-clockwise.
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 FACES = ((4, 6, 7, 5), (0, 1, 3, 2), (2, 3, 7, 6), (0, 4, 5, 1), (1, 5, 7, 3), (0, 2, 6, 4))  # +x -x +y -y +z -z
 
 
 class Shape(NamedTuple):
-    """A convex solid, scaled to the size of a picture.
+    """A convex solid, scaled to the size of a picture."""
 
-    Attributes:
-        corners: in the frame of the body, (c, 3), the outermost at the distance `CORNER` from the middle.
-        faces: the faces as loops of corners, seen from outside counter-clockwise; none for a body drawn as points.
-        round: whether the faces stand for a curved surface, so that edges between them are not drawn.
-        reach: the true distance of the outermost corner times the root of the mass, from the moments of inertia.
-    """
-
-    corners: np.ndarray
-    faces: tuple[tuple[int, ...], ...]
-    round: bool
-    reach: float
+    corners: np.ndarray  # in the frame of the body, (c, 3), the outermost at the distance CORNER from the middle
+    faces: tuple[tuple[int, ...], ...]  # loops of corners, seen from outside counter-clockwise; () for points
+    round: bool  # whether the faces stand for a curved surface, so that edges between them are not drawn
+    reach: float  # the true distance of the outermost corner times the root of the mass, from the moments of inertia
 
     def inside(self, direction: np.ndarray) -> float:
         """How far a ray from the middle stays inside, in the units of the corners."""
@@ -53,12 +47,12 @@ class Shape(NamedTuple):
 def shape_of(body: Any, points: Any = None) -> Shape:
     """A box with the moments of a rigid body; for a `Rotor` a cylinder, or a rod if only one moment is known.
 
-    Flat and thin bodies are drawn with some thickness. With points (a, 3) in the frame of the body, such as the atoms
-    of a molecule, these are drawn instead.
+    Flat and thin bodies are drawn with some thickness. Points (a, 3) in the frame of the body, such as the atoms of a
+    molecule, replace the solid.
 
     Raises:
-        ValueError: the body is not one body that turns; the points have another shape, or are not those of a body with
-            a mass, which gives them their scale.
+        ValueError: the body is not one body that rotates; the points have another shape, or the body has no mass, which
+            gives them their scale.
     """
     turning = body.turning if isinstance(body, FreeBody) else body
     if not isinstance(turning, RigidBody | TensorBody | Rotor):
@@ -66,17 +60,15 @@ def shape_of(body: Any, points: Any = None) -> Shape:
     if turning.batch:
         known = "a moment ()" if isinstance(turning, Rotor) else "moments (3,)"
         shape = turning.batch if isinstance(turning, Rotor) else (*turning.batch, 3)
-        raise ValueError(f"body must be one body with {known}, got {shape}; take the row of the body.")
+        raise ValueError(f"body must be one body with {known}, got {shape}. Take the row of the body.")
     solid = _cylinder(turning) if isinstance(turning, Rotor) else _box(turning)
-    return solid if points is None else _sites(body, solid, points)
-
-
-def _sites(body: Any, solid: Shape, points: Any) -> Shape:
+    if points is None:
+        return solid
     sites = np.asarray(as_floats("points", points), float)
     if sites.ndim != 2 or sites.shape[1] != 3 or not len(sites):
-        raise ValueError(f"points must be (a, 3), places in the frame of the body, got {sites.shape}.")
+        raise ValueError(f"points must be (a, 3), positions in the frame of the body, got {sites.shape}.")
     if not isinstance(body, FreeBody):
-        raise ValueError(f"points need the scale that a mass gives; body must be a FreeBody, got {body_named(body)}.")
+        raise ValueError(f"body must be a FreeBody, whose mass gives points their scale, got {body_named(body)}.")
     return Shape(sites * (CORNER * float(body.mass) ** 0.5 / solid.reach), (), False, solid.reach)
 
 
@@ -103,3 +95,16 @@ def _cylinder(body: Rotor) -> Shape:
     n = _SIDES
     sides = tuple((k, n + k, n + (k + 1) % n, (k + 1) % n) for k in range(n))
     return Shape(corners, (tuple(range(n)), tuple(range(2 * n - 1, n - 1, -1)), *sides), True, reach)
+
+
+def ball(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """A ball around the origin: its points (p, 3), and its triangles as indices of them, (t, 3)."""
+    rows, columns = _SMOOTH
+    polar, azimuth = np.linspace(0, np.pi, rows + 1)[:, None], 2 * np.pi * np.arange(columns) / columns
+    points = np.stack(np.broadcast_arrays(
+        np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)
+    ), axis=-1).reshape(-1, 3)  # fmt: skip
+    row, column = (index.ravel() for index in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
+    first, beside = row * columns + column, row * columns + (column + 1) % columns
+    lower, across = first + columns, beside + columns
+    return radius * points, np.concatenate([np.stack([first, lower, across], 1), np.stack([first, across, beside], 1)])

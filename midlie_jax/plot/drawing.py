@@ -1,0 +1,150 @@
+"""`Drawing`: a scene on matplotlib's 3-D axes, for the frames of a GIF: on the unit sphere, or at its positions.
+
+This module imports matplotlib, so `animate` imports it only when it draws.
+"""
+
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.colors import to_rgb
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+from .artists import BEHIND, IN_FRONT, draw_axes, draw_curve, draw_ellipsoid, draw_space, towards_viewer
+from .model import Scene, Turning
+from .style import GREY, PLANET
+
+_TEXT = 9.0  # font size of the letters at the axes, points
+_SMALL = 7.0  # that of lengths at the axes
+_LAMP = np.array([-0.3, 0.55, 0.78])  # direction of the lamp for the viewer: right, up, and out of the picture
+_DOTS = 42.0, 14.0  # areas of the dots of a body drawn as points: of the first, and of each other
+# The sequence in which things are drawn, if a planet hides some of them.
+_BEYOND, _PLANET, _INSIDE, _BEFORE = 2.0, 3.0, 3.5, 4.0
+_BACKGROUND = 0.5  # opacity of the part of the track that is still to come
+
+
+class Drawing:
+    """The artists of a scene, which are moved for each frame."""
+
+    def __init__(
+        self,
+        figure: Any,
+        place: tuple[float, float, float, float],
+        scene: Scene,
+        view: tuple[float, float],
+        text: str,
+        line: str,
+    ):
+        self.scene, self.line, self.has_planet = scene, line, scene.around.planet is not None
+        with rc_context({"grid.linewidth": 0.4, "grid.color": GREY}):  # 3-D axes take these when they are made
+            self.axes = axes = figure.add_axes(place, projection="3d", facecolor="none")
+        axes.xaxis.label.set_color(text)
+        axes.view_init(*view)
+        self.out = towards_viewer(axes)
+        self.tip_path: list[Any] = []
+        self.tracks = []
+        if scene.limits is None:
+            draw_ellipsoid(axes, np.ones(3))
+            draw_axes(axes, np.zeros((3, 3)), 1.15 * np.eye(3), "xyz", _TEXT)
+        else:
+            draw_space(axes, scene.limits, _SMALL)
+            self._draw_surroundings()
+        if scene.solid:
+            right = np.cross([0.0, 0.0, 1.0], self.out) / max(float(np.hypot(*self.out[:2])), 1e-9)
+            self.lamp = _LAMP @ np.stack([right, np.cross(self.out, right), self.out])
+            self.edge = "" if scene.members[0].shape.round else text
+            # matplotlib fills short faces up with numbers from memory, which may overflow; so all get as many corners.
+            self.most = max(len(face) for member in scene.members for face in member.shape.faces)
+            # The nearer bodies hide the farther ones; a planet hides those beyond it.
+            width, orders = 0.6 if scene.few else 0.25, (_BEYOND, _BEFORE) if self.has_planet else (_BEFORE,)
+            faces = self._faces(scene.members[0], 0)
+            self.layers = [Poly3DCollection(faces, linewidth=width, zorder=order) for order in orders]
+            for layer in self.layers:
+                axes.add_collection3d(layer, autolim=False)
+        else:
+            colours, areas = scene.styles_of_sites(*(area if scene.few else area / 2 for area in _DOTS))
+            style: dict[str, Any] = {"depthshade": False, "edgecolors": "none", "zorder": _BEFORE}
+            self.dots = axes.scatter(*np.concatenate(scene.sites(0)).T, s=areas, c=colours, **style)
+            width = 1.4 if scene.few else 0.9
+            self.sticks = Line3DCollection(scene.sticks(0), colors=GREY, linewidths=width, zorder=_BEFORE)
+            axes.add_collection3d(self.sticks, autolim=False)
+        self.arrows = [
+            (member, axes.plot([], [], [], color=line if scene.alone else colour, linewidth=2.4)[0])
+            for member, _, colour in scene.axes
+        ]
+
+    def move(self, k: int) -> None:
+        """Moves the bodies, their axes and their paths to frame k."""
+        if self.scene.solid:
+            self._move_solids(k)
+        else:
+            self.dots._offsets3d = tuple(self._seen(np.concatenate(self.scene.sites(k))).T)
+            self.sticks.set_segments([self._seen(stick) for stick in self.scene.sticks(k)])
+        for member, line in self.arrows:
+            tip = member.tips[k]
+            line.set_data_3d(*self._seen(member.placed(k, np.stack([member.inside * tip, tip]))).T)
+            line.set_zorder(IN_FRONT if tip @ self.out > 0 else _INSIDE if self.has_planet else BEHIND)
+        for member, travel, line in self.tracks:
+            past = np.concatenate([travel.track[_past(member, k)], travel.centres[k][None]])
+            line.set_data_3d(*self._seen(past).T)
+        if self.scene.limits is None:
+            for line in self.tip_path:
+                line.remove()
+            (member,) = self.scene.members
+            whole = np.concatenate([member.path_tips[_past(member, k)], member.tips[k][None]])
+            self.tip_path = draw_curve(self.axes, whole, np.ones(3), color=self.line, linewidth=1.3)
+
+    def _draw_surroundings(self) -> None:
+        """The box, the planet, and the whole tracks in grey."""
+        axes, scene = self.axes, self.scene
+        for ends in scene.around.edges:
+            axes.plot(*ends.T, color=GREY, linewidth=0.9, zorder=BEHIND)
+        if scene.around.planet is not None:
+            axes.computed_zorder = False  # the planet comes between what it hides and what is before it
+            across = np.linalg.svd(self.out[None])[2][1:]
+            angle = np.linspace(0, 2 * np.pi, 91)[:, None]
+            rim = scene.around.planet * (np.cos(angle) * across[0] + np.sin(angle) * across[1])
+            disc = Poly3DCollection([rim], facecolor=PLANET, edgecolor=GREY, linewidth=0.8, zorder=_PLANET)
+            axes.add_collection3d(disc, autolim=False)
+        for member, travel, _, colour in scene.tracks:
+            zorder = _BEFORE if self.has_planet else BEHIND
+            alpha = _BACKGROUND if scene.few else _BACKGROUND / 2  # of many bodies, some may have the same track
+            axes.plot(*self._seen(travel.track).T, color=GREY, linewidth=0.8, alpha=alpha, zorder=zorder)
+            if scene.few:
+                (line,) = axes.plot([], [], [], color=colour, linewidth=1.3, zorder=BEHIND)
+                self.tracks.append((member, travel, line))
+
+    def _move_solids(self, k: int) -> None:
+        layers: list[list[tuple[np.ndarray, str]]] = [[] for _ in self.layers]
+        for member, colour in zip(self.scene.members, self.scene.colours, strict=True):
+            faces = self._faces(member, k)
+            beyond = np.mean(faces[0], axis=0) @ self.out < 0
+            layers[0 if beyond else -1].extend((face, colour) for face in faces)
+        for layer, those in zip(self.layers, layers, strict=True):
+            layer.set_visible(bool(those))
+            if those:
+                colours = [_lit(face, self.lamp, colour) for face, colour in those]
+                layer.set_verts([face for face, _ in those])
+                layer.set_facecolor(colours)
+                layer.set_edgecolor(self.edge or colours)
+
+    def _faces(self, member: Turning, k: int) -> list[np.ndarray]:
+        corners = member.placed(k, member.corners[k])
+        return [corners[[*face, *face[-1:] * (self.most - len(face))]] for face in member.shape.faces]
+
+    def _seen(self, points: np.ndarray) -> np.ndarray:
+        """The points (n, 3), with NaN in place of those that a planet hides."""
+        return np.where(self.scene.around.hidden(points, self.out)[:, None], np.nan, points)
+
+
+def _past(member: Turning, k: int) -> np.ndarray:
+    """Which saved states are before frame k, (n,)."""
+    forward = member.path_times[-1] >= member.path_times[0]
+    return member.path_times <= member.times[k] if forward else member.path_times >= member.times[k]
+
+
+def _lit(face: np.ndarray, lamp: np.ndarray, colour: str) -> tuple[float, ...]:
+    """The colour of a face (n, 3) in the light of the lamp."""
+    normal = np.cross(face[1] - face[0], face[2] - face[1])
+    shine = 0.7 + 0.3 * float(normal @ lamp) / max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
+    return tuple(shine * c for c in to_rgb(colour))

@@ -1,0 +1,523 @@
+"""`Scene`, what one panel of a GIF or an HTML view shows: bodies at evenly spaced times, in a box, about a planet."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+from math import ceil
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._checks.arguments import as_count, as_floats
+from ..drivers.path import AnyPath
+from ..model import so3
+from ..model.bodies import Body, RigidBody, TensorBody
+from ..model.compatibility import check_body
+from ..model.free_body import FreeBody
+from ..model.rotor import Rotor
+from ..model.states import AxisState, Coupled, OrientedState, TravellingState, attitude_of
+from .curves import as_axis, limits_around
+from .motion import Motion, motion_of, path_of_one
+from .solids import CORNER, CORNERS, Shape, shape_of
+from .style import BLUE, FEW, ORANGE, SKY, VERMILLION, colours_of
+
+_MOST, _MOST_TOGETHER = 12, 500  # panels of a picture, and bodies in one space
+_MOST_TRACKS = 36  # thin lines that can be followed
+_ROW = 4  # the most panels in a row
+_RESOLVED = np.pi / 2  # radians: if a body rotates by less between saved states, attitudes between them are known
+_SEEN = 0.11  # the length of the drawn axis over the size of the path, where a body must be drawn larger than it is
+_AT_REST = 0.02  # a path that is smaller than this, relative to the body, is not shown
+
+Turns = RigidBody | TensorBody | Rotor | FreeBody
+Bodies = Turns | Sequence[Turns]
+OnePath = AnyPath[OrientedState]
+Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
+
+
+# What is drawn: panels, each with its name, its body and its path.
+
+
+class Panel(NamedTuple):
+    """The name, the body or the coupled bodies, and the path of one panel; the name may be ""."""
+
+    name: str
+    body: Any
+    path: Any
+
+
+def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
+    """The panels of a picture, in order, for the arguments of `animate` and `view`.
+
+    Bodies of an ensemble are named by their index. Coupled bodies that translate share one panel; others have one each.
+
+    Raises:
+        ValueError: there are no paths, or more than fit, or not as many bodies as paths; or paths cannot be drawn in
+            one space, and `together` asks for it.
+    """
+    most = _MOST_TOGETHER if together else _MOST
+    names, paths = _named(path, most)
+    states = [getattr(one, "states", None) for one in paths]
+    free = [isinstance(one, TravellingState) and not isinstance(one, Coupled) for one in states]
+    if not paths:
+        raise ValueError("path holds no path; give one, or a mapping of names to paths.")
+    if len(names) > most:
+        cure = ", or set together=True to draw bodies in one space" * all(free)
+        raise ValueError(f"path must hold at most {most} paths, got {len(names)}. Choose some of them{cure}.")
+    for one in states if together else ():
+        kind = type(one).__name__
+        if isinstance(one, Coupled):
+            raise ValueError(f"together must be False for a {kind}, whose bodies are drawn together without it.")
+        if not isinstance(one, TravellingState):
+            raise ValueError(f"together must be False for a {kind}, which has no position.")
+    bodies = _bodies(body, paths)
+    if len(bodies) != len(paths):
+        raise ValueError(f"body must be one body, or one for each of the {len(paths)} paths, got {len(bodies)}.")
+    return [Panel(*panel) for panel in zip(names, bodies, paths, strict=True)]
+
+
+def grid(count: int) -> tuple[int, int]:
+    """The numbers of rows and columns of a picture with `count` panels."""
+    rows = ceil(count / _ROW)
+    return rows, ceil(count / rows)
+
+
+def _named(path: Any, most: int) -> tuple[list[str], list[Any]]:
+    if isinstance(path, Mapping):
+        return [str(name) for name in path], list(path.values())
+    if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple as well
+        return [""] * len(path), list(path)
+    states: Any = getattr(path, "states", None)
+    shape = np.shape(getattr(states, "momentum", 0.0))
+    coupled = isinstance(states, Coupled)
+    if len(shape) == 3 + coupled:
+        word, count, one = "replica" if coupled else "body", shape[0], _row
+    elif coupled and not isinstance(states, TravellingState):
+        word, count, one = "body", states.count, path_of_one
+    else:
+        return [""], [path]
+    return [f"{word} {k}" for k in range(count)], [one(path, k) for k in range(min(count, most + 1))]
+
+
+def _row(path: Any, k: int) -> Any:
+    """The path of body k of an ensemble, whose bodies may share their times."""
+    times = path.times[k] if np.ndim(path.times) == 2 else path.times
+    rest = jax.tree.map(lambda x: x[k] if np.ndim(x) else x, path._replace(times=()))
+    return rest._replace(times=times)
+
+
+def _bodies(body: Any, paths: list[Any]) -> list[Any]:
+    if isinstance(body, Sequence):
+        return list(body)
+    coupled = any(isinstance(getattr(path, "states", None), Coupled) for path in paths)
+    if len(paths) > 1 and isinstance(body, Body) and len(body.batch) == 1 + coupled:
+        return _each_body(body, body.batch[0])
+    return [body] * len(paths)
+
+
+def _each_body(body: Any, count: int) -> list[Any]:
+    return [jax.tree.map(lambda x, i=i: x[i], body) if body.batch else body for i in range(count)]
+
+
+def picture_file(file: str | Path, ending: str) -> Path:
+    """The file to write; a ValueError if its name has another ending."""
+    target = Path(file)
+    if target.suffix.lower() != ending:
+        raise ValueError(
+            f"file must end in {ending}, got {str(file)!r}. midlie_jax.plot.animate writes a .gif, view an .html."
+        )
+    return target
+
+
+# What stands around bodies that translate.
+
+
+class Around(NamedTuple):
+    """The least and the largest corner of a periodic box, (2, 3), and the radius of a planet at the origin."""
+
+    box: np.ndarray | None = None
+    planet: float | None = None
+
+    def hidden(self, points: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """Which of the points (..., 3) the planet hides from a viewer in the direction `out` (3,), far away."""
+        if self.planet is None:
+            return np.zeros(points.shape[:-1], bool)
+        depth = points @ out
+        return (depth < 0) & (np.sum(points**2, axis=-1) - depth**2 < self.planet**2)
+
+    @property
+    def edges(self) -> list[np.ndarray]:
+        """The twelve edges of the box, each as two corners (2, 3); none if there is no box."""
+        if self.box is None:
+            return []
+        corners = self.box.mean(axis=0) + CORNERS * np.ptp(self.box, axis=0) / 2
+        pairs = [pair for pair in combinations(range(8), 2) if np.sum(CORNERS[pair[0]] != CORNERS[pair[1]]) == 1]
+        return [corners[list(pair)] for pair in pairs]
+
+
+NOTHING = Around()
+
+
+def around_of(box: Any, planet: Any, paths: Iterable[Any]) -> Around:
+    """`Around`, for the arguments of `animate` and `view`.
+
+    Raises:
+        ValueError: the box or the radius of the planet is wrong, or a state has no position.
+    """
+    for name, given in (("box", box), ("planet", planet)):
+        still = [path for path in paths if not isinstance(getattr(path, "states", None), TravellingState)]
+        if given is not None and still:
+            kind = type(getattr(still[0], "states", None)).__name__
+            raise ValueError(f"{name} needs bodies with a position, such as a FreeState, got a {kind}.")
+    corners = None if box is None else np.asarray(as_floats("box", box), float)
+    if corners is not None and corners.shape != (2, 3):
+        raise ValueError(
+            f"box must be the least and the largest corner, (2, 3), got {corners.shape}. Give [[0, 0, 0], [L, L, L]] "
+            "for a box that begins at the origin, [[-L/2] * 3, [L/2] * 3] for one around it."
+        )
+    if corners is not None and (not np.all(np.isfinite(corners)) or np.any(corners[1] <= corners[0])):
+        raise ValueError(f"box must have its least corner first and its largest second, got {corners.tolist()}.")
+    radius = None if planet is None else np.asarray(as_floats("planet", planet), float)
+    if radius is not None and (radius.shape != () or not 0 < radius < np.inf):
+        raise ValueError(f"planet must be the radius of the planet, a positive number, got {planet!r}.")
+    return Around(corners, None if radius is None else float(radius))
+
+
+# One body at the times of the frames.
+
+
+class Travel(NamedTuple):
+    """The position of a body, which may be drawn larger than it is to be seen: an orbit is long."""
+
+    track: np.ndarray  # the positions at the saved times, (n, 3); without jumps from wall to wall
+    centres: np.ndarray  # the positions at the frames, (k, 3)
+    size: float  # the length of the drawn axis of the body, in the units of the positions
+    limits: np.ndarray  # the least and the largest coordinates of the picture, (2, 3)
+
+
+class Turning(NamedTuple):
+    """A body at the times of the k frames, its vectors in space and measured from its middle."""
+
+    times: np.ndarray  # of the frames, (k,)
+    shape: Shape
+    corners: np.ndarray  # (k, c, 3)
+    tips: np.ndarray  # the end of the drawn axis, a unit vector, (k, 3)
+    inside: float  # the share of the axis that is inside the body
+    momenta: np.ndarray  # the angular momentum over its largest length along the path, (k, 3)
+    path_times: np.ndarray  # the saved times whose states are drawn, (n,)
+    path_tips: np.ndarray  # `tips` at the saved times, (n, 3)
+    path_momenta: np.ndarray  # `momenta` at the saved times, (n, 3)
+    axis: str  # the name of the axis
+    remarks: tuple[str, ...]  # texts to be written on the picture
+    travel: Travel | None  # None if the body stays where it is
+    per_frame: float  # rotations from frame to frame
+    until: str  # the first of the remarks if the path does not span the picture; otherwise ""
+
+    def placed(self, k: int, points: np.ndarray) -> np.ndarray:
+        """Points given from the middle of the body, where they are in the picture of frame k."""
+        return points if self.travel is None else self.travel.centres[k] + self.travel.size * points
+
+
+class Moving(NamedTuple):
+    """A body and its path; by default drawn alone, as a solid."""
+
+    body: Any
+    path: Any
+    shape: Shape | None = None
+    magnified: float | None = None  # how many times as large as they are bodies are drawn that share one space
+    box: np.ndarray | None = None
+
+
+def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
+    """One body; see `turnings`."""
+    return turnings([(body, path)], axis, frames, most)[0]
+
+
+def turnings(moving: Sequence[Moving | tuple[Any, Any]], axis: Any, frames: Any, most: int) -> list[Turning]:
+    """Bodies at the same evenly spaced times, from the first of all their paths to the last.
+
+    Between saved states a body is assumed to rotate at a constant rate. If it rotates by more than a right angle
+    between two saved states, the attitudes between them are unknown, and the frames show the nearest saved states. A
+    body whose path ends before the others stands still from then on.
+
+    Raises:
+        ValueError: a body is not one body that rotates; a path is not of one body with attitudes or axes, or its first
+            two states are bad; some paths go forward and others backward; the axis is neither a name, nor an index, nor
+            a unit vector, or the states do not define it; there are fewer than two frames, or more than `most`.
+    """
+    count = as_count("frames", frames)
+    if count < 2:
+        raise ValueError("frames must be at least 2, got 1.")
+    if count > most:
+        raise ValueError(f"frames must be at most {most}, got {count}. Show a part of the path.")
+    moved = [Moving(*one) for one in moving]
+    moved = [one._replace(shape=one.shape or shape_of(one.body)) for one in moved]
+    as_axis(axis)
+    motions = [motion_of(one.path) for one in moved]
+    signs = {bool(motion.times[-1] > motion.times[0]) for motion in motions}
+    if len(signs) > 1:
+        raise ValueError("some paths go forward in time and others backward; show them in separate pictures.")
+    first, last = (min, max) if signs.pop() else (max, min)
+    times = np.linspace(first(m.times[0] for m in motions), last(m.times[-1] for m in motions), count)
+    return [_turning(one, motion, axis, times) for one, motion in zip(moved, motions, strict=True)]
+
+
+def _turning(moving: Moving, motion: Motion, axis: Any, times: np.ndarray) -> Turning:
+    direction, name = as_axis(axis)
+    path_tips = motion.directions(direction)  # raises before the body is compared with the states
+    angles = motion.turns_by(moving.body)
+    # Sorted by ascending time, because a run may go backwards.
+    order = np.argsort(motion.times)
+    ascending = motion.times[order]
+    within = np.clip(times, ascending[0], ascending[-1])
+    place = np.clip(np.searchsorted(ascending, within, side="right") - 1, 0, len(order) - 2)
+    share = (within - ascending[place]) / np.diff(ascending)[place]
+    until = motion.failed
+    if not until and np.any(within != times):
+        until = f"from t = {motion.times[0]:.6g} to {motion.times[-1]:.6g}"
+    remarks = [until] if until else []
+    if np.max(angles) > _RESOLVED:
+        share = np.round(share)
+        remarks.append("frames are saved states")
+    moving_frames = np.ptp(within) / (abs(times[-1] - times[0]) / (len(times) - 1))
+    per_frame = float(np.sum(angles)) / moving_frames / (2 * np.pi)
+    if per_frame > 0.25:
+        remarks.append(f"{per_frame:.2g} turns from frame to frame")
+    between = order[place], order[place + 1], share
+    shape: Any = moving.shape
+    travel, magnified = _travel(moving, motion, *between)
+    if magnified != 1:
+        remarks.append(f"body x {magnified:,.0f}" if magnified < 1e9 else f"body x {magnified:.0e}")
+    rotations = _rotations(motion, *between)
+    momenta = motion.spatial_momenta
+    momenta = momenta / max(float(np.max(np.linalg.norm(momenta, axis=1))), np.finfo(float).tiny)
+    at_frames = np.stack([np.interp(within, ascending, momenta[order, i]) for i in range(3)], axis=1)
+    return Turning(
+        times=times,
+        shape=shape,
+        corners=np.einsum("kij,cj->kci", rotations, shape.corners),
+        tips=rotations @ direction,
+        inside=shape.inside(direction),
+        momenta=at_frames,
+        path_times=motion.times,
+        path_tips=path_tips,
+        path_momenta=momenta,
+        axis=name,
+        remarks=tuple(remarks),
+        travel=travel,
+        per_frame=per_frame,
+        until=until,
+    )
+
+
+def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """The rotation matrices (k, 3, 3) between saved states, given by their indices; the spin of an axis is chosen."""
+    states: Any = motion.turning.states
+    if motion.has_axis_alone:
+        # Interpolated first: the chosen attitudes jump where the axis passes through -z.
+        axes = np.asarray(states.axis, float)
+        between = axes[before] + share[:, None] * (axes[after] - axes[before])
+        between /= np.linalg.norm(between, axis=1, keepdims=True)
+        at = AxisState(jnp.zeros_like(between), jnp.asarray(between)).with_attitude().attitude
+    else:
+        attitudes = jnp.asarray(attitude_of(states))
+        at = so3.slerp(attitudes[before], attitudes[after], jnp.asarray(share))
+    return np.asarray(so3.to_matrix(at), float)
+
+
+def _travel(
+    moving: Moving, motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray
+) -> tuple[Travel | None, float]:
+    """The position, None if the body does not translate or by less than can be seen, and the magnification."""
+    states, body, shape, box = motion.states, moving.body, moving.shape, moving.box
+    if not isinstance(states, TravellingState) or not isinstance(body, FreeBody) or shape is None:
+        return None, 1.0
+    track, own, magnified = np.asarray(states.position, float), _size(body, shape), moving.magnified
+    if magnified is None:
+        if np.max(np.ptp(track, axis=0)) < _AT_REST * own:
+            return None, 1.0
+        magnified = _magnified([body], [shape], [track])
+    if box is not None:  # from one saved state to the next the body must move by less than half the box
+        sides, steps = np.ptp(box, axis=0), np.diff(track, axis=0)
+        track = np.concatenate([track[:1], track[:1] + np.cumsum(steps - sides * np.round(steps / sides), axis=0)])
+    centres = track[before] + share[:, None] * (track[after] - track[before])
+    centres = centres if box is None else _wrapped(centres, box)
+    size = magnified * own / CORNER
+    return Travel(track, centres, size, limits_around(track if box is None else box, 1.05 * size)), magnified
+
+
+def _wrapped(positions: np.ndarray, box: np.ndarray) -> np.ndarray:
+    return box[0] + np.mod(positions - box[0], np.ptp(box, axis=0))
+
+
+def _size(body: FreeBody, shape: Shape) -> float:
+    """The distance of the outermost corner of a body from its middle."""
+    return shape.reach / float(body.mass) ** 0.5
+
+
+def _magnified(
+    bodies: Sequence[FreeBody],
+    shapes: Sequence[Shape],
+    tracks: Sequence[np.ndarray],
+    box: np.ndarray | None = None,
+    meet: bool = True,
+) -> float:
+    """By which of 1, 2, 5, 10, 20, 50, ... to draw larger bodies with tracks (n, 3) that can `meet`."""
+    inside = tracks if box is None else [np.concatenate([_wrapped(track, box), box]) for track in tracks]
+    seen = _SEEN * CORNER * float(np.max(np.ptp(np.concatenate(inside), axis=0)))
+    first, last = (_apart_by(np.stack([track[end] for track in tracks])) for end in (0, -1))
+    # Bodies that meet leave half of the gaps between them. Others may begin at one place.
+    gap = first / 4 if meet else max(first, last, seen) / 2
+    wanted = min(seen, gap) / max(map(_size, bodies, shapes))
+    if wanted <= 1:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+
+
+def _apart_by(positions: np.ndarray) -> float:
+    """The median distance of a position (n, 3) to the nearest other one."""
+    if len(positions) < 2:
+        return np.inf
+    squares = np.sum(positions**2, axis=1)
+    squared = squares[:, None] + squares - 2 * positions @ positions.T
+    np.fill_diagonal(squared, np.inf)
+    return float(np.sqrt(np.median(np.maximum(squared.min(axis=1), 0.0))))
+
+
+# All bodies of a panel.
+
+
+class Scene(NamedTuple):
+    """The bodies of one panel, at the same times, each with a colour."""
+
+    members: tuple[Turning, ...]
+    colours: tuple[str, ...]
+    names: tuple[str, ...] = ()  # of paths drawn in one space, "" for one that has none; () for coupled bodies
+    around: Around = NOTHING
+
+    @property
+    def alone(self) -> bool:
+        return len(self.members) == 1
+
+    @property
+    def few(self) -> bool:
+        """Whether the colours of the bodies can be distinguished, so that their axes and tracks are drawn."""
+        return len(self.members) <= FEW
+
+    @property
+    def solid(self) -> bool:
+        """Whether the bodies are drawn as solids; otherwise as points."""
+        return bool(self.members[0].shape.faces)
+
+    @property
+    def times(self) -> np.ndarray:
+        return self.members[0].times
+
+    def named(self, i: int) -> str:
+        return (self.names[i] if self.names else "") or f"body {i}"
+
+    @property
+    def tracks(self) -> list[tuple[Turning, Travel, str, str]]:
+        """The bodies whose tracks are drawn, with names and colours; many bodies have thin grey ones if none meet."""
+        drawn = self.few or (bool(self.names) and len(self.members) <= _MOST_TRACKS)
+        if self.around.box is not None or not drawn:
+            return []
+        names = ["the centre of mass"] if self.alone else [self.named(i) for i in range(len(self.members))]
+        colours = [VERMILLION] if self.alone else self.colours
+        each = zip(self.members, names, colours, strict=True)
+        return [(member, member.travel, f"path of {n}", c) for member, n, c in each if member.travel is not None]
+
+    @property
+    def axes(self) -> list[tuple[Turning, str, str]]:
+        """The bodies whose axes are drawn, with names and colours."""
+        if self.alone:
+            return [(self.members[0], f"{self.members[0].axis} of the body", BLUE)]
+        drawn = list(zip(self.members, self.colours, strict=True)) if self.few and self.solid else []
+        return [(member, f"{member.axis} of {self.named(i)}", colour) for i, (member, colour) in enumerate(drawn)]
+
+    def sites(self, k: int) -> list[np.ndarray]:
+        """The corners or the points of each body at frame k, in space."""
+        return [member.placed(k, member.corners[k]) for member in self.members]
+
+    def sticks(self, k: int) -> list[np.ndarray]:
+        """The lines (2, 3) from the first point of each body to the others."""
+        return [np.stack([own[0], other]) for own in self.sites(k) for other in own[1:]]
+
+    def styles_of_sites(self, first: Any, other: Any) -> tuple[list[str], list[Any]]:
+        """Colours and sizes of all points: `first` and `other` are the sizes in one body; many bodies look alike."""
+        each = [(c, k) for c, m in zip(self.colours, self.members, strict=True) for k in range(len(m.shape.corners))]
+        colours = [colour if self.few else SKY if k else VERMILLION for colour, k in each]
+        return colours, [other if k else first for _, k in each]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Texts to be written on the picture: those of the fastest body, and whether paths are shorter."""
+        fastest = max(self.members, key=lambda member: member.per_frame)
+        ends = [member.until for member in self.members if member.until]
+        if self.alone or not ends or (set(ends) == {fastest.until} and len(ends) == len(self.members)):
+            return fastest.remarks
+        failed = [end for end in ends if end.startswith("FAILED")]
+        what = f"{len(failed)} of {len(self.members)} FAILED" if failed else f"{len(ends)} are not there all the time"
+        return (what, *(remark for remark in fastest.remarks if remark != fastest.until))
+
+    @property
+    def limits(self) -> np.ndarray | None:
+        """The least and the largest coordinates of the picture, (2, 3); None if the body stays where it is."""
+        own = [member.travel.limits for member in self.members if member.travel is not None]
+        if own and self.around.planet is not None:
+            own.append(1.05 * self.around.planet * np.array([[-1.0] * 3, [1.0] * 3]))
+        return np.stack([np.min(own, axis=0)[0], np.max(own, axis=0)[1]]) if own else None
+
+
+def scenes(
+    panels: Sequence[Panel],
+    axis: Any,
+    frames: Any,
+    most: int,
+    points: Any = None,
+    *,
+    around: Around = NOTHING,
+    in_one: bool = False,
+) -> list[Scene]:
+    """The scenes of the panels, at the times of the frames; see `turnings`.
+
+    Args:
+        panels: those of a coupled path show all bodies of it.
+        axis, frames, most: as for `turnings`.
+        points: positions in the frame of the body, (a, 3), that are drawn in place of a solid.
+        around: what stands around the bodies.
+        in_one: whether the bodies of all panels are drawn in one space.
+    """
+    groups = [_in_one_space(panels, points, around)] if in_one else [_moving(one, points, around) for one in panels]
+    names = tuple(panel.name for panel in panels) if in_one else ()
+    flat = iter(turnings([one for group in groups for one in group], axis, frames, most))
+    colours = [(ORANGE,) if len(group) == 1 else tuple(colours_of(len(group))) for group in groups]
+    return [
+        Scene(tuple(next(flat) for _ in group), own, names, around) for group, own in zip(groups, colours, strict=True)
+    ]
+
+
+def _moving(panel: Panel, points: Any, around: Around) -> list[Moving]:
+    """The bodies of one panel."""
+    body, path, states = panel.body, panel.path, getattr(panel.path, "states", None)
+    if isinstance(states, Coupled):
+        check_body(body, states)
+        bodies = zip(_each_body(body, states.count), range(states.count), strict=True)
+        return _in_one_space([Panel("", own, path_of_one(path, i)) for own, i in bodies], points, around, meet=True)
+    if around.box is not None or around.planet is not None:
+        return _in_one_space([panel], points, around)
+    return [Moving(body, path, None if points is None else shape_of(body, points))]
+
+
+def _in_one_space(panels: Sequence[Panel], points: Any, around: Around, meet: bool = False) -> list[Moving]:
+    """Single bodies, all drawn larger by one factor."""
+    states: list[Any] = [motion_of(panel.path).states for panel in panels]
+    for panel, own in zip(panels, states, strict=True):
+        check_body(panel.body, own)
+    bodies = [panel.body for panel in panels]
+    shapes = [shape_of(body, points) for body in bodies]
+    magnified = _magnified(bodies, shapes, [np.asarray(own.position, float) for own in states], around.box, meet)
+    each = zip(panels, shapes, strict=True)
+    return [Moving(panel.body, panel.path, shape, magnified, around.box) for panel, shape in each]
