@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from test_view import figure_of
+from test_view import figure_of, turning
 
 import midlie_jax as ml
 from midlie_jax.cli.main import main
 from midlie_jax.plot.conservation import kept_by
-from midlie_jax.plot.model import Scene, panels, turning
+from midlie_jax.plot.model import Scene, panels
 from midlie_jax.plot.solids import CORNERS, shape_of
 from midlie_jax.plot.style import ORANGE
 from midlie_jax.simulation.saved import saved_path

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
-from test_view import BRICK, START, figure_of, frames_of, midlie
+from test_view import BRICK, START, figure_of, frames_of, midlie, turning
 
 import midlie_jax as ml
-from midlie_jax.plot.model import grid, panels, turning, turnings
+from midlie_jax.plot.model import Panel, grid, panels, turnings
 from midlie_jax.plot.solids import shape_of
 
 SLIM = ml.RigidBody([0.3, 2.0, 2.1])
@@ -30,7 +30,7 @@ def other():
 
 @pytest.mark.sample(0)
 def test_bodies_side_by_side_have_one_clock_and_each_its_own_motion(path, other):
-    both = turnings([(BRICK, path), (SLIM, other)], "e2", 13, most=100)
+    both = turnings([Panel("", BRICK, path), Panel("", SLIM, other)], "e2", 13, most=100)
     for shown, alone in zip(both, (turning(BRICK, path, 1, 13, 100), turning(SLIM, other, 1, 7, 100)), strict=True):
         count = len(alone.times)
         np.testing.assert_allclose(both[0].times[:count], alone.times)

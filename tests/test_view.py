@@ -18,13 +18,18 @@ from PIL import Image, ImageSequence
 import midlie_jax as ml
 from midlie_jax.cli import scenes
 from midlie_jax.cli.main import main
-from midlie_jax.plot.model import turning
+from midlie_jax.plot.model import Panel, turnings
 from midlie_jax.plot.solids import FACES, shape_of
 from midlie_jax.simulation.saved import saved_path
 
 BRICK = ml.RigidBody([1.0, 2.0, 2.5])
 START = ml.RigidState([0.02, 2.0, 0.01], [1.0, 0.0, 0.0, 0.0])
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+def turning(body, path, axis, frames, most):
+    """One body at the times of the frames."""
+    return turnings([Panel("", body, path)], axis, frames, most)[0]
 
 
 @pytest.fixture(scope="module")

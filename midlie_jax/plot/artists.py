@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 
@@ -87,10 +88,12 @@ def draw_curve(axes: Any, points: np.ndarray, semi_axes: np.ndarray, **style: An
 
 
 def draw_axes(axes: Any, starts: np.ndarray, ends: np.ndarray, names: Sequence[str], size: float = SIZE) -> None:
-    """Draws a grey line from each start to its end (n, 3), with a name beyond it."""
+    """Draws a grey line from each start to its end (n, 3), with a name beyond it, before all else."""
+    halo = [withStroke(linewidth=2.0, foreground=axes.figure.get_facecolor())]
+    style = {"fontsize": size, "color": ink(axes), "ha": "center", "va": "center", "zorder": 2 * IN_FRONT}
     for start, end, name in zip(starts, ends, names, strict=True):
         axes.plot(*np.stack([start, end]).T, color=GREY, linewidth=1.0)
-        axes.text(*(1.08 * end), name, fontsize=size, color=ink(axes), ha="center", va="center")
+        axes.text(*(1.08 * end), name, path_effects=halo, **style)
 
 
 def along_arcs(points: np.ndarray) -> np.ndarray:

@@ -117,7 +117,7 @@ def conserved(
         raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
     least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2
     axes.set_yscale("log")
-    axes.set(xlabel=axes.get_xlabel() or "time", ylabel=axes.get_ylabel() or "relative error")
+    axes.set(xlabel=axes.get_xlabel() or "time  [time]", ylabel=axes.get_ylabel() or "relative error  [-]")
     found: list[np.ndarray | None] = []
     for change, (own, dash) in zip(changes, _LINES, strict=False):
         name = f"{label}: {change.short}" if label else change.short

@@ -1,5 +1,6 @@
 """Curves of one motion in space: `axis_path` on the unit sphere, `polhode` on the energy ellipsoid, and `track`."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -336,16 +337,16 @@ def track(
             f"path must hold positions, got {type(motion.states).__name__}s. Integrate a FreeState of a FreeBody."
         )
     positions = np.asarray(motion.states.position, float)
-    draw = _in_space if is_3d(axes) else _in_plane
+    each = [positions]
+    names, colours = [label], [BLUE]
     if motion.states.several:
-        count = positions.shape[1]
-        names = [f"{label or 'body'} {i}" if count <= FEW else None for i in range(count)]
-        # The largest comes first, because it chooses the plane.
-        for i in np.argsort(-np.max(np.ptp(positions, axis=0), axis=1), kind="stable"):
-            draw(axes, positions[:, i], colour or colours_of(count)[i], names[i])
-    else:
-        names = [label]
-        draw(axes, positions, colour or BLUE, label)
+        each = list(np.moveaxis(positions, 1, 0))
+        names = [f"{label or 'body'} {i}" if len(each) <= FEW else None for i in range(len(each))]
+        colours = colours_of(len(each))
+    longest = max(each, key=lambda one: float(np.max(np.ptp(one, axis=0))))
+    draw = _in_space if is_3d(axes) else partial(_in_plane, _plane(axes, longest))
+    for one, name, own in zip(each, names, colours, strict=True):
+        draw(axes, one, colour or own, name)
     if names[0]:
         name_in_legend(axes)
     remark(axes, motion.failed and (f"{label}: {motion.failed}" if label else motion.failed))
@@ -369,12 +370,16 @@ def limits_around(points: np.ndarray, margin: float) -> np.ndarray:
     return (low + high) / 2 + np.stack([-half, half])
 
 
-def _in_plane(axes: Any, positions: np.ndarray, colour: str, label: str | None) -> None:
-    # The labels choose the plane, or else the two directions in which the path is longest.
-    letters = [label[:1].lower() for label in (axes.get_xlabel(), axes.get_ylabel())]
-    if letters[0] == letters[1] or not all(letter and letter in "xyz" for letter in letters):
-        spans = np.ptp(positions, axis=0)
-        letters = "xyz".replace("xyz"[int(np.argmin(spans))] if np.any(spans) else "z", "")
+def _plane(axes: Any, positions: np.ndarray) -> str:
+    """The letters of the plane: those of the labels, or else of the two directions in which the path is longest."""
+    letters = "".join(label[:1].lower() for label in (axes.get_xlabel(), axes.get_ylabel()))
+    if len(set(letters) & set("xyz")) == 2:
+        return letters
+    spans = np.ptp(positions, axis=0)
+    return "xyz".replace("xyz"[int(np.argmin(spans))] if np.any(spans) else "z", "")
+
+
+def _in_plane(letters: str, axes: Any, positions: np.ndarray, colour: str, label: str | None) -> None:
     i, j = map("xyz".index, letters)
     axes.plot(positions[:, i], positions[:, j], color=colour, linewidth=1.4, label=label)
     axes.plot(*positions[0, [i, j]], marker="o", markersize=5.0, color=colour)

@@ -81,8 +81,10 @@ def _beside_names(axes: Any, renderer: Any) -> Any:
         if other.get_axes_locator() is None:
             _locate(other)  # with another edge, a shared scale would not match
     texts = [text for other in column for text in _names(other)]
-    end = place.x1 if any(other.get_position(original=True).x0 > place.x1 - 1e-6 for other in figure.axes) else 0.99
-    edge = end
+    # The names end before the labels of the next panel, or before the edge of the page.
+    right = [other for other in figure.axes if other.get_position(original=True).x0 > place.x1 - 1e-6]
+    free = [(other.bbox if is_3d(other) else other.get_tightbbox(renderer)).x0 for other in right]
+    end = edge = (min(free, default=figure.bbox.x1) - figure.bbox.x0) / figure.bbox.width - 0.01
     for between in (" ", "\n"):  # names that would take half of the panel have one word per line
         for text in texts:
             text.set_text(between.join(text.get_text().split()))

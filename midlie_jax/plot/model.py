@@ -40,11 +40,14 @@ Paths = OnePath | Mapping[str, OnePath] | Sequence[OnePath]
 
 
 class Panel(NamedTuple):
-    """The name, the body or the coupled bodies, and the path of one panel; the name may be ""."""
+    """The name, which may be "", the body or the coupled bodies, and the path of one panel; how the body is drawn."""
 
     name: str
     body: Any
     path: Any
+    shape: Shape | None = None  # by default a solid
+    magnified: float | None = None  # how many times as large as they are bodies are drawn that share one space
+    box: np.ndarray | None = None
 
 
 def panels(body: Any, path: Any, together: bool = False) -> list[Panel]:
@@ -219,23 +222,8 @@ class Turning(NamedTuple):
         return points if self.travel is None else self.travel.centres[k] + self.travel.size * points
 
 
-class Moving(NamedTuple):
-    """A body and its path; by default drawn alone, as a solid."""
-
-    body: Any
-    path: Any
-    shape: Shape | None = None
-    magnified: float | None = None  # how many times as large as they are bodies are drawn that share one space
-    box: np.ndarray | None = None
-
-
-def turning(body: Any, path: Any, axis: Any, frames: Any, most: int) -> Turning:
-    """One body; see `turnings`."""
-    return turnings([(body, path)], axis, frames, most)[0]
-
-
-def turnings(moving: Sequence[Moving | tuple[Any, Any]], axis: Any, frames: Any, most: int) -> list[Turning]:
-    """Bodies at the same evenly spaced times, from the first of all their paths to the last.
+def turnings(moving: Sequence[Panel], axis: Any, frames: Any, most: int) -> list[Turning]:
+    """Single bodies at the same evenly spaced times, from the first of all their paths to the last.
 
     Between saved states a body is assumed to rotate at a constant rate. If it rotates by more than a right angle
     between two saved states, the attitudes between them are unknown, and the frames show the nearest saved states. A
@@ -251,8 +239,7 @@ def turnings(moving: Sequence[Moving | tuple[Any, Any]], axis: Any, frames: Any,
         raise ValueError("frames must be at least 2, got 1.")
     if count > most:
         raise ValueError(f"frames must be at most {most}, got {count}. Show a part of the path.")
-    moved = [Moving(*one) for one in moving]
-    moved = [one._replace(shape=one.shape or shape_of(one.body)) for one in moved]
+    moved = [one._replace(shape=one.shape or shape_of(one.body)) for one in moving]
     as_axis(axis)
     motions = [motion_of(one.path) for one in moved]
     signs = {bool(motion.times[-1] > motion.times[0]) for motion in motions}
@@ -263,7 +250,7 @@ def turnings(moving: Sequence[Moving | tuple[Any, Any]], axis: Any, frames: Any,
     return [_turning(one, motion, axis, times) for one, motion in zip(moved, motions, strict=True)]
 
 
-def _turning(moving: Moving, motion: Motion, axis: Any, times: np.ndarray) -> Turning:
+def _turning(moving: Panel, motion: Motion, axis: Any, times: np.ndarray) -> Turning:
     direction, name = as_axis(axis)
     path_tips = motion.directions(direction)  # raises before the body is compared with the states
     angles = motion.turns_by(moving.body)
@@ -327,7 +314,7 @@ def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.
 
 
 def _travel(
-    moving: Moving, motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray
+    moving: Panel, motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray
 ) -> tuple[Travel | None, float]:
     """The position, None if the body does not translate or by less than can be seen, and the magnification."""
     states, body, shape, box = motion.states, moving.body, moving.shape, moving.box
@@ -337,7 +324,7 @@ def _travel(
     if magnified is None:
         if np.max(np.ptp(track, axis=0)) < _AT_REST * own:
             return None, 1.0
-        magnified = _magnified([body], [shape], [track])
+        magnified = _magnified([own], [track])
     if box is not None:  # from one saved state to the next the body must move by less than half the box
         sides, steps = np.ptp(box, axis=0), np.diff(track, axis=0)
         track = np.concatenate([track[:1], track[:1] + np.cumsum(steps - sides * np.round(steps / sides), axis=0)])
@@ -356,20 +343,14 @@ def _size(body: FreeBody, shape: Shape) -> float:
     return shape.reach / float(body.mass) ** 0.5
 
 
-def _magnified(
-    bodies: Sequence[FreeBody],
-    shapes: Sequence[Shape],
-    tracks: Sequence[np.ndarray],
-    box: np.ndarray | None = None,
-    meet: bool = True,
-) -> float:
+def _magnified(sizes: list[float], tracks: list[np.ndarray], box: np.ndarray | None = None, meet: bool = True) -> float:
     """By which of 1, 2, 5, 10, 20, 50, ... to draw larger bodies with tracks (n, 3) that can `meet`."""
     inside = tracks if box is None else [np.concatenate([_wrapped(track, box), box]) for track in tracks]
     seen = _SEEN * CORNER * float(np.max(np.ptp(np.concatenate(inside), axis=0)))
     first, last = (_apart_by(np.stack([track[end] for track in tracks])) for end in (0, -1))
     # Bodies that meet leave half of the gaps between them. Others may begin at one place.
     gap = first / 4 if meet else max(first, last, seen) / 2
-    wanted = min(seen, gap) / max(map(_size, bodies, shapes))
+    wanted = min(seen, gap) / max(sizes)
     if wanted <= 1:
         return 1.0
     power = 10.0 ** np.floor(np.log10(wanted))
@@ -490,7 +471,7 @@ def scenes(
         around: what stands around the bodies.
         in_one: whether the bodies of all panels are drawn in one space.
     """
-    groups = [_in_one_space(panels, points, around)] if in_one else [_moving(one, points, around) for one in panels]
+    groups = [_in_one_space(panels, points, around)] if in_one else [_bodies_of(one, points, around) for one in panels]
     names = tuple(panel.name for panel in panels) if in_one else ()
     flat = iter(turnings([one for group in groups for one in group], axis, frames, most))
     colours = [(ORANGE,) if len(group) == 1 else tuple(colours_of(len(group))) for group in groups]
@@ -499,25 +480,25 @@ def scenes(
     ]
 
 
-def _moving(panel: Panel, points: Any, around: Around) -> list[Moving]:
-    """The bodies of one panel."""
-    body, path, states = panel.body, panel.path, getattr(panel.path, "states", None)
+def _bodies_of(panel: Panel, points: Any, around: Around) -> list[Panel]:
+    """The single bodies of one panel."""
+    body, states = panel.body, getattr(panel.path, "states", None)
     if isinstance(states, Coupled):
         check_body(body, states)
-        bodies = zip(_each_body(body, states.count), range(states.count), strict=True)
-        return _in_one_space([Panel("", own, path_of_one(path, i)) for own, i in bodies], points, around, meet=True)
+        bodies = enumerate(_each_body(body, states.count))
+        return _in_one_space([Panel("", own, path_of_one(panel.path, i)) for i, own in bodies], points, around, True)
     if around.box is not None or around.planet is not None:
         return _in_one_space([panel], points, around)
-    return [Moving(body, path, None if points is None else shape_of(body, points))]
+    return [panel._replace(shape=shape_of(body, points))]
 
 
-def _in_one_space(panels: Sequence[Panel], points: Any, around: Around, meet: bool = False) -> list[Moving]:
+def _in_one_space(panels: Sequence[Panel], points: Any, around: Around, meet: bool = False) -> list[Panel]:
     """Single bodies, all drawn larger by one factor."""
     states: list[Any] = [motion_of(panel.path).states for panel in panels]
     for panel, own in zip(panels, states, strict=True):
         check_body(panel.body, own)
-    bodies = [panel.body for panel in panels]
-    shapes = [shape_of(body, points) for body in bodies]
-    magnified = _magnified(bodies, shapes, [np.asarray(own.position, float) for own in states], around.box, meet)
+    shapes = [shape_of(panel.body, points) for panel in panels]
+    sizes = [_size(panel.body, shape) for panel, shape in zip(panels, shapes, strict=True)]
+    magnified = _magnified(sizes, [np.asarray(own.position, float) for own in states], around.box, meet)
     each = zip(panels, shapes, strict=True)
-    return [Moving(panel.body, panel.path, shape, magnified, around.box) for panel, shape in each]
+    return [panel._replace(shape=shape, magnified=magnified, box=around.box) for panel, shape in each]

@@ -176,18 +176,11 @@ def _figure(names: Sequence[str], shown: Sequence[Scene], title: str) -> dict[st
     moving = list(range(len(still), len(still) + len(first)))
     # Later frames hold only coordinates: colours are those of the first frame, or of the reader's browser.
     times = [float(t) for t in shown[0].times]
-    frames = [
-        {
-            "name": str(k),
-            "data": [
-                _coordinates(points, own)
-                for scene, own in zip(shown, digits, strict=True)
-                for points in _moving_points(scene, k)
-            ],
-            "traces": moving,
-        }
-        for k in range(len(times))
-    ]
+    frames = list[dict[str, Any]]()
+    for k in range(len(times)):
+        each = zip(shown, digits, strict=True)
+        data = [_coordinates(points, own) for scene, own in each for points in _moving_points(scene, k)]
+        frames.append({"name": str(k), "data": data, "traces": moving})
     return {"data": still + first, "layout": _layout(names, shown, title, times), "frames": frames}
 
 
@@ -250,8 +243,8 @@ def _moving(scene: Scene, digits: int) -> list[dict[str, Any]]:
         found.append(_line(next(points), "bonds", GREY, 4 if scene.few else 2, digits))
     ends = [(name, colour) for _, name, colour in scene.axes] + [("angular momentum", GREEN)] * scene.alone
     for name, colour in ends:
-        marker = {"color": colour, "size": [0, 5]}
-        found.append(_line(next(points), name, colour, 7, digits, mode="lines+markers", marker=marker, showlegend=True))
+        dots = {"mode": "lines+markers", "marker": {"color": colour, "size": [0, 5]}}
+        found.append(_line(next(points), name, colour, 7, digits, **dots, showlegend=True))
     return found
 
 
@@ -312,6 +305,16 @@ def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Seq
     alone = len(shown) == 1
     heading = "<br>".join(filter(None, [title, words[0]])) if alone else title
     legend = {"x": 0.02, "y": 0.98} if alone else {"x": 0.02, "y": 1.0, "yanchor": "bottom", "orientation": "h"}
+    corner = {
+        "xref": "paper",
+        "yref": "paper",
+        "showarrow": False,
+        "align": "left",
+        "xanchor": "left",
+        "yanchor": "top",
+    }
+    each = zip(words, places, strict=True)
+    notes = [{"text": text, **corner, "x": x[0] + 0.02, "y": y[1] - 0.01} for text, (x, y) in each]
     lower_left = {"x": 0.02, "y": 0.0, "xanchor": "left", "yanchor": "top", "pad": {"t": 42}}
     buttons = [
         {"label": "play", "method": "animate", "args": [None, play]},
@@ -325,7 +328,7 @@ def _layout(names: Sequence[str], shown: Sequence[Scene], title: str, times: Seq
         "template": {},
         "autosize": True,
         **{_scene(k): _seen(*pair, columns / rows) for k, pair in enumerate(zip(shown, places, strict=True))},
-        "annotations": [] if alone else [_note(text, *place) for text, place in zip(words, places, strict=True)],
+        "annotations": [] if alone else notes,
         "legend": legend | {"bgcolor": "rgba(0,0,0,0)"},
         "updatemenus": [
             {"type": "buttons", "direction": "left", "showactive": False, **lower_left, "buttons": buttons}
@@ -362,9 +365,3 @@ def _seen(scene: Scene, place: tuple[Any, Any], columns: float) -> dict[str, Any
         "camera": {"eye": eye, "center": {"x": 0.0, "y": 0.0, "z": lower}},
         "dragmode": "orbit",
     }
-
-
-def _note(text: str, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
-    """The name of one body, at the upper left of its part of the page."""
-    corner = {"x": x[0] + 0.02, "y": y[1] - 0.01, "xanchor": "left", "yanchor": "top"}
-    return {"text": text, "xref": "paper", "yref": "paper", "showarrow": False, "align": "left", **corner}
