@@ -17,12 +17,7 @@ _INSET = 4.0  # points from the names to the panel's edges
 
 
 class End(NamedTuple):
-    """Attributes:
-    name: name of the line.
-    colour: colour of the name.
-    x, y: where the line ends.
-    bold: whether the name is bold.
-    """
+    """The end (x, y) of a line, and the colour of its name."""
 
     name: str
     colour: str

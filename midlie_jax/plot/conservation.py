@@ -112,7 +112,7 @@ def conserved(
     acting = body, torque, motion.times, motion.states
     changes = [energy_change(*acting), momentum_change(torque, motion.states, balanced=balanced(*acting))]
     if isinstance(motion.states, TravellingState):
-        changes.append(linear_change(*acting))
+        changes.append(linear_change(body, torque, motion.times, motion.states))
     if all(change.reason for change in changes):
         raise ValueError(f"nothing is conserved: {'; '.join(f'{c.name}: {c.reason}' for c in changes)}.")
     least = float(jnp.finfo(motion.states.momentum.dtype).eps) / 2

@@ -92,7 +92,8 @@ def _named(path: Any, most: int) -> tuple[list[str], list[Any]]:
     if isinstance(path, Sequence) and not hasattr(path, "states"):  # a path is a tuple as well
         return [""] * len(path), list(path)
     states: Any = getattr(path, "states", None)
-    shape = np.shape(getattr(states, "momentum", 0.0))
+    momentum: Any = getattr(states, "momentum", 0.0)
+    shape = np.shape(momentum)
     coupled = isinstance(states, Coupled)
     if len(shape) == 3 + coupled:
         word, count, one = "replica" if coupled else "body", shape[0], _row
@@ -280,22 +281,9 @@ def _turning(moving: Panel, motion: Motion, axis: Any, times: np.ndarray) -> Tur
     momenta = motion.spatial_momenta
     momenta = momenta / max(float(np.max(np.linalg.norm(momenta, axis=1))), np.finfo(float).tiny)
     at_frames = np.stack([np.interp(within, ascending, momenta[order, i]) for i in range(3)], axis=1)
-    return Turning(
-        times=times,
-        shape=shape,
-        corners=np.einsum("kij,cj->kci", rotations, shape.corners),
-        tips=rotations @ direction,
-        inside=shape.inside(direction),
-        momenta=at_frames,
-        path_times=motion.times,
-        path_tips=path_tips,
-        path_momenta=momenta,
-        axis=name,
-        remarks=tuple(remarks),
-        travel=travel,
-        per_frame=per_frame,
-        until=until,
-    )
+    corners, tips = np.einsum("kij,cj->kci", rotations, shape.corners), rotations @ direction
+    frames = times, shape, corners, tips, shape.inside(direction), at_frames
+    return Turning(*frames, motion.times, path_tips, momenta, name, tuple(remarks), travel, per_frame, until)
 
 
 def _rotations(motion: Motion, before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:

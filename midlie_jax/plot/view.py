@@ -281,8 +281,10 @@ def _joined(lines: Iterable[np.ndarray]) -> np.ndarray:
 def _coordinates(points: np.ndarray, digits: int) -> dict[str, list[Any]]:
     """Points (n, 3) as plotly's x, y and z, with null for NaN, which JSON lacks; plotly interrupts a line there."""
     rounded = np.round(np.asarray(points, float), digits)
-    whole = rounded if np.all(np.isfinite(rounded)) else np.where(np.isnan(rounded), None, rounded)
-    return dict(zip("xyz", whole.T.tolist(), strict=True))
+    if np.any(gaps := np.isnan(rounded)):
+        rounded = rounded.astype(object)
+        rounded[gaps] = None
+    return dict(zip("xyz", rounded.T.tolist(), strict=True))
 
 
 def _digits(scene: Scene) -> int:
