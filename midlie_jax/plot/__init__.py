@@ -2,12 +2,10 @@
 
 `import midlie_jax` imports neither this folder nor matplotlib nor plotly; each is imported when it is first needed.
 
-Modules: on the user's axes `bands` (quantiles of an ensemble), `axis_path`, `track`, `polhode`, `conserved` and
-`poincare` (one path each); files `animate` (GIF, of `scene`s) and `view` (HTML, of `traces`). Below them: `motion` (the
-part of a path that can be trusted), `several` (paths side by side), `turning`, `travel` and `shape` (the body at evenly
-spaced times), `conservation` and `kept` (what the exact motion conserves), `ellipsoid`, `space` and `labels3d` (artists
-for 3-D axes), `edge`, `apart` and `room` (names that neither collide nor are cut off) and `style`. `cli` uses these
-lower modules, too.
+Modules: on the user's axes `bands` (quantiles of an ensemble), `curves` (`axis_path`, `polhode` and `track`),
+`conservation` (`conserved`) and `poincare`; files `animate` (GIF, by `drawing`) and `view` (HTML), both of scenes in
+`model`. Below them: `motion` (the part of a path that can be trusted), `solids` (how bodies are drawn), `artists` (for
+3-D axes), `labels` (names of lines) and `style`. `cli` also uses these lower modules.
 """
 
 from .animate import animate as animate
