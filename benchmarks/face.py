@@ -30,7 +30,7 @@ OFFSET: dict[str, Any] = {"textcoords": "offset points"}
 
 def tops(figure: Any) -> None:
     """The axes of three heavy tops: let go at rest, pushed forwards, pushed backwards."""
-    axes = figure.add_axes((0.0, -0.08, 0.86, 1.1), projection="3d")
+    axes = figure.add_axes((0.02, -0.1, 0.86, 1.05), projection="3d")
     top, gravity = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
     cases = (("let go", 0.4, 0.0, BLUE), ("pushed on", 0.8, 8.0, GREEN), ("pushed back", 1.2, -8.0, VERMILLION))
     for name, tilt, push, colour in cases:
@@ -41,9 +41,9 @@ def tops(figure: Any) -> None:
 
 
 def asteroid(figure: Any) -> None:
-    """How fast Apophis turns, in sixty of the phases in which it may pass the Earth."""
+    """The rotation rate of Apophis in sixty of the phases in which it may pass the Earth."""
     axes = figure.add_axes((0.15, 0.15, 0.81, 0.8))
-    panel(axes, "", "time from the perigee, April 2029  [h]", "rate of turning  [1/day]")
+    panel(axes, "", "time from the perigee, April 2029  [h]", "rotation rate  [revolutions per day]")
     starts = flyby.starts(60)
     path = ml.ensemble(
         "JACOBI[SRKN6b]", flyby.body(), flyby.torque(), starts, dt=600.0, steps=576, t0=-flyby.HALF, save_every=2
