@@ -168,7 +168,7 @@ def a_tuple(t, state):
 
 REFUSED = {
     "a force on a body that stays": ("JACOBI[EA]", RIGID, a_force, STAYING, "got Wrench; a force moves a FreeState"),
-    "gravity on it": ("JACOBI[EA]", RIGID, T.UniformGravity(GRAVITY), STAYING, "acts on a body that travels"),
+    "gravity on it": ("JACOBI[EA]", RIGID, T.UniformGravity(GRAVITY), STAYING, "acts on a body that translates"),
     "no mass": ("JACOBI[EA]", RIGID, None, FREE, "belongs to a FreeBody"),
     "no attitude": ("JACOBI[EA]", FREE_ROTOR, None, FREE, "belongs to a FreeBody of a RigidBody"),
     "an axis of a rigid body": ("SYMMETRIC[EA]", RIGID, None, AXIS, "belongs to a Rotor"),
@@ -177,7 +177,7 @@ REFUSED = {
     "NMB": ("NMB", FREE_BODY, None, FREE, "moves RigidBody"),
     "PGBS12": ("PGBS12", ml.Rotor(2.0), None, AXIS, "moves RigidBody, but body is Rotor"),
     "JACOBI": ("JACOBI[EA]", ml.Rotor(2.0), None, AXIS, "moves RigidBody, but body is Rotor"),
-    "a dipole across": ("SYMMETRIC[EA]", ml.Rotor(2.0), ACROSS, AXIS, "knows no direction of the body but its axis"),
+    "a dipole across": ("SYMMETRIC[EA]", ml.Rotor(2.0), ACROSS, AXIS, "holds only the third axis of the body"),
     "the whole attitude": ("SYMMETRIC[EA]", ml.Rotor(2.0), CONTROL, AXIS, "needs the attitude"),
     "the moment along": ("SYMMETRIC[EA]", FREE_ROTOR, T.PointMass(1.0), FREE_AXIS, r"write Rotor\(moment, along\)"),
     "a tuple": ("JACOBI[EA]", FREE_BODY, a_tuple, FREE, "must return a midlie_jax.Wrench"),
@@ -200,8 +200,8 @@ def test_constructors_name_what_is_wrong():
         (lambda: ml.Rotor(1.0, 2.5), "must not exceed twice"),
         (lambda: ml.AxisState([0.0, 0, 0], [0.0, 0, 2.0]), "axis must be a unit vector"),
         (lambda: ml.FreeState([0.0, 0, 0], [1.0, 0, 0, 0], [0.0, 0], [0.0, 0, 0]), "linear must have shape"),
-        (lambda: ml.linear_momentum(STAYING), "does not travel"),
-        (lambda: ml.angular_velocity(ml.Rotor(2.0), AXIS), "spin of a Rotor"),
+        (lambda: ml.linear_momentum(STAYING), "does not translate"),
+        (lambda: ml.angular_velocity(ml.Rotor(2.0), AXIS), "angular velocity of a Rotor is undefined"),
     ):
         with pytest.raises(ValueError, match=message):
             make()

@@ -582,7 +582,7 @@ def messages():
             "would all get the same noise; give it one for each",
         ),
         "travels": (go(body=free, start=moving), "give Langevin the linear_friction"),
-        "does not travel": (go(torque=Langevin(KT, 1.0, key, 1.0)), "leave out linear_friction"),
+        "does not translate": (go(torque=Langevin(KT, 1.0, key, 1.0)), "leave out linear_friction"),
         "friction of many": (go(torque=Langevin(KT, jnp.ones(5), key)), "of shape"),
         "temperatures": (go(torque=Langevin(jnp.ones(3), 1.0, key)), "kT must be one number"),
         "three numbers in a frame": (
@@ -591,7 +591,7 @@ def messages():
         ),
         "oblique axis": (
             go("SYMMETRIC[BAOAB]", rotor, Langevin(KT, [1.0, 2.0, 3.0], key), axis),
-            "the first two are equal",
+            "with the first two equal",
         ),
         # What is wrong with the bath of one body is said of many in the same words.
         "many travel": (many("JACOBI[BAOAB]", free, moving, 1.0), "give Langevin the linear_friction"),
@@ -605,7 +605,7 @@ def messages():
             many("JACOBI[BAOAB]", ml.TensorBody(np.diag(MOMENTS)), start, [1.0, 2.0, 3.0]),
             "give the tensor",
         ),
-        "many oblique axes": (many("SYMMETRIC[BAOAB]", rotor, axis, [1.0, 2.0, 3.0]), "the first two are equal"),
+        "many oblique axes": (many("SYMMETRIC[BAOAB]", rotor, axis, [1.0, 2.0, 3.0]), "with the first two equal"),
         "many unknown spins": (many("SYMMETRIC[BAOAB]", ml.Rotor(2.0), axis, 1.0), r"Rotor\(moment, along\)"),
         "unknown spin": (go("SYMMETRIC[BAOAB]", ml.Rotor(2.0), bath, axis), r"Rotor\(moment, along\)"),
         "reversible": (go(adjoint=ml.Reversible()), "symmetric method"),
@@ -621,7 +621,7 @@ def messages():
         "check": (lambda: ml.check("JACOBI[BAOAB]", body, bath, start, dt=0.1), "single motions"),
         "particles": (
             go(ml.method(ml.flights.Linear(), "BAOAB"), particle, bath, ml.ParticleState(jnp.ones(1), jnp.ones(1))),
-            "no heat bath acts on a ParticleState",
+            "Langevin acts on rigid bodies and rotors, not on a ParticleState",
         ),
     }
 
@@ -631,7 +631,7 @@ def test_an_oblique_axis_is_refused_also_after_a_run_that_was_right():
     axis = ml.AxisState([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
     run = partial(ml.integrate, "SYMMETRIC[BAOAB]", ml.Rotor(2.0, 1.0), start=axis, dt=0.1, steps=2)
     assert run(torque=Langevin(KT, [1.0, 1.0, 3.0], jax.random.key(0))).ok
-    with pytest.raises(ValueError, match="the first two are equal"):
+    with pytest.raises(ValueError, match="with the first two equal"):
         run(torque=Langevin(KT, [1.0, 2.0, 3.0], jax.random.key(0)))
 
 

@@ -159,9 +159,9 @@ def test_from_points_is_differentiable():
 WRONG = {
     "shapes": (([1.0, 2.0], WATER), r"masses must be \(a,\) and places \(a, 3\)"),
     "negative": (([1.0, -2.0, 1.0], WATER), "masses must be finite and not negative.*check their signs"),
-    "no mass": (([0.0, 0.0, 0.0], WATER), "masses must not all be zero.*give at least two"),
-    "one point": (([1.0], WATER[:1]), "places must hold masses in two or more places, got 1.*midlie_jax.Particles"),
-    "one mass": (([1.0, 0.0, 0.0], WATER), "places must hold masses in two or more places"),
+    "no mass": (([0.0, 0.0, 0.0], WATER), "masses must not all be zero.*give a mass to at least two points"),
+    "one point": (([1.0], WATER[:1]), "places must hold masses at two or more positions, got 1.*midlie_jax.Particles"),
+    "one mass": (([1.0, 0.0, 0.0], WATER), "places must hold masses at two or more positions"),
     "off the line": (([1.0, 1.0, 0.0], WATER), "places must be on one line.*give that site a mass"),
     "not finite": (([1.0, 1.0, 1.0], WATER * np.nan), "places must be finite"),
 }
@@ -176,7 +176,7 @@ def test_points_that_make_no_body(wrong):
 
 def test_sites_that_a_state_does_not_know():
     state = start("free axis")
-    with pytest.raises(ValueError, match=r"points must be on the third axis(?s:.*)start from a state with an attitude"):
+    with pytest.raises(ValueError, match=r"points must be on the third axis(?s:.*)use a state with an attitude"):
         ml.sites(state, POINTS)
     traced = jax.jit(ml.sites)(state, jnp.asarray(POINTS))
     assert jnp.all(jnp.isnan(traced))

@@ -177,7 +177,7 @@ def test_a_torque_of_the_body_reads_what_it_acts_on():
         (lambda: torques.GravityGradient(-jnp.ones(3), ORBIT, 1.0), "moments must be positive"),
         (
             lambda: torques.GravityGradient(BODY.moments, ORBIT, 1.0)(0.0, ml.DirectionState(SPIN, jnp.eye(3)[0])),
-            "knows one fixed direction; start from a RigidState",
+            "holds one fixed direction; use a RigidState",
         ),
     ],
 )

@@ -582,7 +582,7 @@ REFUSED = {
         lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(np.ones(6)), NEAR, ml.SpinState(random_spins((6, 4))), **TWO),
         r"damping must be \(\).* or \(4,\)",
     ),
-    "no spins": (lambda: go(NEAR, ml.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold one spin at least"),
+    "no spins": (lambda: go(NEAR, ml.SpinState(jnp.zeros((4, 0, 3)))), "spin must hold at least one spin"),
     "energy of a strength": (
         lambda: ml.energy(ml.Spins(), ml.torques.Anisotropy(np.ones(3)), CHAIN),
         "strength must be",

@@ -380,7 +380,7 @@ WRONG = [
     (lambda: torques.FreeMolecularDrag(BOX, 1.0, ONE, wall_speed=-1.0), "wall_speed must be finite and not neg"),
     (
         lambda: torques.FreeMolecularDrag(BOX, 1.0).on(ml.RigidBody([1.0, 1, 1]))(0.0, STATE),
-        "acts on a body that travels",
+        "acts on a body that translates",
     ),
     (
         lambda: torques.EddyCurrents([[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], ONE),

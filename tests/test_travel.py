@@ -195,9 +195,9 @@ def test_torques_of_the_spin_act_on_an_axis_as_on_a_rigid_body(name):
 @pytest.mark.parametrize(
     ("torque", "message"),
     [
-        (ml.torques.Damping([0.3, 0.2, 0.1]), "coefficient is .* its first two numbers must be equal"),
+        (ml.torques.Damping([0.3, 0.2, 0.1]), "coefficient is .* the first two must be equal"),
         (ml.torques.Damping(0.3), r"write Rotor\(moment, along\)"),
-        (ml.torques.Rotors([0.1, 0.0, 1.0]), "no direction of the body but its axis of symmetry"),
+        (ml.torques.Rotors([0.1, 0.0, 1.0]), "holds only the third axis of the body"),
     ],
 )
 def test_what_an_axis_cannot_know_is_refused(torque, message):

@@ -1,11 +1,11 @@
-"""What a heat bath does to a body in a given time, exactly: its momenta are damped and pushed at random.
+"""The exact effect of a heat bath on a body in a given time: friction and thermal noise.
 
 In principal axes dPi = -G I^-1 Pi dt + sqrt(2 kT G) dW, with the friction G. After the time h the solution is
 
     Pi -> exp(-G I^-1 h) Pi + sqrt(kT) S xi,    S S^T = I - exp(-G I^-1 h) I exp(-I^-1 G h)
 
-with standard normal numbers xi. It leaves the Maxwell distribution, of mean 0 and covariance kT I, as it is for every
-h. The same holds for the linear momentum with the mass in place of I.
+with standard normal numbers xi. It preserves the Maxwell distribution, of mean 0 and covariance kT I, for every h. The
+same holds for the linear momentum with the mass in place of I.
 """
 
 from collections.abc import Callable
@@ -22,15 +22,15 @@ from .bodies import Body
 from .free_body import FreeBody, Momenta
 from .rotor import Rotor
 
-_SHORT = 1e-3  # below, (1 - exp(-x))/x is taken from the first terms of its series
+_SHORT = 1e-3  # below, (1 - exp(-x))/x uses the first terms of its series
 
 
 class Exposure(NamedTuple):
-    """What a bath does to one vector in a given time: it changes it by -lost vector + spread noise.
+    """The effect of a bath on one vector in a given time: a change by -lost vector + spread noise.
 
     Attributes:
-        lost: 1 - exp(-G I^-1 h), three numbers of a diagonal matrix, or three rows.
-        spread: the matrix S, for kT = 1 unless the temperature is in it, likewise.
+        lost: 1 - exp(-G I^-1 h): three numbers of a diagonal matrix, or three rows.
+        spread: the matrix S in the same form, for kT = 1 unless it includes the temperature.
     """
 
     lost: Any
@@ -44,7 +44,7 @@ class Exposure(NamedTuple):
 
 
 class InBody(NamedTuple):
-    """An `Exposure` of a vector of space whose matrices are those of the body frame."""
+    """An `Exposure` of a space-frame vector whose matrices are in the body frame."""
 
     own: Exposure
 
@@ -53,10 +53,10 @@ class Bath(NamedTuple):
     """The bath of a run, prepared for its step.
 
     Attributes:
-        root: the function of time sqrt(kT), or None where the temperature is in the exposures.
+        root: the function of time sqrt(kT), or None if the exposures include the temperature.
         key: two or four words, uint32, of the random key.
-        exposures: what the bath does in a stage, in the form of the momentum, by the coefficient of the stage.
-        member: the index of the body among coupled bodies: those of all of them (N,), or that of one.
+        exposures: the effect of the bath in a stage, in the form of the momentum, by the coefficient of the stage.
+        member: the index of the body among coupled bodies: all indices (N,), or one.
         step: the index of the step, or None outside a step.
     """
 
@@ -67,7 +67,6 @@ class Bath(NamedTuple):
     step: Array | None = None
 
     def of_member(self, i: int) -> "Bath":
-        """The bath of one of several coupled bodies."""
         exposures = jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, self.exposures)
         return self._replace(exposures=exposures, member=i)
 
@@ -80,17 +79,17 @@ class Bath(NamedTuple):
 
 
 def root_of(square: Array) -> Array:
-    """The square root, whose derivative at zero is defined as zero; NaN of a negative number."""
+    """The square root, whose derivative at zero is defined as zero; NaN for a negative number."""
     zero = square == 0
     return jnp.where(zero, jnp.zeros_like(square), jnp.sqrt(jnp.where(zero, jnp.ones_like(square), square)))
 
 
 def exposures(body: Body, frame: Any, friction: Array, linear_friction: Array | None, time: Array, root: Any) -> Any:
-    """What a bath does to a body in a time, in the form of its momentum.
+    """The effect of a bath on a body in a time, in the form of its momentum.
 
     Args:
         body: in principal axes.
-        frame: the quaternion that takes principal components to the user's, or None.
+        frame: the quaternion from principal components to the user's, or None.
         friction, linear_friction: numbers (), (..., 3) or tensors (..., 3, 3) in the user's frame.
         time: ().
         root: sqrt(kT), a factor of every spread; or None.
@@ -111,7 +110,7 @@ def _moments_of(rotor: Rotor) -> cp.Vector:
 
 
 def _in_principal_axes(friction: Array, frame: Any) -> Array:
-    """A tensor in principal axes; a friction of another form is the same there."""
+    """A tensor in principal axes; any other form of friction unchanged."""
     if frame is None or friction.shape[-2:] != (3, 3):
         return friction
     axes = so3.to_matrix(cp.pack(frame))
@@ -119,7 +118,7 @@ def _in_principal_axes(friction: Array, frame: Any) -> Array:
 
 
 def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Exposure:
-    """The exposure of a vector with these moments, or with a mass three times."""
+    """The exposure of a vector with these moments, or with the mass three times."""
     if friction.shape[-2:] == (3, 3):
         lost, spread = _of_tensor(friction, cp.pack(moments), time)
         spread = spread if root is None else jnp.asarray(root)[..., None, None] * spread
@@ -131,14 +130,14 @@ def _exposure(friction: Array, moments: cp.Vector, time: Array, root: Any) -> Ex
 
 
 def _of_number(friction: Array, moment: Array, time: Array) -> tuple[Array, Array]:
-    """(lost, spread) along one principal axis; nothing about the axis of a linear molecule, whose moment is zero."""
+    """(lost, spread) along one principal axis; zero along the axis of a linear molecule, whose moment is zero."""
     thin = moment == 0
     rate = jnp.where(thin, jnp.zeros_like(moment), friction / jnp.where(thin, jnp.ones_like(moment), moment))
     return -jnp.expm1(-rate * time), cp.root(moment) * root_of(-jnp.expm1(-2 * rate * time))
 
 
 def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Array]:
-    """The same of a tensor, as matrices, by the eigenvectors of the symmetric matrix I^-1/2 G I^-1/2."""
+    """(lost, spread) of a tensor, as matrices, from the eigenvectors of the symmetric matrix I^-1/2 G I^-1/2."""
     roots = jnp.sqrt(moments)
     scaled = friction / (roots[..., :, None] * roots[..., None, :])
     lost, spread = _functions(scaled, time)
@@ -149,8 +148,8 @@ def _of_tensor(friction: Array, moments: Array, time: Array) -> tuple[Array, Arr
 def _functions(matrix: Array, time: Array) -> tuple[Array, Array]:
     """1 - exp(-A t) and sqrt(1 - exp(-2 A t)) of symmetric matrices A, (..., 3, 3), with no negative eigenvalue.
 
-    The derivative of eigenvectors is infinite where two eigenvalues agree, as they do for every sphere. That of a
-    function of the matrix is not: in the basis of eigenvectors, its entries are those of dA times the divided
+    The derivative of eigenvectors is infinite where two eigenvalues agree, as for every sphere. The derivative of a
+    function of the matrix is finite: in the basis of eigenvectors, its entries are the entries of dA times the divided
     differences of the function (Daleckii and Krein 1965; Higham, Functions of Matrices, theorem 3.11).
     """
     values, vectors = _eigen(matrix)
@@ -176,7 +175,7 @@ def _functions_jvp(primals: Any, tangents: Any) -> Any:
 
 def _eigen(matrix: Array) -> tuple[Array, Array]:
     values, vectors = jnp.linalg.eigh(matrix)
-    return jnp.maximum(values, 0), vectors  # by rounding, an eigenvalue of zero may be negative
+    return jnp.maximum(values, 0), vectors  # rounding may make an eigenvalue of zero negative
 
 
 def _of_values(values: Array, time: Array) -> tuple[Array, Array]:
@@ -197,7 +196,7 @@ def _divided(a: Array, b: Array, time: Array) -> Array:
 
 
 def _over(a: Array, b: Array) -> Array:
-    """a / b, and 0 where b is 0: the derivative there is infinite, and defined as zero like that of `root_of`."""
+    """a / b, and 0 where b is 0. The derivative there is infinite and is defined as zero, as in `root_of`."""
     zero = b == 0
     return jnp.where(zero, jnp.zeros_like(a * b), a / jnp.where(zero, jnp.ones_like(b), b))
 
@@ -207,7 +206,7 @@ def _rows(matrix: Array) -> Any:
 
 
 def _product(matrix: Any, vector: cp.Vector) -> cp.Vector:
-    """A matrix times a vector: of three rows, or of three numbers on the diagonal."""
+    """A matrix, as three rows or as its diagonal, times a vector."""
     if isinstance(matrix[0], tuple):
         x, y, z = (cp.dot(row, vector) for row in matrix)
         return x, y, z

@@ -1,4 +1,4 @@
-"""Bodies: rigid bodies and particles with their inertia. Their configuration and momentum are in `states/`.
+"""Bodies: the inertia of rigid bodies and particles. `states/` holds their configuration and momentum.
 
 Every kind of body converts momentum to velocity (`velocity`) and velocity to momentum (`momentum`).
 """
@@ -33,10 +33,10 @@ def require_within_range(name: str, value: Any, units: str) -> None:
     """Raises unless moments or masses leave room for the intermediate results of the methods.
 
     Args:
-        units: whose change is a cure.
+        units: the units named in the remedy.
     """
     smallest = float(np.finfo(value.dtype).tiny) ** _RANGE_EXPONENT
-    cure = in_wider(value.dtype, f"take other units of {units}")
+    cure = in_wider(value.dtype, f"use other units of {units}")
     require_rows(
         name,
         value,
@@ -58,16 +58,16 @@ def is_symmetric(matrix: np.ndarray) -> bool:
 
 
 def read_as_tensor(name: str) -> str:
-    """For messages on an array (3, 3) that is no good tensor: how to write its other reading."""
+    """Remedy for messages about an array (3, 3) that is not a valid tensor: the other reading of the array."""
     return f"if these are three numbers for each of three bodies, pass jax.vmap(jnp.diag)({name})"
 
 
 class Body(eqx.Module):
-    """What moves: the base class of the kinds of body.
+    """Base class of bodies.
 
-    A kind of your own defines `inertia`, and overrides the other methods where it differs; docs/extending.md shows one.
-    Its momentum and velocity have the form of the momentum of its state: arrays outside the steps, components within
-    the steps (`State.parts`).
+    A custom body defines `inertia` and overrides other methods where it differs; docs/extending.md shows an example.
+    Momentum and velocity have the form of the momentum of the state: arrays outside the steps, components inside
+    (`State.parts`).
 
     Examples:
         >>> [isinstance(body, ml.Body) for body in (ml.RigidBody([5.0, 5.0, 1.0]), ml.Rotor(5.0), ml.Particles(1.0))]
@@ -80,10 +80,10 @@ class Body(eqx.Module):
     def inertia(self) -> Any:
         """The constants of a run, computed once, as a pytree with four methods on components.
 
-        `velocity(momentum)` is I^-1 Pi; `commutator(force)` is the rate of change of the components of a force T as the
-        body turns with the velocity I^-1 T, zero if nothing turns; `square_of_turn(h, momentum)` is |h Omega|^2, which
-        bounds the steps of the Runge-Kutta methods; and `nutation(momentum)` is the frequency of a fast spin, for
-        `midlie_jax.check`, zero if there is none. For a rigid body, the pytree is
+        `velocity(momentum)` is I^-1 Pi. `commutator(force)` is the rate of change of the components of a force T while
+        the body rotates with the velocity I^-1 T; it is zero if nothing rotates. `square_of_turn(h, momentum)` is |h
+        Omega|^2, which bounds the steps of the Runge-Kutta methods. `nutation(momentum)` is the frequency of a fast
+        spin, for `midlie_jax.check`; it is zero without spin. For a rigid body, the pytree is
         `midlie_jax.flights.Inertia.of(body)`.
         """
 
@@ -92,9 +92,9 @@ class Body(eqx.Module):
         return cp.packed(self.inertia().velocity(cp.unpacked(momentum)))
 
     def is_possible(self) -> Array | bool:
-        """Whether the numbers of the body, or of all coupled bodies, are what the constructor requires, ().
+        """Whether the numbers of the body, or of all coupled bodies, are valid for the constructor, ().
 
-        The constructor cannot check traced numbers. So a run asks once, before its first step.
+        The constructor cannot check traced numbers; a run therefore checks them once, before its first step.
         """
         return True
 
@@ -105,20 +105,20 @@ class Body(eqx.Module):
 
     @property
     def turning(self) -> "Body":
-        """The body whose rotation flights compute: the body itself, unless it also travels."""
+        """The body whose rotation the flights compute: the body itself, or its rotating part if it also translates."""
         return self
 
     def in_principal_axes(self) -> "Body":
-        """The body in the axes in which the steps move it."""
+        """The body in its principal axes, in which the steps move it."""
         return self
 
     def frame_of_user(self) -> cp.Quaternion | None:
-        """The quaternion that takes components in the principal frame to the user's; None where both are the same."""
+        """The quaternion from components in the principal frame to components in the user's; None if both agree."""
         return None
 
 
 class RigidBody(Body):
-    """A rigid body turning about a fixed point or its centre of mass.
+    """A rigid body that rotates about a fixed point or its centre of mass.
 
     Attributes:
         moments: principal moments of inertia about this point, (..., 3), mass x length^2. The axes of the body frame
@@ -126,16 +126,16 @@ class RigidBody(Body):
         physical: whether the moments must satisfy the triangle inequality.
 
     Args:
-        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`. Where the largest
-            exceeds the sum of the other two by the rounding of their last digit, such as in (0.0833, 0.0833, 0.1667),
-            it is lowered to that sum, the moment of a flat body.
-        physical: False admits moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has
-            such moments, but the equations of motion still make sense.
+        moments: as above; any leading axes are a batch, for `midlie_jax.ensemble` or `jax.vmap`. If the largest exceeds
+            the sum of the other two only by rounding of the last digit, as in (0.0833, 0.0833, 0.1667), it is lowered
+            to that sum, the moment of a flat body.
+        physical: False allows moments that violate the triangle inequality I1 <= I2 + I3. No mass distribution has such
+            moments, but the equations of motion remain valid.
 
     Raises:
         ValueError: the moments are not of shape (..., 3), not positive, unphysical, or not between 1e-30 and 1e30
-            (float64: 1e-246 and 1e246); for a batch the message names the rows. Or a full tensor was passed, which
-            `TensorBody` and `from_tensor` accept.
+            (float64: 1e-246 and 1e246); for a batch the message names the rows. Also if a full tensor was passed; use
+            `TensorBody` or `from_tensor`.
 
     Examples:
         >>> top = ml.RigidBody([5.0, 5.0, 1.0])
@@ -150,10 +150,10 @@ class RigidBody(Body):
 
     def __init__(self, moments: Any, *, physical: bool = True):
         self.moments, self.physical = as_floats("moments", moments, (3,)), bool(physical)
-        # A (3, 3) array can be three bodies or, by mistake, a tensor. The rows of a physical tensor fail one of
-        # the checks below, and the message then names the classes for tensors.
+        # A (3, 3) array can be three bodies or, by mistake, a tensor. The rows of a physical tensor fail one of the
+        # checks below, whose message names the classes for tensors.
         tensor_shaped = self.moments.shape[-2:] == (3, 3)
-        cure = "for a full inertia tensor take midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
+        cure = "for a full inertia tensor use midlie_jax.TensorBody or RigidBody.from_tensor." if tensor_shaped else ""
         require_rows(
             "moments",
             self.moments,
@@ -161,7 +161,8 @@ class RigidBody(Body):
             "must be positive and finite",
             cure
             or cure_of(
-                self.moments, "check units and order. A thin rod, with a moment of zero, is a midlie_jax.Rotor(moment)"
+                self.moments,
+                "check units and order; for a thin rod, with a moment of zero, use midlie_jax.Rotor(moment)",
             ),
         )
         require_within_range("moments", self.moments, "mass or length")
@@ -177,7 +178,7 @@ class RigidBody(Body):
 
     @classmethod
     def from_tensor(cls, tensor: Any, *, physical: bool = True) -> tuple["RigidBody", Float[Array, "*batch 3 3"]]:
-        """The body with a full inertia tensor, and its principal axes. `TensorBody` does the conversions for you.
+        """The body with a full inertia tensor, and its principal axes. `TensorBody` converts automatically.
 
         Args:
             tensor: (..., 3, 3) symmetric positive definite inertia tensor in some frame G fixed in the body,
@@ -187,7 +188,7 @@ class RigidBody(Body):
         Returns:
             The body, with ascending moments, and rotation matrices `axes` (..., 3, 3) whose columns are the principal
             axes in G: tensor = axes @ diag(moments) @ axes.T. A vector v in G is axes.T @ v in the body frame, and an
-            attitude R of G becomes R @ axes. Derivatives are those of eigenvectors: NaN where moments are equal.
+            attitude R of G becomes R @ axes. Derivatives are derivatives of eigenvectors: NaN where moments are equal.
 
         Raises:
             ValueError: the tensor is not of shape (..., 3, 3) or not symmetric, or its moments are not valid for the
@@ -203,18 +204,15 @@ class RigidBody(Body):
         return cls(moments, physical=physical), axes * sign[..., None, None]
 
     def inertia(self) -> Inertia:
-        """The constants of a run."""
         return Inertia.of(self)
 
     def is_possible(self) -> Array:
-        """Whether the moments are positive, finite and, unless `physical` is False, satisfy the inequality."""
         moments = jax.lax.stop_gradient(self.moments)
         possible = masses.all_positive(moments)
         return possible & jnp.all(_triangle(moments)) if self.physical else possible
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The sizes of the leading axes of a batch of bodies."""
         return self.moments.shape[:-1]
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
@@ -235,8 +233,8 @@ class TensorBody(Body):
     """A rigid body with a full inertia tensor, in any frame fixed in the body ("your frame").
 
     Momentum, attitude, torque and angular velocity are all in your frame; `midlie_jax.integrate` and the other drivers
-    convert to the principal frame and back. A run that is continued from a saved state makes two more conversions than
-    an uninterrupted run, and differs from that run by rounding. Where two moments are equal, the principal axes have no
+    convert to the principal frame and back. A run resumed from a saved state makes two more conversions than an
+    uninterrupted run, and differs from it by rounding. Where two moments are equal, the principal axes have no
     derivative with respect to the tensor and gradients with respect to it are NaN; use a `RigidBody` there.
 
     Attributes:
@@ -268,24 +266,19 @@ class TensorBody(Body):
         self.frame = so3.from_matrix(axes)
 
     def inertia(self) -> Inertia:
-        """The constants of a run, in the principal frame."""
         return self.principal.inertia()
 
     def is_possible(self) -> Array:
-        """Whether the principal moments are possible."""
         return self.principal.is_possible()
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The sizes of the leading axes of a batch of bodies."""
         return self.principal.batch
 
     def in_principal_axes(self) -> RigidBody:
-        """The attribute `principal`."""
         return self.principal
 
     def frame_of_user(self) -> cp.Quaternion:
-        """The attribute `frame` as components."""
         return cp.quaternion(self.frame)
 
     @property
@@ -304,7 +297,6 @@ class TensorBody(Body):
 
     @property
     def trace(self) -> Float[Array, "*batch"]:
-        """The trace of the tensor."""
         return self.principal.trace
 
     def to_principal(self, vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
@@ -315,27 +307,27 @@ class TensorBody(Body):
 class Particles(Body):
     """Point masses, or any mechanical system with a constant mass matrix: u' = M^-1 p, p' = f(t, u).
 
-    The nodes of a deformable solid are particles, too: positions (n, 3), masses (n, 1), and forces that are minus the
-    gradient of its elastic energy; docs/solids.md shows one.
+    The nodes of a deformable solid are also particles: positions (n, 3), masses (n, 1), and forces equal to minus the
+    gradient of the elastic energy; docs/solids.md shows an example.
 
     Attributes:
-        mass: as passed, but of a matrix its lower Cholesky factor.
+        mass: as passed; for a matrix, its lower Cholesky factor.
 
     Args:
         mass: positive masses in one of the forms
 
             - (): one for all coordinates;
             - (n,): one for each coordinate of positions (n,); or for each column of positions (k, n), if k is not n;
-            - a column (n, 1): one for each row of positions (n, d), which is one for each particle;
+            - a column (n, 1): one for each row of positions (n, d), that is, one for each particle;
             - a row (1, d): one for each column of positions (n, d);
             - (n, n): a symmetric positive definite matrix for positions (n,), which is factorised on construction.
 
-            (1, 1) is both a matrix and the column of one particle, which are the same.
+            (1, 1) is a matrix and also the column of one particle; both mean the same.
 
     Raises:
         ValueError: the mass has another shape, is not positive, or is not symmetric positive definite. When a run
-            starts, or from `velocity` and `momentum`: the shapes of mass and positions do not fit, or are (n,) and
-            (n, n), which has two readings.
+            starts, or in `velocity` and `momentum`: the shapes of mass and positions do not fit, or are (n,) and (n,
+            n), which is ambiguous.
 
     Examples:
         >>> three = ml.Particles([[1.0], [2.0], [3.0]])  # a mass for each
@@ -350,11 +342,10 @@ class Particles(Body):
         self.mass = masses.checked(as_floats("mass", mass))
 
     def inertia(self) -> "Particles":
-        """The particles themselves, which are moved as arrays."""
         return self
 
     def is_possible(self) -> Array:
-        """Whether the masses are positive and finite; a matrix that is not positive definite has no Cholesky factor."""
+        """A matrix that is not positive definite has no Cholesky factor."""
         return masses.all_positive(jnp.diag(self.mass) if masses.is_matrix(self.mass) else self.mass)
 
     def velocity(self, momentum: Array) -> Array:
@@ -376,18 +367,16 @@ class Particles(Body):
         return self.mass * velocity
 
     def commutator(self, force: Array) -> Array:
-        """Zero: the axes along which the components of a force are taken do not turn, unlike those of a rigid body."""
+        """Zero: the axes of the components of a force do not rotate, unlike the axes of a rigid body."""
         return jnp.zeros_like(force)
 
     def square_of_turn(self, h: Array | float, momentum: Array) -> Array:
-        """Zero: nothing turns."""
         return h * jnp.zeros((), momentum.dtype)
 
     def nutation(self, momentum: Array) -> Array:
-        """Zero: nothing spins."""
         return jnp.zeros((), momentum.dtype)
 
 
 def principal_of(body: Any) -> Any:
-    """The body in its principal axes; anything but a body unchanged."""
+    """The body in its principal axes; any other value unchanged."""
     return body.in_principal_axes() if isinstance(body, Body) else body

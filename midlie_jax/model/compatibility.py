@@ -1,4 +1,4 @@
-"""Checks that a body, a state and a torque are valid and fit each other, made before anything is traced.
+"""Checks that a body, a state and a torque are valid and compatible, made before tracing.
 
 Every function raises a ValueError that names the argument.
 """
@@ -24,14 +24,14 @@ def check_state(name: str, state: Any) -> None:
 
 
 def check_body(body: Any, state: AnyState) -> None:
-    """Raises unless the body is of the kind that the state belongs to."""
+    """Raises unless the body is of the kind to which the state belongs."""
     if not state.belongs_to(principal_of(body)):
         kind = state.body.__name__
         if state.rotation is not None and isinstance(body, FreeBody):
             of, made = state.rotation.body.__name__, f"FreeBody(midlie_jax.{state.rotation.body.__name__}(...), mass)"
             raise ValueError(
-                f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a {body_named(body)}; "
-                f"make one with midlie_jax.{made}."
+                f"a {type(state).__name__} belongs to a FreeBody of a {of}, but body is a "
+                f"{body_named(body)}; make one with midlie_jax.{made}."
             )
         own = isinstance(body, eqx.Module) or not state.body.__module__.startswith("midlie_jax.")
         cure = "" if own else f"; make one with midlie_jax.{kind}"
@@ -40,17 +40,17 @@ def check_body(body: Any, state: AnyState) -> None:
 
 
 def order_cure(body: Any) -> str:
-    """For messages on a body of the wrong kind: what to do if it is a torque; else ""."""
+    """Remedy for messages about a body of the wrong kind that is a torque; otherwise ""."""
     return "; the body comes before the torque" if isinstance(body, Torque) else ""
 
 
 def body_named(body: Any) -> str:
-    """For messages: the class of a body, with that of what turns in a body that travels."""
+    """Class of a body for messages, with the class of the rotating part if it translates."""
     return f"FreeBody of a {type(body.body).__name__}" if isinstance(body, FreeBody) else described(body)
 
 
 def check_torque(torque: Any) -> None:
-    """Raises unless the torque is None or can be called with a time and a state; a sum, each of its terms."""
+    """Raises unless the torque, or each term of a sum, is None or callable with a time and a state."""
     if torque is not None and not callable(torque):
         raise ValueError(f"torque must be None or a callable of (t, state), got {described(torque)}.")
     for term in terms_of(torque):
@@ -58,19 +58,19 @@ def check_torque(torque: Any) -> None:
         if arguments is None:
             continue
         cure = {
-            1: "for a torque of time alone write midlie_jax.torques.Prescribed(function).",
-            3: "for one of (t, state, body) write midlie_jax.torques.BodyTorque(function).",
+            1: "for a torque of time alone use midlie_jax.torques.Prescribed(function).",
+            3: "for a function of (t, state, body) use midlie_jax.torques.BodyTorque(function).",
         }
         raise ValueError(
             f"torque must be a callable of (t, state), got one of ({', '.join(arguments)}); "
-            f"{cure.get(len(arguments), 'bind the other arguments by functools.partial.')}"
+            f"{cure.get(len(arguments), 'bind the other arguments with functools.partial.')}"
         )
 
 
 def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
     """Raises unless the state has `batch` leading axes, and the body at most as many.
 
-    Particles have positions of any shape: of them it raises unless the mass belongs to these positions in one way.
+    Particles have positions of any shape; the mass must belong to these positions in exactly one way.
     """
     if not state.own_axes:
         if isinstance(body, Particles):
@@ -91,7 +91,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
         if not least <= axes <= batch:
             wanted, cure = (
                 "(3,)",
-                "use midlie_jax.ensemble or jax.vmap for many bodies, a CoupledState for bodies together",
+                "use midlie_jax.ensemble or jax.vmap for many bodies, a CoupledState for coupled bodies",
             )
             if batch:
                 wanted, cure = "(n, 3)", "stack the states of the bodies, or use midlie_jax.integrate for one"
@@ -99,7 +99,7 @@ def check_batch(name: str, body: Any, state: AnyState, batch: int = 0) -> None:
 
 
 def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) -> None:
-    """Raises unless the spins have the axes of the batch, and those of a lattice that the constants fit."""
+    """Raises unless the spins have the axes of the batch and of a lattice that fits the constants."""
     if len(shape) <= batch:
         raise ValueError(
             f"{name}.spin must be (n, ..., 3), got {shape}; stack the lattices, or use midlie_jax.integrate."
@@ -108,7 +108,7 @@ def _check_spins(name: str, spins: Spins, shape: tuple[int, ...], batch: int) ->
 
 
 def _check_several(name: str, body: Any, state: Any, batch: int) -> None:
-    """`check_batch` of coupled bodies, whose constants have the axis (N,) of the state, or serve every body."""
+    """`check_batch` for coupled bodies, whose constants have the axis (N,) of the state or serve every body."""
     axes, count = state.momentum.ndim - state.own_axes, state.count
     if axes != batch:
         wanted, cure = "(N, 3)", "map over replicas with jax.vmap, or use midlie_jax.ensemble"

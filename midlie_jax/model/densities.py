@@ -1,9 +1,8 @@
-"""Step densities, which tell `integrate_adaptive` where a motion needs short steps.
+"""Step densities: they shorten the steps of `integrate_adaptive` where the motion is fast.
 
 A density is any callable `density(t, state) -> ()` that is positive and smooth; the step is `dt / density`. The
 densities in this module are 1, or about 1, at a reference value that you choose, so `dt` is the step at that value. A
-density should change little within a step and should follow the time scale of the motion; it need not estimate the
-error.
+density should change little within a step and follow the time scale of the motion; it need not estimate the error.
 """
 
 from collections.abc import Callable
@@ -35,9 +34,9 @@ class OrbitalDistance(eqx.Module):
 
     It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
 
-    With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of
-    rotation by the gravity gradient. Far out on an eccentric orbit or a hyperbola the body's own rotation sets the time
-    scale, and steps in proportion to r^(3/2) would be longer than it; so no step is longer than `longest` steps at the
+    With the default power 3/2 the step is proportional to r^(3/2), as are the time scales of free fall and of rotation
+    by the gravity gradient. Far out on an eccentric orbit or a hyperbola, the rotation of the body sets the time scale.
+    There, steps proportional to r^(3/2) would be too long, so no step exceeds `longest` times the step at the
     reference. Where (reference / r)^power is twice 1 / longest, this changes the step by 2 %.
 
     Attributes:
@@ -83,7 +82,7 @@ class TorqueSize(eqx.Module):
     It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
 
     With the default power 1/2 the density is proportional to sqrt(|T|), as is sqrt(|T| / I), the rate at which a torque
-    turns a body with moment of inertia I that starts at rest.
+    rotates a body with moment of inertia I from rest.
 
     Attributes:
         torque: `torque(t, state) -> (3,)`, the torque of the run or any other.
@@ -115,19 +114,19 @@ class TorqueSize(eqx.Module):
         self.power = float(power)
 
     def __call__(self, t: Time, state: AnyState) -> Array:
-        # Divided first, because squares of the torques on small particles are below the range of float32.
+        # Divided first, because squared torques on small particles are below the range of float32.
         x, y, z = (torque / self.reference for torque in cp.vector(self.torque(t, state)))
         floor = self.floor / self.reference
         return _power(x * x + y * y + z * z + floor * floor, self.power / 2)
 
 
 class Spin(eqx.Module):
-    """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: all steps turn the body by similar angles.
+    """sqrt((|Omega|^2 + floor^2) / reference^2), Omega the angular velocity: all steps rotate by similar angles.
 
     It is called as `density(t, state) -> ()`; a step lasts about `dt / density`.
 
     Attributes:
-        moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states are in other axes.
+        moments: principal moments of a `RigidBody`, (3,). Not for a `TensorBody`, whose states use other axes.
         reference: the angular velocity at which the density is about 1, ().
         floor: an angular velocity, (); it keeps the step bounded and the density smooth where the body is at rest.
 
@@ -137,7 +136,7 @@ class Spin(eqx.Module):
     Examples:
         >>> density = ml.densities.Spin(moments=[2.0, 3.0, 4.0], reference=1.0, floor=0.1)  # for ml.integrate_adaptive
         >>> fast = ml.RigidState([0.0, 0.0, 20.0], [1.0, 0.0, 0.0, 0.0])
-        >>> round(float(density(0.0, fast)), 3)  # steps five times as short as at the reference
+        >>> round(float(density(0.0, fast)), 3)  # steps 5 times shorter than at the reference
         5.001
     """
 
@@ -159,7 +158,7 @@ class Spin(eqx.Module):
 
 
 def _power(x: Array, exponent: float) -> Array:
-    """x^exponent for x > 0; by products or square roots where they do, which are several times cheaper than a power."""
+    """x^exponent for x > 0; by products or square roots if possible, which are several times cheaper than a power."""
     if exponent in (1, 2, 3, 4):
         return jax.lax.integer_pow(x, int(exponent))
     quarters = 4 * exponent

@@ -1,4 +1,4 @@
-"""What the forces on facets and their brightness share: directions, numbers for each facet, and sums over all."""
+"""Shared code for forces on facets and for their brightness: directions, numbers per facet, and sums."""
 
 from collections.abc import Callable
 from typing import Any, cast
@@ -16,7 +16,7 @@ Direction = Array | Callable[[Any], Array]
 
 
 def as_surface(value: Any) -> Surface:
-    """The argument `surface`; a ValueError for anything else."""
+    """The argument `surface`; a ValueError for any other value."""
     if not isinstance(value, Surface):
         raise ValueError(f"surface must be a midlie_jax.Surface, got {described(value)}.")
     return value
@@ -26,13 +26,13 @@ def as_direction(name: str, value: Any) -> Direction:
     """A unit vector (..., 3), or a function of time unchanged."""
     direction = as_function_of_time(name, value)
     if not callable(direction):
-        cure = "divide it by its norm; a place is given as a function of time."
+        cure = "divide it by its norm; give a position as a function of time."
         require(name, direction, is_unit, "must be a unit vector", cure)
     return direction
 
 
 def directed(name: str, direction: Direction, t: Time) -> cp.Vector:
-    """The unit vector in space, as components; that of a function is normalised."""
+    """The unit vector in space, as components; the value of a function is normalised."""
     if not callable(direction):
         return cp.vector(direction)
     vector = cp.vector(vector_at(name, direction, t))
@@ -40,16 +40,16 @@ def directed(name: str, direction: Direction, t: Time) -> cp.Vector:
 
 
 def seen_from_body(name: str, direction: Direction, t: Time, state: AnyState) -> cp.Vector:
-    """The unit vector in body components; a ValueError if the state does not know it."""
+    """The unit vector in body components; a ValueError if the state does not hold it."""
     if callable(direction) and state.fixed_direction() is not None:
-        raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
+        raise ValueError("a DirectionState holds one fixed direction; use a RigidState if the direction changes.")
     return state.seen_from_body(directed(name, direction, t))
 
 
 def as_fractions(name: str, value: Any) -> Array:
     """A number between 0 and 1, or one for each facet."""
     fraction = as_floats(name, value)
-    require(name, fraction, lambda x: (x >= 0) & (x <= 1), "must be between 0 and 1", "it is a part of the whole.")
+    require(name, fraction, lambda x: (x >= 0) & (x <= 1), "must be between 0 and 1", "give a fraction.")
     return fraction
 
 
@@ -61,7 +61,7 @@ def of_facets(name: str, value: Array, surface: Surface) -> Array:
 
 
 def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
-    """A number that is not negative, or a function of time unchanged."""
+    """A nonnegative number, or a function of time unchanged."""
     if callable(value):
         return cast(Callable[[Any], Array], value)
     amount = as_floats(name, value)
@@ -70,5 +70,5 @@ def as_amount(name: str, value: Any) -> Array | Callable[[Any], Array]:
 
 
 def lit(cosine: Array) -> Array:
-    """The cosine where it is positive, else zero; so is its derivative."""
+    """The cosine where it is positive, else zero, with derivative zero."""
     return jnp.where(cosine > 0, cosine, jnp.zeros_like(cosine))

@@ -1,4 +1,4 @@
-"""`FreeBody`: a body that also travels, and its momentum and place in a step."""
+"""`FreeBody`: a body that also translates, with its momentum and pose in a step."""
 
 from typing import Any, NamedTuple
 
@@ -14,10 +14,10 @@ from .rotor import Rotor
 
 
 class Momenta(NamedTuple):
-    """The momentum of a body that travels, or its velocity, or the torque and force on it.
+    """Momentum of a body that translates; also its velocity, or the torque and force on it.
 
     Attributes:
-        angular: about the centre of mass, in the frame of the rotation alone.
+        angular: about the centre of mass, in the frame of the rotational state.
         linear: in the space frame.
     """
 
@@ -26,14 +26,14 @@ class Momenta(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The pose of a body that travels: its attitude or axis, and the position of its centre of mass in space."""
+    """Pose of a body that translates: its attitude or axis, and the position of its centre of mass in space."""
 
     orientation: Any
     position: Any
 
 
 class FreeInertia(NamedTuple):
-    """The constants of a run: those of the rotation, and 1 / mass."""
+    """Constants of a run: the constants of the rotation, and 1 / mass."""
 
     rotation: Any
     per_mass: Array
@@ -43,28 +43,25 @@ class FreeInertia(NamedTuple):
         return Momenta(self.rotation.velocity(momentum.angular), cp.scale(self.per_mass, momentum.linear))
 
     def commutator(self, force: Momenta) -> Momenta:
-        """That of the torque; zero for the force, whose axes do not turn."""
+        """Zero for the force, whose axes do not rotate."""
         return Momenta(self.rotation.commutator(force.angular), cp.scale(0, force.linear))
 
     def square_of_turn(self, h: Any, momentum: Momenta) -> Array:
-        """|h Omega|^2."""
         return self.rotation.square_of_turn(h, momentum.angular)
 
     def nutation(self, momentum: Momenta) -> Array:
-        """That of the rotation."""
         return self.rotation.nutation(momentum.angular)
 
 
 class FreeBody(Body):
-    """A body that turns about its centre of mass and travels.
+    """A body that rotates about its centre of mass and translates.
 
     Attributes:
-        body: the body that turns: a `RigidBody`, a `TensorBody` or a `Rotor`, with the moments about the centre of
-            mass.
+        body: the rotating body: a `RigidBody`, a `TensorBody` or a `Rotor`, with the moments about the centre of mass.
         mass: its mass, (), or (...) with the batch of the body. One mass serves all bodies of a batch.
 
     Raises:
-        ValueError: `body` is of another kind, the mass is not positive, or its shape is not that of the batch.
+        ValueError: `body` is of another kind, the mass is not positive, or its shape differs from the batch.
 
     Examples:
         >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
@@ -91,15 +88,13 @@ class FreeBody(Body):
         self.body, self.mass = body, jnp.broadcast_to(mass, body.batch)
 
     def inertia(self) -> FreeInertia:
-        """The constants of a run."""
         return FreeInertia(self.body.inertia(), 1 / self.mass)
 
     def is_possible(self) -> Array:
-        """Whether the moments are possible, and the mass is positive and finite."""
         return self.body.is_possible() & all_positive(self.mass)
 
     def velocity(self, momentum: Any) -> Any:
-        """The velocity for a momentum: of an array (..., 3), the angular momentum, the angular velocity."""
+        """The velocity for a momentum; for an array (..., 3), the angular velocity for an angular momentum."""
         if isinstance(momentum, Momenta):
             return Momenta(
                 self.body.velocity(momentum.angular), cp.pack(cp.scale(1 / self.mass, cp.vector(momentum.linear)))
@@ -107,7 +102,7 @@ class FreeBody(Body):
         return self.body.velocity(momentum)
 
     def momentum(self, velocity: Any) -> Any:
-        """The momentum for a velocity: of an array (..., 3), the angular velocity, the angular momentum."""
+        """The momentum for a velocity; for an array (..., 3), the angular momentum for an angular velocity."""
         if isinstance(velocity, Momenta):
             return Momenta(
                 self.body.momentum(velocity.angular), cp.pack(cp.scale(self.mass, cp.vector(velocity.linear)))
@@ -121,19 +116,15 @@ class FreeBody(Body):
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The sizes of the leading axes of a batch of bodies."""
         return self.body.batch
 
     @property
     def turning(self) -> Body:
-        """The attribute `body`."""
         return self.body
 
     def in_principal_axes(self) -> "FreeBody":
-        """The body in principal axes."""
         principal = self.body.in_principal_axes()
         return self if principal is self.body else FreeBody(principal, self.mass)
 
     def frame_of_user(self) -> cp.Quaternion | None:
-        """The frame of a `TensorBody`."""
         return self.body.frame_of_user()

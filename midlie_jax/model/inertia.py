@@ -1,4 +1,4 @@
-"""`Inertia`: the principal moments of a rigid body, and the constants that flights compute from them once per run."""
+"""`Inertia`: the principal moments of a rigid body, and constants of the flights, computed once per run."""
 
 from typing import Any, NamedTuple
 
@@ -13,8 +13,8 @@ _LARGEST_START = 12.0  # the largest h |Omega| at the start of a flight, in radi
 class Inertia(NamedTuple):
     """The principal moments of a rigid body and constants derived from them, computed once per run, not once per step.
 
-    Flights work in units of the largest moment, so that no choice of units for mass or length makes a product overflow
-    or underflow: multiplying moments, momentum and torque by the same power of two changes no bit of the attitude.
+    Flights use the largest moment as the unit, so no choice of units for mass or length makes a product overflow or
+    underflow. Multiplying moments, momentum and torque by the same power of two changes no bit of the attitude.
 
     Attributes:
         moments, inverses: I and 1/I.
@@ -61,11 +61,12 @@ class Inertia(NamedTuple):
         return cls(moments, inverses, per_unit, relative, spins, quartic, gaps, (x, y, z))
 
     def bound_of_first_root(self, y: cp.Vector) -> tuple[Array, float]:
-        """(h |Omega|)^2 at the start, and its largest value for which a midpoint flight's equation has one small root.
+        """(h |Omega|)^2 at the start, and the largest value for which the equation of a midpoint flight has one small
+        root.
 
-        y is `travel(h, momentum)`. A slender body whose momentum lies close to its thin axis starts by spinning many
-        turns per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search found
-        such cases at h |Omega| from 30 radians on.
+        y is `travel(h, momentum)`. If the momentum lies close to the thin axis of a slender body, the body starts with
+        many rotations per step about that axis. Several rotations may then satisfy a midpoint rule; a numerical search
+        found such cases at h |Omega| above 30 radians.
         """
         turn = cp.times(self.spins, y)
         return cp.dot(turn, turn), _LARGEST_START**2
@@ -75,7 +76,8 @@ class Inertia(NamedTuple):
         return cp.times(self.inverses, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """I^-1 T x T, the rate of change of the components of a torque T as the body turns with the velocity I^-1 T.
+        """I^-1 T x T, the rate of change of the components of a torque T while the body rotates with the velocity I^-1
+        T.
 
         Component i is (1/I_j - 1/I_k) T_j T_k, (i, j, k) cyclic. Computed from the difference of the inverse moments it
         is exactly zero where I_j = I_k; as a difference of products it would be zero only up to rounding.
@@ -85,7 +87,7 @@ class Inertia(NamedTuple):
     def gyroscopic(self, h: Array | int, momentum: cp.Vector) -> cp.Vector:
         """h Pi x I^-1 Pi, the change of the momentum by Euler's equations in a short time h, from the gaps.
 
-        The factor h is applied first, so that nothing overflows or underflows unless the change itself does.
+        The factor h is applied first, so nothing overflows or underflows unless the change itself does.
         """
         scaled = cp.scale(h * self.per_unit, self.gaps)
         return cp.times(
@@ -93,7 +95,7 @@ class Inertia(NamedTuple):
         )
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
-        """|h Omega|^2, the square of the angle by which the body turns in a short time h."""
+        """|h Omega|^2, the squared rotation angle in a short time h."""
         turn = cp.scale(h, self.velocity(momentum))
         return cp.dot(turn, turn)
 

@@ -12,31 +12,30 @@ from .._math import components as cp
 
 
 def is_positive(numbers: np.ndarray) -> Any:
-    """Whether numbers are finite and above zero."""
     return np.isfinite(numbers) & (numbers > 0)
 
 
 def all_positive(numbers: Array) -> Array:
-    """Whether all numbers, which may be traced, are finite and above zero, ()."""
+    """Whether all numbers, which may be traced, are finite and positive, ()."""
     numbers = jax.lax.stop_gradient(numbers)
     return jnp.all(jnp.isfinite(numbers) & (numbers > 0))
 
 
 def is_matrix(mass: Array) -> bool:
-    """Whether the mass is a square matrix; (1, 1) is one."""
+    """Whether the mass is a square matrix, such as (1, 1)."""
     return mass.ndim == 2 and mass.shape[0] == mass.shape[1]
 
 
 def checked(mass: Array) -> Array:
-    """The mass as `Particles` keep it: a matrix as its Cholesky factor, any other form unchanged.
+    """The mass as stored by `Particles`: a matrix as its Cholesky factor, any other form unchanged.
 
     Raises:
         ValueError: the shape is none of the forms, or the mass is not positive, or not symmetric positive definite.
     """
     if mass.ndim > 2 or (mass.ndim == 2 and not is_matrix(mass) and 1 not in mass.shape):
         raise ValueError(
-            f"mass must be a scalar, (n,), a column (n, 1), a row (1, n) or a matrix (n, n), got {mass.shape}; map "
-            "over a batch with jax.vmap, or flatten positions whose every entry has a mass of its own."
+            "mass must be a scalar, (n,), a column (n, 1), a row (1, n) or a matrix (n, n), got "
+            f"{mass.shape}; map over a batch with jax.vmap, or flatten positions with one mass per entry."
         )
     if not is_matrix(mass):
         require("mass", mass, is_positive, "must be positive and finite", "give every coordinate a positive mass.")
@@ -53,19 +52,19 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
     """Raises unless the mass belongs to positions, momenta or velocities of this shape in one way only.
 
     Args:
-        mass: as `Particles` keep it.
+        mass: as stored by `Particles`.
         name: of the argument with this shape, for the message.
         shape: of one state, without the axes of a batch.
 
     Raises:
-        ValueError: the shapes do not fit, or (n,) masses could be those of n rows or of n columns.
+        ValueError: the shapes do not fit, or (n,) masses could belong to n rows or to n columns.
     """
     form, values = mass.shape, f"{name} of shape {shape}"
     if is_matrix(mass):
         if shape != form[:1] and (form != (1, 1) or shape[:1] != (1,)):
             raise ValueError(
-                f"body.mass is a matrix {form}, which couples coordinates, but {values} is not {form[:1]}; flatten it "
-                "to one axis, and give a matrix with a row and a column for every coordinate."
+                f"body.mass is a matrix {form}, which couples coordinates, but {values} is not "
+                f"{form[:1]}; flatten it to one axis and give one row per coordinate."
             )
         return
     if not _broadcasts(form, shape):
@@ -76,11 +75,11 @@ def check_fits(mass: Array, name: str, shape: tuple[int, ...]) -> None:
         raise ValueError(f"body.mass {form} does not fit {values}; {cure}.")
     if len(form) == 1 and form[0] > 1 and form[0] in shape[:-1]:
         raise ValueError(
-            f"body.mass {form} has two readings for {values}: one mass for each row, or one for each column; write "
-            f"mass[:, None] for one mass a particle, which is a row, or mass[None, :] for one mass a column."
+            f"body.mass {form} is ambiguous for {values}; write mass[:, None] for one mass per row "
+            "(particle), or mass[None, :] for one mass per column."
         )
 
 
 def _broadcasts(form: tuple[int, ...], shape: tuple[int, ...]) -> bool:
-    """Whether a mass of this form multiplies an array of this shape and leaves the shape as it is."""
+    """Whether a mass of this form broadcasts over an array of this shape without changing the shape."""
     return len(form) <= len(shape) and all(m in (1, n) for m, n in zip(form[::-1], shape[::-1], strict=False))

@@ -1,6 +1,6 @@
 """Observables: energies, momenta and angular velocities of one state, a batch of states, or the states of a path.
 
-All but the energy also take many bodies with many states each. For the energy, the drivers decide what torques share.
+All except the energy also accept many bodies with many states each. For the energy, the drivers handle shared torques.
 """
 
 from typing import Any
@@ -24,14 +24,14 @@ from .torques import TorqueLike, on_body, potential_of
 
 
 def kinetic_energy(body: Body, state: AnyState) -> Float[Array, "*batch"]:
-    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; of a body that travels, both.
+    """The kinetic energy Pi . I^-1 Pi / 2, or p . M^-1 p / 2 of particles; both terms for a body that translates.
 
-    Of coupled bodies it is the sum over all. For a `Rotor` it is |pi|^2 / (2 I1), which differs from the energy by a
-    constant of its spin.
+    For coupled bodies it is the total. For a `Rotor` it is |pi|^2 / (2 I1), which omits the constant energy of the
+    spin.
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        state: any state, which may have leading batch axes; of a path its `states`.
+        state: any state, which may have leading batch axes; for a path its `states`.
 
     Returns:
         (...) for momenta of shape (..., 3); () for particles.
@@ -57,9 +57,8 @@ def energy(
     Args:
         body: one body for all states.
         torque: as for `integrate`: None, or a torque that has a potential.
-        motion: a state, which may have leading batch axes (except of particles); or a path of `drivers.path`, which
-            contains its times.
-        t: the time of the states, needed if the potential depends on time; its shape broadcasts to the batch.
+        motion: a state, which may have leading batch axes (except for particles); or a path, which contains its times.
+        t: the time of the states, required if the potential depends on time; its shape broadcasts to the batch.
 
     Returns:
         The energy (...), with the batch shape of the state or of the path's states.
@@ -109,7 +108,7 @@ def energy(
 def _batch_shape(state: AnyState, path_shape: tuple[int, ...]) -> tuple[int, ...]:
     """The sizes of the leading axes of a state.
 
-    A particle state can have any shape, so the number of its leading axes is that of its path's times.
+    A particle state can have any shape, so the times of its path determine the number of leading axes.
     """
     shape = state.momentum.shape
     return shape[: -state.own_axes] if state.own_axes else shape[: len(path_shape)]
@@ -120,18 +119,20 @@ def angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
 
     Args:
         body: one body for all states; or n bodies, whose states have the leading axes (n, times).
-        state: any state of a rigid body, which may travel and have leading batch axes; of a path its `states`.
+        state: any state of a rigid body, which may translate and have leading batch axes; for a path its `states`.
 
     Raises:
         ValueError: the state does not belong to the body, or the first axis of the states of n bodies is not n; or the
-            body is a `Rotor`, whose spin is not known.
+            body is a `Rotor`, whose spin is unknown.
 
     Examples:
         >>> ml.angular_velocity(ml.RigidBody([5.0, 5.0, 1.0]), ml.MomentumState([10.0, 0.0, 50.0]))
         Array([ 2.,  0., 50.], dtype=float64)
     """
     if isinstance(principal_of(body).turning, Rotor):
-        raise ValueError("the spin of a Rotor about its axis is not known, and so is its angular velocity.")
+        raise ValueError(
+            "the angular velocity of a Rotor is undefined, because its spin is unknown; use body.velocity."
+        )
     velocity = _velocity(body, state)
     return velocity.angular if isinstance(velocity, Momenta) else velocity
 
@@ -141,7 +142,7 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
 
     Args:
         body: as for `angular_velocity`.
-        state: a state with an attitude, which may have leading batch axes; of a path its `states`.
+        state: a state with an attitude, which may have leading batch axes; for a path its `states`.
 
     Raises:
         ValueError: the state has no attitude, or as for `angular_velocity`.
@@ -155,18 +156,18 @@ def spatial_angular_velocity(body: Body, state: AnyState) -> Float[Array, "*batc
     if isinstance(velocity, Momenta):
         velocity = velocity.angular
     if not isinstance(velocity, Array):
-        raise ValueError(f"a {type(state).__name__} has more than an angular velocity: take body.velocity.")
+        raise ValueError(f"a {type(state).__name__} has more than an angular velocity; use body.velocity.")
     return so3.rotate(attitude_of(state), velocity)
 
 
 def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
     """The angular momentum in the space frame about its origin, (..., 3); constant for a free body.
 
-    It is R Pi for a body that turns in one place, x cross p + R Pi for one that travels; the momentum of an `AxisState`
-    is in the space frame already. Of coupled bodies it is the sum over all.
+    It is R Pi for a body that rotates about a fixed point, and x cross p + R Pi for a body that translates; the
+    momentum of an `AxisState` is in the space frame already. For coupled bodies it is the total.
 
     Args:
-        state: a state with an attitude or an axis, which may have leading batch axes; of a path its `states`.
+        state: a state with an attitude or an axis, which may have leading batch axes; for a path its `states`.
 
     Raises:
         ValueError: the state has neither.
@@ -180,13 +181,13 @@ def spatial_momentum(state: OrientedState) -> Float[Array, "*batch 3"]:
 
 
 def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
-    """The linear momentum p of a body that travels, or the sum over coupled bodies, space frame, (..., 3).
+    """The linear momentum p of a body that translates, or the total of coupled bodies, space frame, (..., 3).
 
     Args:
-        state: a `FreeState` or `FreeAxisState`, which may have leading batch axes; of a path its `states`.
+        state: a `FreeState` or `FreeAxisState`, which may have leading batch axes; for a path its `states`.
 
     Raises:
-        ValueError: the state does not travel.
+        ValueError: the state does not translate.
 
     Examples:
         >>> level = [1.0, 0.0, 0.0, 0.0]
@@ -199,14 +200,14 @@ def linear_momentum(state: AnyState) -> Float[Array, "*batch 3"]:
 
 
 def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
-    """The velocity p/m of the centre of mass of a body that travels, space frame, length/time, (..., 3).
+    """The velocity p/m of the centre of mass of a body that translates, space frame, length/time, (..., 3).
 
     Args:
         body: one `FreeBody` for all states; or n bodies, whose states have the leading axes (n, times).
         state: as for `linear_momentum`.
 
     Raises:
-        ValueError: the state does not travel, or does not belong to the body.
+        ValueError: the state does not translate, or does not belong to the body.
 
     Examples:
         >>> brick = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.6]), mass=3.0)
@@ -221,7 +222,7 @@ def velocity(body: Body, state: AnyState) -> Float[Array, "*batch 3"]:
 
 def _travelling(state: Any) -> Any:
     if not isinstance(state, TravellingState):
-        raise ValueError(f"a {type(state).__name__} does not travel; this needs a FreeState or a FreeAxisState.")
+        raise ValueError(f"a {type(state).__name__} does not translate; use a FreeState or a FreeAxisState.")
     return state
 
 
@@ -239,12 +240,11 @@ def _velocity(body: Body, state: AnyState) -> Any:
 
 
 def _momentum(state: AnyState) -> Any:
-    """The whole momentum of a state as arrays."""
     return cp.packed(state.parts()[0])
 
 
 def axes_of_bodies(body: Body, state: AnyState) -> int:
-    """How many leading axes the body and the state have in common: axes along which each body has its own states.
+    """The number of leading axes that body and state share: axes along which each body has its own states.
 
     Raises:
         ValueError: the states do not have one row for each body.
@@ -255,7 +255,7 @@ def axes_of_bodies(body: Body, state: AnyState) -> int:
     states = state.momentum.shape[: -state.own_axes]
     if states and bodies != states[: len(bodies)]:
         raise ValueError(
-            f"moments {(*bodies, 3)} and momentum {state.momentum.shape} do not fit; of n bodies give "
-            "moments (n, 3) and a momentum (n, 3) or (n, ..., 3), the bodies first; map over other axes with jax.vmap."
+            f"moments {(*bodies, 3)} and momentum {state.momentum.shape} do not fit; for n bodies "
+            "give moments (n, 3) and a momentum (n, 3) or (n, ..., 3); map other axes with jax.vmap."
         )
     return len(bodies) if states else 0

@@ -1,4 +1,4 @@
-"""Polyhedra: what is integrated over their volume, checks of their faces, and directions spread over the sphere."""
+"""Polyhedra: integrals over their volume, checks of their faces, and directions spread over the sphere."""
 
 from collections import Counter
 from functools import cache
@@ -17,7 +17,7 @@ _NAMED = 3  # the most edges or faces that a message names
 
 
 class Solid(NamedTuple):
-    """What is inside of a closed surface, of density one.
+    """The interior of a closed surface, of density one.
 
     Attributes:
         volume: (), length^3.
@@ -31,20 +31,19 @@ class Solid(NamedTuple):
 
     @property
     def per_mass(self) -> Array:
-        """The inertia tensor about the centre of mass over the mass, (3, 3)."""
+        """The inertia tensor about the centre of mass divided by the mass, (3, 3)."""
         return jnp.trace(self.spread) * jnp.eye(3, dtype=self.spread.dtype) - self.spread
 
     def times(self, length: Array) -> "Solid":
-        """The solid of `length` times the size, a ValueError if the dtype does not hold its volume."""
+        """The solid scaled by `length`; a ValueError if the dtype cannot hold its volume."""
         volume = self.volume * length * length * length
         limits = np.finfo(volume.dtype)
-        cure = in_wider(volume.dtype, "take another unit of length")
+        cure = in_wider(volume.dtype, "use another unit of length")
         held = f"must enclose a volume of {limits.tiny:.0e} to {limits.max:.0e} in {volume.dtype}"
         require("surface", volume, lambda v: (np.abs(v) > limits.tiny) & (np.abs(v) <= limits.max), held, cure)
         return Solid(volume, self.centre * length, self.spread * length * length)
 
     def joined(self, other: "Solid") -> "Solid":
-        """Both together."""
         volume = self.volume + other.volume
         centre = (self.volume * self.centre + other.volume * other.centre) / volume
         shares = ((s.spread + _outer(s.centre - centre)) * (s.volume / volume) for s in (self, other))
@@ -56,16 +55,16 @@ def _outer(v: Array) -> Array:
 
 
 def solid_of(corners: Array) -> Solid:
-    """What is inside of triangles (n, 3 corners, 3) that are counterclockwise from outside.
+    """The interior of triangles (n, 3 corners, 3) that are counterclockwise from outside.
 
-    Sums over the tetrahedra from one point to each triangle, whose volumes have the sign of their orientation; that
-    point is within the body, so that little cancels.
+    It sums over the tetrahedra from one interior point to each triangle, with signed volumes, so there is little
+    cancellation.
     """
     inside = jnp.mean(corners, axis=(0, 1))
     x = corners - inside[None, None, :]
-    length, per_length = unit(jnp.max(jnp.abs(x)))  # a power of two, with which fifth powers stay within the dtype
+    length, per_length = unit(jnp.max(jnp.abs(x)))  # a power of two, so fifth powers stay in range
     x = per_length * x
-    six = jnp.sum(x[:, 0] * jnp.cross(x[:, 1], x[:, 2]), axis=-1)  # times the volume of a tetrahedron
+    six = jnp.sum(x[:, 0] * jnp.cross(x[:, 1], x[:, 2]), axis=-1)  # 6 times the volume of a tetrahedron
     total = jnp.sum(x, axis=1)
     volume = jnp.sum(six) / 6
     centre = jnp.sum(six[:, None] * total, axis=0) / (24 * volume)
@@ -76,19 +75,20 @@ def solid_of(corners: Array) -> Solid:
 
 
 def as_faces(value: Any, vertices: int) -> np.ndarray:
-    """The faces as integers (n, 3), of a surface that is closed and whose faces are all oriented alike.
+    """The faces as integers (n, 3), checked to be closed and consistently oriented.
 
     Raises:
-        ValueError: they are traced or no integers (n, 3), name no vertex, or are not closed or not oriented alike.
+        ValueError: they are traced, not integers (n, 3), name no vertex, or are not closed or not consistently
+            oriented.
     """
     try:
         faces = np.asarray(value)
     except jax.errors.TracerArrayConversionError as error:
-        raise ValueError("faces must be known integers; only vertices may be traced by jit or grad.") from error
+        raise ValueError("faces must be concrete integers; only vertices may be traced by jit or grad.") from error
     if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
         raise ValueError(
-            f"faces must be integers (n, 3), three vertices for each, got {described(value)} of {faces.dtype}; divide "
-            "faces of more corners into triangles."
+            f"faces must be integers (n, 3), three vertices each, got {described(value)} of "
+            f"{faces.dtype}; divide larger faces into triangles."
         )
     if faces.min() < 0 or faces.max() >= vertices:
         raise ValueError(
@@ -98,14 +98,15 @@ def as_faces(value: Any, vertices: int) -> np.ndarray:
     twice = [edge for edge, count in edges.items() if count > 1]
     if twice:
         raise ValueError(
-            f"faces must be oriented alike, but {len(twice)} edges are run through twice in the same direction: "
-            f"{_named(twice)}; turn some faces round (b, a, c), or leave out those that are there twice."
+            f"faces must be oriented consistently, but {len(twice)} edges occur twice in the same "
+            f"direction: {_named(twice)}; reverse some faces (b, a, c), or remove duplicates."
         )
     alone = [(a, b) for a, b in edges if (b, a) not in edges]
     if alone:
         raise ValueError(
-            f"faces must close the surface, but {len(alone)} edges belong to one face alone: {_named(alone)}; fill the "
-            "holes and merge vertices in one place, or take Surface.of_facets for open panels."
+            f"faces must close the surface, but {len(alone)} edges belong to one face only: "
+            f"{_named(alone)}; fill holes and merge vertices, or use Surface.of_facets for open "
+            "panels."
         )
     return faces
 
@@ -114,9 +115,7 @@ def require_area(areas: np.ndarray) -> None:
     """Raises a ValueError if a face has no area."""
     flat = np.flatnonzero(~(areas > 0))
     if len(flat):
-        raise ValueError(
-            f"faces must have an area, but {len(flat)} have none: {_named(flat.tolist())}; leave them out."
-        )
+        raise ValueError(f"faces must have an area, but {len(flat)} have none: {_named(flat.tolist())}; remove them.")
 
 
 def _named(items: list[Any]) -> str:
@@ -127,8 +126,8 @@ def _named(items: list[Any]) -> str:
 def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
     """Directions spread over the unit sphere, (n, 3), and their solid angles, (n,); n = 20 k^2 is at least `least`.
 
-    Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere. The directions are
-    those of their centres, and the solid angles add up to 4 pi. With each direction the opposite one is there.
+    Each face of an icosahedron is divided into k^2 triangles, which are projected to the sphere. The directions point
+    to their centres, and the solid angles add up to 4 pi. For each direction the opposite one is included.
     """
     k = 1
     while 20 * k * k < least:
@@ -150,7 +149,7 @@ def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _divided(a: np.ndarray, b: np.ndarray, c: np.ndarray, k: int) -> list[list[np.ndarray]]:
-    """A triangle in k^2 triangles."""
+    """A triangle divided into k^2 triangles."""
 
     def at(i: int, j: int) -> np.ndarray:
         return a + (b - a) * (i / k) + (c - a) * (j / k)

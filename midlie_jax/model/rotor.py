@@ -1,4 +1,4 @@
-"""`Rotor`: a body with an axis of symmetry whose angle about this axis nobody asks for."""
+"""`Rotor`: a symmetric body whose rotation angle about its axis is not computed."""
 
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ _ROUNDING = 1e-6  # of `along`, relative to twice the moment
 
 
 class RotorInertia(NamedTuple):
-    """The constants of a run: 1 / moment. Momentum and torque are in the space frame."""
+    """Constants of a run: 1 / moment. Momentum and torque are in the space frame."""
 
     inverse: Array
 
@@ -27,31 +27,29 @@ class RotorInertia(NamedTuple):
         return cp.scale(self.inverse, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """Zero: the axes of the space frame do not turn."""
+        """Zero: the axes of the space frame do not rotate."""
         return cp.scale(0, force)
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
-        """|h pi / I1|^2."""
         turn = cp.scale(h, self.velocity(momentum))
         return cp.dot(turn, turn)
 
     def nutation(self, momentum: cp.Vector) -> Array:
-        """|pi| / I1, the rate at which the axis circles the momentum."""
+        """|pi| / I1, the rate at which the axis precesses about the momentum."""
         return cp.norm(self.velocity(momentum))
 
 
 class Rotor(Body):
-    """A body with an axis of symmetry, of which only the direction of the axis and the momentum are computed.
+    """A symmetric body, of which only the direction of the axis and the momentum are computed.
 
-    Under no torque the axis e turns about the spatial momentum pi at the rate |pi| / I1, whatever the moment about the
-    axis is, and under a torque without a component along e the component pi . e is constant. So a spinning top, a
-    linear molecule or a dumbbell (pi . e = 0), a dipole and a spherical pendulum (I1 = m l^2) are all of this kind. The
-    state is an `AxisState`.
+    Without torque the axis e rotates about the spatial momentum pi at the rate |pi| / I1, for any moment about the
+    axis. Under a torque without a component along e, pi . e is constant. Examples are a spinning top, a linear molecule
+    or a dumbbell (pi . e = 0), a dipole and a spherical pendulum (I1 = m l^2). The state is an `AxisState`.
 
     Attributes:
         moment: the moment of inertia I1 = I2 about an axis across the axis of symmetry, (...), mass x length^2.
-        along: the moment I3 about the axis of symmetry, (...), zero for a linear molecule; None if it is not known. The
-            motion does not depend on it, but a torque may, such as that of a `PointMass`.
+        along: the moment I3 about the axis of symmetry, (...), zero for a linear molecule; None if unknown. The motion
+            does not depend on it, but a torque may, such as `PointMass`.
 
     Raises:
         ValueError: the moment is not positive, or out of range; or `along` is negative, larger than 2 I1, or of another
@@ -80,14 +78,12 @@ class Rotor(Body):
             if not cp.is_traced(self.along, self.moment) and np.any(
                 np.asarray(self.along) > 2 * np.asarray(self.moment)
             ):
-                raise ValueError("along must not exceed twice the moment, which no real body does; check their order.")
+                raise ValueError("along must not exceed twice the moment, as in any real body; check their order.")
 
     def inertia(self) -> RotorInertia:
-        """The constants of a run."""
         return RotorInertia(1 / self.moment)
 
     def is_possible(self) -> Array:
-        """Whether the moment is positive and finite, and `along` between zero and twice as much."""
         possible = all_positive(self.moment)
         if self.along is None:
             return possible
@@ -97,9 +93,8 @@ class Rotor(Body):
 
     @property
     def known_along(self) -> Float[Array, "*batch"]:
-        """The attribute `along`; a ValueError if it is None."""
         if self.along is None:
-            raise ValueError("this torque needs the moment about the axis of symmetry: write Rotor(moment, along).")
+            raise ValueError("this torque needs the moment about the axis of symmetry; write Rotor(moment, along).")
         return self.along
 
     @property
@@ -109,13 +104,12 @@ class Rotor(Body):
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The sizes of the leading axes of a batch of bodies."""
         return self.moment.shape
 
     def velocity(self, momentum: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-        """The angular velocity pi / I1 at which the axis turns, space frame; it lacks a part of the spin."""
+        """The angular velocity pi / I1 of the axis, space frame; it omits part of the spin."""
         return cp.pack(cp.scale(1 / self.moment, cp.vector(momentum)))
 
     def momentum(self, velocity: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-        """The angular momentum I1 w of a body without spin whose axis turns at w, space frame."""
+        """The angular momentum I1 w of a body without spin whose axis rotates at w, space frame."""
         return cp.pack(cp.scale(self.moment, cp.vector(velocity)))

@@ -1,4 +1,4 @@
-"""Moments of a flat body that were rounded: their last digits may violate I1 + I2 >= I3."""
+"""Rounded moments of a flat body: their last digits may violate I1 + I2 >= I3."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,14 +6,14 @@ from jax import Array
 
 from .._math.components import is_traced
 
-_MOST = 1e-3  # the largest violation relative to the sum of the moments, whatever the digits
+_MOST = 1e-3  # the largest violation relative to the sum of the moments, for any number of digits
 
 
 def made_flat(moments: Array, tolerance: float) -> Array:
-    """Moments (..., 3), with the largest lowered to the sum of the other two where rounding explains that it is larger.
+    """Moments (..., 3), with the largest lowered to the sum of the other two if rounding explains the excess.
 
-    The numbers must be known, and their common last digit tells by how much each may have been rounded. Violations up
-    to the tolerance, relative to the sum of the moments, change nothing.
+    The numbers must be concrete; their common last digit bounds the rounding of each. Violations up to the tolerance,
+    relative to the sum of the moments, change nothing.
     """
     if is_traced(moments):
         return moments
@@ -32,6 +32,6 @@ def made_flat(moments: Array, tolerance: float) -> Array:
 
 
 def _last_digit(number: np.floating) -> float:
-    """One unit in the last digit of the shortest decimal number that stands for this one."""
+    """One unit in the last digit of the shortest decimal representation of a number."""
     mantissa, _, exponent = np.format_float_scientific(number, trim="-").partition("e")
     return 10.0 ** (int(exponent) - len(mantissa.partition(".")[2]))

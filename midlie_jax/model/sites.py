@@ -1,7 +1,8 @@
-"""Sites, points fixed in a body: their places in space, forces on them as a wrench, and a body made from point masses.
+"""Sites, points fixed in a body: their positions in space, forces on them, and bodies made from point masses.
 
 A site s of a body at x with attitude R is at y = x + R s. Forces g on the sites are a force, the sum of g, and a torque
-about the centre of mass, R^T times the sum of (R s) x g. The wrench is the transpose of the derivative of the places.
+about the centre of mass, R^T times the sum of (R s) x g. The wrench is the transpose of the derivative of the
+positions.
 """
 
 from typing import Any
@@ -20,8 +21,8 @@ from .rotor import Rotor
 from .state import AnyState, needs_attitude
 from .wrench import Wrench
 
-# A moment this much smaller than the largest is that of points on a line, up to rounding: the spacing of the dtype at
-# one to this power. So is, for a coordinate, the size below which its sign decides nothing.
+# A moment smaller than the largest by this factor, the spacing of the dtype to this power, is rounding: the points are
+# on a line. Likewise, the sign of a smaller coordinate is rounding.
 _LINE = 2 / 3
 _NO_SIGN = 1 / 3
 
@@ -29,23 +30,22 @@ _NO_SIGN = 1 / 3
 def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "points 3"]]:
     """The body made of point masses, and its points in the principal frame about the centre of mass.
 
-    The moments ascend, and the principal axes are right-handed: of the first and of the second coordinate, the first
-    value that is not zero is positive, in the order of the points. So the result does not depend on how the points were
-    turned and moved as a whole. If two moments are equal, the axes in their plane are any.
+    The moments ascend, and the principal axes are right-handed. In the order of the points, the first nonzero value of
+    the first and of the second coordinate is positive. The result therefore does not depend on the position and
+    orientation of the points as a whole. If two moments are equal, the axes in their plane are arbitrary.
 
     Args:
-        masses: of the points, (a,). A zero makes a site without mass, such as the charge of a TIP4P water.
-        places: their places in any frame, (a, 3).
+        masses: of the points, (a,). A zero gives a site without mass, such as the charge of a TIP4P water.
+        places: their positions in any frame, (a, 3).
 
     Returns:
-        The body and the points (a, 3). If all points are on a line, the body that turns is a `Rotor` without a moment
-        along its axis, the points are on the third axis, and the third coordinate of the first point that is not at the
-        centre of mass is positive; its states are `FreeAxisState`s.
+        The body and the points (a, 3). If all points are on a line, the rotating body is a `Rotor` without a moment
+        along its axis, and its states are `FreeAxisState`s. The points are then on the third axis, and the third
+        coordinate of the first point away from the centre of mass is positive.
 
     Raises:
         ValueError: wrong shapes or dtypes, a negative mass, no mass, masses in one place, or masses on a line with
-            another site off it. If the points are traced by jit or grad, these are not checked, and the body is no
-            `Rotor`.
+            another site off it. If jit or grad traces the points, these are not checked, and the body is not a `Rotor`.
 
     Examples:
         >>> water, points = ml.from_points([16.0, 1.0, 1.0], [[0.0, 0.0, 0.0], [0.08, 0.06, 0.0], [-0.08, 0.06, 0.0]])
@@ -59,7 +59,7 @@ def from_points(masses: Any, places: Any) -> tuple[FreeBody, Float[Array, "point
     total = jnp.sum(masses)
     masses = masses / total
     centred = places - jnp.sum(masses[:, None] * places, axis=0, keepdims=True)
-    length, per_length = unit(jnp.max(jnp.abs(centred)))  # a power of two, whose square the dtype may not hold
+    length, per_length = unit(jnp.max(jnp.abs(centred)))  # a power of two, so squares stay in range
     x, y, z = cp.vector(per_length * centred)
     xx, yy, zz, yz, zx, xy = (jnp.sum(masses * product) for product in (x * x, y * y, z * z, y * z, z * x, x * y))
     tensor = jnp.stack([yy + zz, -xy, -zx, -xy, xx + zz, -yz, -zx, -yz, xx + yy]).reshape(3, 3)
@@ -81,24 +81,24 @@ def _check_points(masses: Array, places: Array) -> None:
     require_finite("places", places)
     at_least_zero = "must be finite and not negative"
     require("masses", masses, lambda m: np.isfinite(m) & (m >= 0), at_least_zero, "check their signs and units.")
-    require("masses", masses, lambda m: np.any(m > 0), "must not all be zero", "give at least two points a mass.")
+    require("masses", masses, lambda m: np.any(m > 0), "must not all be zero", "give a mass to at least two points.")
     if cp.is_traced(masses, places):
         return
     heavy = np.asarray(places)[np.asarray(masses) > 0]
     if np.all(np.ptp(heavy, axis=0) <= cp.epsilon(places) * np.max(np.abs(heavy))):
         raise ValueError(
-            f"places must hold masses in two or more places, got {len(heavy)} in one, which does not turn; take "
-            "midlie_jax.Particles for point masses."
+            f"places must hold masses at two or more positions, got {len(heavy)} at one, which does "
+            "not rotate; use midlie_jax.Particles for point masses."
         )
 
 
 def _on_a_line(mass: Array, points: Array, moments: Array) -> tuple[FreeBody, Array]:
-    """The rotor: the axis of the least moment, the first, becomes the third."""
+    """The rotor; the axis of the least moment, the first, becomes the third."""
     along, size = points[:, 0], jnp.max(jnp.abs(points))
     if jnp.max(jnp.abs(points[:, 1:])) > cp.epsilon(points) ** _NO_SIGN * size:
         raise ValueError(
-            "places must be on one line if all masses are, got a site without mass off their line, whose motion this "
-            "body does not determine; give that site a mass."
+            "places must be on one line if all masses are, got a massless site off the line, whose "
+            "motion is undetermined; give that site a mass."
         )
     zeros = jnp.zeros_like(along)
     third = cp.pack((zeros, zeros, _sign(along, points) * along))
@@ -106,25 +106,25 @@ def _on_a_line(mass: Array, points: Array, moments: Array) -> tuple[FreeBody, Ar
 
 
 def _sign(coordinates: Array, points: Array) -> Array:
-    """The sign of the first coordinate that is not zero up to rounding; 1 if all are zero."""
+    """The sign of the first coordinate that is nonzero up to rounding; 1 if all are zero."""
     nonzero = jnp.abs(coordinates) > cp.epsilon(points) ** _NO_SIGN * jnp.max(jnp.abs(points))
     chosen = coordinates[jnp.argmax(nonzero)]
     return jnp.where(chosen < 0, -jnp.ones_like(chosen), jnp.ones_like(chosen))
 
 
 def sites(state: AnyState, points: Any) -> Float[Array, "*batch points 3"]:
-    """The places in space of points that are fixed in a body, y = x + R s.
+    """The positions in space of points fixed in a body, y = x + R s.
 
     Args:
-        state: any state with an attitude or an axis; without a position, the places are about the fixed point.
-        points: in the frame of the attitude, (a, 3), the same for all bodies, or (..., a, 3), with the leading axes of
-            the state. If the state holds an axis only, the points must be on the third axis.
+        state: any state with an attitude or an axis; without a position, relative to the fixed point.
+        points: in the frame of the attitude, (a, 3) for all bodies, or (..., a, 3) with the leading axes of the state.
+            If the state holds an axis only, the points must be on the third axis.
 
     Returns:
         (..., a, 3), space frame.
 
     Raises:
-        ValueError: wrong shapes or dtypes, a state without attitude and axis, or points off the axis that it holds.
+        ValueError: wrong shapes or dtypes, a state without attitude and axis, or points off the axis of the state.
 
     Examples:
         >>> turned = ml.RigidState([0.0, 0.0, 1.0], ml.so3.exp(jnp.array([0.0, 0.0, np.pi / 2])))
@@ -147,8 +147,8 @@ def wrench_on_sites(state: AnyState, points: Any, forces: Any) -> Wrench:
         forces: on the sites, space frame, (..., a, 3).
 
     Returns:
-        A wrench with the torque in the frame of the momentum: the body frame, or for a state that holds an axis only,
-        the space frame. A state that does not travel takes its attribute `torque`.
+        A wrench with the torque in the frame of the momentum: the body frame, or the space frame for a state that holds
+        an axis only. For a state that does not translate, use its attribute `torque`.
 
     Raises:
         ValueError: as for `sites`, or forces of another shape or dtype.
@@ -175,7 +175,9 @@ def wrench_on_sites(state: AnyState, points: Any, forces: Any) -> Wrench:
 
 
 def _arms(state: AnyState, points: Any) -> tuple[list[cp.Vector], cp.Columns | None]:
-    """The vectors R s from the centre to each site, space frame, as components; the columns of R, None for an axis."""
+    """The vectors R s from the centre to each site, space frame, as components; and the columns of R, or None for an
+    axis.
+    """
     points = as_floats("points", points)
     batch = state.momentum.shape[:-1]
     if points.ndim < 2 or points.shape[-1] != 3 or points.shape[-2] == 0 or points.shape[:-2] not in ((), batch):
@@ -189,8 +191,8 @@ def _arms(state: AnyState, points: Any) -> tuple[list[cp.Vector], cp.Columns | N
     if axis is None:
         raise needs_attitude(state)
     on_axis = "must be on the third axis for a state that holds an axis only"
-    require("points", points, lambda p: p[..., :2] == 0, on_axis, "start from a state with an attitude.")
-    along = [jnp.where((x == 0) & (y == 0), z, jnp.nan) for x, y, z in each]  # as they may be traced
+    require("points", points, lambda p: p[..., :2] == 0, on_axis, "use a state with an attitude.")
+    along = [jnp.where((x == 0) & (y == 0), z, jnp.nan) for x, y, z in each]  # points may be traced
     return [cp.scale(z, cp.vector(axis)) for z in along], None
 
 
@@ -205,5 +207,4 @@ def _columns(q: cp.Quaternion) -> cp.Columns:
 
 
 def _combined(columns: cp.Columns, v: cp.Vector) -> cp.Vector:
-    """A matrix times a vector."""
     return cp.add(cp.add(cp.scale(v[0], columns[0]), cp.scale(v[1], columns[1])), cp.scale(v[2], columns[2]))

@@ -1,8 +1,8 @@
 """Rotations: unit quaternions (w, x, y, z) and rotation vectors, as arrays with any leading batch axes.
 
-This module depends on no other part of the model. All functions are smooth to second order at and
-near rotations by zero and by pi, in float32 and float64. `exp(v)` turns by |v| radians about v. An attitude q takes
-body components to space components: `rotate(q, v_body) = v_space`.
+This module depends on no other part of the model. All functions are smooth to second order at and near rotations by
+zero and by pi, in float32 and float64. `exp(v)` is the rotation by |v| radians about v. An attitude q takes body
+components to space components: `rotate(q, v_body) = v_space`.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from .._math import components as cp
 
-# With these numbers of terms the series and their derivatives are exact to rounding below these arguments.
+# With these numbers of terms, the series and their derivatives are exact to rounding below these arguments.
 _SERIES_TERMS = 12
 _SMALL_ANGLE_SQUARED = 1.0  # for sin(a)/a and similar functions of a^2
 _SMALL_TANGENT_SQUARED = 0.04  # for atan(z)/z as a function of z^2
@@ -36,27 +36,27 @@ def _series(shift: int) -> tuple[float, ...]:
 
 
 def _sinc(x: Array) -> Array:
-    """sin(a)/a, where a^2 = x."""
+    """sin(a)/a, with a^2 = x."""
     return _even(_series(1), x, lambda a: jnp.sin(a) / a)
 
 
 def _cosine(x: Array) -> Array:
-    """cos(a), where a^2 = x."""
+    """cos(a), with a^2 = x."""
     return _even(_series(0), x, jnp.cos)
 
 
 def _versine(x: Array) -> Array:
-    """(1 - cos a)/a^2, where a^2 = x."""
+    """(1 - cos a)/a^2, with a^2 = x."""
     return _even(_series(2), x, lambda a: 2 * (jnp.sin(a / 2) / a) ** 2)
 
 
 def _remainder(x: Array) -> Array:
-    """(a - sin a)/a^3, where a^2 = x."""
+    """(a - sin a)/a^3, with a^2 = x."""
     return _even(_series(3), x, lambda a: (a - jnp.sin(a)) / a**3)
 
 
 def _cotangent(x: Array) -> Array:
-    """(1 - (a/2) cot(a/2))/a^2, where a^2 = x."""
+    """(1 - (a/2) cot(a/2))/a^2, with a^2 = x."""
     series = tuple(b / factorial(2 * n + 2) for n, b in enumerate(_BERNOULLI))
     return _even(series, x, lambda a: (1 - (a / 2) * jnp.cos(a / 2) / jnp.sin(a / 2)) / (a * a))
 
@@ -121,7 +121,7 @@ def conjugate(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def rotate(quaternion: Float[Array, "*#batch 4"], vector: Float[Array, "*#batch 3"]) -> Float[Array, "*#batch 3"]:
-    """The rotated vector. For an attitude: the space components of a vector given in body components.
+    """The rotated vector. An attitude takes body components to space components.
 
     Examples:
         >>> quarter = ml.so3.exp(jnp.array([0.0, 0.0, np.pi / 2]))  # about z
@@ -151,7 +151,7 @@ def to_matrix(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
 def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     """The unit quaternion, w >= 0, of a rotation matrix.
 
-    Computed by the best conditioned of Shepperd's four formulas (S. W. Shepperd, J. Guid. Control 1 (1978) 223).
+    It uses the best conditioned of Shepperd's four formulas (S. W. Shepperd, J. Guid. Control 1 (1978) 223).
 
     Examples:
         >>> quarter = jnp.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # about x
@@ -179,9 +179,9 @@ def from_matrix(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
 def slerp(
     start: Float[Array, "*#batch 4"], end: Float[Array, "*#batch 4"], share: Float[Array, "*#batch"] | float
 ) -> Float[Array, "*#batch 4"]:
-    """The rotation between two unit quaternions, at constant angular velocity along the shorter way.
+    """The rotation between two unit quaternions, at constant angular velocity along the shorter arc.
 
-    `share` is the fraction of the way: 0 gives `start`, 1 gives `end` (or its negative, the same rotation).
+    `share` is the fraction of the arc: 0 gives `start`, 1 gives `end` (or its negative, the same rotation).
 
     Examples:
         >>> start, end = ml.so3.exp(jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
@@ -214,7 +214,7 @@ def to_xyzw(quaternion: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def to_scipy(quaternion: Float[Array, "*batch 4"]) -> Any:
-    """The same rotations as a `scipy.spatial.transform.Rotation`, for example to get Euler angles.
+    """The same rotations as a `scipy.spatial.transform.Rotation`, for example for Euler angles.
 
     The quaternions must be concrete, with at most one batch axis. `Rotation.as_quat(scalar_first=True)` is the inverse.
 

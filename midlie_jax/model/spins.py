@@ -1,4 +1,4 @@
-"""`Spins`: classical spins, unit vectors that precess in the field that acts on each of them."""
+"""`Spins`: classical spins, unit vectors that precess in the field on each of them."""
 
 from typing import Any, cast
 
@@ -19,21 +19,21 @@ class Spins(Body):
         S' = g B x S + g alpha S x (B x S),    B = -dH/dS,    g = gyromagnetic / (1 + alpha^2)
 
     Without damping and with `gyromagnetic` 1 this is S' = S x dH/dS, Euler's equation of a rigid body with the energy
-    H(S) in place of its kinetic energy. Each spin turns about its field B by the right hand. For the magnetisation M of
-    an electron, micromagnetics writes M' = -gamma M x B: the same, with gamma as `gyromagnetic`.
+    H(S) in place of its kinetic energy. Each spin precesses about its field B in the right-handed sense. For the
+    magnetisation M of an electron, micromagnetics writes M' = -gamma M x B, which is the same with gamma as
+    `gyromagnetic`.
 
     Attributes:
-        damping: Gilbert's alpha, one for all spins () or one for each, in the shape of the lattice. Not negative. None
-            if it was given as the number 0: steps without damping take half the time.
+        damping: Gilbert's alpha, one for all spins () or one for each, in the shape of the lattice. Not negative.
+            Stored as None if given as the number 0; steps without damping are 2 times faster.
         gyromagnetic: the gyromagnetic ratio over the magnetic moment of a spin, 1/action: 1 where time is measured in
             units of hbar over an energy. () or in the shape of the lattice.
-        sublattices: for the methods SUBLATTICES[...], the number of the sublattice of each spin, from 0 on, in the
-            shape of the lattice; None for the two sublattices of a checkerboard. Spins of one sublattice must not act
-            on each other.
+        sublattices: for the methods SUBLATTICES[...], the sublattice of each spin, counted from 0, in the shape of the
+            lattice; None for the two sublattices of a checkerboard. Spins of one sublattice must not act on each other.
 
     Raises:
-        ValueError: a damping that is negative or not finite, or sublattices that are not whole numbers from 0 on. When
-            a run begins: damping or gyromagnetic not in the shape of the lattice.
+        ValueError: a damping that is negative or not finite, or sublattices that are not integers from 0. When a run
+            begins: damping or gyromagnetic not in the shape of the lattice.
 
     Examples:
         >>> spins, field = ml.Spins(damping=0.1), ml.torques.AppliedField([0.0, 0.0, 1.0])
@@ -68,32 +68,29 @@ class Spins(Body):
 
     @property
     def rate(self) -> Array:
-        """g = gyromagnetic / (1 + alpha^2): a spin turns by g |B| h in the time h."""
+        """g = gyromagnetic / (1 + alpha^2): a spin rotates by g |B| h in the time h."""
         return self.gyromagnetic if self.damping is None else self.gyromagnetic / (1 + self.damping**2)
 
     def check_lattice(self, lattice: tuple[int, ...]) -> None:
-        """Raises unless damping and gyromagnetic ratio are those of spins on a lattice of this shape."""
+        """Raises unless damping and gyromagnetic ratio fit a lattice of this shape."""
         require_lattice("damping", self.damping, lattice)
         require_lattice("gyromagnetic", self.gyromagnetic, lattice)
 
     def inertia(self) -> "Spins":
-        """The spins themselves, whose energy is that of the field alone."""
         return self
 
     def velocity(self, momentum: Any) -> Any:
-        """Zero: spins have no kinetic energy, so nothing turns without a field."""
+        """Zero: spins have no kinetic energy and rotate only in a field."""
         return cast(Any, cp.scale(0, momentum)) if isinstance(momentum, tuple) else jnp.zeros_like(momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
-        """Zero."""
         return cp.scale(0, force)
 
     def square_of_turn(self, h: Array | float, momentum: cp.Vector) -> Array:
-        """Zero: how far a spin turns in a step depends on the field alone."""
+        """Zero: the rotation of a spin in a step depends on the field alone."""
         return h * jnp.zeros((), momentum[0].dtype)
 
     def nutation(self, momentum: cp.Vector) -> Array:
-        """Zero: nothing spins about an axis of its own."""
         return jnp.zeros((), momentum[0].dtype)
 
     def change(self, h: Any, spin: cp.Vector, field: cp.Vector) -> cp.Vector:
@@ -108,7 +105,7 @@ def require_lattice(name: str, value: Array | None, lattice: tuple[int, ...], ow
     """Raises unless a value is one for all spins of a lattice or one for each; axes of length 1 are repeated.
 
     Args:
-        own: the last axes of the value, of one spin.
+        own: the trailing axes of the value that belong to one spin.
     """
     if value is None:
         return
@@ -124,10 +121,7 @@ def require_lattice(name: str, value: Array | None, lattice: tuple[int, ...], ow
 def _labels(sublattices: Any) -> tuple[Array, int]:
     labels = np.asarray(sublattices)
     if not (np.issubdtype(labels.dtype, np.integer) and labels.size and labels.min() >= 0):
-        raise ValueError(
-            "sublattices must be whole numbers from 0 on, the number of the sublattice of each spin, got "
-            f"{described(sublattices)}."
-        )
+        raise ValueError(f"sublattices must be integers from 0, one for each spin, got {described(sublattices)}.")
     used = np.unique(labels)
     if len(used) != used[-1] + 1 or len(used) > 127:
         raise ValueError(f"sublattices must use every number from 0 to at most 126, got {used.tolist()[:8]}.")
@@ -135,11 +129,11 @@ def _labels(sublattices: Any) -> tuple[Array, int]:
 
 
 def checkerboard(shape: tuple[int, ...]) -> np.ndarray:
-    """The number 0 or 1 of each place of a lattice: the parity of the sum of its indices.
+    """The number 0 or 1 of each lattice site: the parity of the sum of its indices.
 
     Examples:
         >>> ml.checkerboard((2, 4)).tolist()
         [[0, 1, 0, 1], [1, 0, 1, 0]]
-        >>> spins = ml.Spins(sublattices=ml.checkerboard((64, 64)))  # as SUBLATTICES[...] takes them by default
+        >>> spins = ml.Spins(sublattices=ml.checkerboard((64, 64)))  # the default of SUBLATTICES[...]
     """
     return np.indices(shape).sum(axis=0) % 2 if shape else np.zeros((), int)

@@ -1,10 +1,10 @@
-"""`State`, the momentum of a body or of particles and its configuration, as steps, torques and drivers see it.
+"""`State`: momentum and configuration of a body or of particles, as used by steps, torques and drivers.
 
 A state holds the momentum and as much of the configuration as a problem needs: nothing (`MomentumState`), one direction
 (`DirectionState`), the attitude (`RigidState`), or positions (`ParticleState`). Users work with arrays, the integration
 steps with components: `parts` splits a state into a momentum of type P and a *pose*, the configuration, of type Q. The
 class of a state defines how a flight changes the pose (`turn`) and the rates of change of pose and momentum (`rate`,
-`momentum_rate`). So the rest of the package need not distinguish the kinds of state.
+`momentum_rate`). The rest of the package therefore need not distinguish the kinds of state.
 """
 
 from abc import abstractmethod
@@ -29,34 +29,34 @@ Described = dict[str, tuple[tuple[str, ...], dict[str, str]]]
 
 
 class State(eqx.Module, Generic[P, Q]):
-    """The momentum and the configuration of what moves: the base class of the kinds of state.
+    """Base class of states: momentum and configuration.
 
-    A kind of your own is a subclass with its arrays as fields, `momentum` first, the class variable `body`, and six
-    short methods: `parts`, `join`, `rotate`, `turn`, `rate` and `momentum_rate`. The rest follows from these; override
-    what should differ. docs/extending.md shows one, with its body and its flight.
+    A custom state is a subclass with arrays as fields, `momentum` first, the class variable `body`, and six short
+    methods: `parts`, `join`, `rotate`, `turn`, `rate` and `momentum_rate`. The other methods follow from these and can
+    be overridden. docs/extending.md shows an example with its body and flight.
 
-    In a step, momentum and pose are tuples of scalars (x, y, z) and (w, x, y, z), which a step is made of, or named
-    tuples of such tuples. Velocities and forces have the form of the momentum.
+    In a step, momentum and pose are tuples of scalars (x, y, z) and (w, x, y, z), or named tuples of such tuples.
+    Velocities and forces have the form of the momentum.
 
     Attributes:
-        momentum: the momentum, or one part of it, whose dtype and leading axes are those of all arrays.
+        momentum: the momentum, or one part of it. All arrays have its dtype and leading axes.
         body: the kind of body that this state belongs to.
-        own_axes: how many trailing axes of each array belong to one body; the others are a batch. 0 if the number is
-            not fixed.
-        compensated: whether it keeps what the rounding of its sums loses; such sums are so long that two flights do not
-            fit one compiled loop.
-        has_pose: whether there is a pose; without one, a flight need not compute how the body turns.
-        turns: whether an increment is a rotation in the body frame and nothing else, as a quaternion.
-        pose_is_attitude: whether the pose is the attitude and nothing else.
+        own_axes: the number of trailing axes of each array that belong to one body; the others are a batch. 0 if the
+            number is not fixed.
+        compensated: whether it stores the rounding errors of its sums; two flights with such sums do not fit one
+            compiled loop.
+        has_pose: whether there is a pose; without one, a flight need not compute the rotation.
+        turns: whether an increment is a rotation in the body frame only, as a quaternion.
+        pose_is_attitude: whether the pose is the attitude alone.
         momenta: the names of the fields that are momenta.
-        several: whether it holds several bodies that act on each other, with an axis (N,) in each array.
-        apart: whether a torque is evaluated on arrays, compiled apart from the step.
-        rotation: for a state that also travels, the kind of state of its rotation alone. Its momentum, pose and inertia
+        several: whether it holds coupled bodies, with an axis (N,) in each array.
+        apart: whether a torque is evaluated on arrays and compiled separately from the step.
+        rotation: for a state that also translates, the class of the state of its rotation. Momentum, pose and inertia
             are then a `Momenta`, a `Place` and a `FreeInertia` (`model/free_body.py`).
 
     Examples:
         >>> start = ml.RigidState([0.0, 0.0, 50.0], [1.0, 0.0, 0.0, 0.0])
-        >>> moved = start.plus(jnp.array([0.0, 0.0, 1.0, 0.1, 0.0, 0.0]))  # momentum, then a turn of 0.1 rad about e1
+        >>> moved = start.plus(jnp.array([0.0, 0.0, 1.0, 0.1, 0.0, 0.0]))  # momentum, then 0.1 rad about e1
         >>> moved.minus(start).round(6)
         Array([0. , 0. , 1. , 0.1, 0. , 0. ], dtype=float64)
     """
@@ -75,7 +75,7 @@ class State(eqx.Module, Generic[P, Q]):
 
     @classmethod
     def belongs_to(cls, body: Any) -> bool:
-        """Whether a body, in its principal axes, is of the kind of these states."""
+        """Whether these states belong to a body, given in its principal axes."""
         return isinstance(body, cls.body)
 
     @abstractmethod
@@ -84,20 +84,23 @@ class State(eqx.Module, Generic[P, Q]):
 
     @classmethod
     def unchecked(cls, **arrays: Any) -> Any:
-        """The state with these arrays, without the checks of the class: those of a failed run may hold NaN."""
+        """The state with these arrays, without the checks of the class, because the arrays of a failed run may hold
+        NaN.
+        """
         state = object.__new__(cls)
         for name, array in arrays.items():
             object.__setattr__(state, name, array)
         return state
 
     def kind_of_run(self, torque: Traits | None) -> "type[State[P, Q]]":
-        """The class in whose form a run moves the state, from the traits of the torque: by default the state's own."""
+        """The class in whose form a run moves the state, given the traits of the torque; by default the state's own
+        class.
+        """
         del torque
         return type(self)
 
     @classmethod
     def parts_of(cls, state: "State[P, Q]") -> tuple[P, Q]:
-        """`parts` in the form of this class."""
         return state.parts()
 
     @classmethod
@@ -125,10 +128,10 @@ class State(eqx.Module, Generic[P, Q]):
     @staticmethod
     @abstractmethod
     def turn(pose: Q, increment: Any, no_step: Array) -> Q:
-        """`rotate` for a pose that is turned at every step.
+        """`rotate` for a pose that is rotated at every step.
 
-        The length of a quaternion or direction is corrected for earlier rounding errors. Where `no_step` is True (a
-        step of length zero), no bit is changed.
+        It corrects the length of a quaternion or direction for earlier rounding errors. If `no_step` is True (a step of
+        length zero), no bit changes.
         """
 
     @staticmethod
@@ -148,8 +151,7 @@ class State(eqx.Module, Generic[P, Q]):
     def push(momentum: P, pose: Q, change: P) -> tuple[P, Q]:
         """Momentum and pose after the momentum changes by `change`.
 
-        A state that stores the rounding error of this sum stores it in the pose; for all other states the pose is
-        unchanged.
+        A compensated state stores the rounding error of this sum in the pose; for other states the pose is unchanged.
         """
         return cp.tree_add(momentum, change), pose
 
@@ -158,22 +160,22 @@ class State(eqx.Module, Generic[P, Q]):
         """The change of the momentum in a stage of a heat bath, with standard normal numbers `noise`.
 
         Args:
-            exposure, root: those of a `Bath` (`model/bath.py`).
+            exposure, root: from a `Bath` (`model/bath.py`).
             momentum, pose, noise: components.
         """
         del exposure, root, momentum, pose, noise
-        raise ValueError(f"no heat bath acts on a {cls.__name__}.")
+        raise ValueError(f"a {cls.__name__} supports no heat bath.")
 
     @classmethod
     def bathed_in_space(cls, exposure: Any, root: Any, vector: cp.Vector, pose: Q, noise: cp.Vector) -> cp.Vector:
-        """The same of a vector in the space frame that an exposure in the body frame acts on."""
+        """Ornstein-Uhlenbeck change of a space-frame vector under an exposure in the body frame."""
         raise needs_attitude(cls)
 
     @staticmethod
     def shift(pose: Q, change: Q, no_step: Array) -> Q:
-        """pose + change, for Runge-Kutta methods; where `no_step` is True, no bit is changed.
+        """pose + change, for Runge-Kutta methods; if `no_step` is True, no bit changes.
 
-        If a part of the pose must have length one, its length is corrected by one Newton step.
+        If a part of the pose must have length one, one Newton step corrects its length.
         """
         del no_step
         return cp.tree_add(pose, change)
@@ -211,12 +213,12 @@ class State(eqx.Module, Generic[P, Q]):
 
     @classmethod
     def force_of(cls, value: Any) -> Any:
-        """What a torque function returned, as arrays in the form of the momentum."""
+        """The value of a torque function as arrays in the form of the momentum."""
         return value
 
     @classmethod
     def returned(cls, force: Any) -> Any:
-        """A force as arrays in the form of the momentum, as a torque function returns it: the inverse of `force_of`."""
+        """A force as arrays in the form of the momentum: the inverse of `force_of`."""
         return force
 
     @classmethod
@@ -233,30 +235,28 @@ class State(eqx.Module, Generic[P, Q]):
 
     @staticmethod
     def vector_in(frame: cp.Quaternion, vector: P) -> P:
-        """The components of a momentum or force in a frame that is turned by `frame` from the present one."""
+        """The components of a momentum or force in a frame rotated by `frame` from the present one."""
         del frame, vector
-        raise ValueError("this kind of state knows no other frame than the principal one; define `vector_in`.")
+        raise ValueError("this kind of state supports only the principal frame; define `vector_in`.")
 
     @classmethod
     def pose_in(cls, frame: cp.Quaternion, pose: Q) -> Q:
-        """A pose for a body frame that is turned by `frame`."""
+        """The pose for a body frame rotated by `frame`."""
         return cls.rotate(pose, frame)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
         """The body components of a vector in the space frame; a ValueError if the state holds no direction."""
         del vector
-        raise ValueError(
-            f"a {type(self).__name__} knows no direction; start from a DirectionState or a RigidState instead."
-        )
+        raise ValueError(f"a {type(self).__name__} holds no direction; use a DirectionState or a RigidState instead.")
 
     def vertical(self) -> cp.Vector:
         """The space z axis in body components; a ValueError if the state holds no direction."""
         return self.seen_from_body((jnp.zeros(()), jnp.zeros(()), jnp.ones(())))
 
     def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
-        """A vector fixed in the body and one of space, by default the space z axis, in the frame of the momentum.
+        """A vector fixed in the body and one fixed in space (default: the space z axis), in the frame of the momentum.
 
-        Torques written with these two vectors act on an `AxisState`, too, whose momentum is in the space frame.
+        Torques written with these two vectors also act on an `AxisState`, whose momentum is in the space frame.
         """
         return of_body, self.vertical() if of_space is None else self.seen_from_body(of_space)
 
@@ -269,18 +269,18 @@ class State(eqx.Module, Generic[P, Q]):
         raise needs_attitude(self)
 
     def fixed_direction(self) -> cp.Vector | None:
-        """The direction of space that the state holds, in body components; None if it holds all directions or none."""
+        """The space direction that the state holds, in body components; None if it holds all directions or none."""
         return None
 
     def normalised(self) -> "State[P, Q]":
-        """The state with unit vectors and quaternions scaled back to length one, after its arrays were interpolated."""
+        """The state with unit vectors and quaternions rescaled to length one, for interpolated arrays."""
         return self
 
     def plus(self, increment: Array) -> "State[P, Q]":
-        """The state moved by an increment (..., k): the change of the momentum, then that of the pose in radians.
+        """The state moved by an increment (..., k): the change of the momentum, then the change of the pose in radians.
 
         By default the increment is added to the arrays. For an attitude, the second part is a rotation vector in the
-        body frame, (..., 3), so that increments can be estimated, averaged and interpolated like any vector.
+        body frame, (..., 3). Increments can therefore be estimated, averaged and interpolated like any vector.
         """
         moved, begin = list[Array](), 0
         for leaf in jax.tree.leaves(self):
@@ -295,24 +295,24 @@ class State(eqx.Module, Generic[P, Q]):
         return jnp.concatenate([self._flat(a - b) for a, b in pairs], axis=-1)
 
     def _flat(self, leaf: Array) -> Array:
-        """An array with the axes of one body as one axis."""
+        """An array with the axes of one body flattened into one."""
         return leaf.reshape(*leaf.shape[: leaf.ndim - self.own_axes], -1)
 
     def sizes(self) -> tuple[Array, ...]:
-        """For a small difference of two states: the size of its momentum, and that of the rest, in radians.
+        """For a small difference of two states: the size of its momentum, and the size of the rest, in radians.
 
-        For a state that travels, the sizes of linear momentum and position follow.
+        For a state that translates, the sizes of linear momentum and position follow.
         """
         momentum, *others = [jnp.sum(leaf**2) for leaf in jax.tree.leaves(self)]
         return jnp.sqrt(momentum), jnp.sqrt(sum(others, start=jnp.zeros_like(momentum)))
 
     @classmethod
     def described(cls) -> Described:
-        """For files: for each field by name, the name of its last dimension, and its long_name, units and frame."""
+        """For files: for each field, the name of its last dimension, and its long_name, units and frame."""
         return {}
 
     def batch_of(self, body: Any) -> tuple[int, ...]:
-        """The sizes of those leading axes of a body that are a batch, and not an axis of coupled bodies."""
+        """The sizes of those leading axes of a body that are a batch rather than an axis of coupled bodies."""
         return body.batch[:-1] if self.several else body.batch
 
     def check_batch(self) -> None:
@@ -324,7 +324,7 @@ AnyState = State[Any, Any]
 
 
 def needs_attitude(state: AnyState | type[AnyState]) -> ValueError:
-    """The error where a state, or a kind of state, has no attitude."""
+    """The error for a state, or a kind of state, without an attitude."""
     kind = state if isinstance(state, type) else type(state)
     return ValueError(f"this needs the attitude, which {kind.__name__} does not have; use a RigidState.")
 
@@ -333,7 +333,7 @@ StateT = TypeVar("StateT", bound=AnyState)  # the class of the states of a run
 
 
 class BodyState(State[cp.Vector, Q]):
-    """A state of one rigid body: the methods that are the same for all three kinds of pose."""
+    """State of one rigid body: the methods that all three kinds of pose share."""
 
     body: ClassVar[type] = RigidBody
     turns: ClassVar[bool] = True
@@ -353,8 +353,8 @@ class BodyState(State[cp.Vector, Q]):
     ) -> tuple[cp.Vector, Q]:
         """h times the right-hand side of the equations of motion, Pi' = Pi x I^-1 Pi + T and the rate of the pose.
 
-        A Runge-Kutta method spends nearly all its time here, so there are as few operations as possible: the products
-        of h with the inverse moments and their gaps are computed once per step.
+        A Runge-Kutta method spends nearly all its time here. The products of h with the inverse moments and their gaps
+        are therefore computed once per step.
         """
         change = inertia.gyroscopic(h, momentum)
         if force is not None:

@@ -1,4 +1,4 @@
-"""`straight_rod`: bodies, forces and start of a straight elastic rod, from its size and its material."""
+"""`straight_rod`: bodies, forces and initial state of a straight elastic rod, from its size and material."""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from .free_body import FreeBody
 from .states import CoupledState
 from .torques import Rod
 
-_SHEAR_FACTOR = 27 / 28  # of a round cross section, as in PyElastica
+_SHEAR_FACTOR = 27 / 28  # for a round cross section, as in PyElastica
 _POISSON = 0.5  # the default of PyElastica
 
 
@@ -53,34 +53,34 @@ def straight_rod(
     shear_modulus: Any = None,
     clamped: bool = False,
 ) -> StraightRod:
-    """A straight elastic rod with a round cross section, without force and at rest.
+    """A straight elastic rod with a round cross section, unstressed and at rest.
 
     The rod has `elements` links of equal length and a body at each end of them, with e3 along the rod and e1 along the
     normal: `elements` + 1 bodies, the first and the last at the ends of the rod. A clamp holds the first of them, which
-    then is no body of the state. Each body has the mass that is nearest to it, and the moments of a cylinder as long as
-    a link, but the bodies at free ends half of both. Errors shrink with the square of the number of elements.
+    is then not a body of the state. Each body has the mass nearest to it and the moments of a cylinder as long as a
+    link; bodies at free ends have half of both. Errors decrease with the square of the number of elements.
 
-    The stiffest motion rules the step: keep dt below half the time in which sound, of the speed sqrt(E/density), passes
-    an element. The moments along the rod keep slender rods from motions that are much faster than that.
+    The stiffest motion limits the step: keep dt below half the time in which sound, of speed sqrt(E/density), passes an
+    element. The moments along the rod exclude much faster motions of slender rods.
 
     Args:
         elements: the number of links.
-        start: place of the first end in space, (3,).
+        start: position of the first end in space, (3,).
         direction: unit vector along the rod, (3,).
         normal: unit vector across it, (3,).
         length: of the rod, ().
         radius: of its cross section, ().
         density: mass over volume, ().
         youngs_modulus: E, (), force/length^2.
-        shear_modulus: G, (), force/length^2; by default E/3, that of a material that keeps its volume.
+        shear_modulus: G, (), force/length^2; by default E/3, for an incompressible material.
         clamped: whether the first end is held, with its direction. By default both ends are free.
 
     Returns:
         The body, the torque and the start: `body, torque, start = straight_rod(...)`.
 
     Raises:
-        ValueError: `elements` is not a positive int; a size or modulus is not positive;
-            direction and normal are no unit vectors at right angles.
+        ValueError: `elements` is not a positive int; a size or modulus is not positive; direction and normal are not
+            orthogonal unit vectors.
 
     Examples:
         >>> rod = ml.straight_rod(
@@ -110,7 +110,7 @@ def straight_rod(
     attitude = so3.from_matrix(jnp.stack([across, jnp.cross(along, across), along], axis=-1))
     piece = whole / count
     area, square = jnp.pi * thick**2, thick**2 / 4  # their product is the second moment of the cross section
-    # The bodies are at the ends of the elements and share them; what a clamp holds is left out.
+    # The bodies at the ends of the elements share them; the clamped body is left out.
     share = np.where((np.arange(count + 1) % count) == 0, 0.5, 1.0)[clamped:]
     mass = heavy * piece * jnp.asarray(share, area.dtype) * area
     across = thick**2 / 4 + piece**2 / 12

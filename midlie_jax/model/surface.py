@@ -1,4 +1,4 @@
-"""`Surface`: the facets of a body, on which light and air act, and the solid within them."""
+"""`Surface`: the facets of a body, for light and air, and the enclosed solid."""
 
 from os import PathLike
 from typing import Any
@@ -25,29 +25,29 @@ from .bodies import RigidBody, TensorBody
 from .polyhedra import Solid, as_faces, require_area, solid_of, sphere
 
 _FACES_OF_BOX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
-_CENTRED = 1e-5  # how far from the centre of mass the origin may be, in radii of gyration
-_OPEN = "the facets of a closed surface: make it of vertices and faces, or of a file, an ellipsoid or a box"
+_CENTRED = 1e-5  # the largest distance of the origin from the centre of mass, in radii of gyration
+_OPEN = "a closed surface, made of vertices and faces, a file, an ellipsoid or a box"
 
 
 class Surface(eqx.Module):
-    """Flat facets of a body, convex or not: for light curves, for sunlight and for air on it.
+    """Flat facets of a body, convex or not: for light curves, sunlight and air drag.
 
-    No facet shadows another one, and light is scattered once. Facets may be mapped and differentiated: vertices,
-    semi-axes and lengths may be traced.
+    Facets do not shadow each other, and light is scattered once. Vertices, semi-axes and lengths may be traced, so
+    facets can be mapped and differentiated.
 
     Attributes:
         areas: of the facets, (n,), length^2.
-        normals: unit vectors outwards, body frame, (n, 3). A facet has one side.
-        centroids: the places of their centres of area, body frame, (n, 3), length.
-        solid: volume, centre of mass and second moments of what is inside; None for open panels (`of_facets`).
+        normals: outward unit vectors, body frame, (n, 3). A facet has one side.
+        centroids: their centres of area, body frame, (n, 3), length.
+        solid: volume, centre of mass and second moments of the interior; None for open panels (`of_facets`).
 
     Args:
         vertices: body frame, (v, 3), length.
-        faces: the triangles, (n, 3) integers that count vertices from 0, counterclockwise from outside.
+        faces: the triangles, (n, 3) vertex indices from 0, counterclockwise from outside.
 
     Raises:
         ValueError: wrong shapes, numbers that are not finite, a face without area, a surface that is not closed, not
-            oriented alike everywhere, or inside out. That it does not cut itself is not checked.
+            consistently oriented, or inside out. Self-intersection is not checked.
 
     Examples:
         >>> box = ml.Surface.box([0.1, 0.1, 0.3])
@@ -78,7 +78,7 @@ class Surface(eqx.Module):
         self.areas, self.normals = length / 2 * unit * unit, doubled / length[:, None]
         self.centroids = jnp.mean(corners, axis=1)
         self.solid = solid_of(corners)
-        cure = "turn every face round: faces[:, ::-1]."
+        cure = "reverse every face: faces[:, ::-1]."
         require("faces", self.solid.volume, lambda v: v > 0, "must be counterclockwise from outside: the volume", cure)
 
     @classmethod
@@ -90,7 +90,7 @@ class Surface(eqx.Module):
 
     @classmethod
     def of_facets(cls, areas: Any, normals: Any, centroids: Any) -> "Surface":
-        """Facets that need not be closed, such as the panels of a satellite; each has the side of its normal.
+        """Facets that need not be closed, such as the panels of a satellite; the normal defines the side.
 
         Args:
             areas: (n,), length^2, not negative.
@@ -98,7 +98,7 @@ class Surface(eqx.Module):
             centroids: body frame, (n, 3), length.
 
         Raises:
-            ValueError: wrong shapes or dtypes, a negative area, a normal that is no unit vector, or numbers that are
+            ValueError: wrong shapes or dtypes, a negative area, a normal that is not a unit vector, or numbers that are
                 not finite.
         """
         areas = as_floats("areas", areas)
@@ -110,22 +110,24 @@ class Surface(eqx.Module):
             )
         same_dtype("areas", areas, normals=normals, centroids=centroids)
         not_negative = "must be finite and not negative"
-        require("areas", areas, lambda a: np.isfinite(a) & (a >= 0), not_negative, "a normal has the sign of a facet.")
+        require(
+            "areas", areas, lambda a: np.isfinite(a) & (a >= 0), not_negative, "the normal defines the side of a facet."
+        )
         require_rows("normals", normals, is_unit, "must be unit vectors", "divide them by their norms.")
         require_finite("centroids", centroids)
         return cls._of(areas, normals, centroids, None)
 
     @classmethod
     def from_file(cls, path: str | PathLike[str], scale: Any = 1.0) -> "Surface":
-        """A closed surface of triangles from a file: OBJ, STL, PLY and what else trimesh reads.
+        """A closed surface of triangles from a file: OBJ, STL, PLY or another format of trimesh.
 
         Args:
-            path: of the file. Vertices in one place are merged.
-            scale: by which lengths are multiplied, such as 1e3 for a file in kilometres.
+            path: of the file. Coincident vertices are merged.
+            scale: factor for lengths, such as 1e3 for a file in kilometres.
 
         Raises:
             ImportError: trimesh is not installed: pip install 'midlie_jax[surfaces]'.
-            ValueError: there is no such file, trimesh does not read it, it holds no triangles, or as for the class.
+            ValueError: the file does not exist, trimesh cannot read it, it holds no triangles, or as for the class.
         """
         try:
             import trimesh
@@ -134,7 +136,7 @@ class Surface(eqx.Module):
         try:
             mesh: Any = trimesh.load_mesh(str(path))
         except NotImplementedError as error:
-            raise ValueError(f"trimesh does not read {path}: {error}; give an OBJ, STL or PLY file.") from error
+            raise ValueError(f"trimesh cannot read {path}: {error}; give an OBJ, STL or PLY file.") from error
         if not len(getattr(mesh, "faces", ())):
             raise ValueError(f"{path} holds no triangles; give the file of a surface.")
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
@@ -144,19 +146,19 @@ class Surface(eqx.Module):
 
     @classmethod
     def ellipsoid(cls, semi_axes: Any, facets: int = 1280) -> "Surface":
-        """An ellipsoid along the axes of the frame, of tangent facets.
+        """An ellipsoid along the axes of the frame, made of tangent facets.
 
-        The facets divide the unit sphere nearly evenly (an icosahedron, divided), and are stretched with it: to each
-        belongs the vector area of its part of the ellipsoid. So volume, centre and inertia are those of the ellipsoid,
-        the vector areas add up to zero, what is seen converges with the number of facets, and all is smooth in the
-        semi-axes. A polyhedron with its corners on the ellipsoid would be too small in every direction.
+        The facets divide the unit sphere nearly evenly (a divided icosahedron) and are stretched with it. Each facet
+        has the vector area of its part of the ellipsoid. Volume, centre and inertia are exact, and the vector areas add
+        up to zero. The visible area converges with the number of facets, and all is smooth in the semi-axes. A
+        polyhedron with its corners on the ellipsoid would be too small in every direction.
 
         Args:
             semi_axes: (3,), length.
-            facets: at least as many are made: 20 k^2 for the smallest k.
+            facets: the least number of facets; 20 k^2 are made, for the smallest k.
 
         Raises:
-            ValueError: semi-axes not positive and of shape (3,), or `facets` no positive integer.
+            ValueError: semi-axes not positive and of shape (3,), or `facets` not a positive integer.
         """
         axes = _lengths("semi_axes", semi_axes)
         directions, angles = (jnp.asarray(x, axes.dtype) for x in sphere(as_count("facets", facets)))
@@ -170,7 +172,7 @@ class Surface(eqx.Module):
 
     @classmethod
     def box(cls, lengths: Any) -> "Surface":
-        """A box about the origin along the axes of the frame, of 6 facets: those at +x, -x, +y, -y, +z and -z.
+        """A box about the origin along the axes of the frame, with 6 facets, at +x, -x, +y, -y, +z and -z.
 
         Args:
             lengths: of its edges, (3,).
@@ -189,14 +191,14 @@ class Surface(eqx.Module):
 
     @property
     def count(self) -> int:
-        """The number of facets; a ValueError if the surface is one of a batch."""
+        """The number of facets; a ValueError for a batch of surfaces."""
         if self.areas.ndim != 1 or self.normals.shape != (len(self.areas), 3) or self.centroids.ndim != 2:
             raise ValueError(f"a surface has areas (n,), got {self.areas.shape}; map over several with jax.vmap.")
         return len(self.areas)
 
     @property
     def volume(self) -> Float[Array, ""]:
-        """The volume of the solid; a ValueError for open panels, as from all that follows."""
+        """The volume of the solid; a ValueError for open panels."""
         return self._inside().volume
 
     @property
@@ -213,7 +215,7 @@ class Surface(eqx.Module):
         return self.mass(density) * self._inside().per_mass
 
     def body(self, density: Any) -> TensorBody:
-        """The homogeneous body in the frame of the surface, whose origin must be the centre of mass.
+        """The homogeneous body in the frame of the surface; the origin must be the centre of mass.
 
         Raises:
             ValueError: the density is not positive, the panels are open, or the origin is elsewhere.
@@ -248,13 +250,13 @@ class Surface(eqx.Module):
         return self._of(self.areas, self.normals, self.centroids + offset[None, :], solid)
 
     def turned(self, rotation: Any) -> "Surface":
-        """The surface turned about the origin by a unit quaternion (w, x, y, z), (4,)."""
+        """The surface rotated about the origin by a unit quaternion (w, x, y, z), (4,)."""
         rotation = as_floats("rotation", rotation, (4,))
         require("rotation", rotation, is_unit, "must be a unit quaternion (w, x, y, z)", "divide it by its norm.")
         return self._in_axes(so3.to_matrix(rotation).T)
 
     def __add__(self, other: "Surface") -> "Surface":
-        """Both surfaces together, which must not overlap; closed if both are."""
+        """Both surfaces together, closed if both are. They must not overlap."""
         if not isinstance(other, Surface):
             return NotImplemented
 
@@ -273,7 +275,7 @@ class Surface(eqx.Module):
 
     def _inside(self) -> Solid:
         if self.solid is None:
-            raise ValueError(f"this surface has no inside; volume and inertia need {_OPEN}.")
+            raise ValueError(f"volume and inertia need {_OPEN}; this one has open panels.")
         return self.solid
 
     def _require_centred(self) -> None:
@@ -283,7 +285,7 @@ class Surface(eqx.Module):
         radius = np.sqrt(np.trace(np.asarray(solid.spread)))
         if np.linalg.norm(np.asarray(solid.centre)) > _CENTRED * radius:
             raise ValueError(
-                f"the origin must be the centre of mass, which is at {np.asarray(solid.centre)}; take "
+                f"the origin must be the centre of mass, which is at {np.asarray(solid.centre)}; use "
                 "surface.centred(), also for the torques on the body."
             )
 

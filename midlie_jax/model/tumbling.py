@@ -1,10 +1,10 @@
-"""Tumbling bodies in the words of light curves: two periods, a pole and two phases for a start, and these of a state.
+"""Tumbling bodies: conversion between light-curve parameters (periods, pole, phases) and a state.
 
-A free body whose momentum is not along a principal axis turns with two periods. Seen from the body, the momentum goes
-round the axis of the largest moment, the short one, or round that of the smallest, the long one: the short-axis mode
-(SAM) and the long-axis mode (LAM). One turn of it is the *rotation period*. Seen from space, both axes go round the
-momentum, each in a *precession period* of its own on average: in a rotation period the short axis makes one turn more
-than the long one, in either mode. A published pair of periods may mean either.
+A free body whose momentum is not along a principal axis rotates with two periods. In the body frame, the momentum
+circles the axis of the largest moment (the short axis) or the axis of the smallest moment (the long axis). These are
+the short-axis mode (SAM) and the long-axis mode (LAM); the time of one circuit is the *rotation period*. In the space
+frame, both axes circle the momentum, each with its own mean *precession period*. In a rotation period the short axis
+makes one more circuit than the long axis, in either mode. A published pair of periods may mean either.
 
 L. Landau, E. Lifshitz, Mechanics (1976), section 37; N. Samarasinha, M. A'Hearn, Icarus 93 (1991) 194; M. Kaasalainen,
 Astron. Astrophys. 376 (2001) 302; P. Pravec and others, Icarus 173 (2005) 108 and 233 (2014) 48.
@@ -36,21 +36,21 @@ _MODES = ("short", "long")
 
 
 class Tumble(NamedTuple):
-    """What `tumble` returns: how a body tumbles at a state.
+    """The result of `tumble`: how a body tumbles at a state.
 
     Attributes:
-        short_axis: whether the momentum goes round the axis of the largest moment; else round that of the smallest.
-        energy_ratio: 2 E Ic / |L|^2, the energy over that of a rotation about the short axis with the same momentum, at
+        short_axis: whether the momentum circles the axis of the largest moment; otherwise the axis of the smallest.
+        energy_ratio: 2 E Ic / |L|^2, the energy relative to a rotation about the short axis with the same momentum, at
             least 1.
-        short_axis_period, long_axis_period: of precession about the momentum, on average, time: of the axis of the
-            largest moment, and of that of the smallest.
+        short_axis_period, long_axis_period: mean precession periods about the momentum of the axis of the largest
+            moment and of the axis of the smallest moment, time.
         rotation_period: of the momentum in the body, time.
         effective_rate: 2 E / |L|, the mean angular velocity along the momentum, radians/time.
         momentum: |L|.
         pole: the direction of L in space, (3,); None for a state without attitude.
-        phases: (s, phi) as for `tumbling`, s in (-1/2, 1/2], phi in (-2 pi, 2 pi]; of a state without attitude phi is
-            0. A momentum on the negative side of the axis round which it goes is no start of `tumbling`; its s is that
-            of the body with two axes reversed.
+        phases: (s, phi) as for `tumbling`, s in (-1/2, 1/2], phi in (-2 pi, 2 pi]; phi is 0 for a state without
+            attitude. If the momentum is on the negative side of the axis that it circles, `tumbling` has no such start;
+            s is then the phase of the body with two axes reversed.
 
     Examples:
         >>> body = ml.RigidBody([1.0, 2.0, 2.5])
@@ -91,8 +91,8 @@ class _Shape(NamedTuple):
             jnp.sqrt(i2 * above / (i3 - i2)),
             jnp.sqrt(i3 * below / (i3 - i1)),
         )
-        # The first axis turns about L by elliptic integrals of the third kind without a pole (E. T. Whittaker,
-        # Analytical Dynamics, section 69); the third by one turn more or less in each period of the momentum.
+        # The first axis precesses about L by elliptic integrals of the third kind without a pole (E. T. Whittaker,
+        # Analytical Dynamics, section 69); the third by one circuit more or less in each period of the momentum.
         quarter = complete(m1, jnp.ones_like(m1))
         third = complete(m1, 1 + i1 * above / (i3 * below))
         first = 1 / i1 + (1 / i3 - 1 / i1) * third / quarter
@@ -128,31 +128,31 @@ def tumbling(
     phases: Any,
     mode: str | None = None,
 ) -> RigidState:
-    """The state of a free body that tumbles with given periods: a start from what light curves give.
+    """The initial state of a free body that tumbles with given periods, as known from light curves.
 
-    The module `tumbling` defines the periods. The start is found in two rotations. In the body, the momentum is where
-    free motion takes it in the time s times the rotation period from the place where its component along the axis of
-    the middle moment is zero and the other two are positive. In space, the smallest rotation takes this direction to z,
-    a rotation by phi about z follows, and the smallest rotation that takes z to the pole.
+    The module `tumbling` defines the periods. The momentum in the body frame starts where its component along the axis
+    of the middle moment is zero and the other two are positive. Free motion then advances it by s rotation periods. The
+    attitude is a product of three rotations: the smallest that takes this direction to z, a rotation by phi about z,
+    and the smallest that takes z to the pole.
 
-    Differentiable with respect to all numbers, also those of the body; `midlie_jax.tumble` is the inverse.
+    Differentiable with respect to all numbers, including the body's; `midlie_jax.tumble` is the inverse.
 
     Args:
-        body: a `RigidBody`, or a `TensorBody` in a frame of your own (then the axes above are the principal ones).
-        precession_period: in which `axis` goes round the momentum in space, on average, (), time.
+        body: a `RigidBody`, or a `TensorBody` in a custom frame (the axes above are then the principal ones).
+        precession_period: the mean time in which `axis` circles the momentum in space, (), time.
         rotation_period: of the momentum in the body, (), time.
-        axis: whose precession this is: "short", the axis of the largest moment, or "long", that of the smallest.
-        pole: the direction of the angular momentum in space, (3,), of any length but 0.
+        axis: the axis of this precession: "short", of the largest moment, or "long", of the smallest.
+        pole: the direction of the angular momentum in space, (3,), of any nonzero length.
         phases: (s, phi), s as a fraction of the rotation period, phi in radians.
-        mode: "short" if the momentum goes round the axis of the largest moment, "long" if round that of the smallest;
-            None if only one of them can have these periods. Traced numbers need it.
+        mode: "short" if the momentum circles the axis of the largest moment, "long" for the axis of the smallest; None
+            if only one mode allows these periods. Required for traced numbers.
 
     Returns:
         The state. Where the numbers are traced and no motion has these periods, it is NaN.
 
     Raises:
         ValueError: no motion of the body, or none in this mode, has these periods; both modes have one, and `mode` is
-            None; axis or mode is another word; or a number is not positive or not finite, or of a wrong shape.
+            None; axis or mode is another string; or a number is not positive or not finite, or of a wrong shape.
 
     Examples:
         >>> body = ml.RigidBody([1.0, 2.0, 2.5])
@@ -213,16 +213,15 @@ def _start_of(
 
 
 def tumble(body: Body, state: AnyState) -> Tumble:
-    """How a body tumbles, if no torque acted from now on: mode, energy ratio, periods, effective rate, pole and phases.
+    """How a body would tumble without torque: mode, energy ratio, periods, effective rate, pole and phases.
 
-    Differentiable; `short_axis` changes where the energy crosses that of the separatrix, the energy of a rotation about
-    the axis of the middle moment I2. There the rotation period is infinite, and both precession periods are
-    2 pi I2 / |L|. Of a body with two equal moments, and of a steady rotation, the periods are the limits. Of a ball
-    they are NaN.
+    Differentiable. `short_axis` changes at the separatrix, the energy of a rotation about the axis of the middle moment
+    I2. There the rotation period is infinite, and both precession periods are 2 pi I2 / |L|. For a body with two equal
+    moments, and for a steady rotation, the periods are the limits. For a ball they are NaN.
 
     Args:
         body: a `RigidBody`, `TensorBody`, or `FreeBody` of one; or n bodies, whose states have a leading axis n.
-        state: one with a momentum (..., 3) in the body frame; of a path its `states`.
+        state: one with a momentum (..., 3) in the body frame; for a path its `states`.
 
     Returns:
         A `Tumble`, with the leading axes of the state.
@@ -256,19 +255,18 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
     a, b, c = cp.vector(jnp.take_along_axis(unit, jnp.broadcast_to(order, unit.shape), axis=-1))
     ia, ib, ic = moments
     near = a * a * (1 - ib / ia) + c * c * (1 - ib / ic)  # 1 - 2 E Ib
-    # On the separatrix the momentum comes ever closer to the middle axis and never returns: the rotation period is
-    # infinite, and on average both axes precess as that of a rotation about the middle axis.
+    # On the separatrix the momentum approaches the middle axis and never returns: the rotation period is infinite, and
+    # on average both axes precess at the rate of a rotation about the middle axis.
     separating = near == 0
-    short = (near > 0) | (separating & (ia + ic > 2 * ib))  # of two equal moments, the mode that there is
+    short = (near > 0) | (separating & (ia + ic > 2 * ib))  # with two equal moments, the mode that exists
     i1, i3 = jnp.where(short, ia, ic), jnp.where(short, ic, ia)
     p1, p3 = jnp.where(short, a, c), jnp.where(short, c, a)
     above = p1 * p1 * (i3 / i1 - 1) + b * b * (i3 / ib - 1)
     below = b * b * (1 - i1 / ib) + p3 * p3 * (1 - i1 / i3)
-    some = below * (i3 - ib) / (i3 - i1)  # any number of which no period is infinite, as derivatives need
+    some = below * (i3 - ib) / (i3 - i1)  # any number with finite periods, as derivatives need
     shape = _Shape.of((i1, ib, i3), above, below, jnp.where(separating, some, near), short)
     energy = a * a / ia + b * b / ib + c * c / ic  # 2 E / |L|^2
-    # Where the momentum is on the negative side of the third axis, as if the first and third axis pointed the other
-    # way.
+    # If the momentum is on the negative side of the third axis, reverse the first and third axes.
     side = jnp.where(p3 < 0, -1.0, 1.0).astype(p3.dtype)
     angle = jnp.arctan2(sign * b * jnp.sqrt(jnp.abs(i3 - ib) / ib), side * p1 * jnp.sqrt(jnp.abs(i3 - i1) / i1))
     pole, phi = None, jnp.zeros_like(size)
@@ -279,7 +277,7 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
             so3.multiply(so3.conjugate(_smallest_turn(up, pole)), attitude), so3.conjugate(_smallest_turn(unit, up))
         )
         phi = 2 * jnp.arctan2(about[..., 3], about[..., 0])
-    by_turn = 2 * pi / shape.period  # the short axis goes round faster by this than the long one
+    by_turn = 2 * pi / shape.period  # the difference between the precession rates of short and long axis
     slower = jnp.where(short, shape.precession - by_turn, shape.precession)
     fast, slow, rotation = (x / rate for x in (2 * pi / (slower + by_turn), 2 * pi / slower, shape.period))
     separating = separating & (ia < ic)  # a ball has no separatrix
@@ -300,7 +298,8 @@ def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any)
 def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array, tuple[Array, Array]]:
     """The moments in ascending order, the indices of their axes, and 1 if these axes are right-handed, else -1.
 
-    The moments are in units of a power of two, the last result, with its inverse: their cubes stay within the dtype.
+    The moments are in units of a power of two (the last result, with its inverse), so their cubes stay within the range
+    of the dtype.
     """
     order = jnp.argsort(body.moments, axis=-1)
     moments = cp.vector(jnp.take_along_axis(body.moments, order, axis=-1))
@@ -311,12 +310,12 @@ def _sorted(body: RigidBody) -> tuple[cp.Vector, Array, Array, tuple[Array, Arra
 
 
 def _further_turns(axis: str, mode: str) -> int:
-    """The turns in a rotation period of the axis round which the momentum goes, less those of another axis."""
+    """The circuits per rotation period of the axis that the momentum circles, minus the circuits of the other axis."""
     return (mode == "short") - (axis == "short")
 
 
 def _least_turns(moments: cp.Vector, short: bool) -> Any:
-    """The turns of this axis in a rotation period near the steady rotation; infinity if there is no such mode."""
+    """The circuits of this axis per rotation period near the steady rotation; infinity if there is no such mode."""
     a, b, c = (np.asarray(x, np.float64) for x in (moments if short else moments[::-1]))
     with np.errstate(divide="ignore"):
         ratio = 1 / np.sqrt((c - a) * (c - b) / (a * b))
@@ -324,7 +323,7 @@ def _least_turns(moments: cp.Vector, short: bool) -> Any:
 
 
 def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> str:
-    """The mode; a ValueError if it is not one that has these periods, or if both have them and none is named."""
+    """The mode; a ValueError if it does not allow these periods, or if both modes do and none is named."""
     if mode is not None and mode not in _MODES:
         raise ValueError(f'mode must be "short", "long" or None, got {shown(mode)}.')
     if cp.is_traced(moments, turns):
@@ -337,20 +336,20 @@ def _mode_of(moments: cp.Vector, turns: Array, axis: str, mode: str | None) -> s
     able = [name for name in _MODES if can[name]]
     if mode is None and len(able) == 2:
         raise ValueError(
-            'both modes have these periods: give mode="short" if the momentum goes round the axis of the largest '
-            'moment, or "long" if round that of the smallest; midlie_jax.tumble tells their energy ratios.'
+            'both modes have these periods; give mode="short" if the momentum circles the axis of '
+            'the largest moment, or "long" for the smallest.'
         )
     if not able or (mode is not None and not can[mode]):
         limits = " and ".join(f"{np.max(least[name]):.6g} in the {name}-axis mode" for name in _MODES)
         raise ValueError(
-            f"rotation_period must be at least {limits} times the precession_period of the {axis} axis for this "
-            f"body, got {shown(turns)} times; check the moments, and of which axis the precession is."
+            f"rotation_period must be at least {limits} times the precession_period of the {axis} "
+            f"axis for this body, got {shown(turns)} times; check the moments and the axis."
         )
     return mode or able[0]
 
 
 def _shape_with(moments: cp.Vector, wanted: Array, short: Array) -> _Shape:
-    """The motion whose rotation period is so many times its precession period; NaN if there is none."""
+    """The motion with this ratio of rotation period to precession period; NaN if there is none."""
     constants = jax.lax.stop_gradient((moments, wanted))
     zero = jnp.zeros_like(sum(jax.tree.leaves(constants)))
 
@@ -379,7 +378,7 @@ def _unit(vector: Array) -> tuple[Array, Array]:
 
 
 def _smallest_turn(a: Array, b: Array) -> Array:
-    """The quaternion of the smallest rotation from one direction to another; half a turn for opposite ones."""
+    """The quaternion of the smallest rotation from one direction to another; a rotation by pi for opposite ones."""
     (a, _), (b, _) = _unit(a), _unit(b)
     ca, cb = cp.vector(a), cp.vector(b)
     w = 1 + cp.dot(ca, cb)

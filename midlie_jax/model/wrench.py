@@ -1,4 +1,4 @@
-"""`Wrench`, a torque and a force together: what acts on a body that also travels."""
+"""`Wrench`: a torque and a force together, for a body that also translates."""
 
 from typing import Any, ClassVar
 
@@ -11,10 +11,10 @@ from .._checks.arguments import as_floats
 
 
 class Wrench(eqx.Module):
-    """A torque in the body frame and a force in space, as a torque function returns them for a `FreeState`.
+    """A torque in the body frame and a force in the space frame: the value of a torque function for a `FreeState`.
 
     Wrenches add. An array added to a wrench is a torque without a force. For a `FreeAxisState` the torque is in the
-    space frame, as its momentum is.
+    space frame, like its momentum.
 
     Attributes:
         torque: about the centre of mass, body frame, (..., 3).
@@ -33,7 +33,7 @@ class Wrench(eqx.Module):
 
     torque: Float[Array, "*batch 3"]
     force: Float[Array, "*batch 3"]
-    __array_ufunc__: ClassVar[None] = None  # so that a NumPy array leaves the sum to `__radd__`
+    __array_ufunc__: ClassVar[None] = None  # so that NumPy arrays leave the sum to `__radd__`
 
     def __init__(self, torque: Any, force: Any):
         self.torque, self.force = as_floats("torque", torque, (3,)), as_floats("force", force, (3,))

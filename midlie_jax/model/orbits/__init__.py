@@ -1,7 +1,7 @@
 """Orbits, and a magnetic field along an orbit: inputs of torques and step densities.
 
-`base` defines the interface, `circular`, `kepler` (with `elements`) and `table` are orbits, `dipole` is the field, and
-`units` has units in which their numbers are about one.
+`base` defines the interface, `circular`, `kepler` (with `elements`) and `table` are orbits, and `dipole` is the field.
+`units` scales their numbers to about one.
 """
 
 from .base import Orbit as Orbit

@@ -1,4 +1,4 @@
-"""The interface of an orbit: a position as a function of time, and the times for which it is known."""
+"""The interface of an orbit: a position as a function of time, and the times at which it is known."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ class Orbit(eqx.Module):
     """A position in space as a function of time: `orbit(t) -> (..., 3)`, length, for one time or several.
 
     Examples:
-        >>> class Line(ml.orbits.Orbit):  # an orbit of your own
+        >>> class Line(ml.orbits.Orbit):  # a custom orbit
         ...     speed: float
         ...     def __call__(self, t):
         ...         return jnp.stack([self.speed * t, 7000.0 + 0 * t, 0 * t], axis=-1)
@@ -29,11 +29,11 @@ class Orbit(eqx.Module):
 
     @property
     def span(self) -> tuple[Any, Any] | None:
-        """The first and the last time at which the position is known, or None for an orbit without such limits."""
+        """The first and the last time at which the position is known; None without limits."""
         return None
 
     def known(self) -> tuple[Any, Any] | None:
-        """Positions (..., 3) and velocities (..., 3) that are known without a time, to check units; or None."""
+        """Positions (..., 3) and velocities (..., 3) known without a time, for the check of units; or None."""
         return None
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
@@ -42,7 +42,7 @@ class Orbit(eqx.Module):
     def velocity_at(self, t: Any) -> Float[Array, "*batch 3"]:
         """The velocity at time t, (..., 3), length/time: the exact derivative of the position.
 
-        A torque that reads a velocity takes it as a function: `midlie_jax.torques.Drag(...,
+        A torque that reads a velocity accepts it as a function: `midlie_jax.torques.Drag(...,
         velocity=orbit.velocity_at)`.
         """
         t = jnp.asarray(t, jnp.result_type(float, t))
@@ -52,7 +52,8 @@ class Orbit(eqx.Module):
 def check_units(orbit: Any, mu: Any) -> None:
     """Raises if the speeds of an orbit and mu cannot be in the same units: v^2 r / mu is 1 on a circle.
 
-    On a hyperbola it is above 2, and large far from the mass, so the limits are wide. An orbit at rest is not checked.
+    On a hyperbola it exceeds 2, and far from the mass it is large, so the limits are wide. An orbit at rest is not
+    checked.
     """
     rows = orbit.known() if isinstance(orbit, Orbit) else None
     if rows is None or cp.is_traced(rows, mu):
@@ -62,8 +63,9 @@ def check_units(orbit: Any, mu: Any) -> None:
     least, largest = float(ratios.min() / mu.max()), float(ratios.max() / mu.min())
     if 0 < largest < _LEAST_RATIO or least > _LARGEST_RATIO:
         raise ValueError(
-            f"orbit and mu must be in the same units, but speed^2 distance / mu is {least:.2g} to {largest:.2g}, and 1 "
-            "on a circle; convert one, or pass lambda t: orbit(t) for a path that gravity does not determine."
+            f"orbit and mu must be in the same units, but speed^2 distance / mu is {least:.2g} to "
+            f"{largest:.2g}, not about 1; convert one, or pass lambda t: orbit(t) for a "
+            "non-gravitational path."
         )
 
 

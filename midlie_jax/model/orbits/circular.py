@@ -19,7 +19,7 @@ class CircularOrbit(Orbit):
 
     Attributes:
         position: the position at t = 0, (3,), length.
-        across: the position a quarter of a turn later, (3,), length.
+        across: the position a quarter of a period later, (3,), length.
         rate: angular velocity sqrt(mu/r^3), (), radians per unit of time.
 
     Args:
@@ -33,7 +33,7 @@ class CircularOrbit(Orbit):
 
     Examples:
         >>> orbit = ml.orbits.CircularOrbit(position=[7000.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=3.986e5)  # km, s
-        >>> round(2 * np.pi / float(orbit.rate) / 60, 2)  # minutes for a turn
+        >>> round(2 * np.pi / float(orbit.rate) / 60, 2)  # period in minutes
         97.14
         >>> orbit(jnp.array([0.0, 60.0, 120.0])).shape
         (3, 3)
@@ -53,7 +53,7 @@ class CircularOrbit(Orbit):
             "mu", mu, lambda x: (x > 0) & np.isfinite(x), "must be positive and finite", "check its sign and units."
         )
         require_rows(
-            "position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "give the place."
+            "position", self.position, lambda x: np.any(x != 0, axis=-1), "must not be the centre", "give the position."
         )
         dtype = jnp.result_type(self.position, mu)
         units = Units.of(cp.vector(self.position.astype(dtype)), mu.astype(dtype))
@@ -76,16 +76,17 @@ class CircularOrbit(Orbit):
 
 
 def _scaled(vector: Array) -> Array:
-    """The vector (..., 3) divided by a power of two of its size; zero unchanged."""
+    """The vector (..., 3) divided by a power of two near its size; zero unchanged."""
     return vector * unit(jnp.max(jnp.abs(vector), axis=-1, keepdims=True))[1]
 
 
 def _require_across(direction: Array, across: Array) -> None:
-    """Raises if nothing but rounding is left of the direction across the position."""
+    """Raises if the direction has no part across the position beyond rounding."""
     if cp.is_traced(across):
         return
     least = 16 * jnp.finfo(across.dtype).eps * jnp.linalg.norm(direction, axis=-1)
     if not bool(jnp.all(jnp.linalg.norm(across, axis=-1) > least)):
         raise ValueError(
-            f"direction must have a part perpendicular to position, got {shown(direction)}; give that of the motion."
+            f"direction must have a part perpendicular to position, got {shown(direction)}; give the "
+            "direction of motion."
         )

@@ -17,18 +17,18 @@ class DipoleField(eqx.Module):
 
     `field(t) -> (3,)`, space frame; in T with the default `constant`, lengths in m and the moment in A m^2.
 
-    The moment may turn about z with the planet. A first approximation to the Earth's field has a moment of
-    7.7e22 A m^2, tilted by 9.4 degrees, towards the south. In a frame that is fixed in the Earth it is
-    (g11, h11, g10) 4 pi a^3 / mu_0 = (-3.75e21, 1.203e22, -7.605e22) A m^2, with a = 6371.2 km and the coefficients of
-    2020 (P. Alken and others, International Geomagnetic Reference Field: the thirteenth generation, Earth Planets Space
-    73 (2021) 49). The Earth turns at 7.292115e-5 rad/s.
+    The moment may rotate about z with the planet. A first approximation to the Earth's field has a moment of 7.7e22 A
+    m^2, tilted by 9.4 degrees, towards the south. In an Earth-fixed frame it is (g11, h11, g10) 4 pi a^3 / mu_0 =
+    (-3.75e21, 1.203e22, -7.605e22) A m^2, with a = 6371.2 km and the coefficients of 2020 (P. Alken and others,
+    International Geomagnetic Reference Field: the thirteenth generation, Earth Planets Space 73 (2021) 49). The Earth
+    rotates at 7.292115e-5 rad/s.
 
     Attributes:
         orbit: the position in the space frame, `orbit(t) -> (3,)`, length.
-        moment: dipole moment m in the space frame, at t = 0 if it turns, (3,).
+        moment: dipole moment m in the space frame, at t = 0 if it rotates, (3,).
         constant: mu_0 / 4 pi in the units of the problem, (); 1e-7 T m/A in SI units.
-        turning: the rate at which the moment turns about the z axis of space, (), radians per unit of time, positive
-            to the east; None for a moment that is fixed in space.
+        turning: rate of rotation of the moment about the space z axis, (), radians per unit of time, positive to the
+            east; None for a moment fixed in space.
 
     Raises:
         ValueError: moment not of shape (..., 3), or moment, constant or turning not finite.

@@ -17,7 +17,7 @@ _PLACES = ("time_of_periapsis", "true_anomaly", "mean_anomaly")
 def of_elements(
     mu: Array, eccentricity: Array, sizes: tuple[Any, ...], angles: tuple[Any, ...], places: tuple[Any, ...], epoch: Any
 ) -> tuple[Array, Array, Array]:
-    """Position and velocity, and the time at which the orbit has them; the arguments of `KeplerOrbit.from_elements`."""
+    """Position and velocity, and their time; the arguments are those of `KeplerOrbit.from_elements`."""
     e = eccentricity
     require(
         "eccentricity", e, lambda x: np.isfinite(x) & (x >= 0), "must be finite and not negative", "check its sign."
@@ -35,7 +35,7 @@ def of_elements(
         require(size_name, size, lambda x: x > 0, "must be positive", "give a length.")
         q = size / (1 + e) if size_name == "semi_latus_rectum" else size
     if place_name == "time_of_periapsis" and epoch is not None:
-        raise ValueError("epoch is the time of an anomaly, but time_of_periapsis says it all: leave out epoch.")
+        raise ValueError("epoch is the time of an anomaly and has no effect with time_of_periapsis; leave out epoch.")
     epoch = as_floats("epoch", 0.0 if epoch is None else epoch)
     cosine, sine = jnp.ones_like(q), jnp.zeros_like(q)
     if place_name == "true_anomaly":
@@ -56,7 +56,7 @@ def of_elements(
     for name, value in (("inclination", inclination), ("ascending_node", node), ("argument_of_periapsis", argument)):
         require_finite(name, value)
     within = "must be between 0 and pi"
-    require("inclination", inclination, _is_inclination, within, "give radians, as of np.deg2rad.")
+    require("inclination", inclination, _is_inclination, within, "give radians, for example by np.deg2rad.")
     q, e, cosine, sine, inclination, node, argument, mu = jnp.broadcast_arrays(
         *(jnp.asarray(x) for x in (q, e, cosine, sine, inclination, node, argument, mu))
     )
@@ -81,7 +81,7 @@ def _axes(inclination: Array, node: Array, argument: Array) -> tuple[cp.Vector, 
 
 
 def _pair(holds: Any, e: Array) -> Any:
-    """A condition on an element and the eccentricity; not asked where the eccentricity is traced."""
+    """A condition on an element and the eccentricity; not checked if the eccentricity is traced."""
     return lambda x: True if cp.is_traced(e) else holds(x, np.asarray(e))
 
 
@@ -89,7 +89,7 @@ def _only_one(names: tuple[str, ...], values: tuple[Any, ...], what: str) -> tup
     given = [(name, value) for name, value in zip(names, values, strict=True) if value is not None]
     if len(given) != 1:
         got = " and ".join(name for name, _ in given) or "none"
-        raise ValueError(f"exactly one of {', '.join(names)} says {what}, got {got}; give one.")
+        raise ValueError(f"exactly one of {', '.join(names)} must give {what}, got {got}.")
     name, value = given[0][0], as_floats(*given[0])
     require_finite(name, value)
     return name, value

@@ -17,19 +17,19 @@ from .base import Orbit
 from .elements import of_elements
 from .units import Units
 
-_NEARLY_ROUND = 0.5  # below this eccentricity nothing is computed from the direction of the periapsis
+_NEARLY_ROUND = 0.5  # below this eccentricity nothing uses the direction of the periapsis
 
 
 class KeplerOrbit(Orbit):
     """An orbit about a focus at the origin, from a position and a velocity: ellipse, parabola or hyperbola.
 
-    Computed from Lagrange's f and g functions in universal variables, from the periapsis, by a fixed number of
-    operations without branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999),
-    section 4.5). The result is the orbit of a position, a velocity, a mu and a time that differ from those given by a
-    few eps: the error relative to the distance is a few eps times how strongly these numbers change it. From the
-    periapsis, where `from_elements` starts, that is a few eps out to 1e4 distances of the periapsis, and on an ellipse
-    some eps for each turn. The first three derivatives with respect to time are as exact, and so are those with respect
-    to the numbers given, on a circle and on a parabola, too.
+    It uses Lagrange's f and g functions in universal variables, from the periapsis, with a fixed number of operations
+    and no branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), section 4.5).
+    The result is the exact orbit of inputs (position, velocity, mu, time) perturbed by a few eps, so the relative error
+    is a few eps times the sensitivity of the orbit. From the periapsis, where `from_elements` starts, the error is a
+    few eps out to 1e4 times the distance of the periapsis, and some eps per revolution on an ellipse. The first three
+    derivatives with respect to time, and the derivatives with respect to the inputs, are equally accurate, including on
+    a circle and on a parabola.
 
     Attributes:
         position: the position at the epoch, (3,), length.
@@ -39,8 +39,8 @@ class KeplerOrbit(Orbit):
 
     Raises:
         ValueError: position or velocity not of shape (..., 3) or not finite, mu not positive, epoch not finite, or a
-            velocity straight to or from the centre, for which there is no orbit past the centre. Where such numbers are
-            traced, the positions are NaN, so `path.ok` is False.
+            radial velocity, for which there is no orbit past the centre. If such numbers are traced, the positions are
+            NaN, so `path.ok` is False.
 
     Examples:
         >>> orbit = ml.orbits.KeplerOrbit(position=[7000.0, 0.0, 0.0], velocity=[0.0, 8.0, 0.0], mu=3.986e5)  # km, s
@@ -69,8 +69,8 @@ class KeplerOrbit(Orbit):
             areas = np.cross(np.asarray(self.position), np.asarray(self.velocity))
             if not np.all(np.any(areas != 0, axis=-1)):
                 raise ValueError(
-                    "velocity must not be along the position, or zero: such an orbit falls into the centre; give it a "
-                    "part across the position."
+                    "velocity must not be along the position, or zero, because such an orbit falls into the "
+                    "centre; give it a part across the position."
                 )
 
     @classmethod
@@ -93,26 +93,26 @@ class KeplerOrbit(Orbit):
         """The orbit with these elements; numbers, or arrays (...) of the elements of several orbits.
 
         Give one of `periapsis`, `semi_major_axis` and `semi_latus_rectum`, and one of `time_of_periapsis`,
-        `true_anomaly` and `mean_anomaly`. Periapsis and its time serve every orbit. The result is most exact with the
-        time of the periapsis or the mean anomaly: then `position` and `velocity` are those at the periapsis.
+        `true_anomaly` and `mean_anomaly`. Periapsis and its time serve every orbit. The time of the periapsis and the
+        mean anomaly give the most accurate result, because `position` and `velocity` are then taken at the periapsis.
 
         Args:
             mu: gravitational parameter, length^3/time^2.
             eccentricity: 0 for a circle, below 1 for an ellipse, 1 for a parabola, above for a hyperbola.
-            inclination: angle between the normal of the orbit and z, radians, between 0 and pi.
-            ascending_node: angle from x to where the orbit crosses the xy plane upwards, about z, radians.
-            argument_of_periapsis: angle from there to the periapsis, in the direction of motion, radians.
+            inclination: angle between the orbit normal and z, radians, between 0 and pi.
+            ascending_node: angle about z from x to the upward crossing of the xy plane, radians.
+            argument_of_periapsis: angle from the node to the periapsis, in the direction of motion, radians.
             periapsis: distance of the periapsis, length.
-            semi_major_axis: length, negative on a hyperbola; not of a parabola.
+            semi_major_axis: length, negative on a hyperbola; not for a parabola.
             semi_latus_rectum: length, h^2/mu.
-            time_of_periapsis: a time at which the body is there.
+            time_of_periapsis: a time at which the body is at the periapsis.
             true_anomaly: angle from the periapsis to the body at the epoch, radians.
-            mean_anomaly: time since the periapsis at the epoch times sqrt(mu / |a|^3), radians; not of a parabola.
+            mean_anomaly: time since the periapsis at the epoch times sqrt(mu / |a|^3), radians; not for a parabola.
             epoch: the time of the anomaly, by default 0.
 
         Raises:
-            ValueError: not exactly one of the alternatives, an element out of its range, or not finite; an inclination
-                in degrees, beyond pi.
+            ValueError: not exactly one of the alternatives, an element out of range or not finite; an inclination above
+                pi, such as one in degrees.
         """
         mu, eccentricity = as_floats("mu", mu), as_floats("eccentricity", eccentricity)
         sizes, places = (
@@ -124,7 +124,6 @@ class KeplerOrbit(Orbit):
         return cls(position, velocity, mu, time)
 
     def known(self) -> tuple[Array, Array]:
-        """The position and the velocity at the epoch."""
         return self.position, self.velocity
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
@@ -133,9 +132,9 @@ class KeplerOrbit(Orbit):
 
 @jax.jit
 def _place(position: cp.Vector, velocity: cp.Vector, mu: Array, t: Array) -> cp.Vector:
-    """The position at a time since the epoch: a thousand operations, traced once for all calls.
+    """The position at a time since the epoch: about a thousand operations, traced once for all calls.
 
-    Three loops, of what does not change, of the root and of the position: in one XLA would repeat parts of it.
+    It compiles to three loops, for the constants, the root and the position; in a single loop XLA would repeat parts.
     """
     dtype = jnp.result_type(mu, *position, *velocity)
     position, velocity, mu = jax.tree.map(lambda x: x.astype(dtype), (position, velocity, mu))
@@ -143,18 +142,18 @@ def _place(position: cp.Vector, velocity: cp.Vector, mu: Array, t: Array) -> cp.
 
 
 class _Orbit(NamedTuple):
-    """An orbit in the units of its periapsis q, seen from a place that is the periapsis but for rounding.
+    """An orbit in units of its periapsis q, starting at a position that is the periapsis up to rounding.
 
-    All but the last three are differentiated, also with respect to what the units are made of.
+    All but the last three fields are differentiated, including through the units.
     """
 
     place: Place
     position: cp.Vector
     velocity: cp.Vector
-    since: Array  # time of the epoch since that place
+    since: Array  # time of the epoch since that position
     per_r: Array
-    rate: Array  # sqrt(mu / q^3), of a constant q
-    q: Array  # constants: these only choose the units and the first guess
+    rate: Array  # sqrt(mu / q^3), with a constant q
+    q: Array  # constants: these only set the units and the first guess
     eccentricity: Array
     alpha: Array
 
@@ -172,8 +171,8 @@ class _Orbit(NamedTuple):
         per_distance = cp.inverse_root(square)
         distance, sigma = square * per_distance, cp.dot(r, v)
         alpha = 2 * per_distance - cp.dot(v, v)
-        # The way back to the periapsis, with derivatives, as if s were a constant there; Lagrange's functions allow
-        # any.
+        # The way back to the periapsis is differentiated as if s were a constant there; Lagrange's functions allow any
+        # s.
         s = split(_from_periapsis(*stop((alpha, eccentricity, distance, sigma))))
         u = universal.powers(alpha, -s)
         epoch = Place(alpha, distance, sigma)
@@ -185,8 +184,8 @@ class _Orbit(NamedTuple):
             cp.add(cp.scale(f_rate, r), cp.scale(g_rate, v)),
             -epoch.time(u),
         )
-        # Far out these are small differences of large numbers. The vectors of the periapsis, which are conserved, have
-        # no such differences, but a circle has none.
+        # Far out these are small differences of large numbers. The conserved vectors of the periapsis have no such
+        # differences, but they do not exist on a circle.
         exact = _periapsis(*stop((r, v, distance, sigma, alpha, eccentricity, s)))
         far = eccentricity > _NEARLY_ROUND
 
@@ -216,7 +215,7 @@ class _Orbit(NamedTuple):
         return cp.add(cp.scale(f, self.position), cp.scale(g, self.velocity))
 
     def _within_a_turn(self, time: Array) -> Array:
-        """The time without whole turns of an ellipse, which do not change the position."""
+        """The time modulo the period of an ellipse."""
         ellipse = self.alpha > _least(self.alpha)
         alpha = jnp.where(ellipse, self.place.alpha, jnp.ones_like(self.alpha))
         motion = alpha * jnp.sqrt(alpha)
@@ -225,12 +224,12 @@ class _Orbit(NamedTuple):
 
 
 def _least(x: Array) -> float:
-    """What is added to an alpha, in units of the periapsis, to keep roots of it above zero."""
+    """Added to an alpha, in units of the periapsis, to keep roots of it positive."""
     return cp.epsilon(x) ** 2
 
 
 def _shape(position: cp.Vector, velocity: cp.Vector, mu: Array) -> tuple[Array, Array]:
-    """The distance of the periapsis, and the eccentricity, which on a circle is wrong by sqrt(eps)."""
+    """The distance of the periapsis, and the eccentricity, which is wrong by sqrt(eps) on a circle."""
     area = cp.cross(position, velocity)
     parameter = cp.dot(area, area) / mu
     alpha = 2 / jnp.sqrt(cp.dot(position, position)) - cp.dot(velocity, velocity) / mu
@@ -239,7 +238,7 @@ def _shape(position: cp.Vector, velocity: cp.Vector, mu: Array) -> tuple[Array, 
 
 
 def _from_periapsis(alpha: Array, eccentricity: Array, distance: Array, sigma: Array) -> Array:
-    """s from the periapsis to the epoch; on a circle from any place."""
+    """s from the periapsis to the epoch; on a circle from any position."""
     root = jnp.sqrt(jnp.abs(alpha) + _least(alpha))
     ellipse = jnp.arctan2(sigma * root, 1 - distance * alpha)
     hyperbola = jnp.arcsinh(sigma * root / jnp.maximum(eccentricity, jnp.asarray(_NEARLY_ROUND, root.dtype)))

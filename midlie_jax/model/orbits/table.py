@@ -1,4 +1,4 @@
-"""An orbit from a table of positions at given times: an ephemeris of any source."""
+"""An orbit from a table of positions at given times, such as an ephemeris."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..._math.powers import unit
 from ..._xla.fusion import split
 from .base import Orbit
 
-_EVEN = 1e-5  # times that differ from even ones by less than this fraction of an interval are found by arithmetic
+_EVEN = 1e-5  # times closer than this fraction of an interval to even ones are found by arithmetic
 _SLACK = 16  # units in the last place by which a time computed as t0 + n dt may leave the table
 _NEIGHBOURS = 5  # positions from which a slope is computed
 
@@ -22,22 +22,22 @@ _NEIGHBOURS = 5  # positions from which a slope is computed
 class TableOrbit(Orbit):
     """An orbit by cubic Hermite interpolation of positions, and velocities, at given times.
 
-    The error is that of Hermite's cubic, h^4 |r''''| / 384 with h the time between two rows, and velocities h^3: on a
-    circle, 100 rows a turn give the position to 4e-8 of the radius. Without velocities the slopes are those of the
-    polynomial of fourth degree through the five nearest positions: on the circle the largest error is then 1.7, 1.2 and
-    1.06 times as large with 50, 100 and 200 rows a turn, next to the ends of the table; elsewhere at most 1.03 times.
-    Position and velocity are continuous, accelerations jump at the rows; so a method of high order needs rows so close
-    that it does not see the jumps.
+    The error of the position is h^4 |r''''| / 384, with h the time between two rows; the error of the velocity is
+    proportional to h^3. On a circle, 100 rows per revolution give the position to 4e-8 of the radius. Without
+    velocities the slopes come from the polynomial of fourth degree through the five nearest positions. On the circle
+    the largest error is then 1.7, 1.2 and 1.06 times as large with 50, 100 and 200 rows per revolution, next to the
+    ends of the table; elsewhere it is at most 1.03 times as large. Position and velocity are continuous, but
+    accelerations jump at the rows; a method of high order therefore needs closely spaced rows.
 
-    Outside its times the position is NaN. A run says so before it starts, where its times are known.
+    Outside its times the position is NaN. A run raises an error before it starts if its times are known.
 
-    A position costs two rows of the table, and their index: by arithmetic where the times are even, else by a binary
-    search. An ensemble with one table for all computes it once a step.
+    A position reads two rows of the table; their index is found by arithmetic if the times are even, otherwise by a
+    binary search. An ensemble with one shared table computes the position once per step.
 
     Attributes:
         times: ascending, (k,), at least 2.
         positions: (k, 3), length; with leading axes for several orbits at the same times.
-        velocities: of the same shape, length/time: those given, or the slopes.
+        velocities: of the same shape, length/time: as given, or the slopes.
 
     Raises:
         ValueError: times not ascending, fewer than 2, too close for their dtype, or wrong shapes; or a value that is
@@ -46,9 +46,9 @@ class TableOrbit(Orbit):
     Examples:
         >>> times = np.arange(0.0, 601.0, 60.0)
         >>> angle = 0.001 * times
-        >>> rows = 7000.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)  # (11, 3), of an ephemeris
+        >>> rows = 7000.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)  # (11, 3), from an ephemeris
         >>> speeds = 7.0 * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=-1)
-        >>> orbit = ml.orbits.TableOrbit(times, rows, speeds)  # without speeds the slopes of the rows
+        >>> orbit = ml.orbits.TableOrbit(times, rows, speeds)  # without speeds, slopes of the rows
         >>> orbit.span[1].item(), round(float(jnp.linalg.norm(orbit(90.0))), 2)
         (600.0, 7000.0)
     """
@@ -82,11 +82,9 @@ class TableOrbit(Orbit):
 
     @property
     def span(self) -> tuple[Array, Array]:
-        """The first and the last time."""
         return self.times[0], self.times[-1]
 
     def known(self) -> tuple[Array, Array]:
-        """Positions and velocities of the rows."""
         return self.positions, self.velocities
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
@@ -109,7 +107,7 @@ class TableOrbit(Orbit):
         rise = cp.subtract(b, a)
         place = cp.add(a, cp.scale(x * x * (1 + 2 * y), rise))
         bend = cp.subtract(cp.scale(y, va), cp.scale(x, vb))
-        # The loop ends here. So a torque rounds the same way, however the compiler reads the rows.
+        # The loop ends here, so a torque rounds the same way however the compiler reads the rows.
         return cp.pack(split(cp.add(place, cp.scale(h * x * y, bend))))
 
 
@@ -119,21 +117,21 @@ def _are_even(times: np.ndarray) -> bool:
     if not np.all(steps > 0):
         n = int(np.argmin(steps > 0))
         raise ValueError(
-            f"times must ascend, but times[{n + 1}] = {times[n + 1]} follows {times[n]}; sort the rows, and leave out "
-            "repeated ones."
+            f"times must ascend, but times[{n + 1}] = {times[n + 1]} follows {times[n]}; sort the "
+            "rows and remove repeated ones."
         )
     even = np.linspace(times[0], times[-1], len(times))
     return bool(np.all(np.abs(times - even) < _EVEN * steps.min()))
 
 
 def _slopes(times: Array, positions: Array) -> Array:
-    """The derivative at each row of the polynomial through the five rows nearest to it, or all if there are fewer."""
+    """The derivative at each row of the polynomial through the five nearest rows, or through all if there are fewer."""
     count = times.shape[0]
     width = min(_NEIGHBOURS, count)
     begin = np.clip(np.arange(count) - width // 2, 0, count - width)
     rows = begin[:, None] + np.arange(width)
     here = np.arange(count) - begin  # the index of the row among its neighbours
-    _, per_span = unit(times[-1] - times[0])  # a power of two: products of four intervals stay within the dtype
+    _, per_span = unit(times[-1] - times[0])  # a power of two, so products of four intervals stay in range
     times = times * per_span
     near = times[rows]
     # Lagrange's polynomials in barycentric form (J.-P. Berrut, L. N. Trefethen, SIAM Rev. 46 (2004) 501, section 9.3).
@@ -142,7 +140,7 @@ def _slopes(times: Array, positions: Array) -> Array:
     own = np.arange(width)[None] == here[:, None]
     distance = jnp.where(own, jnp.ones_like(near), times[:, None] - near)
     factor = jnp.where(own, jnp.zeros_like(near), weight / (weight[np.arange(count), here][:, None] * distance))
-    # Differences from the row itself, whose factor is minus the sum of the others.
+    # Differences from the row itself, whose factor is minus the sum of the other factors.
     steps = positions[..., rows, :] - positions[..., :, None, :]
     factor = jnp.expand_dims(factor, (*range(steps.ndim - 3), -1))
     return jnp.sum(factor * steps, axis=-2) * per_span

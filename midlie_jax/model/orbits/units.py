@@ -1,4 +1,4 @@
-"""Units of an orbit that are powers of two, in which no product of its numbers leaves the range of the dtype."""
+"""Power-of-two units of an orbit, in which no product leaves the range of the dtype."""
 
 from typing import Any, NamedTuple
 
@@ -10,15 +10,15 @@ from ..._math.powers import bounded, exponent
 
 
 class Units(NamedTuple):
-    """Units of length and time in which a position has the size 1 to 2 and mu is 1 to 4: constants without derivatives.
+    """Constant units of length and time in which a position has the size 1 to 2 and mu is 1 to 4, without derivatives.
 
-    In float32 and SI units, mu squared of the Sun is infinite, and XLA makes such products of quotients of quotients.
-    Multiplication by a power of two is exact, so the units change no digit of a result.
+    In float32 and SI units, the square of the Sun's mu is infinite, and XLA forms such products from nested quotients.
+    Multiplication by a power of two is exact, so the units do not change a result.
 
     Attributes:
         length, per_length: the unit of length, and its inverse.
         per_time, per_speed: the inverse units of time and velocity.
-        of_mu: what mu is multiplied by.
+        of_mu: factor of mu.
     """
 
     length: Array

@@ -1,8 +1,7 @@
-"""The kinds of state, one per file: a momentum with nothing, one direction, the attitude, or the axis of symmetry.
+"""The kinds of state, one per file: a momentum alone, or with one direction, the attitude, or the axis of symmetry.
 
-The last two can also travel, and particles have positions alone.
-
-What every state offers to steps and torques is in `model/state.py`.
+The last two can also translate; particles have positions only. `model/state.py` defines the interface of every state
+for steps and torques.
 """
 
 from .axis import AxisState as AxisState
@@ -23,5 +22,5 @@ from .rigid import attitude_of as attitude_of
 from .rigid import with_attitude as with_attitude
 from .spin import SpinState as SpinState
 
-# States that know the angular momentum and an axis of the body in space.
+# States that hold the angular momentum and an axis of the body in space.
 OrientedState = RigidState | AxisState | TravellingState

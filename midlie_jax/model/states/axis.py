@@ -1,4 +1,4 @@
-"""`AxisState`: the momentum and the axis of a symmetric body whose spin angle nobody asks for."""
+"""`AxisState`: momentum and axis of a symmetric body whose rotation angle about the axis is not computed."""
 
 from typing import Any, ClassVar, NamedTuple
 
@@ -26,7 +26,7 @@ AXIS = {"long_name": "axis of symmetry in space", "units": "1", "frame": "space"
 
 
 class Swing(NamedTuple):
-    """A rotation of an axis about a vector u through 2 |u|, as its functions of |u|.
+    """A rotation of an axis about a vector u by 2 |u|, given by functions of |u|.
 
     Attributes:
         vector: u, in the space frame.
@@ -50,10 +50,11 @@ class Swing(NamedTuple):
 class AxisState(State[cp.Vector, cp.Vector]):
     """The angular momentum and the axis of a body with an axis of symmetry, both in space: six numbers.
 
-    Torques and velocities are in the space frame, too. The methods SYMMETRIC[...] and those of Runge and Kutta move it.
+    Torques and velocities are also in the space frame. The methods SYMMETRIC[...] and the Runge-Kutta methods support
+    this state.
 
     Attributes:
-        momentum: angular momentum pi in the space frame, (..., 3), with its part along the axis, the spin.
+        momentum: angular momentum pi in the space frame, (..., 3), including the spin, its part along the axis.
         axis: unit vector e along the axis of symmetry, space frame, (..., 3).
 
     Raises:
@@ -85,7 +86,7 @@ class AxisState(State[cp.Vector, cp.Vector]):
         return cls(so3.rotate(state.attitude, state.momentum), so3.rotate(state.attitude, e3))
 
     def with_attitude(self) -> RigidState:
-        """A `RigidState` with this momentum and axis. Its angle of spin is chosen: that of the shortest turn from z."""
+        """A `RigidState` with this momentum and axis; the smallest rotation from z defines its spin angle."""
         attitude = _shortest_turn_from_z(self.axis)
         return RigidState(so3.rotate(so3.conjugate(attitude), self.momentum), attitude)
 
@@ -102,7 +103,7 @@ class AxisState(State[cp.Vector, cp.Vector]):
 
     @staticmethod
     def turn(pose: cp.Vector, increment: Swing, no_step: Array) -> cp.Vector:
-        # The correction of the length points along the new axis; if it pointed elsewhere, errors would grow.
+        # The correction of the length points along the new axis; otherwise errors would grow.
         return cp.add(pose, _swung(pose, increment, length_correction(cp.dot(pose, pose), no_step)))
 
     @staticmethod
@@ -126,7 +127,7 @@ class AxisState(State[cp.Vector, cp.Vector]):
     def bathed_in_space(
         cls, exposure: Any, root: Any, vector: cp.Vector, pose: cp.Vector, noise: cp.Vector
     ) -> cp.Vector:
-        """As for a vector across the axis, plus what is different along it."""
+        """The change of a vector across the axis, plus the difference along the axis."""
         (lost, _, lost_along), (spread, _, spread_along) = exposure.lost, exposure.spread
         own, pushed = (lost_along - lost) * cp.dot(pose, vector), (spread_along - spread) * cp.dot(pose, noise)
         if root is not None:
@@ -140,40 +141,38 @@ class AxisState(State[cp.Vector, cp.Vector]):
         return vector
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A ValueError: the components along the axes of the body need the whole attitude."""
+        """A ValueError: the components along the body axes need the whole attitude."""
         raise needs_attitude(self)
 
     def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:
-        """Both vectors in the space frame; NaN if the vector of the body is not along its axis of symmetry."""
+        """Both vectors in the space frame; NaN if the vector in the body is not along its axis of symmetry."""
         a, b, c = of_body
         if not cp.is_traced(of_body) and np.any((np.asarray(a) != 0) | (np.asarray(b) != 0)):
             raise ValueError(
-                f"an {type(self).__name__} knows no direction of the body but its axis of symmetry, the third, but a "
-                "torque acts on another one; use a RigidState."
+                f"an {type(self).__name__} holds only the third axis of the body, but a torque acts on "
+                "another direction; use a RigidState."
             )
         along = c if isinstance(c, float) else jnp.where((a == 0) & (b == 0), c, jnp.nan)
         return cp.scale(along, cp.vector(self.axis)), (0.0, 0.0, 1.0) if of_space is None else of_space
 
     def to_space(self, vector: cp.Vector) -> cp.Vector:
-        """The vector itself."""
         return vector
 
     def spatial_momentum(self) -> Array:
-        """The momentum itself."""
         return self.momentum
 
     def normalised(self) -> "AxisState":
         return eqx.tree_at(lambda s: s.axis, self, of_unit_length(self.axis))
 
     def plus(self, increment: Array) -> "AxisState":
-        """The momentum changed by increment[..., :3], and the axis turned by the vector increment[..., 3:], (2,).
+        """The state with the momentum changed by increment[..., :3] and the axis rotated by increment[..., 3:], (2,).
 
-        This vector lies in the plane perpendicular to the axis.
+        The second part lies in the plane perpendicular to the axis.
         """
         return AxisState(self.momentum + increment[..., :3], turned(self.axis, increment[..., 3:]))
 
     def minus(self, other: Any) -> Array:
-        """The change of the momentum, and the turn (2,) of the axis, from another state to this one."""
+        """The change of the momentum, and the rotation (2,) of the axis, from another state to this one."""
         return jnp.concatenate([self.momentum - other.momentum, turn_between(other.axis, self.axis)], axis=-1)
 
     @classmethod
@@ -182,9 +181,10 @@ class AxisState(State[cp.Vector, cp.Vector]):
 
 
 def _swung(axis: cp.Vector, swing: Swing, correction: Array) -> cp.Vector:
-    """The change of the axis when it turns and its length then grows by the factor 1 + correction.
+    """The change of the axis when it rotates and its length then grows by the factor 1 + correction.
 
-    e' - e = sine (u x e) + versine ((u . e) u - |u|^2 e); it is small if the turn is, and so is its rounding.
+    e' - e = sine (u x e) + versine ((u . e) u - |u|^2 e); it is small for a small rotation, and so is its rounding
+    error.
     """
     u, square, sine, versine = swing
     sine, versine = sine + correction * sine, versine + correction * versine
@@ -198,7 +198,7 @@ def _swung(axis: cp.Vector, swing: Swing, correction: Array) -> cp.Vector:
 
 
 def _shortest_turn_from_z(axis: Array) -> Array:
-    """The unit quaternion (..., 4) of the shortest rotation that takes z to the axis; about x where that is -z."""
+    """The unit quaternion (..., 4) of the smallest rotation from z to the axis; about x if the axis is -z."""
     x, y, z = cp.vector(axis)
     upper = z >= 0
     larger = jnp.sqrt((1 + jnp.abs(z)) / 2)  # the larger of cosine and sine of half the angle

@@ -1,9 +1,8 @@
 """`CompensatedState`: a state of a rigid body that also stores the rounding errors of its sums.
 
-Every step adds small changes to momentum and attitude. Each sum is rounded, and the errors of these sums add up. Here
-each component has a low part, the error of its last sum, which is added to the next change (O. Moller, BIT 5 (1965)
-37). So the errors of the sums do not add up. What remains are the rounding errors of the changes themselves, which
-shrink with the step.
+Every step adds small changes to momentum and attitude. Each sum is rounded, and these errors add up. Here each
+component has a low part, the error of its last sum, which is added to the next change (O. Moller, BIT 5 (1965) 37).
+Only the rounding errors of the changes themselves remain, and they decrease with the step.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -30,15 +29,14 @@ class CompensatedPose(NamedTuple):
 class CompensatedState(RigidState):
     """A `RigidState` with compensated summation: float32 with less rounding, for small steps.
 
-    Momentum and attitude are those of a `RigidState`, and torques read these alone. A run that is continued from a
-    saved state equals the uninterrupted run, because the low parts are saved with it; `plus` sets them to zero.
+    Torques read only momentum and attitude. A run resumed from a saved state equals the uninterrupted run, because the
+    low parts are saved; `plus` sets them to zero.
 
     Attributes:
         momentum: body-frame angular momentum Pi, (..., 3).
         attitude: unit quaternion (w, x, y, z) that takes body components to space components, (..., 4).
-        low_momentum: what is to be added to the momentum, at most half a unit in its last place, (..., 3); zero by
-            default.
-        low_attitude: what is to be added to the attitude, likewise, (..., 4).
+        low_momentum: to be added to the momentum, at most half a unit in its last place, (..., 3); zero by default.
+        low_attitude: to be added to the attitude, likewise, (..., 4).
 
     Raises:
         ValueError: wrong shapes or dtypes, different leading axes, NaN or infinity, or an attitude whose length is not
@@ -47,7 +45,7 @@ class CompensatedState(RigidState):
     Examples:
         >>> momentum, attitude = jnp.array([0.0, 0.0, 50.0], "float32"), jnp.array([1.0, 0.0, 0.0, 0.0], "float32")
         >>> start = ml.CompensatedState(momentum, attitude)
-        >>> start.low_momentum, start.low_attitude  # what float32 could not hold, nothing yet
+        >>> start.low_momentum, start.low_attitude  # no rounding errors yet
         (Array([0., 0., 0.], dtype=float32), Array([0., 0., 0., 0.], dtype=float32))
     """
 
@@ -103,7 +101,7 @@ class CompensatedState(RigidState):
 
     @classmethod
     def described(cls) -> Described:
-        lost = "what rounding has lost of the {}, to be added to it"
+        lost = "rounding error of the {}, to be added to it"
         attitude = {"long_name": lost.format("attitude"), "units": "1", "frame": "body to space"}
         return super().described() | {
             "low_momentum": (("axis",), BODY_MOMENTUM | {"long_name": lost.format("momentum")}),

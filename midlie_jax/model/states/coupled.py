@@ -1,9 +1,9 @@
-"""States of N bodies that act on each other under one function: `CoupledState` and its like.
+"""States of N coupled bodies under one torque function, such as `CoupledState`.
 
-Such a state has the arrays of the state of one body, with an axis (N,) for the bodies before the last one. Everything
-that bodies do alone, they do side by side. Only what acts on them is different: one function of the whole state, which
-is evaluated on arrays and compiled apart from the step (`_xla/apart.py`). Few bodies under a short function are moved
-number by number instead, in one loop (`members.py`).
+Such a state has the arrays of a one-body state with an additional axis (N,) before the last one. Single-body operations
+are done for all bodies side by side. Only the torque differs: one function of the whole state, evaluated on arrays and
+compiled separately from the step (`_xla/apart.py`). A few bodies under a short function are instead unrolled into
+scalars, in one loop (`members.py`).
 """
 
 from collections.abc import Callable
@@ -26,10 +26,10 @@ from .rigid import RigidState
 
 
 class Coupled(State[Any, Any]):
-    """What the states of several bodies share; mixed into the state of one.
+    """Common part of the states of coupled bodies, mixed into a one-body state.
 
     Attributes:
-        in_components: the kind in whose form few bodies are moved.
+        in_components: the class that unrolls a few bodies into scalars.
     """
 
     own_axes: ClassVar[int] = 2
@@ -44,25 +44,25 @@ class Coupled(State[Any, Any]):
 
     @classmethod
     def of_bodies(cls, bodies: Any) -> Any:
-        """The state of N bodies, from their states as one batch: a `FreeState` with arrays (..., N, 3) and so on."""
+        """The state of N bodies, from their states as one batch, such as a `FreeState` with arrays (..., N, 3)."""
         wanted = cls.in_components.member
         if type(bodies) is not wanted:
             raise ValueError(f"bodies must be a {wanted.__name__} with arrays (..., N, 3), got {described(bodies)}.")
         return cls(*(getattr(bodies, name) for name in cls.described()))
 
     def of_body(self, i: Any) -> Any:
-        """The state of body i alone, such as a `FreeState`; of slice(None) those of all bodies as a batch."""
+        """The state of body i alone, such as a `FreeState`; for slice(None), the states of all bodies as a batch."""
         rows = {name: getattr(self, name)[..., i, :] for name in self.described()}
         return self.in_components.member.unchecked(**rows)
 
     def kind_of_run(self, torque: Traits | None) -> type[State[Any, Any]]:
-        """The kind in whose form a run moves the bodies: number by number if they are few and the function is short."""
+        """The class in whose form a run moves the bodies: unrolled into scalars for few bodies and a short function."""
         short = torque is None or (torque.on_scalars and torque.scalars <= OPERATIONS_MOST)
         return self.in_components if self.count <= MEMBERS_MOST and short else type(self)
 
     @classmethod
     def evaluate(cls, function: Callable[[Any, Any], Any], t: Array, momentum: Any, pose: Any) -> tuple[Any, Any]:
-        # Stacked as they are, the flight before would be repeated for each number of the arrays, and in it its parts.
+        # If stacked directly, the preceding flight and its parts would be repeated for each number of the arrays.
         state = cls.join(*split((momentum, pose)))
         value = apart(lambda t, state: jax.tree.map(jnp.asarray, function(t, state)), t, state)
         entries = jax.tree.map(lambda x: cp.unpacked(x) if x.ndim else (x,), value)
@@ -73,7 +73,7 @@ class Coupled(State[Any, Any]):
             shape = getattr(self, name).shape
             if len(shape) < 2 or not shape[-2]:
                 raise ValueError(
-                    f"{name} must be (..., N, {shape[-1]}) for N bodies, got {shape}; for one body take a "
+                    f"{name} must be (..., N, {shape[-1]}) for N bodies, got {shape}; for one body use a "
                     f"{self.in_components.member.__name__}."
                 )
         super().check_batch()
@@ -94,11 +94,10 @@ class Coupled(State[Any, Any]):
         raise _acts_on_one()
 
     def spatial_momentum(self) -> Array:
-        """The sum over the bodies, (..., 3)."""
         return jnp.sum(super().spatial_momentum(), axis=-2)
 
     def plus(self, increment: Array) -> Any:
-        """The state moved by an increment (..., k N): the k numbers of each body, one body after the other."""
+        """The state moved by an increment (..., k N): k numbers per body, body after body."""
         return super().plus(increment.reshape(*increment.shape[:-1], self.count, -1))
 
     def minus(self, other: Any) -> Array:
@@ -111,41 +110,39 @@ class Coupled(State[Any, Any]):
 
 
 def _acts_on_one() -> ValueError:
-    return ValueError(
-        "this torque acts on one body; for the same on each of several coupled bodies write "
-        "midlie_jax.torques.OnEach(torque)."
-    )
+    return ValueError("this torque acts on one body; for several coupled bodies use midlie_jax.torques.OnEach(torque).")
 
 
 class MembersFree(Members):
-    """`CoupledState`, number by number."""
+    """`CoupledState`, unrolled into scalars."""
 
     member: ClassVar[Any] = FreeState
 
 
 class MembersRigid(Members):
-    """`CoupledRigidState`, number by number."""
+    """`CoupledRigidState`, unrolled into scalars."""
 
     member: ClassVar[Any] = RigidState
 
 
 class MembersAxis(Members):
-    """`CoupledAxisState`, number by number."""
+    """`CoupledAxisState`, unrolled into scalars."""
 
     member: ClassVar[Any] = AxisState
 
 
 class MembersFreeAxis(Members):
-    """`CoupledFreeAxisState`, number by number."""
+    """`CoupledFreeAxisState`, unrolled into scalars."""
 
     member: ClassVar[Any] = FreeAxisState
 
 
 class CoupledState(Coupled, FreeState):
-    """N rigid bodies that turn, travel and act on each other: 13 N numbers.
+    """N coupled rigid bodies that rotate and translate: 13 N numbers.
 
-    One function gives the wrenches on all of them: `torque(t, state) -> Wrench((N, 3), (N, 3))`, or a potential energy
-    in `midlie_jax.torques.FromPotential`. The body is a `FreeBody` with moments (N, 3) and masses (N,), or one for all.
+    One function returns the wrenches on all bodies, `torque(t, state) -> Wrench((N, 3), (N, 3))`; alternatively,
+    `midlie_jax.torques.FromPotential` holds a potential energy. The body is a `FreeBody` with moments (N, 3) and masses
+    (N,), or one for all.
 
     Attributes:
         momentum: angular momenta Pi about the centres of mass, each in the frame of its body, (..., N, 3).
@@ -174,7 +171,7 @@ class CoupledState(Coupled, FreeState):
 
 
 class CoupledRigidState(Coupled, RigidState):
-    """N rigid bodies that turn, each about a fixed point, and act on each other: 7 N numbers, as spins of tops do.
+    """N coupled rigid bodies that rotate, each about a fixed point: 7 N numbers.
 
     The function returns the torques (N, 3), each in the frame of its body. The body is a `RigidBody` with moments
     (N, 3), or one for all.
@@ -202,7 +199,7 @@ class CoupledRigidState(Coupled, RigidState):
 
 
 class CoupledAxisState(Coupled, AxisState):
-    """N symmetric bodies that turn, each about a fixed point, and act on each other: 6 N numbers, as dipoles do.
+    """N coupled symmetric bodies that rotate, each about a fixed point, such as dipoles: 6 N numbers.
 
     The function returns the torques (N, 3) in the space frame. The body is a `Rotor` with moments (N,), or one for all.
 
@@ -228,7 +225,7 @@ class CoupledAxisState(Coupled, AxisState):
 
 
 class CoupledFreeAxisState(Coupled, FreeAxisState):
-    """N symmetric bodies that turn, travel and act on each other, such as linear molecules: 12 N numbers.
+    """N coupled symmetric bodies that rotate and translate, such as linear molecules: 12 N numbers.
 
     The function returns a `Wrench` of torques and forces (N, 3), both in the space frame. The body is a `FreeBody` of a
     `Rotor` with moments (N,) and masses (N,), or one for all.
@@ -246,7 +243,7 @@ class CoupledFreeAxisState(Coupled, FreeAxisState):
         >>> still, axes = jnp.zeros((2, 3)), jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
         >>> places = jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
         >>> pair = ml.CoupledFreeAxisState(still, axes, linear=still, position=places)
-        >>> ml.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # the two atoms of the second, on its axis
+        >>> ml.sites(pair, [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])[1]  # the two atoms of the second body, on its axis
         Array([[ 0. , -0.5,  3. ],
                [ 0. ,  0.5,  3. ]], dtype=float64)
     """

@@ -1,4 +1,4 @@
-"""`DirectionState`: momentum and one direction of space."""
+"""`DirectionState`: momentum and one space direction."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ class DirectionState(BodyState[cp.Vector]):
 
     Examples:
         >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.DirectionState([0.0, 0.0, 50.0], [0.0, np.sin(0.3), np.cos(0.3)])  # upwards, seen from the body
+        >>> start = ml.DirectionState([0.0, 0.0, 50.0], [0.0, np.sin(0.3), np.cos(0.3)])  # upward vertical, body frame
         >>> ml.energy(body, torque, start).round(4)
         Array(1269.1067, dtype=float64)
     """
@@ -66,7 +66,7 @@ class DirectionState(BodyState[cp.Vector]):
         return cp.cross(pose, velocity)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """The body components of a space vector, which must point in the direction d of the field."""
+        """The body components of a space vector, which must point along the direction d of the field."""
         return cp.scale(cp.norm(vector), cp.vector(self.direction))
 
     def vertical(self) -> cp.Vector:
@@ -74,23 +74,23 @@ class DirectionState(BodyState[cp.Vector]):
         return cp.vector(self.direction)
 
     def fixed_direction(self) -> cp.Vector:
-        """The direction d in body components."""
         return cp.vector(self.direction)
 
     def normalised(self) -> "DirectionState":
         return eqx.tree_at(lambda s: s.direction, self, of_unit_length(self.direction))
 
     def plus(self, increment: Array) -> "DirectionState":
-        """The momentum changed by increment[..., :3], and the direction turned by the vector increment[..., 3:], (2,).
+        """The state with the momentum changed by increment[..., :3] and the direction rotated by increment[..., 3:],
+        (2,).
 
-        This vector lies in the plane perpendicular to the direction; its two axes depend on the direction alone.
+        The second part lies in the plane perpendicular to the direction; its two axes depend on the direction alone.
         """
         return DirectionState(self.momentum + increment[..., :3], turned(self.direction, increment[..., 3:]))
 
     def minus(self, other: Any) -> Array:
-        """The change of the momentum, and the turn (2,) of the direction, from another state to this one.
+        """The change of the momentum, and the rotation (2,) of the direction, from another state to this one.
 
-        Of the turns between opposite directions, that along the first axis is taken.
+        Between opposite directions, the rotation along the first axis is returned.
         """
         turn = turn_between(other.direction, self.direction)
         return jnp.concatenate([self.momentum - other.momentum, turn], axis=-1)

@@ -1,7 +1,7 @@
-"""`FreeState` and `FreeAxisState`: a body that turns and travels."""
+"""`FreeState` and `FreeAxisState`: a body that rotates and translates."""
 
-# What is a static method of other states reads the kind of rotation here, and so is a class method.
-# pyright: reportIncompatibleMethodOverride=false
+# Static methods of other states are class methods here, because they read the class of the rotation. pyright:
+# reportIncompatibleMethodOverride=false
 
 from typing import Any, ClassVar
 
@@ -21,13 +21,13 @@ from .rigid import RigidState
 
 
 class TravellingState(State[Momenta, Place]):
-    """A state of rotation and, in the space frame, the linear momentum and the position of the centre of mass.
+    """A rotational state with, in the space frame, the linear momentum and the position of the centre of mass.
 
-    Every method is that of the rotation, beside the arithmetic of vectors.
+    Methods apply the rotational state's method and add vector arithmetic.
 
     Attributes:
-        rotation: the kind of state of the rotation alone.
-        oriented: the name of the field with its pose, which that kind has, too.
+        rotation: the class of the rotational state.
+        oriented: the name of the field with its pose, shared with that class.
     """
 
     linear: eqx.AbstractVar[Array]
@@ -39,7 +39,7 @@ class TravellingState(State[Momenta, Place]):
 
     @classmethod
     def made(cls, turning: Any, linear: Any, position: Any) -> Any:
-        """The state with this state of rotation."""
+        """The state with this rotational state."""
         made: Any = cls
         return made(turning.momentum, getattr(turning, cls.oriented), linear, position)
 
@@ -49,7 +49,7 @@ class TravellingState(State[Momenta, Place]):
 
     @property
     def turning(self) -> Any:
-        """The state of the rotation alone, about the centre of mass; unchecked, as a failed run may hold NaN."""
+        """The rotational state, about the centre of mass; unchecked, because a failed run may hold NaN."""
         return self.rotation.unchecked(**{name: getattr(self, name) for name in ("momentum", self.oriented)})
 
     def parts(self) -> tuple[Momenta, Place]:
@@ -104,7 +104,7 @@ class TravellingState(State[Momenta, Place]):
 
     @classmethod
     def force_of(cls, value: Any) -> Any:
-        """The torque and force of a `Wrench`; one array is a torque without a force."""
+        """The torque and force of a `Wrench`; an array is a torque without a force."""
         if isinstance(value, Wrench):
             return Momenta(value.torque, value.force)
         return Momenta(value, jnp.zeros_like(value)) if eqx.is_array(value) else value
@@ -115,7 +115,7 @@ class TravellingState(State[Momenta, Place]):
 
     @classmethod
     def vector_in(cls, frame: cp.Quaternion, vector: Momenta) -> Momenta:
-        """The torque or angular momentum in another body frame; what is in space stays."""
+        """The torque or angular momentum in another body frame; space-frame vectors are unchanged."""
         return Momenta(cls.rotation.vector_in(frame, vector.angular), vector.linear)
 
     @classmethod
@@ -135,14 +135,14 @@ class TravellingState(State[Momenta, Place]):
         return self.turning.to_space(vector)
 
     def spatial_momentum(self) -> Array:
-        """x cross p and the angular momentum about the centre of mass."""
+        """x cross p plus the angular momentum about the centre of mass."""
         return jnp.cross(self.position, self.linear) + self.turning.spatial_momentum()
 
     def normalised(self) -> Any:
         return self.made(self.turning.normalised(), self.linear, self.position)
 
     def plus(self, increment: Array) -> Any:
-        """The rotation moved by the first numbers of the increment, linear momentum and position by the last six."""
+        """The state moved by an increment: first the numbers of the rotation, then six of the translation."""
         turning = self.turning.plus(increment[..., :-6])
         return self.made(turning, self.linear + increment[..., -6:-3], self.position + increment[..., -3:])
 
@@ -170,7 +170,7 @@ def _checked_travel(linear: Any, position: Any) -> tuple[Array, Array]:
 
 
 class FreeState(TravellingState):
-    """The state of a rigid body that turns and travels: thirteen numbers.
+    """The state of a rigid body that rotates and translates: thirteen numbers.
 
     Attributes:
         momentum: angular momentum Pi about the centre of mass, body frame, (..., 3).
@@ -206,7 +206,8 @@ class FreeState(TravellingState):
 
 
 class FreeAxisState(TravellingState):
-    """The state of a body that travels, and of whose rotation only the axis of symmetry is computed: twelve numbers.
+    """The state of a symmetric body that rotates and translates, with its axis in place of its attitude: twelve
+    numbers.
 
     Attributes:
         momentum: angular momentum pi about the centre of mass, space frame, (..., 3).
@@ -245,5 +246,5 @@ class FreeAxisState(TravellingState):
         return cls.made(AxisState.of(state.turning), state.linear, state.position)
 
     def with_attitude(self) -> FreeState:
-        """A `FreeState` with this momentum, axis and place; its angle of spin is chosen, see `AxisState`."""
+        """A `FreeState` with this momentum, axis and position; for its spin angle see `AxisState.with_attitude`."""
         return FreeState.made(self.turning.with_attitude(), self.linear, self.position)

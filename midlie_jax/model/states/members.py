@@ -1,11 +1,11 @@
-"""`Members`: the form in which a step holds a few coupled bodies, as a tuple with the numbers of one body each.
+"""`Members`: a few coupled bodies unrolled into scalars in a step, as a tuple with the numbers of one body each.
 
-So the whole step, with the function that acts on the bodies, is written on scalars and compiles to one loop over many
-replicas, as for a single body. Every method is that of the state of one body, for each of them.
+The whole step, including the torque function, is then written on scalars and compiles to one loop over many replicas,
+as for a single body. Every method applies the method of the one-body state to each body.
 """
 
-# What is a static method of other states reads the kind of its members here, and so is a class method.
-# pyright: reportIncompatibleMethodOverride=false
+# Static methods of other states are class methods here, because they read the class of the members. pyright:
+# reportIncompatibleMethodOverride=false
 
 from collections.abc import Callable
 from functools import reduce
@@ -19,33 +19,29 @@ from ..._math import components as cp
 from ..._xla.replay import Packed, by_components
 from ..state import State
 
-MEMBERS_MOST = 3  # bodies moved number by number; four side by side are faster
-OPERATIONS_MOST = 2500  # on scalars, of the function that acts on them; more compile for more than ten seconds
+MEMBERS_MOST = 3  # bodies unrolled into scalars; four are faster side by side
+OPERATIONS_MOST = 2500  # scalar operations of the torque function; more take over ten seconds to compile
 
 
 class Inertias(NamedTuple):
-    """The constants of a run of several bodies.
+    """Constants of a run of several bodies.
 
     Attributes:
-        members: those of each body.
+        members: the constants of each body.
     """
 
     members: tuple[Any, ...]
 
     def velocity(self, momentum: Any) -> Any:
-        """That of each body."""
         return self._each("velocity", momentum)
 
     def commutator(self, force: Any) -> Any:
-        """That of each body."""
         return self._each("commutator", force)
 
     def square_of_turn(self, h: Any, momentum: Any) -> Array:
-        """The largest |h Omega|^2 of a body."""
         return reduce(jnp.maximum, [own.square_of_turn(h, p) for own, p in zip(self.members, momentum, strict=True)])
 
     def nutation(self, momentum: Any) -> Array:
-        """The largest of a body."""
         return reduce(jnp.maximum, self._each("nutation", momentum))
 
     def _each(self, name: str, vector: Any) -> Any:
@@ -53,10 +49,10 @@ class Inertias(NamedTuple):
 
 
 class Members(State[Any, Any]):
-    """The kind of coupled bodies that are moved number by number; a class without objects.
+    """Coupled bodies unrolled into scalars; the class is never instantiated.
 
     Attributes:
-        whole: the class of the states of all bodies, as users know it.
+        whole: the public class of the states of all bodies.
         member: the class of the state of one body.
     """
 
@@ -78,12 +74,11 @@ class Members(State[Any, Any]):
 
     @classmethod
     def each_inertia(cls, inertia: Any, state: Any) -> Inertias:
-        """The constants of each body, from those of all, which have an axis (N,) or serve every body."""
+        """The constants of each body, from constants that have an axis (N,) or serve every body."""
         return Inertias(tuple(_entry(inertia, i) for i in range(state.count)))
 
     @classmethod
     def each_frame(cls, frame: Any, state: Any) -> Any:
-        """The same of the frame of the user."""
         return None if frame is None else tuple(_entry(frame, i) for i in range(state.count))
 
     @classmethod
@@ -130,7 +125,7 @@ class Members(State[Any, Any]):
         force = cls.whole.force_of(value)
         leaves = jax.tree.leaves(force)
         if any(jnp.ndim(leaf) != 2 for leaf in leaves) or len({len(leaf) for leaf in leaves}) != 1:
-            return force  # of a wrong form, which a run refuses
+            return force  # of a wrong form, which a run rejects
         return tuple(jax.tree.map(lambda x, i=i: x[i], force) for i in range(len(leaves[0])))
 
     @classmethod
@@ -143,10 +138,10 @@ class Members(State[Any, Any]):
 
 
 def _map(function: Callable[..., Any], *vectors: Any) -> Any:
-    """The function of the parts of each body."""
+    """The function applied to the parts of each body."""
     return tuple(function(*each) for each in zip(*vectors, strict=True))
 
 
 def _entry(tree: Any, i: int) -> Any:
-    """What concerns one body of a tree of numbers (N,), or of single numbers that serve every body."""
+    """The entry of one body in a tree of numbers (N,), or of single numbers that serve every body."""
     return jax.tree.map(lambda x: x[i] if jnp.ndim(x) else x, tree)

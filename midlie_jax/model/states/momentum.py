@@ -1,4 +1,4 @@
-"""`MomentumState`, and how files describe a momentum in the body frame."""
+"""`MomentumState`, and the description of a body-frame momentum for files."""
 
 from typing import Any
 

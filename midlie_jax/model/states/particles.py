@@ -17,7 +17,7 @@ class ParticleState(State[Array, Array]):
     """Positions and momenta of particles.
 
     Attributes:
-        momentum: p, of any shape that the mass fits, such as (n,) or (n, 3).
+        momentum: p, of any shape that fits the mass, such as (n,) or (n, 3).
         position: u, of the same shape.
 
     Raises:

@@ -87,11 +87,9 @@ class RigidState(BodyState[cp.Quaternion]):
         return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
 
     def to_space(self, vector: cp.Vector) -> cp.Vector:
-        """R vector."""
         return cp.add(vector, cp.unit_rotation_change(cp.quaternion(self.attitude), vector))
 
     def spatial_momentum(self) -> Array:
-        """R Pi."""
         return so3.rotate(self.attitude, self.momentum)
 
     def normalised(self) -> "RigidState":
@@ -99,7 +97,7 @@ class RigidState(BodyState[cp.Quaternion]):
         return eqx.tree_at(lambda s: s.attitude, self, self.attitude / length)
 
     def plus(self, increment: Array) -> "RigidState":
-        """The momentum changed by increment[..., :3], the attitude turned by the rotation vector increment[..., 3:]."""
+        """The state with the momentum changed by increment[..., :3] and the attitude rotated by increment[..., 3:]."""
         attitude = so3.multiply(self.attitude, so3.exp(increment[..., 3:]))
         return type(self)(self.momentum + increment[..., :3], attitude)
 
@@ -109,7 +107,7 @@ class RigidState(BodyState[cp.Quaternion]):
         return jnp.concatenate([self.momentum - other.momentum, turn], axis=-1)
 
     def sizes(self) -> tuple[Array, Array]:
-        """The two sizes: the angle is twice the length of the difference of two unit quaternions."""
+        """The two sizes; the angle is twice the length of the difference of the two unit quaternions."""
         return jnp.sqrt(jnp.sum(self.momentum**2)), 2 * jnp.sqrt(jnp.sum(self.attitude**2))
 
     @classmethod
@@ -123,14 +121,14 @@ class RigidState(BodyState[cp.Quaternion]):
 
 
 def with_attitude(state: AnyState) -> Any:
-    """The argument itself if it is a state with an attitude; a ValueError for any other state."""
+    """The argument if it is a state with an attitude; a ValueError for any other state."""
     if not hasattr(state, "attitude"):
         raise needs_attitude(state)
     return state
 
 
 def attitude_of(state: AnyState) -> Array:
-    """The attitude (..., 4) of a state; a ValueError for one without."""
+    """The attitude (..., 4) of a state; a ValueError without one."""
     return with_attitude(state).attitude
 
 
@@ -141,7 +139,7 @@ def _turn(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> 
 
 
 def _turn_tangent(primals: Any, tangents: Any) -> tuple[cp.Quaternion, cp.Quaternion]:
-    """The tangent of the turned attitude (1 + k) q Q, whose correction k of the length changes by -q . dq."""
+    """The tangent of the rotated attitude (1 + k) q Q, whose correction k of the length changes by -q . dq."""
     (q, increment, no_step), (dq, d_increment, _) = primals, tangents
     k = length_correction(_square(q), no_step)
     along = jnp.where(no_step, jnp.zeros_like(k), q[0] * dq[0] + cp.dot(q[1:], dq[1:]))
@@ -156,10 +154,10 @@ _turn.defjvp(_turn_tangent)
 
 
 def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """What `RigidState.turn` adds to the attitude.
+    """The change of the attitude by `RigidState.turn`.
 
     The product is computed as a change of the attitude and rounded only once. If the product and then its length were
-    rounded, the attitude would turn slightly, and in the same direction at every step. The correction of the length
+    rounded, the attitude would rotate slightly, in the same direction at every step. The correction of the length
     accounts for the lengths of both factors.
     """
     correction = length_correction(_square(attitude), no_step) + 0.5 * jax.lax.stop_gradient(cp.norm_defect(increment))
@@ -169,7 +167,7 @@ def turn_change(attitude: cp.Quaternion, increment: cp.Quaternion, no_step: Arra
 
 
 def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array) -> cp.Quaternion:
-    """What `RigidState.shift` adds to the attitude: the change, and a correction of the length."""
+    """The change of the attitude by `RigidState.shift`: the given change, and a correction of the length."""
     w, x, y, z = (p + c for p, c in zip(attitude, change, strict=True))
     k = length_correction(_square((w, x, y, z)), no_step)
     a, b, c, d = change
@@ -177,5 +175,4 @@ def shift_change(attitude: cp.Quaternion, change: cp.Quaternion, no_step: Array)
 
 
 def _square(q: cp.Quaternion) -> Array:
-    """The squared length |q|^2."""
     return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]

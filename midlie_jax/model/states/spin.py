@@ -20,8 +20,8 @@ from .without_pose import WithoutPose
 class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
     """Classical spins: three numbers each, no attitude.
 
-    The axes before the last one are those of the lattice: (3,) is one spin, (n, 3) a chain or n spins without a
-    lattice, (n, m, 3) and (n, m, l, 3) are lattices of two and three dimensions.
+    The axes before the last one are the lattice: (3,) is one spin, (n, 3) a chain or n spins without a lattice, (n, m,
+    3) and (n, m, l, 3) are lattices of two and three dimensions.
 
     Attributes:
         spin: unit vectors S, space frame, (*lattice, 3).
@@ -38,7 +38,7 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
     spin: Float[Array, "*lattice 3"]
     body: ClassVar[type] = Spins
     own_axes: ClassVar[int] = 0  # the lattice can have any number of axes, so none is known to be a batch
-    momenta: ClassVar[tuple[str, ...]] = ()  # a field that reads the spins is no friction
+    momenta: ClassVar[tuple[str, ...]] = ()  # a field that reads the spins is not friction
 
     def __init__(self, spin: Any):
         self.spin = as_floats("spin", spin, (3,))
@@ -48,18 +48,18 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
             self.spin,
             is_unit,
             "must be unit vectors",
-            "divide it by its norm, and put the moment of a spin into the coefficients of its energy.",
+            "divide by the norm; the magnitude of a spin belongs in the coefficients of its energy.",
         )
 
     def check_batch(self) -> None:
         if 0 in self.spin.shape:
             raise ValueError(
-                f"spin must hold one spin at least, got shape {self.spin.shape}; give no axis the length 0."
+                f"spin must hold at least one spin, got shape {self.spin.shape}; give no axis the length 0."
             )
 
     @property
     def momentum(self) -> Array:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The spin, which moves as the momentum of a body does."""
+        """The spin, which a run integrates like the momentum of a body."""
         return self.spin
 
     def parts(self) -> tuple[cp.Vector, tuple[()]]:
@@ -85,7 +85,7 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
     def evaluate(
         cls, function: Callable[[Any, Any], Any], t: Array, momentum: cp.Vector, pose: tuple[()]
     ) -> tuple[Any, Any]:
-        # Fused with what reads it, the field of a lattice would be computed again for each number that reads it.
+        # If fused with its reader, the field of a lattice would be computed again for each number that reads it.
         lattice = momentum[0].ndim > 0
         momentum = split(momentum) if lattice else momentum
         value = jax.tree.map(jnp.asarray, function(t, cls.join(momentum, pose)))
@@ -96,14 +96,12 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
 
     @classmethod
     def force_from(cls, potential: Callable[[Any], Array], state: Any) -> Array:
-        """The field B = -dH/dS."""
         return -jax.grad(lambda spin: potential(cls.unchecked(spin=spin)))(state.spin)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A ValueError: what turns a spin is a field."""
+        """A ValueError: spins have no body frame."""
         raise ValueError(
-            "a SpinState has no body frame in which a torque could act; give a field, such as "
-            "midlie_jax.torques.AppliedField."
+            "a SpinState has no body frame for a torque; give a field, such as midlie_jax.torques.AppliedField."
         )
 
     def normalised(self) -> "SpinState":

@@ -1,4 +1,4 @@
-"""Unit vectors that turn: the direction of a `DirectionState` and the axis of an `AxisState`."""
+"""Rotating unit vectors: the direction of a `DirectionState` and the axis of an `AxisState`."""
 
 import jax.numpy as jnp
 from jax import Array
@@ -10,7 +10,7 @@ from .length import length_correction
 def changed(v: cp.Vector, change: cp.Vector, no_step: Array) -> cp.Vector:
     """v + change, the end of a rotation of v, with its length corrected for earlier rounding errors."""
     correction = length_correction(cp.dot(v, v), no_step)
-    # The correction points along the new vector; if it pointed elsewhere, errors of the length would grow.
+    # The correction points along the new vector; otherwise errors of the length would grow.
     return cp.add(v, cp.add(change, cp.scale(correction, cp.add(v, change))))
 
 
@@ -27,7 +27,7 @@ def of_unit_length(v: Array) -> Array:
 
 
 def turned(v: Array, turn: Array) -> Array:
-    """A unit vector (..., 3), turned by the vector turn (..., 2) in the plane perpendicular to it."""
+    """A unit vector (..., 3), rotated by the vector turn (..., 2) in the plane perpendicular to it."""
     first, second = _across(v)
     across = turn[..., 0:1] * first + turn[..., 1:2] * second
     angle = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
@@ -35,12 +35,12 @@ def turned(v: Array, turn: Array) -> Array:
 
 
 def turn_between(start: Array, end: Array) -> Array:
-    """The turn (..., 2) with `turned(start, turn)` = end. Between opposite vectors, that along the first axis."""
+    """The rotation (..., 2) with `turned(start, turn)` = end. For opposite vectors, the one along the first axis."""
     axes = _across(start)
     cosine = jnp.sum(end * start, axis=-1, keepdims=True)
     across = end - cosine * start
     sine = cp.root(jnp.sum(across**2, axis=-1, keepdims=True))
-    parallel, one = sine <= 8 * cp.epsilon(sine), jnp.ones_like(sine)  # then rounding alone is left of `across`
+    parallel, one = sine <= 8 * cp.epsilon(sine), jnp.ones_like(sine)  # then `across` is only rounding
     turn = across * jnp.where(parallel, one, jnp.arctan2(sine, cosine) / jnp.where(parallel, one, sine))
     turn = jnp.where(parallel & (cosine < 0), jnp.pi * axes[0], turn)
     return jnp.concatenate([jnp.sum(turn * axis, axis=-1, keepdims=True) for axis in axes], axis=-1)

@@ -8,7 +8,7 @@ from ..._math import components as cp
 
 
 class WithoutPose:
-    """Mixed into the class of a state whose pose is ()."""
+    """Mixin for states whose pose is ()."""
 
     has_pose: ClassVar[bool] = False
 

@@ -1,10 +1,11 @@
-"""Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,); here are common ones.
+"""Torques. A torque is any callable of (t, state) that returns the body-frame torque (3,).
 
-`base` defines the interface (potential energy, dependence on the body) and sums of torques, `reads_body` those that
-read the body, `from_functions` torques of your own from a function. `fields` has torques that depend on the attitude,
-`spacecraft` torques that control or disturb a satellite, `sunlight` and `rarefied` light and thin gas on the facets of
-a surface, and `travel` what acts on bodies that travel: these return a `midlie_jax.Wrench`, a torque and a force.
-`spins` and `neighbours` have fields on spins. `by_step` has controls and pulses, which are constant in each step.
+`base` defines the interface (potential energy, dependence on the body) and sums of torques. `reads_body` has torques
+that read the body, `from_functions` custom torques from a function, and `fields` torques that depend on the attitude.
+`spacecraft` has control and disturbance torques of a satellite, `sunlight` and `rarefied` the pressure of light and
+thin gas on a surface. `travel` has torques on bodies that translate; they return a `midlie_jax.Wrench`, a torque and a
+force. `spins` and `neighbours` have fields on spins. `by_step` has controls and pulses, which are constant in each
+step.
 """
 
 from .base import Sum as Sum

@@ -1,8 +1,8 @@
 """The interface of a torque, and sums of torques.
 
-The classes are pytrees whose leaves are their parameters, so they can be mapped over and differentiated. Most have a
-potential, which `midlie_jax.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles
-are callables of the same kind that return an array with the shape of the momentum.
+The classes are pytrees of their parameters, so they can be mapped over and differentiated. Most have a potential, which
+`midlie_jax.energy` adds to the kinetic energy. `a + b` is the sum of two torques. Forces on particles are callables of
+the same kind that return an array with the shape of the momentum.
 """
 
 import operator
@@ -28,7 +28,7 @@ class Torque(eqx.Module):
     `torque(t, state)` is the torque (3,) in the body frame.
 
     Examples:
-        >>> class Spring(ml.torques.Torque):  # of your own: back to the attitude (1, 0, 0, 0)
+        >>> class Spring(ml.torques.Torque):  # custom: back to the attitude (1, 0, 0, 0)
         ...     stiffness: float
         ...     def __call__(self, t, state):
         ...         return -self.stiffness * ml.so3.log(state.attitude)
@@ -44,10 +44,10 @@ class Torque(eqx.Module):
 
         Args:
             t: time, ().
-            state: the state of one body, with or without attitude, as the torque needs.
+            state: the state of one body, with the parts that the torque needs.
 
         Returns:
-            The torque (3,) in the body frame, in the dtype of the state; or a `Wrench` on a body that travels.
+            The torque (3,) in the body frame, in the dtype of the state; or a `Wrench` for a body that translates.
         """
         raise NotImplementedError(f"{type(self).__name__} must define __call__(t, state).")
 
@@ -57,7 +57,7 @@ class Torque(eqx.Module):
         raise no_potential(self)
 
     def fixed_axis(self, state: Any) -> cp.Vector | None:
-        """A direction fixed in space about which the torque has no component, in body components; None if unknown."""
+        """A space-fixed direction about which the torque has no component, in body components; None if unknown."""
         del state
         return None
 
@@ -68,11 +68,11 @@ class Torque(eqx.Module):
 
     @property
     def gravitational(self) -> bool:
-        """Whether the force is that of gravity, which an accelerometer does not feel."""
+        """Whether the force is gravity, which an accelerometer does not measure."""
         return False
 
     def without_gravity(self) -> TorqueLike | None:
-        """The torque without its terms of gravity, or None if nothing else is left: see the function of this name."""
+        """The torque without its gravity terms, or None if none is left; see the function of this name."""
         return None if self.gravitational else self
 
     def check(self, state: Any) -> None:
@@ -87,7 +87,7 @@ class Torque(eqx.Module):
         return Sum(self, other)
 
     def __radd__(self, other: TorqueLike | int) -> "Torque":
-        """The sum of a function and this torque; 0, with which Python's `sum` starts, counts as no torque."""
+        """The sum of a function and this torque; 0, the start value of Python's `sum`, counts as no torque."""
         if isinstance(other, int):
             if isinstance(other, bool) or other:
                 raise _no_torque(other)
@@ -96,12 +96,12 @@ class Torque(eqx.Module):
 
 
 def no_potential(torque: Torque) -> ValueError:
-    """The error of a torque that was asked for its potential and has none."""
+    """The error for a torque without a potential."""
     return ValueError(f"{type(torque).__name__} has no potential energy; use midlie_jax.kinetic_energy instead.")
 
 
 def velocity_dependent(torque: TorqueLike | None) -> bool:
-    """Whether the torque is declared to read the momentum, as `VelocityDependent` and sums that contain it are.
+    """Whether the torque is declared to read the momentum, such as `VelocityDependent` and sums that contain it.
 
     Examples:
         >>> ml.torques.velocity_dependent(ml.torques.HeavyTop(2.0))
@@ -142,8 +142,8 @@ def potential_of(torque: TorqueLike) -> Callable[[Any, Any], Array]:
     if isinstance(torque, Torque):
         return torque.potential
     raise ValueError(
-        "a plain callable has no potential energy; pass the potential to midlie_jax.torques.FromPotential, "
-        "or use midlie_jax.kinetic_energy."
+        "a plain callable has no potential energy; pass the potential to "
+        "midlie_jax.torques.FromPotential, or use midlie_jax.kinetic_energy."
     )
 
 
@@ -170,7 +170,7 @@ class Sum(Torque):
     def __init__(self, *terms: TorqueLike | None):
         self.terms = tuple(term for term in terms if term is not None)
         if not self.terms:
-            raise ValueError("a sum of torques needs one at least; pass a torque that is not None.")
+            raise ValueError("a sum of torques needs at least one; pass a torque that is not None.")
         for term in self.terms:
             if not callable(term):
                 raise _no_torque(term)
@@ -204,19 +204,19 @@ class Sum(Torque):
 
 def _no_torque(term: Any) -> ValueError:
     return ValueError(
-        f"a torque must be a function of (t, state), got {shown(term)} in a sum; a torque that does not change is "
-        "midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."
+        f"a torque must be a function of (t, state), got {shown(term)} in a sum; for a constant "
+        "torque use midlie_jax.torques.Prescribed(lambda t: jnp.array([x, y, z]))."
     )
 
 
 def _sum(a: Any, b: Any) -> Any:
-    """The sum of what two torques return; an array counts as a wrench without a force."""
+    """The sum of the values of two torques; an array counts as a wrench without a force."""
     wrenches = isinstance(a, Wrench) or isinstance(b, Wrench)
     return Wrench.of(a) + Wrench.of(b) if wrenches else jax.tree.map(operator.add, a, b)
 
 
 def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) -> TorqueLike | None:
-    """The torque without the terms that are not to be kept: itself if all are, None if nothing is left.
+    """The torque with only the terms for which `kept` is true; None if none is left.
 
     Examples:
         >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25)
@@ -230,14 +230,14 @@ def kept_terms(torque: TorqueLike | None, kept: Callable[[TorqueLike], bool]) ->
 
 
 def _with_terms(torque: Sum, terms: list[TorqueLike | None]) -> TorqueLike | None:
-    """The sum of other terms: itself if they are its own, None if all are None."""
+    """The sum with other terms: itself if they are unchanged, None if all are None."""
     if all(new is old for new, old in zip(terms, torque.terms, strict=True)):
         return torque
     return Sum(*terms) if any(term is not None for term in terms) else None
 
 
 def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
-    """The terms of a sum, at any depth; of None there are none.
+    """The terms of a sum, at any depth; empty for None.
 
     Examples:
         >>> torque = ml.torques.HeavyTop(2.0) + ml.torques.Damping(0.25) + ml.torques.Rotors([0.0, 0.0, 1.0])
@@ -250,9 +250,9 @@ def terms_of(torque: TorqueLike | None) -> list[TorqueLike]:
 
 
 def without_gravity(torque: TorqueLike | None) -> TorqueLike | None:
-    """The torque without its terms of gravity: itself if there are none, None if nothing else is left.
+    """The torque without its gravity terms; None if no other term is left.
 
-    Also of a sum within `OnEach`.
+    Also within `OnEach`.
 
     Examples:
         >>> torque = ml.torques.UniformGravity([0.0, 0.0, -9.81]) + ml.torques.Magnus(1e-3)

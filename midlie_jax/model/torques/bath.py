@@ -1,4 +1,4 @@
-"""`Langevin`: friction and random torques of a heat bath, for schemes with a stage of the bath."""
+"""`Langevin`: friction and thermal noise of a heat bath, for schemes with a bath stage."""
 
 from typing import Any
 
@@ -17,48 +17,47 @@ from ..state import AnyState, Time
 from .base import TorqueLike, kept_terms
 from .reads_body import ReadsBody, knows_axis_alone
 
-_ROUNDED = 1e-5  # how far a negative eigenvalue of a tensor may be from zero, relative to the largest entry
+_ROUNDED = 1e-5  # largest magnitude of a negative eigenvalue of a tensor due to rounding, relative to its largest entry
 
 
 class Langevin(ReadsBody):
-    """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame, and for a body that travels the same of p.
+    """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame; likewise for p if the body translates.
 
-    A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "JACOBI[BAOAB]". The stage is
-    the exact solution of these equations over its time, so a free body keeps the Maxwell distribution, <Pi_i^2> = kT
-    I_i and <p_i^2> = kT m, at any step that the flight can take. See docs/heat.md for what a torque adds to this.
+    A term of a sum of torques, for methods whose scheme has a bath stage, such as "JACOBI[BAOAB]". The stage solves
+    these equations exactly, so a free body keeps the Maxwell distribution, <Pi_i^2> = kT I_i and <p_i^2> = kT m, at any
+    step that the flight supports. docs/heat.md describes the effect of a torque.
 
-    A torque costs an error of averages of second order in the step: the weak order of a scheme with a bath is 2. In a
-    harmonic well of frequency omega, with s = (h omega)^2/4, BAOAB and ABOBA have the exact variance of the position,
-    and 1 - s and 1/(1 - s) times that of the momentum; OBABO has the exact variance of the momentum, and 1/(1 - s)
-    times that of the position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for rotations Davidchack,
-    Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are those along the path, with the noise as
-    it is.
+    With a torque, averages have an error of second order in the step: the weak order of a scheme with a bath is 2. In a
+    harmonic well of frequency omega, let s = (h omega)^2/4. BAOAB and ABOBA have the exact variance of the position,
+    and 1 - s and 1/(1 - s) times the exact variance of the momentum. OBABO has the exact variance of the momentum, and
+    1/(1 - s) times the exact variance of the position (Leimkuhler and Matthews, Appl. Math. Res. Express 2013, 34; for
+    rotations Davidchack, Ouldridge and Tretyakov, J. Chem. Phys. 142, 2015, 144114). Derivatives are taken along the
+    path, for fixed noise.
 
     Averages are accurate at any friction, but dynamics need x = G h/I << 1: a free body diffuses (x/2) coth(x/2) times
     too fast, by 2 percent at x = 0.5 and 31 percent at x = 2. For translation x = g h/m.
 
-    The random numbers depend on the key, on the index of the step and of the stage, and for coupled bodies on the index
-    of the body; on nothing else. So a run in blocks must pass `first_step`, or each block repeats the noise of the
-    first one. With `first_step` it has the noise of the uninterrupted run. Two runs with one key have the same
-    noise, in float32 and float64. An ensemble needs a key for each body, `jax.random.split(key, n)`; coupled bodies
-    share one.
+    The random numbers depend only on the key, on the index of the step and of the stage, and for coupled bodies on the
+    index of the body. A run in blocks must therefore pass `first_step`; it then has the noise of the uninterrupted run,
+    while otherwise each block repeats the noise of the first one. Two runs with one key have the same noise, in float32
+    and float64. An ensemble needs a key for each body, `jax.random.split(key, n)`; coupled bodies share one.
 
-    In the frame of an `AxisState` the friction is symmetric about the axis, and the body needs its moment about it,
-    `Rotor(moment, along)`; with `along` zero, a linear molecule, nothing turns it about its axis.
+    For an `AxisState` the friction must be symmetric about the axis, and the body needs its moment about the axis,
+    `Rotor(moment, along)`. With `along` zero, a linear molecule, the bath does not rotate the body about its axis.
 
     Attributes:
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
         friction: G, torque per angular velocity: a number (), three numbers (3,) along the principal axes of a
-            `RigidBody` or `Rotor`, or a symmetric tensor (3, 3) in the frame of the body. Of coupled bodies, numbers
+            `RigidBody` or `Rotor`, or a symmetric tensor (3, 3) in the frame of the body. For coupled bodies, numbers
             and tensors may have an axis for the bodies, (N, 3) and (N, 3, 3); (3, 3) is always a tensor.
-        key: a typed key, `jax.random.key(seed)`; of an ensemble (n,).
-        linear_friction: g, force per velocity, likewise; for a body that travels, 0 for none. Three numbers or a tensor
-            turn with the body. None for a body that does not travel.
+        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
+        linear_friction: g, force per velocity, likewise; for a body that translates, 0 for none. Three numbers or a
+            tensor rotate with the body. None for a body that does not translate.
 
     Raises:
         ValueError: a negative temperature; a friction that is negative, not symmetric or not positive semi-definite, or
             of another shape; a key that is not typed. When a run begins: several keys for one body; `linear_friction`
-            missing or too much; a friction that does not fit the state; or a method without the stage.
+            missing or superfluous; a friction that does not fit the state; or a method without the stage.
 
     Examples:
         >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
@@ -79,20 +78,19 @@ class Langevin(ReadsBody):
         self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        """Zero: the bath acts in a stage of its own."""
+        """Zero: the bath acts in its own stage."""
         self.check_on(state, body)
         return jnp.zeros_like(state.momentum)
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
-        """Zero."""
         return jnp.zeros((), state.momentum.dtype)
 
     def prepared(self, body: Body, coefficients: set[float], t: Array, h: Array, count: int) -> Bath:
-        """What the bath does in the steps of a run.
+        """The bath prepared for the steps of a run.
 
         Args:
             body: the body of the run.
-            coefficients: those of the stages of the bath.
+            coefficients: of the bath stages.
             t, h: a time of the run and its step, ().
             count: the number of coupled bodies, or 0 for one body.
         """
@@ -107,14 +105,13 @@ class Langevin(ReadsBody):
     def words(self) -> tuple[Array, ...]:
         """The words of the random key, uint32.
 
-        The barrier hides a key that is a constant of the program: XLA would compute the noise itself, and it rounds
-        differently from the program.
+        The barrier hides a constant key from XLA, which would fold the noise at compile time, with different rounding.
         """
         words = jax.lax.optimization_barrier(jax.random.key_data(self.key))
         return tuple(words[i] for i in range(words.shape[-1]))
 
     def root(self, t: Array) -> Array:
-        """sqrt(kT) at a time, in the dtype of the time; NaN of a negative temperature."""
+        """sqrt(kT) at a time, in the dtype of the time; NaN for a negative temperature."""
         temperature: Any = self.kT(t) if callable(self.kT) else self.kT
         if jnp.shape(temperature):
             raise ValueError(f"kT must be one number at each time, got shape {jnp.shape(temperature)}.")
@@ -139,18 +136,18 @@ class Langevin(ReadsBody):
                 raise _not_symmetric(name, friction, state)
 
     def check_kind(self, state: AnyState, body: Any) -> None:
-        """What `check_on` finds without looking at shapes, which in an ensemble have an axis of the bodies."""
+        """The checks of `check_on` that do not depend on shapes, which have an axis of the bodies in an ensemble."""
         kind = type(state).__name__
         if not isinstance(body.turning, RigidBody | TensorBody | Rotor):
-            raise ValueError(f"no heat bath acts on a {kind}, but on rigid bodies and rotors; leave out Langevin.")
+            raise ValueError(f"Langevin acts on rigid bodies and rotors, not on a {kind}; leave out Langevin.")
         if (state.rotation is None) != (self.linear_friction is None):
             raise ValueError(
-                f"a {kind} travels: give Langevin the linear_friction, or 0 for none."
+                f"a {kind} translates: give Langevin the linear_friction, or 0 for none."
                 if state.rotation is not None
-                else f"a {kind} does not travel: leave out linear_friction."
+                else f"a {kind} does not translate: leave out linear_friction."
             )
         if isinstance(body.turning, Rotor):
-            body.turning.known_along  # noqa: B018 - raises if it is not known
+            body.turning.known_along  # noqa: B018 - raises if it is unknown
 
     def check_on(self, state: AnyState, body: Any) -> None:
         """Raises unless the bath can act on one body, or on coupled bodies, in this kind of state."""
@@ -164,7 +161,7 @@ class Langevin(ReadsBody):
 
 
 def as_temperature(kT: Any) -> Any:
-    """A function of time unchanged; any other value as a temperature, which is not negative."""
+    """A function of time unchanged; any other value as a nonnegative temperature."""
     if callable(kT):
         return kT
     kT = as_floats("kT", kT)
@@ -173,18 +170,17 @@ def as_temperature(kT: Any) -> Any:
 
 
 def as_key(key: Any) -> Array:
-    """The key itself; a ValueError unless it is typed."""
     if not is_key(key):
         raise ValueError(f"key must be a typed key, got {described(key)}; make it with jax.random.key(seed).")
     return key
 
 
 def _friction(name: str, value: Any) -> Array:
-    """The friction as an array: numbers that are not negative, or symmetric tensors without a negative eigenvalue."""
+    """The friction as an array: nonnegative numbers, or symmetric tensors without a negative eigenvalue."""
     friction = as_floats(name, value)
     require_finite(name, friction)
     if friction.shape[-2:] != (3, 3) or is_traced(friction):
-        require(name, friction, lambda g: g >= 0, "must not be negative", "a bath brakes: check its sign.")
+        require(name, friction, lambda g: g >= 0, "must not be negative", "check its sign.")
         return friction
     tensor = np.asarray(friction, np.float64)
     largest = np.abs(tensor).max(initial=0.0)
@@ -203,7 +199,7 @@ def _friction(name: str, value: Any) -> Array:
 
 
 def _check_one(name: str, friction: Array, state: AnyState, count: int | None, body: Body) -> None:
-    """Raises unless a friction is one of one body, or has a row for each of `count` coupled bodies."""
+    """Raises unless a friction belongs to one body, or has a row for each of `count` coupled bodies."""
     shape, tensor = friction.shape, friction.shape[-2:] == (3, 3)
     leading = shape[:-2] if tensor else shape[:-1]
     if not (shape == () or (shape[-1] == 3 and leading in ((), (count,)))):
@@ -212,8 +208,8 @@ def _check_one(name: str, friction: Array, state: AnyState, count: int | None, b
     turning: Any = body.turning
     if shape and not tensor and not isinstance(turning, RigidBody | Rotor):
         raise ValueError(
-            f"{name} has three numbers, for the principal axes, but the body is a {type(turning).__name__} in a frame "
-            "of its own; give the tensor (3, 3) in that frame."
+            f"{name} has three numbers, for the principal axes, but the body is a "
+            f"{type(turning).__name__} with its own frame; give the tensor (3, 3) in that frame."
         )
     if isinstance(turning, Rotor) and tensor:
         raise _not_symmetric(name, friction, state)
@@ -222,16 +218,16 @@ def _check_one(name: str, friction: Array, state: AnyState, count: int | None, b
 def _not_symmetric(name: str, friction: Array, state: AnyState) -> ValueError:
     got = f"shape {friction.shape}" if is_traced(friction) else shown(friction)
     return ValueError(
-        f"{name} on a {type(state).__name__} must be a number, or three numbers of which the first two are equal, got "
-        f"{got}; use a state with an attitude for another friction."
+        f"{name} on a {type(state).__name__} must be a number, or three numbers with the first "
+        f"two equal, got {got}; use a state with an attitude for another friction."
     )
 
 
 def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin | None]:
-    """The torque without its bath, and the bath; None where nothing is.
+    """The torque without its bath, and the bath; None for either if there is none.
 
     Raises:
-        ValueError: there are several baths, or one within another torque than a sum.
+        ValueError: there are several baths, or one inside another torque than a sum.
 
     Examples:
         >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))
@@ -246,12 +242,12 @@ def without_bath(torque: TorqueLike | None) -> tuple[TorqueLike | None, Langevin
     if len(baths) > 1:
         raise ValueError(f"a torque can have one Langevin, got {len(baths)}; add their frictions.")
     if baths_in(rest):
-        raise ValueError("Langevin must be a term of the sum of torques, not within another torque; add it to that.")
+        raise ValueError("Langevin must be a term of the sum of torques, not inside another torque; add it to the sum.")
     return rest, baths[0]
 
 
 def baths_in(tree: Any) -> list[Langevin]:
-    """All baths in a torque, or in a tree of the form of one, at any depth.
+    """All baths in a torque, or in a tree with the structure of a torque, at any depth.
 
     Examples:
         >>> bath = ml.torques.Langevin(kT=1.5, friction=0.5, key=jax.random.key(0))

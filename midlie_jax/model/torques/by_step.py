@@ -1,8 +1,8 @@
 """Torques that jump in time, with a constant value in each step: `Held` and `Pulses`.
 
-A method reads a torque of time at instants of its own choice, and reads the time between two steps for both of them. A
+A method evaluates a torque of time at its own instants, and evaluates the time between two steps for both of them. A
 torque that jumps is then integrated wrongly. These classes instead give each step one value, the mean of the torque
-over that step: `System.in_step` puts it in their place, wherever in the tree of a torque they are.
+over that step: `System.in_step` replaces them by this value, at any depth of the tree of a torque.
 """
 
 from abc import abstractmethod
@@ -21,7 +21,7 @@ from ..state import Time
 from ..wrench import Wrench
 from .base import Torque
 
-_SLACK = 16.0  # of a time that is rounded, in units of eps
+_SLACK = 16.0  # rounding of a time, in units of eps
 
 
 class ByStep(Torque):
@@ -35,11 +35,11 @@ class ByStep(Torque):
 
     @abstractmethod
     def mean(self, t0: Array, t1: Array, h: Array) -> Any:
-        """The mean value over the step from t0 to t1 of length h = t1 - t0; finite, if of no use, for h = 0."""
+        """The mean over the step from t0 to t1 of length h = t1 - t0; finite, though meaningless, for h = 0."""
 
 
 class _Constant(Torque):
-    """A value that does not change: that of a `ByStep` in one step."""
+    """A constant value: the value of a `ByStep` in one step."""
 
     value: Any
 
@@ -51,18 +51,19 @@ class _Constant(Torque):
 class Held(ByStep):
     """Controls: a torque that is constant in intervals of one length, one value for each (a zero-order hold).
 
-    A step within an interval sees its value and no other, for every method; a step across the end of an interval sees
-    the mean over the step. So let dt of the run be the length of the intervals or an integer fraction of it. The torque
-    is zero before the first interval and after the last one. Derivatives with respect to the values are exact.
+    For every method, a step within an interval uses the value of that interval only; a step across the end of an
+    interval uses the mean over the step. Let dt of the run be the length of the intervals or an integer fraction of it.
+    The torque is zero before the first interval and after the last one. Derivatives with respect to the values are
+    exact.
 
-    Also a function of time alone, for torques that take one: `Thrust(force=Held(...), lever=...)` is an engine on a
-    body that travels. In a function of your own the step is not known, and the value is that at an instant; keep a
-    `Held` in the field of a class, or make it a term of the torque.
+    It is also a function of time alone, for torques that accept one: `Thrust(force=Held(...), lever=...)` is an engine
+    on a body that translates. In a custom function the step is unknown, and the value is the one at an instant; keep a
+    `Held` in a field of a class, or make it a term of the torque.
 
     Attributes:
-        values: the torques, body frame, (K, 3), interval n from t0 + n dt on; (K, N, 3) for N coupled bodies. On bodies
-            that travel also a `Wrench` of such arrays, with the force in the space frame.
-        dt: the length of an interval, (), positive. No step of the run may be longer; one that is longer gives NaN.
+        values: the torques, body frame, (K, 3), interval n from t0 + n dt on; (K, N, 3) for N coupled bodies. For
+            bodies that translate also a `Wrench` of such arrays, with the force in the space frame.
+        dt: the length of an interval, (), positive. A longer step of the run gives NaN.
         t0: the time at which the first interval begins, ().
 
     Raises:
@@ -99,7 +100,7 @@ class Held(ByStep):
         middle = jnp.floor((low + high) / 2)
 
         def share(over: Array) -> Array:
-            """The part of the step that is beyond an end of the interval in its middle."""
+            """The part of the step beyond an end of the interval in its middle."""
             return jnp.where(over > slack, over, 0) / jnp.where(length > 0, length, 1)
 
         before, after = share(middle - low), share(high - middle - 1)
@@ -108,7 +109,7 @@ class Held(ByStep):
         return jax.tree.map(lambda x, y, z: x + before * (y - x) + after * (z - x), here, earlier, later)
 
     def _value(self, number: Array) -> Any:
-        """The value in the interval with this number, zero outside."""
+        """The value in the interval with this number; zero outside."""
 
         def of(values: Array) -> Array:
             values = _vectors("values", values, 2)
@@ -122,18 +123,18 @@ class Held(ByStep):
 class Pulses(ByStep):
     """Pulses of constant torque: thrusters that fire, impacts.
 
-    Each step gets its exact share of the impulse, the mean torque over the step. So for every method and step the
-    impulses add up to torque times width, to rounding, also where a pulse is much shorter than a step, or where several
-    overlap. The torque within a step is spread evenly over it: its effect is right to first order in the step, or to
-    the order of the method if the steps end at the edges. A pulse costs some operations in each step.
+    Each step gets its exact share of the impulse, the mean torque over the step. For every method and step the impulses
+    add up to torque times width, to rounding, even if a pulse is much shorter than a step or several overlap. The
+    torque is spread evenly over the step: its effect is accurate to first order in the step, or to the order of the
+    method if the steps end at the edges. A pulse adds some operations to each step.
 
-    Also a function of time alone, as `Held` is: `Thrust(force=Pulses(...), lever=...)`.
+    It is also a function of time alone, like `Held`: `Thrust(force=Pulses(...), lever=...)`.
 
     Attributes:
-        starts: the times at which the pulses begin, (P,).
-        width: how long they last, () or (P,), not negative.
-        torque: the torque, body frame, (3,) or one for each pulse (P, 3); (P, N, 3) for N coupled bodies. On bodies
-            that travel also a `Wrench` of such arrays, with the force in the space frame.
+        starts: the start times of the pulses, (P,).
+        width: their duration, () or (P,), not negative.
+        torque: the torque, body frame, (3,) or one for each pulse (P, 3); (P, N, 3) for N coupled bodies. For bodies
+            that translate also a `Wrench` of such arrays, with the force in the space frame.
 
     Raises:
         ValueError: starts, width or torque of another shape or not finite, or a negative width.
@@ -166,7 +167,7 @@ class Pulses(ByStep):
         return self._weighted(((since >= 0) & (since < self.width)).astype(since.dtype))
 
     def mean(self, t0: Array, t1: Array, h: Array) -> Any:
-        # The times since the start of a pulse, not those of the clock: at the ends of a pulse they have no rounding.
+        # Times since the start of a pulse rather than clock times, so that the ends of a pulse have no rounding.
         starts = self._starts()
         lasted = jnp.clip(t1 - starts, 0, self.width) - jnp.clip(t0 - starts, 0, self.width)
         return self._weighted(lasted / jnp.where(h == 0, 1, h))
@@ -188,8 +189,8 @@ class Pulses(ByStep):
                 return jnp.sum(weights) * torque
             if len(torque) != len(weights):
                 raise ValueError(
-                    f"torque must be (3,) or one for each of the {len(weights)} pulses, got {torque.shape}; give one "
-                    "row for each start."
+                    f"torque must be (3,) or one for each of the {len(weights)} pulses, got {torque.shape}; "
+                    "give one row for each start."
                 )
             return jnp.tensordot(weights, torque, axes=1)
 
@@ -202,7 +203,7 @@ def is_by_step(tree: Any) -> bool:
 
 
 def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
-    """A torque with the value in the step from t0 to t1 in place of each part that has one, at any depth."""
+    """A torque in which each `ByStep`, at any depth, is replaced by its value in the step from t0 to t1."""
 
     def replaced(leaf: Any) -> Any:
         return _Constant(split(leaf.mean(t0, t1, h))) if isinstance(leaf, ByStep) else leaf
@@ -211,7 +212,7 @@ def in_step(tree: Any, t0: Array, t1: Array, h: Array) -> Any:
 
 
 def check_steps(tree: Any, h: Any) -> None:
-    """Raises if a step of the run is longer than an interval of a `Held` in the torque, as far as both are known."""
+    """Raises if a step of the run exceeds an interval of a `Held` in the torque, if both are concrete."""
     for held in (leaf for leaf in _nodes(tree) if isinstance(leaf, Held)):
         if cp.is_traced(h, held.dt):
             continue
@@ -232,7 +233,7 @@ def _is_node(value: Any) -> bool:
 
 
 def _slack(place: Array) -> Array:
-    """By how much a time that is the end of an interval may be rounded, in intervals."""
+    """The rounding of a time that is the end of an interval, in intervals."""
     return _SLACK * cp.epsilon(place) * (1 + jnp.abs(place))
 
 
@@ -246,7 +247,7 @@ def _rows(name: str, value: Any, axes: int) -> Any:
 
 
 def _vectors(name: str, array: Array, axes: int) -> Array:
-    """The array itself; a ValueError unless it holds vectors and has at least this many axes."""
+    """The array; a ValueError unless it holds vectors and has at least this many axes."""
     if array.ndim < axes or array.shape[-1] != 3:
         shape = "(K, 3), one row for each interval" if axes == 2 else "(3,), or (P, 3) with one row for each pulse"
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}; stack the vectors along the first axis.")

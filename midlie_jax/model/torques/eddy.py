@@ -1,4 +1,4 @@
-"""`EddyCurrents`: the braking of a conducting body that turns in a magnetic field."""
+"""`EddyCurrents`: magnetic braking of a conducting body that rotates in a magnetic field."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,11 +16,11 @@ from .reads_body import ReadsVelocity
 
 
 class EddyCurrents(ReadsVelocity):
-    """The torque of eddy currents, T = (M (Omega x B)) x B, which takes energy and never gives any.
+    """The torque of eddy currents, T = (M (Omega x B)) x B, which never increases the energy.
 
-    M is the magnetic tensor of the body (N. Ortiz Gomez, S. J. I. Walker, Acta Astronaut. 114 (2015) 34), which is
-    M = 2 pi / 15 sigma R^5 for a solid sphere and 2 pi / 3 sigma R^4 e for a thin shell of thickness e, with the
-    conductivity sigma. The field is uniform over the body and changes little during a turn of the currents' decay.
+    M is the magnetic tensor of the body (N. Ortiz Gomez, S. J. I. Walker, Acta Astronaut. 114 (2015) 34), which is M =
+    2 pi / 15 sigma R^5 for a solid sphere and 2 pi / 3 sigma R^4 e for a thin shell of thickness e, with the
+    conductivity sigma. The field is uniform over the body and changes little during the decay time of the currents.
 
     Attributes:
         tensor: M, (), (3,) for the diagonal, or a symmetric tensor (3, 3); body frame, torque time / field^2: S m^4 in
@@ -35,7 +35,7 @@ class EddyCurrents(ReadsVelocity):
         >>> brake = ml.torques.EddyCurrents(tensor=2.0, field=[0.0, 0.0, 1.0])
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> brake.on(body)(0.0, state)[:2]  # across the field; nothing brakes the spin about it
+        >>> brake.on(body)(0.0, state)[:2]  # across the field; the spin about the field is not damped
         Array([-2., -2.], dtype=float64)
     """
 
@@ -50,7 +50,7 @@ class EddyCurrents(ReadsVelocity):
         if shape not in ((), (3,), (3, 3)) and shape[-1:] != (3,):
             raise ValueError(f"tensor must be (), (3,) or (3, 3), got {shape}.")
         not_negative = "must have no negative eigenvalue"
-        cure = "currents take energy, and give none."
+        cure = "eddy currents only dissipate energy."
         if shape[-2:] == (3, 3):
             other = read_as_tensor("tensor")
             require("tensor", self.tensor, is_symmetric, "must be symmetric", f"pass (M + M.T) / 2; or, {other}.")

@@ -1,4 +1,4 @@
-"""Torques of force fields, which depend on the attitude and have a potential: gravity, magnetism, gravity gradient."""
+"""Torques of force fields with a potential: gravity, magnetism, gravity gradient."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,12 +27,12 @@ class HeavyTop(Torque):
         axis: unit vector from the pivot to the centre of mass, body frame, a tuple of three numbers.
 
     Raises:
-        ValueError: weight not finite, or axis not a unit vector. When called: the state knows no such direction.
+        ValueError: weight not finite, or axis not a unit vector. When called: the state does not hold this direction.
 
     Examples:
         >>> torque = ml.torques.HeavyTop(weight=2.0)
-        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))  # turned about x
-        >>> round(float(torque(0.0, lying)[0]), 6)  # the weight turns the top further about x
+        >>> lying = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([np.pi / 2, 0.0, 0.0])))  # rotated about x
+        >>> round(float(torque(0.0, lying)[0]), 6)  # the weight rotates the top further about x
         2.0
     """
 
@@ -58,14 +58,13 @@ class HeavyTop(Torque):
         return self.weight * (lever[0] * up[0] + lever[1] * up[1] + lever[2] * up[2])
 
     def fixed_axis(self, state: AnyState) -> cp.Vector:
-        """The vertical."""
         return state.in_one_frame(self.axis)[1]
 
 
 def _cross(a: Any, b: Any, factor: Any) -> cp.Vector:
-    """factor a x b, leaving out products with a number that is zero; XLA would have to keep them, as they could be NaN.
+    """factor a x b without products with a zero number; XLA would keep them, because they could be NaN.
 
-    A component that is left out altogether is zero whatever the factor, so all bodies share it.
+    A component without any product is zero for any factor, so all bodies share it.
     """
 
     def zero(x: Any) -> bool:
@@ -89,9 +88,9 @@ class DipoleInField(Torque):
 
     Attributes:
         moment: dipole moment, body frame, (3,).
-        field: the field in the space frame, (3,), in units such that moment x field is a torque. A field that changes
-            in time is a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit; with it
-            the state must be a `RigidState`.
+        field: the field in the space frame, (3,), in units such that moment x field is a torque. A time-dependent field
+            is a function `field(t) -> (3,)`, such as `midlie_jax.orbits.DipoleField` along an orbit; the state must
+            then be a `RigidState`.
 
     Raises:
         ValueError: moment or field not of shape (..., 3) or not finite. When called: the state holds no direction, or
@@ -129,7 +128,7 @@ class DipoleInField(Torque):
         return -cp.dot(*self._together(t, state))
 
     def fixed_axis(self, state: AnyState) -> cp.Vector | None:
-        """The direction of a field that does not change."""
+        """The direction of a constant field."""
         return None if callable(self.field) else state.in_one_frame(cp.vector(self.moment), cp.vector(self.field))[1]
 
 
@@ -137,7 +136,8 @@ class GravityGradient(ReadsBody):
     """The gravity-gradient torque of a point mass on an orbiting body, 3 mu/r^3 u x I u with u = R^T r/|r|.
 
     It is exact to first order in body size over r (Hughes, Spacecraft Attitude Dynamics, section 8.1). The state needs
-    an attitude: a `RigidState`, or a `FreeState`, whose position the torque ignores; `PointMass` uses it.
+    an attitude: a `RigidState`, or a `FreeState`. The torque ignores the position of a `FreeState`; `PointMass` uses
+    it.
 
     Attributes:
         moments: principal moments of the body, (3,); None for the inertia of the body of the run, which can then be a
@@ -148,15 +148,15 @@ class GravityGradient(ReadsBody):
 
     Raises:
         ValueError: moments not positive and of shape (..., 3), or mu not positive and finite; moments with a
-            `TensorBody`; an orbit of this package whose speeds do not fit mu, as of one in kilometres and mu in SI
-            units.
+            `TensorBody`; an orbit of this package whose speeds do not fit mu, for example an orbit in kilometres with
+            mu in SI units.
 
     Examples:
         >>> mu = 3.986e14  # of the Earth, m^3/s^2
         >>> orbit = ml.orbits.CircularOrbit(position=[6.8e6, 0.0, 0.0], direction=[0.0, 1.0, 0.0], mu=mu)
         >>> torque = ml.torques.GravityGradient([10.0, 40.0, 45.0], orbit, mu)  # moments in kg m^2
         >>> turned = ml.RigidState([0.0, 0.0, 0.0], ml.so3.exp(jnp.array([0.0, 0.0, 0.1])))
-        >>> round(1e6 * float(torque(0.0, turned)[2]), 3)  # micro-N m; it turns axis 1 back to the vertical
+        >>> round(1e6 * float(torque(0.0, turned)[2]), 3)  # micro-N m; it rotates axis 1 back to the vertical
         -11.333
     """
 
@@ -176,7 +176,7 @@ class GravityGradient(ReadsBody):
         if self.moments is None:
             return super().on(body)
         if isinstance(body, TensorBody):
-            raise ValueError("moments are of principal axes; give None to use the TensorBody.")
+            raise ValueError("moments refer to principal axes; give None to use the TensorBody.")
         return self
 
     def _local(self, t: Time, state: AnyState) -> tuple[Array, cp.Vector]:
@@ -198,7 +198,7 @@ class GravityGradient(ReadsBody):
         return strength / 2 * (cp.dot(u, cp.vector(body.momentum(cp.pack(u)))) - body.trace / 3)
 
     def tide(self, t: Time, state: AnyState, place: cp.Vector) -> cp.Vector:
-        """The gravity at a place in the body minus that at the centre of mass, body frame, to first order."""
+        """The gravity at a position in the body minus the gravity at the centre of mass, body frame, to first order."""
         strength, u = self._local(t, state)
         return cp.subtract(cp.scale(strength * cp.dot(u, place), u), cp.scale(strength / 3, place))
 
@@ -213,14 +213,14 @@ class GravityGradient(ReadsBody):
 
 
 def to_body_components(name: str, vector: Array | Callable[[Any], Array], t: Time, state: AnyState) -> cp.Vector:
-    """The body components of a space vector, which is given as an array (3,) or as a function of time."""
+    """The body components of a space vector, given as an array (3,) or as a function of time."""
     if callable(vector):
         return require_all_directions(state).seen_from_body(cp.vector(vector_at(name, vector, t)))
     return state.seen_from_body(cp.vector(vector))
 
 
 def require_all_directions(state: AnyState) -> Any:
-    """The state itself; a ValueError for a `DirectionState`, which knows the body components of one direction only."""
+    """The state; a ValueError for a `DirectionState`, which holds one direction only."""
     if state.fixed_direction() is not None:
-        raise ValueError("a DirectionState knows one fixed direction; start from a RigidState where it changes.")
+        raise ValueError("a DirectionState holds one fixed direction; use a RigidState if the direction changes.")
     return state

@@ -1,4 +1,4 @@
-"""Torques made from a function: of time alone, of a potential energy, or of a function that reads the momentum."""
+"""Torques from a function: of time alone, of a potential energy, or of a function that reads the momentum."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,11 +14,11 @@ from .base import Torque, TorqueLike, on_body
 class Prescribed(Torque):
     """A body-frame torque that is a function of time alone.
 
-    The function must be continuous. A method reads it at instants, so a jump within a step makes the impulse wrong by
-    about half the jump times the step, without a sign of it: a pulse shorter than a step is counted several times, or
-    not at all. `midlie_jax.check` finds such jumps. For pulses take `Pulses`, and for controls that are constant in
-    intervals `Held`; both are exact. Otherwise let a step end at each jump, and return the mean of both sides at that
-    time: methods of second order then keep their order.
+    The function must be continuous. A method evaluates it at instants, so a jump within a step silently makes the
+    impulse wrong by about half the jump times the step. A pulse shorter than a step is counted several times, or not at
+    all. `midlie_jax.check` finds such jumps. For pulses use `Pulses`, and for controls that are constant in intervals
+    `Held`; both are exact. Otherwise let a step end at each jump, and return the mean of both sides at that time:
+    methods of second order then keep their order.
 
     Attributes:
         function: `function(t) -> (3,)`; make it a pytree if you differentiate with respect to its parameters.
@@ -47,8 +47,8 @@ class FromPotential(Torque):
     """The torque, or the force on particles, of a potential energy, by automatic differentiation.
 
     Attributes:
-        function: `function(t, state) -> ()`, the potential energy; differentiable with respect to the state's pose.
-            It may be written on arrays, for example with `midlie_jax.so3.to_matrix`.
+        function: `function(t, state) -> ()`, the potential energy; differentiable with respect to the pose of the
+            state. It may use arrays, for example with `midlie_jax.so3.to_matrix`.
 
     Raises:
         ValueError: the function cannot be called.
@@ -82,8 +82,8 @@ class VelocityDependent(Torque):
     """A torque that is declared to read the momentum: damping, control, a magnetic field on a moving charge.
 
     The kicks of the explicit methods then evaluate the torque twice (the explicit midpoint rule in the momentum), so
-    LIEMID[EA] keeps order 2. With such torques methods are neither symplectic nor exactly reversible. A run detects by
-    itself whether a torque reads the momentum. `LieSolver.order` does not trace the torque, and so relies on this
+    LIEMID[EA] keeps order 2. With such torques methods are neither symplectic nor exactly reversible. A run detects
+    automatically whether a torque reads the momentum. `LieSolver.order` does not trace the torque and relies on this
     declaration.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""`MutualGravity`: the gravity of rigid bodies on each other, as of binary asteroids, to the fourth degree.
+"""`MutualGravity`: mutual gravity of rigid bodies, such as binary asteroids, to the fourth degree.
 
 The potential energy of two bodies is expanded in their sizes over their distance r. With u the unit vector from the
 first to the second, d = a - b for a point a of the first and b of the second body, and P_n Legendre's polynomials,
@@ -6,9 +6,9 @@ first to the second, d = a - b for a point a of the first and b of the second bo
     V = -G sum_n 1/r^(n+1) <<|d|^n P_n(u . d/|d|)>>,
 
 where <<>> is the sum over all pairs of points, each with the product of its masses. Terms of one body alone hold its
-moments of degree n; the only other term up to degree 4 holds the product of both bodies' moments of degree 2. All of it
-is written in the frame of the first body. The torque on the second body follows from the conservation of the total
-angular momentum, in which the term with both bodies enters.
+moments of degree n; the only other term up to degree 4 is the product of both bodies' moments of degree 2. All terms
+are written in the frame of the first body. The torque on the second body follows from the conservation of the total
+angular momentum.
 
 The moments of a homogeneous ellipsoid: MacMillan, The Theory of the Potential (1930); the expansion: Tricarico, Celest.
 Mech. Dyn. Astron. 100 (2008) 319.
@@ -38,7 +38,7 @@ Matrix = tuple[cp.Vector, cp.Vector, cp.Vector]  # rows
 
 
 class MutualGravity(ReadsBody):
-    """The gravity of coupled rigid bodies on each other, for a `CoupledState` and a `FreeBody` of 2 to 8 bodies.
+    """Mutual gravity of coupled rigid bodies, for a `CoupledState` and a `FreeBody` of 2 to 8 bodies.
 
     Energy, linear momentum and the total angular momentum are conserved.
 
@@ -46,21 +46,21 @@ class MutualGravity(ReadsBody):
         G: the gravitational constant, (), length^3 / (mass time^2).
         third: the moments of degree 3 of each body, the integrals of x_i x_j x_k over its mass, in the body frame,
             (N, 3, 3, 3); or None, for bodies that are symmetric under x -> -x.
-        fourth: the moments of degree 4, (N, 3, 3, 3, 3), alike; or None, for homogeneous ellipsoids.
+        fourth: the moments of degree 4, (N, 3, 3, 3, 3), likewise; or None, for homogeneous ellipsoids.
         degree: the last degree of the expansion: 0 (points), 2, 3 or 4. Degree 2 holds for bodies of any shape and
-            needs their principal moments of inertia alone.
+            needs only their principal moments of inertia.
 
     Raises:
-        ValueError: G is not positive; the degree is none of these, or does not use moments that are given; moments of
-            a wrong shape or not symmetric. When called: body and state are not coupled bodies that travel, more than 8,
-            or not as many as there are moments.
+        ValueError: G is not positive; the degree is none of these, or does not use the given moments; moments of a
+            wrong shape or not symmetric. When called: body and state are not coupled bodies that translate, or the
+            number of bodies exceeds 8 or differs from the number of moments.
 
     Examples:
         >>> pair = ml.FreeBody(ml.RigidBody([[0.8, 0.9, 1.0], [0.1, 0.1, 0.1]]), mass=[2.0, 0.5])
         >>> still, upright = jnp.zeros((2, 3)), jnp.tile(jnp.array([1.0, 0.0, 0.0, 0.0]), (2, 1))
         >>> state = ml.CoupledState(still, upright, linear=still, position=[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
         >>> wrench = ml.torques.MutualGravity(G=1.0).on(pair)(0.0, state)
-        >>> wrench.torque.shape, round(float(wrench.force[0, 0]), 6)  # points would pull with G m1 m2 / r^2 = 0.01
+        >>> wrench.torque.shape, round(float(wrench.force[0, 0]), 6)  # for points G m1 m2 / r^2 = 0.01
         ((2, 3), 0.010022)
     """
 
@@ -77,7 +77,7 @@ class MutualGravity(ReadsBody):
                 f"moments of degree 3 or 4 are given, but degree={degree} does not use them; give degree=4."
             )
         if degree == 3 and third is None:
-            raise ValueError("degree=3 needs the moments of degree 3 as third=; without them it is degree=2.")
+            raise ValueError("degree=3 needs the moments of degree 3 as third=; otherwise use degree=2.")
         self.G = as_floats("G", G)  # pyright: ignore[reportConstantRedefinition]
         self.degree = degree
         require("G", self.G, lambda x: np.isfinite(x) & (x > 0), "must be positive and finite", "check its units.")
@@ -114,7 +114,7 @@ class MutualGravity(ReadsBody):
                 f"the body {described(body)}."
             )
         if not isinstance(body.body, RigidBody | TensorBody):
-            raise ValueError("MutualGravity needs all three moments: a FreeBody of a RigidBody or TensorBody.")
+            raise ValueError("MutualGravity needs all three moments; use a FreeBody of a RigidBody or TensorBody.")
         count = state.count
         if not 2 <= count <= _MOST:
             raise ValueError(
@@ -152,7 +152,7 @@ class _Body(NamedTuple):
         attitude: takes components in the principal axes to space.
         second: the moments of degree 2, the integrals of x_i^2; trace is their sum.
         third, fourth: moments of higher degree, in the frame of the user, or None.
-        frame: takes components in the principal axes to the frame of the user; None where both are the same.
+        frame: takes components in the principal axes to the frame of the user; None if both agree.
     """
 
     mass: Array
@@ -188,7 +188,7 @@ class _Body(NamedTuple):
 
         Args:
             u: the unit vector between the bodies, in the principal axes of this one.
-            inverse: 1/r. It multiplies the moments, whose powers alone may be beyond the range of the dtype.
+            inverse: 1/r. It multiplies the moments, because their powers alone may exceed the range of the dtype.
             degree: the last degree.
             sign: 1 for the first body, whose points have d = a; -1 for the second.
         """
@@ -247,13 +247,13 @@ def _contracted(moments: Array, u: cp.Vector) -> Array:
 
 
 class _Pair:
-    """Two bodies, seen in the principal axes of the first one.
+    """Two bodies in the principal axes of the first one.
 
     Attributes:
         inverse: 1/r.
         u: the unit vector from the first to the second.
-        v: the same in the principal axes of the second.
-        between: takes components in the axes of the second to those of the first.
+        v: the same vector in the principal axes of the second.
+        between: takes components in the axes of the second to components in the axes of the first.
     """
 
     def __init__(self, torque: MutualGravity, first: _Body, second: _Body):
@@ -265,7 +265,6 @@ class _Pair:
         self.v = cp.rotate_back(self.between, self.u)
 
     def potential(self) -> Array:
-        """V."""
         weight = -self.G * self.inverse
         total = weight * self.first.mass * self.second.mass
         for body, other, u, sign in self._each():
@@ -286,7 +285,7 @@ class _Pair:
             value, gradient, turn = self._both()
             strength = 0.125 * weight * self.first.mass * self.second.mass
             force = cp.add(force, cp.scale(strength * self.inverse, _slope(4, value, self.u, gradient)))
-            # This term changes no total angular momentum: both torques and r x force add up to zero.
+            # This term does not change the total angular momentum: both torques and r x force add up to zero.
             opposite = cp.scale(-strength, cp.add(turn, cp.cross(self.u, gradient)))
             torque = cp.add(torque, cp.scale(strength, turn))
             other_torque = cp.add(other_torque, cp.rotate_back(self.between, opposite))
@@ -309,10 +308,11 @@ class _Pair:
         """The term of degree 4 with the second moments A, B of both bodies, without the factor 1/8.
 
         It is 210 a b - 30 (b tr A + a tr B + 4 u.A B u) + 6 tr A tr B + 12 tr A B, with a = u.A u and b = u.B u; here
-        of moments for each mass and r^2, numbers without a unit.
+        with moments per mass and r^2, which are dimensionless.
 
         Returns:
-            The term, its gradient with u, and its derivative with a turn of the first body; in the axes of the first.
+            The term, its gradient with u, and its derivative with a rotation of the first body; in the axes of the
+            first.
         """
         square = self.inverse * self.inverse
         factors = [square * cp.reciprocal(body.mass) for body in (self.first, self.second)]

@@ -1,4 +1,4 @@
-"""Fields on spins of their neighbours on a lattice: exchange and the Dzyaloshinskii-Moriya interaction."""
+"""Fields of lattice neighbours on spins: exchange and the Dzyaloshinskii-Moriya interaction."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -16,12 +16,12 @@ from ..._math import components as cp
 from ..state import Time
 from .spins import SpinField, lattice_of
 
-# For each place the spin of its neighbour, from an axis of the lattice and a step of 1 or -1 along it.
+# For each lattice site the spin of its neighbour, from an axis of the lattice and a step of 1 or -1 along it.
 Near = Callable[[int, int], cp.Vector]
 
 
 class NeighbourField(SpinField):
-    """A field of the neighbours along the axes of the lattice.
+    """Base class of fields of the neighbours along the axes of the lattice.
 
     Attributes:
         periodic: for each axis of the lattice, or for all, whether the first and the last spin are neighbours.
@@ -37,7 +37,6 @@ class NeighbourField(SpinField):
             raise ValueError(f"periodic has {len(self.periodic)} entries, but the lattice has {axes} axes.")
 
     def closes(self, axis: int) -> bool:
-        """Whether the lattice is periodic along an axis."""
         return self.periodic[axis] if isinstance(self.periodic, tuple) else self.periodic
 
     @abstractmethod
@@ -49,12 +48,13 @@ class NeighbourField(SpinField):
         return self.field_of(self.near(spin), spin[0].ndim)
 
     def near(self, spin: cp.Vector) -> Near:
-        """For each place the spin at the next place (step 1) or the place before (-1) along an axis; zero if none."""
+        """For each lattice site the spin at the next site (step 1) or the previous one (-1) along an axis; zero if
+        none.
+        """
         return lambda axis, step: shifted(spin, axis, step, self.closes(axis))
 
 
 def as_periodic(periodic: Any) -> bool | tuple[bool, ...]:
-    """True or False, or one of these for each axis."""
     if isinstance(periodic, bool | np.bool_):
         return bool(periodic)
     if isinstance(periodic, tuple | list) and periodic and all(isinstance(x, bool | np.bool_) for x in periodic):
@@ -63,7 +63,7 @@ def as_periodic(periodic: Any) -> bool | tuple[bool, ...]:
 
 
 def shifted(spin: cp.Vector, axis: int, step: int, periodic: bool) -> cp.Vector:
-    """Components moved by one place along an axis, so that each place has those of its neighbour."""
+    """Components shifted by one site along an axis, so that each site has those of its neighbour."""
 
     def one(x: Array) -> Array:
         size = x.shape[axis]
@@ -89,12 +89,12 @@ class Exchange(NeighbourField):
         periodic: whether the lattice closes, True or False, or one of them for each axis.
 
     Raises:
-        ValueError: a coupling that is not finite; coupling or periodic that has not one entry for each axis.
+        ValueError: a coupling that is not finite; coupling or periodic without one entry for each axis.
 
     Examples:
         >>> chain = ml.SpinState([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
         >>> torque = ml.torques.Exchange(1.0, periodic=False)
-        >>> torque.potential(0.0, chain).item()  # -1 - 1 + 1, of three bonds
+        >>> torque.potential(0.0, chain).item()  # -1 - 1 + 1 from three bonds
         -1.0
         >>> torque(0.0, chain)[:, 2]  # the z component of the field on each spin
         Array([1., 2., 0., 1.], dtype=float64)
@@ -115,7 +115,6 @@ class Exchange(NeighbourField):
             raise ValueError(f"coupling must be () or ({axes},), one for each axis, got {self.coupling.shape}.")
 
     def of_axis(self, axis: int) -> Array:
-        """J along an axis."""
         return self.coupling[axis] if self.coupling.ndim else self.coupling
 
     def field_of(self, near: Near, axes: int) -> cp.Vector:
@@ -133,7 +132,7 @@ class Exchange(NeighbourField):
 
 
 class DzyaloshinskiiMoriya(NeighbourField):
-    """Dzyaloshinskii-Moriya interaction, H = sum over bonds of D . (S_i x S_j), with j the next place along an axis.
+    """Dzyaloshinskii-Moriya interaction, H = sum over bonds of D . (S_i x S_j), with j the next site along an axis.
 
     Attributes:
         vectors: D for the bonds along each axis of the lattice, space frame, energy, (d, 3). In bulk D is parallel to

@@ -1,4 +1,4 @@
-"""`OnEach`: a torque of one body, on each of several coupled bodies."""
+"""`OnEach`: a one-body torque applied to each of several coupled bodies."""
 
 from typing import Any
 
@@ -13,14 +13,14 @@ from .reads_body import ReadsBody
 
 
 class OnEach(ReadsBody):
-    """What a torque does to one body, done to each of several coupled bodies: their weight, a field, drag.
+    """A one-body torque applied to each of several coupled bodies: their weight, a field, drag.
 
     Attributes:
         torque: a callable of (t, state) with the state of one body, such as `UniformGravity`. All bodies share its
             parameters.
 
     Raises:
-        ValueError: the torque cannot be called. When called: the state is not one of coupled bodies.
+        ValueError: the torque cannot be called. When called: the state does not hold coupled bodies.
 
     Examples:
         >>> weight = ml.torques.OnEach(ml.torques.UniformGravity([0.0, 0.0, -10.0]))

@@ -1,4 +1,4 @@
-"""`FreeMolecularDrag`: the force of a gas so thin that its molecules meet the body and not each other."""
+"""`FreeMolecularDrag`: the force of a gas so thin that its molecules do not collide with each other."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +25,7 @@ _ROOT_OF_PI = float(np.sqrt(np.pi))
 
 
 class FreeMolecularDrag(ReadsBody):
-    """Drag and lift of a thin gas on a surface, as on a satellite: molecules are re-emitted diffusely.
+    """Drag and lift of a thin gas on a surface, such as a satellite; molecules are re-emitted diffusely.
 
     With v the velocity of the body relative to the gas, n the normal of a facet of area A, w = n . v, c the thermal
     speed of the gas and x = w / c, the force on the facet at its centroid is
@@ -35,27 +35,26 @@ class FreeMolecularDrag(ReadsBody):
 
     (L. H. Sentman, LMSC-448514 (1961); so in E. Doornbos, Thermospheric Density and Wind Determination (2012), section
     3.3; accommodation: K. Moe, M. M. Moe, Planet. Space Sci. 53 (2005) 793). Other programs attribute the factor 1/2 of
-    v^2 in v_r^2 to G. Koppenwallner, HTG-TN-08-11 (2009). Some, such as ADBSat, take 2/3, after K. Moe, M. M. Moe,
-    C. J. Rice, J. Spacecr. Rockets 41 (2004) 849. For a cold gas (c = 0) m is
-    2 w on the facets that move forward and zero on the others. No facet shields another one, and the turning of the
-    body adds no velocity.
+    v^2 in v_r^2 to G. Koppenwallner, HTG-TN-08-11 (2009). Some, such as ADBSat, take 2/3, after K. Moe, M. M. Moe, C.
+    J. Rice, J. Spacecr. Rockets 41 (2004) 849. For a cold gas (c = 0) m is 2 w on the facets that move forward and zero
+    on the others. Facets do not shield each other, and the rotation of the body adds no velocity.
 
     Attributes:
         surface: the facets, in the frame of the body.
         density: rho of the gas, (), mass/length^3, or a function `density(t) -> ()`.
-        velocity: v, space frame, (3,), or a function `velocity(t) -> (3,)`, length/time; None for that of a
+        velocity: v, space frame, (3,), or a function `velocity(t) -> (3,)`, length/time; None for the velocity of a
             `FreeState`.
         wind: with `velocity` None, the velocity of the gas, in the same forms; None for a gas at rest.
-        accommodation: a, () or one for each facet, (n,): the part of the energy, beyond that at the temperature of the
-            wall, that molecules leave there. 1 is usual below 300 km, .8 to .9 at 500 km.
-        wall_speed: v_w = sqrt(2 k T / m) of the gas at the temperature of the wall, (), length/time. 0 leaves out what
-            re-emission at this temperature adds; 558 m/s for atomic oxygen at 300 K is a few per cent of the drag.
-        thermal_speed: c = sqrt(2 k T / m) of the gas, (), length/time; None for a cold gas, fast in comparison.
+        accommodation: a, () or one for each facet, (n,): the fraction of the energy above the energy at wall
+            temperature that molecules leave at the wall. 1 is usual below 300 km, 0.8 to 0.9 at 500 km.
+        wall_speed: v_w = sqrt(2 k T / m) of the gas at the temperature of the wall, (), length/time. 0 omits
+            re-emission at this temperature; 558 m/s for atomic oxygen at 300 K adds a few per cent to the drag.
+        thermal_speed: c = sqrt(2 k T / m) of the gas, (), length/time; None for a cold gas, whose speed is negligible.
 
     Raises:
-        ValueError: another thing than a `Surface`; wrong shapes, numbers that are not finite, a negative density or
-            wall speed, an accommodation not between 0 and 1, a thermal speed that is not positive, or velocity and wind
-            together. When called: as for `Sunlight`; without `velocity`, body and state do not travel.
+        ValueError: not a `Surface`; wrong shapes, numbers that are not finite, a negative density or wall speed, an
+            accommodation not between 0 and 1, a thermal speed that is not positive, or velocity and wind together. When
+            called: as for `Sunlight`; without `velocity`, body and state do not translate.
 
     Examples:
         >>> plate = ml.Surface.of_facets([0.5], [[1.0, 0.0, 0.0]], [[0.0, 0.5, 0.0]])  # 0.5 m^2, faces x, at y = 0.5 m
@@ -95,7 +94,7 @@ class FreeMolecularDrag(ReadsBody):
         require("wall_speed", self.wall_speed, lambda v: np.isfinite(v) & (v >= 0), positive, "check its units.")
         self.thermal_speed = None if thermal_speed is None else as_floats("thermal_speed", thermal_speed)
         if self.thermal_speed is not None:
-            cure = "for a cold gas leave it out."
+            cure = "leave it out for a cold gas."
             require("thermal_speed", self.thermal_speed, lambda c: np.isfinite(c) & (c > 0), "must be positive", cure)
 
     @property
@@ -124,7 +123,7 @@ class FreeMolecularDrag(ReadsBody):
         columns = *normals, *centroids, surface.areas, accommodation
         square = cp.dot(velocity, velocity)
         wall = jnp.asarray(self.wall_speed, square.dtype)
-        # Within the sum, because products of areas, levers and squares of speeds may be beyond the range of the dtype.
+        # Inside the sum, because products of areas, levers and squared speeds may exceed the range of the dtype.
         density = self.density(t) if callable(self.density) else self.density
         factor = -0.5 * jnp.asarray(density, square.dtype)
         if self.thermal_speed is None:
@@ -150,7 +149,7 @@ def _warm(row: Any, argument: Any) -> tuple[cp.Vector, cp.Vector]:
 def _on_facet(
     row: Any, velocity: cp.Vector, met: Array, pressure: Array | None, square: Array, wall: tuple[Array, Array]
 ) -> tuple[cp.Vector, cp.Vector]:
-    """Torque and force: of what is met, -rho/2 m, and of the pressure of a gas at rest, -rho/2 c^2 Z / 2."""
+    """Torque and force of the incoming gas, -rho/2 m, and of the pressure of a gas at rest, -rho/2 c^2 Z / 2."""
     normal, centroid, area, accommodation = row[0:3], row[3:6], row[6], row[7]
     away = _speed_away(square, accommodation, *wall)
     push = _ROOT_OF_PI / 2 * away * met
@@ -161,14 +160,14 @@ def _on_facet(
 
 @jax.custom_jvp
 def _speed_away(square: Array, accommodation: Array, wall_square: Array, wall: Array) -> Array:
-    """v_r, from v^2, a, v_w^2 and v_w, of which the value needs the square alone."""
+    """v_r, from v^2, a, v_w^2 and v_w, of which the value needs only the squares."""
     del wall
     return cp.root(0.5 * (1 - accommodation) * square + accommodation * wall_square)
 
 
 @_speed_away.defjvp
 def _speed_away_tangent(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
-    """At zero, where the square alone would say that nothing changes, v_r is sqrt(a) v_w."""
+    """At zero, where the derivative of the square vanishes, v_r is sqrt(a) v_w."""
     value, change = jax.jvp(_speed_away.fun, primals, tangents)
     at_zero = cp.root(primals[1]) * tangents[3]
     return value, change + jnp.where(value > 0, jnp.zeros_like(at_zero), at_zero)

@@ -1,4 +1,4 @@
-"""Torques that read the body on which they act, its moments or its angular velocity, and their binding to a body."""
+"""Torques that read the body, its moments or its angular velocity, and their binding to a body."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +15,7 @@ from .base import Torque, no_potential
 
 
 class ReadsBody(Torque):
-    """Base class of torques that read the body on which they act; a run passes the body to `on`."""
+    """Base class of torques that read the body; a run passes the body to `on`."""
 
     def at(self, t: Time, state: Any, body: Any) -> Any:
         """The torque (3,) on the given body, in the body frame; or a `Wrench`."""
@@ -40,7 +40,7 @@ class ReadsVelocity(ReadsBody):
     """A torque that depends on the angular velocity, which it computes from the momentum and the body.
 
     Raises:
-        ValueError: when a run begins, the state is one of spins, which have no angular velocity of their own.
+        ValueError: when a run begins, the state holds spins, which have no angular velocity.
     """
 
     def check(self, state: Any) -> None:
@@ -56,12 +56,12 @@ class ReadsVelocity(ReadsBody):
 
 
 def knows_axis_alone(state: AnyState) -> bool:
-    """Whether momentum and torque are in the space frame, and of the body only its axis of symmetry is known."""
+    """Whether momentum and torque are in the space frame, and the state holds only the axis of symmetry of the body."""
     return isinstance(state.turning if isinstance(state, TravellingState) else state, AxisState)
 
 
 def angular_velocity_of(state: AnyState, body: Any) -> cp.Vector:
-    """The angular velocity in the frame of the momentum. That of a `Rotor` includes the spin, so it needs `along`."""
+    """The angular velocity in the frame of the momentum. For a `Rotor` it includes the spin, so `along` is required."""
     turning = body.turning
     velocity = cp.vector(turning.velocity(state.momentum))
     if not isinstance(turning, Rotor):
@@ -109,7 +109,7 @@ class BodyTorque(ReadsBody):
         >>> brake = ml.torques.BodyTorque(lambda t, state, body: -0.5 * body.velocity(state.momentum))
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
         >>> state = ml.RigidState([2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0])  # Omega = (1, 1, 1)
-        >>> brake.on(body)(0.0, state)  # in a run the torque gets the body by itself
+        >>> brake.on(body)(0.0, state)  # a run passes the body automatically
         Array([-0.5, -0.5, -0.5], dtype=float64)
     """
 

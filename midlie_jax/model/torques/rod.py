@@ -1,17 +1,17 @@
-"""`Rod`: the elastic forces of a chain of rigid bodies, which makes it an elastic rod: it bends, twists and shears.
+"""`Rod`: the elastic forces of a chain of rigid bodies that form an elastic rod: bending, twist and shear.
 
-The rod is that of Simo and Reissner (J. C. Simo, Comput. Methods Appl. Mech. Eng. 49 (1985) 55), whose cross sections
-stay flat. Each body is a piece of it, with e3 along the rod. A link joins each body to the next. With D its length,
-R the attitudes and x the places of the two bodies, Rm the attitude half-way between them,
+The rod follows Simo and Reissner (J. C. Simo, Comput. Methods Appl. Mech. Eng. 49 (1985) 55), whose cross sections stay
+flat. Each body is a piece of the rod, with e3 along the rod. A link joins each body to the next. With D its length, R
+the attitudes and x the positions of the two bodies, Rm the attitude half-way between them,
 
     strain     = Rm^T (x' - x) / D - e3        (two shears and the stretch)
     curvature  = log(R^T R') / D               (two bends and the twist)
     V          = sum D/2 (strain . S strain + curvature . B curvature)
 
-Below, h is the rotation by half of that between the bodies, so that Rm = R h = R' h^T. A turn of the bodies by the
-small rotation vectors a and a' (each in its frame) turns one against the other by w = h a' - h^T a in the frame Rm, and
-Rm by (h^T a + h a')/2 - r x w / 2, with r the Rodrigues vector of h; the rotation vector log(R^T R') changes by C w,
-where C stretches w across the axis by c, half the angle over its sine.
+Below, h is the rotation by half the angle between the bodies, so that Rm = R h = R' h^T. Small rotations of the bodies
+by the vectors a and a' (each in its frame) change their relative rotation by w = h a' - h^T a in the frame Rm, and
+rotate Rm by (h^T a + h a')/2 - r x w / 2, with r the Rodrigues vector of h. The rotation vector log(R^T R') changes by
+C w, where C stretches w across the axis by c, half the angle over its sine.
 """
 
 from typing import Any
@@ -29,7 +29,7 @@ from ..states import CoupledState
 from ..wrench import Wrench
 from .base import Torque
 
-_MOST = float(np.sin(np.pi / 8) ** 2)  # the largest x of `_excess`, for bodies turned against each other by pi
+_MOST = float(np.sin(np.pi / 8) ** 2)  # the largest x of `_excess`, for a relative rotation of the bodies by pi
 
 
 def _excess_of(x: np.ndarray) -> np.ndarray:
@@ -37,12 +37,12 @@ def _excess_of(x: np.ndarray) -> np.ndarray:
     square = 16 * x * (1 - x) * (1 - 2 * x) ** 2
     sine = np.sqrt(np.maximum(square, 1e-3))
     angle = 4 * np.arcsin(np.sqrt(x))
-    # The first terms of the series of asin(s)/s, where the quotient would round.
+    # The first terms of the series of asin(s)/s, used where the quotient would round.
     series = 1 / 6 + square * (3 / 40 + square * (5 / 112 + square * (35 / 1152 + square * 63 / 2816)))
     return np.where(square < 1e-3, series, (angle / sine - 1) / sine**2)
 
 
-# As a polynomial, exact to rounding: so the forces need no division, root or arcus tangent, which part XLA's loops.
+# As a polynomial, exact to rounding, the forces need no division, root or arctangent, which would split XLA's loops.
 _EXCESS = tuple(
     np.polynomial.Chebyshev.interpolate(_excess_of, 17, [0, _MOST]).convert(kind=np.polynomial.Polynomial).coef.tolist()
 )
@@ -52,9 +52,8 @@ class Rod(Torque):
     """The elastic forces of a rod, a chain of coupled bodies with e3 along it, for a `CoupledState`.
 
     Body i is joined to body i + 1 by a link. With a clamp, one more link joins a frame fixed in space to the first
-    body. So there are N - 1 links, or N with a clamp, the first of which is that of the clamp. Energy is conserved, and
-    without a clamp linear and angular momentum. `midlie_jax.straight_rod` makes a rod from its length, radius and
-    material.
+    body. There are thus N - 1 links, or N with a clamp, whose link is the first. Energy is conserved; without a clamp,
+    so are linear and angular momentum. `midlie_jax.straight_rod` makes a rod from its length, radius and material.
 
     Attributes:
         length: of the links at rest, () or (links,), length.
@@ -64,13 +63,13 @@ class Rod(Torque):
             force length^2.
         strain: shears and stretch without force, (3,) or (links, 3), a number; by default zero.
         curvature: bends and twist without torque, (3,) or (links, 3), 1/length; by default zero, a straight rod.
-        clamp: None for a free rod; or the fixed frame: its place in space, (3,), and its attitude, a unit quaternion
+        clamp: None for a free rod; or the fixed frame: its position in space, (3,), and its attitude, a unit quaternion
             (w, x, y, z), (4,), with e3 along the rod.
 
     Raises:
         ValueError: a length or stiffness is not positive, a shape is wrong, a number is not finite, or the attitude of
-            the clamp is no unit quaternion. When called: the state is no `CoupledState`, or has not as many links as
-            there are numbers.
+            the clamp is not a unit quaternion. When called: the state is not a `CoupledState`, or its number of links
+            differs from the number of values.
 
     Examples:
         >>> rod = ml.torques.Rod(length=0.1, stretch=[300.0, 300.0, 800.0], bend=[2.0, 2.0, 1.5])
@@ -105,7 +104,7 @@ class Rod(Torque):
         del t
         links = self._links(state)
         force, first, second = links.load()
-        if self.clamp is not None:  # what acts on the fixed frame is not needed
+        if self.clamp is not None:  # the force on the fixed frame is not needed
             return Wrench(second + _before(first[1:]), _before(force[1:]) - force)
         return Wrench(_after(second) + _before(first), _before(force) - _after(force))
 
@@ -116,8 +115,9 @@ class Rod(Torque):
     def _links(self, state: Any) -> "_Links":
         if not isinstance(state, CoupledState):
             raise ValueError(
-                f"Rod acts on a chain of bodies that travel, but the state is a {type(state).__name__}; use a "
-                "CoupledState of a FreeBody, such as midlie_jax.straight_rod makes."
+                "Rod acts on a chain of bodies that translate, but the state is a "
+                f"{type(state).__name__}; use a CoupledState of a FreeBody, for example from "
+                "midlie_jax.straight_rod."
             )
         places, attitudes = state.position, state.attitude
         if self.clamp is not None:
@@ -126,7 +126,7 @@ class Rod(Torque):
             attitudes = jnp.concatenate([attitude[None], attitudes])
         count = len(places) - 1
         if count < 1:
-            raise ValueError("Rod needs two bodies at least, or one and a clamp; the state holds one.")
+            raise ValueError("Rod needs at least two bodies, or one and a clamp; the state holds one.")
         for name, axes in (("length", 0), ("stretch", 1), ("bend", 1), ("strain", 1), ("curvature", 1)):
             value = getattr(self, name)
             if value is not None and value.shape[: value.ndim - axes] not in ((), (count,)):
@@ -147,12 +147,12 @@ def _frame(clamp: Any) -> tuple[Array, Array]:
 
 
 def _before(load: Array) -> Array:
-    """The load (links, 3) on the body before each link, as that on all bodies: the last one has no link behind it."""
+    """The load (links, 3) on the body before each link, as the load on all bodies; no link follows the last body."""
     return jnp.concatenate([load, jnp.zeros_like(load, shape=(1, 3))])
 
 
 def _after(load: Array) -> Array:
-    """The same of the body behind each link."""
+    """The load on the body behind each link, likewise."""
     return jnp.concatenate([jnp.zeros_like(load, shape=(1, 3)), load])
 
 
@@ -164,7 +164,7 @@ class _Links:
         middle: Rm.
         half: h.
         way: Rm^T (x' - x) / D.
-        strain, curvature: as defined above, without those at rest.
+        strain, curvature: as defined above, minus the values at rest.
         u: the axis of the rotation between two bodies, times the sine s of half its angle.
         excess: (c - 1)/s^2.
     """
@@ -172,7 +172,7 @@ class _Links:
     def __init__(self, rod: Rod, places: Array, attitudes: Array):
         self.rod, self.length = rod, rod.length
         way = cp.scale(1 / self.length, cp.vector(places[1:] - places[:-1]))
-        # The forces of one link are a loop over all links, for which its inputs and outputs are taken apart.
+        # The forces of one link are a loop over all links; its inputs and outputs are fused separately.
         way, first, second = begin((way, cp.quaternion(attitudes[:-1]), cp.quaternion(attitudes[1:])))
         w, *rest = cp.multiply(cp.conjugate(first), second)
         sign = jnp.where(w < 0, -jnp.ones_like(w), jnp.ones_like(w))  # q and -q are one rotation
@@ -193,12 +193,12 @@ class _Links:
         return jnp.sum(self.length * (density[0] + density[1])) / 2
 
     def load(self) -> tuple[Array, Array, Array]:
-        """The forces on the bodies before the links, in space, and the torques on those before and behind them."""
+        """The forces on the bodies before the links, in space, and the torques on the bodies before and behind them."""
         tension = cp.times(cp.vector(self.rod.stretch), self.strain)
         moment = cp.times(cp.vector(self.rod.bend), self.curvature)
         lever = cp.scale(self.length, cp.cross(tension, self.way))
         rodrigues = cp.scale(cp.reciprocal(self.half[0]), (self.half[1], self.half[2], self.half[3]))
-        # C moment: along the axis it stays, across it grows by c.
+        # C moment: unchanged along the axis, scaled by c across it.
         stretched = cp.subtract(cp.scale(self.c, moment), cp.scale(self.excess * cp.dot(self.u, moment), self.u))
         between = cp.subtract(stretched, cp.scale(0.5, cp.cross(lever, rodrigues)))
         half_lever = cp.scale(0.5, lever)

@@ -36,7 +36,7 @@ from .travel import acts_on_one, through_air, travelling
 
 
 def _gain(name: str, value: Any) -> Array:
-    """A gain as an array: one number that is not negative, or one for each body axis (3,)."""
+    """A gain as an array: one nonnegative number, or one for each body axis (3,)."""
     gain = as_floats(name, value)
     if gain.ndim and gain.shape[-1] != 3:
         raise ValueError(
@@ -51,12 +51,12 @@ class Damping(ReadsVelocity):
     """Viscous friction, -coefficient * Omega.
 
     Attributes:
-        coefficient: torque per angular velocity, () or one for each body axis (3,), not negative. Of an `AxisState` the
-            first two must be equal, and the body is a `Rotor(moment, along)`.
+        coefficient: torque per angular velocity, () or one for each body axis (3,), not negative. For an `AxisState`
+            the first two must be equal, and the body is a `Rotor(moment, along)`.
 
     Raises:
-        ValueError: a negative or not finite coefficient, or another shape. When a run begins: an `AxisState`, and a
-            coefficient that is not the same across the axis, or a `Rotor` without `along`.
+        ValueError: a negative or not finite coefficient, or another shape. When a run begins: an `AxisState` with a
+            coefficient that varies across the axis, or a `Rotor` without `along`.
 
     Examples:
         >>> body = ml.RigidBody([2.0, 3.0, 4.0])
@@ -77,8 +77,8 @@ class Damping(ReadsVelocity):
         gain = np.asarray(self.coefficient)
         if gain.ndim and np.any(gain[..., 0] != gain[..., 1]):
             raise ValueError(
-                f"coefficient is {gain.tolist()}, but its first two numbers must be equal for {type(state).__name__}, "
-                "which knows no direction but the axis of symmetry; use a RigidState."
+                f"coefficient is {gain.tolist()}, but the first two must be equal for "
+                f"{type(state).__name__}, which holds only the axis of symmetry; use a RigidState."
             )
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
@@ -96,9 +96,9 @@ class PDControl(ReadsVelocity):
     """Proportional and derivative feedback towards an attitude, -proportional * 2 sgn(w) v - derivative * Omega.
 
     (w, v) is the quaternion of the rotation from the target to the attitude. For small errors 2 v is the rotation
-    vector of the error in the body frame; `sgn(w)` selects the shorter way to the target. The target is stable for all
-    positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque jumps where the
-    error is half a turn.
+    vector of the error in the body frame; `sgn(w)` selects the shorter rotation to the target. The target is stable for
+    all positive gains (B. Wie, H. Weiss, A. Arapostathis, J. Guid. Control Dyn. 12 (1989) 375). The torque jumps where
+    the error is pi.
 
     Attributes:
         target: unit quaternion (w, x, y, z) that takes body components to space components, (4,).
@@ -107,7 +107,7 @@ class PDControl(ReadsVelocity):
 
     Raises:
         ValueError: a target that is not a unit quaternion, or gains that are negative, not finite or of another shape.
-            When called: the state has no attitude, or is one of several coupled bodies.
+            When called: the state has no attitude, or holds coupled bodies.
 
     Examples:
         >>> control = ml.torques.PDControl(target=[1.0, 0.0, 0.0, 0.0], proportional=2.0, derivative=3.0)
@@ -143,8 +143,8 @@ class Rotors(ReadsVelocity):
     conserved, and so is the kinetic energy of the body, which `midlie_jax.energy` returns.
 
     Attributes:
-        momentum: angular momentum h of the rotors relative to the body, body frame, (3,). Of an `AxisState` it must lie
-            along the axis, the third.
+        momentum: angular momentum h of the rotors relative to the body, body frame, (3,). For an `AxisState` it must
+            lie along the third axis.
 
     Raises:
         ValueError: momentum not of shape (..., 3) or not finite. When a run begins: not along the axis of an
@@ -171,7 +171,7 @@ class Rotors(ReadsVelocity):
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
         del t
-        # The spin of a `Rotor`, which its velocity leaves out, is along h.
+        # The spin of a `Rotor`, which its velocity omits, is along h.
         return cp.pack(cp.cross(_in_frame(self.momentum, state), cp.vector(body.velocity(state.momentum))))
 
     def potential_at(self, t: Time, state: AnyState, body: Any) -> Array:
@@ -181,12 +181,12 @@ class Rotors(ReadsVelocity):
 
 
 class ReactionWheels(ReadsVelocity):
-    """Wheels whose speed is changed by motors, torque -h' - Omega x h.
+    """Wheels with motors that change their speed, torque -h' - Omega x h.
 
     Attributes:
         momentum: `momentum(t) -> (3,)`, the angular momentum h of all wheels relative to the body, body frame. Its
             derivative h' is computed by automatic differentiation. Make it a pytree if you differentiate with respect
-            to its parameters. Of an `AxisState` it must lie along the axis, the third; if not, the state becomes NaN.
+            to its parameters. For an `AxisState` it must lie along the third axis; otherwise the state becomes NaN.
 
     Raises:
         ValueError: momentum cannot be called.
@@ -214,21 +214,21 @@ class ReactionWheels(ReadsVelocity):
 class Drag(ReadsBody):
     """Air drag on a body whose cross section does not depend on the attitude: F = -1/2 rho A |v| v, and lever x F.
 
-    So it is in free molecular flow (Hughes, section 8.2), and for a ball in air. For a body made of plates, add one
-    `Drag` for each plate, or write your own torque. With `velocity` it is the torque alone, of a body on a known path.
-    Without, the velocity is that of a body that travels, and the drag is a wrench.
+    This holds in free molecular flow (Hughes, section 8.2), and for a ball in air. For a body made of plates, add one
+    `Drag` for each plate, or write a custom torque. With `velocity`, a known path, it is a torque alone. Without, it
+    uses the velocity of a body that translates, and the drag is a wrench.
 
     Attributes:
         lever: vector from the centre of mass to the centre of pressure, body frame, (3,), length.
         area: drag coefficient times cross section A, (), length^2, not negative.
         density: density rho of the air, (), mass/length^3, not negative.
         velocity: velocity v of the body relative to the air, space frame, (3,), or a function `velocity(t) -> (3,)`,
-            length/time; None for that of a `FreeState`.
+            length/time; None for the velocity of a `FreeState`.
         wind: with `velocity` None, the velocity of the air, in the same forms; None for air at rest.
 
     Raises:
         ValueError: wrong shapes, values that are not finite, a negative area or density, or velocity and wind together.
-            When called: as for `DipoleInField`; without `velocity`, body and state do not travel.
+            When called: as for `DipoleInField`; without `velocity`, body and state do not translate.
 
     Examples:
         >>> drag = ml.torques.Drag(lever=[0.0, 0.0, 0.5], area=2.0, density=1e-11, velocity=[7600.0, 0.0, 0.0])
@@ -281,5 +281,5 @@ class Drag(ReadsBody):
 
 
 def _in_frame(of_body: Array, state: AnyState) -> cp.Vector:
-    """A vector of the body in the frame of the torque; NaN if it does not lie along an axis that alone is known."""
+    """A body vector in the frame of the torque; NaN if the state holds one axis and the vector is not along it."""
     return state.in_one_frame(cp.vector(of_body))[0] if knows_axis_alone(state) else cp.vector(of_body)

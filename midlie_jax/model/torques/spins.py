@@ -1,6 +1,6 @@
-"""Fields on spins by themselves: an applied field and anisotropies. `neighbours` has what spins exert on each other.
+"""One-spin fields: an applied field and anisotropies. `neighbours` has the fields of spins on each other.
 
-The field is B = -dH/dS, with the energy H that each docstring gives; sums over the lattice. A lattice has the axes of
+The field is B = -dH/dS, with the energy H given in each docstring; sums run over the lattice. A lattice has the axes of
 the array of spins before its last one.
 """
 
@@ -24,13 +24,13 @@ from .base import Torque
 class SpinField(Torque):
     """A field B = -dH/dS on spins, space frame, energy; `torque(t, state)` has the shape of the spins, (*lattice, 3).
 
-    A field of your own is a subclass with `field` and `energy`, which work on components.
+    A custom field is a subclass with `field` and `energy`, which work on components.
 
     Raises:
-        ValueError: when called, the state is one without spins, or its lattice does not fit the parameters.
+        ValueError: when called, the state has no spins, or its lattice does not fit the parameters.
 
     Examples:
-        >>> class Gradient(ml.torques.SpinField):  # of your own: along z, stronger from place to place of a chain
+        >>> class Gradient(ml.torques.SpinField):  # custom: along z, growing along a chain
         ...     def field(self, t, spin):
         ...         return (0 * spin[0], 0 * spin[1], jnp.arange(0.0, len(spin[2])))
         ...     def energy(self, t, spin):
@@ -83,7 +83,7 @@ def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
 
 
 def in_dtype_of(spin: cp.Vector, axis: Any) -> cp.Vector:
-    """The components of an axis in the dtype of those of the spins."""
+    """The components of an axis in the dtype of the spins."""
     x, y, z = (jnp.asarray(a, spin[0].dtype) for a in axis)
     return x, y, z
 
@@ -132,12 +132,12 @@ class AppliedField(SpinField):
 
 
 class OwnField(SpinField):
-    """A field that each spin exerts on itself, through its components along some axes: H = sum over axes of V(S . e).
+    """A field of each spin on itself, through its components along some axes: H = sum over axes of V(S . e).
 
-    The motion under one axis alone is a turn about it: its component S . e does not change.
+    The motion under one axis alone is a rotation about it: the component S . e does not change.
 
     Examples:
-        >>> class Quartic(ml.torques.OwnField):  # of your own: H = -K sum (S . z)^4
+        >>> class Quartic(ml.torques.OwnField):  # custom: H = -K sum (S . z)^4
         ...     strength: jax.Array
         ...     def axes(self):
         ...         return (ml.flights.components.vector(jnp.array([0.0, 0.0, 1.0])),)
@@ -165,7 +165,7 @@ class OwnField(SpinField):
 
     @property
     def linear(self) -> Array | None:
-        """The ratio of the field along an axis to the component of the spin if it does not depend on it, else None."""
+        """The ratio of the field along an axis to the component of the spin, if constant; otherwise None."""
         return None
 
     def field(self, t: Time, spin: cp.Vector) -> cp.Vector:
@@ -185,7 +185,8 @@ class Anisotropy(OwnField):
         axis: the unit vector e, space frame, (3,).
 
     Raises:
-        ValueError: a strength that is not finite, or an axis that is no unit vector (3,). When called: as `SpinField`.
+        ValueError: a strength that is not finite, or an axis that is not a unit vector (3,). When called: as
+            `SpinField`.
 
     Examples:
         >>> spins = ml.SpinState([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # one along z, one across

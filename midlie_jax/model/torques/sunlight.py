@@ -1,4 +1,4 @@
-"""`Sunlight`: the pressure of sunlight on the facets of a body, and that of the heat that they radiate."""
+"""`Sunlight`: the pressure of sunlight on the facets of a body, and of their thermal radiation."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,25 +19,25 @@ from ..wrench import Wrench
 from .base import Torque
 
 SPEED_OF_LIGHT = 299792458.0  # m/s
-_TOLERANCE = 1e-6  # by which specular + diffuse may exceed 1
+_TOLERANCE = 1e-6  # largest excess of specular + diffuse over 1
 
 
 class Sunlight(Torque):
-    """The pressure of sunlight on a surface, and of the heat that its lit facets radiate (YORP).
+    """The pressure of sunlight on a surface, and of the thermal radiation of its lit facets (YORP).
 
-    With u the unit vector to the Sun, n that of the facet of area A, mu = n . u where this is positive, and the
-    fractions s of the light that a mirror reflects, d that is scattered by Lambert's law, and h of the absorbed rest
-    that the same facet radiates at once by Lambert's law, the force on the facet is
+    Let u be the unit vector to the Sun, n the normal of a facet of area A, and mu = n . u where this is positive. The
+    fraction s of the light is reflected specularly and the fraction d is scattered by Lambert's law. The same facet
+    immediately radiates the fraction h of the absorbed rest by Lambert's law. The force on the facet is
 
         -(flux / c) A mu ((1 - s) u + (2 s mu + 2/3 (d + h (1 - s - d))) n)
 
     at its centroid (O. Montenbruck, E. Gill, Satellite Orbits (2000), section 3.4, for s and d; D. P. Rubincam, Icarus
-    148 (2000) 2, for h = 1, a body without thermal inertia). No facet shadows or heats another one. On a `RigidState`
-    it is the torque about the origin of the frame, the centre of mass; on a `FreeState` a wrench.
+    148 (2000) 2, for h = 1, a body without thermal inertia). Facets do not shadow or heat each other. For a
+    `RigidState` the result is the torque about the origin of the frame, the centre of mass; for a `FreeState` a wrench.
 
     Attributes:
         surface: the facets, in the frame of the body.
-        direction: to the Sun, space frame, a unit vector (3,); or a function `direction(t) -> (3,)`, whose vector is
+        direction: to the Sun, space frame, a unit vector (3,); or a function `direction(t) -> (3,)`, whose value is
             normalised, such as minus the orbit about the Sun.
         flux: power per area across the light, (), or a function `flux(t) -> ()`, also for eclipses: W/m^2 where c is in
             m/s; 1361 at one astronomical unit.
@@ -46,9 +46,9 @@ class Sunlight(Torque):
             or 1 and the flux as a pressure.
 
     Raises:
-        ValueError: another thing than a `Surface`, a direction that is no unit vector, a negative flux, fractions not
-            between 0 and 1 or s + d above 1, a speed that is not positive. When called: fractions of another number of
-            facets, or a state without an attitude.
+        ValueError: not a `Surface`, a direction that is not a unit vector, a negative flux, fractions not between 0 and
+            1 or s + d above 1, a speed that is not positive. When called: fractions for another number of facets, or a
+            state without an attitude.
 
     Examples:
         >>> panel = ml.Surface.of_facets([2.0], [[1.0, 0.0, 0.0]], [[0.0, 0.5, 0.0]])  # 2 m^2, faces x, at y = 0.5 m
@@ -86,8 +86,8 @@ class Sunlight(Torque):
             reflected = np.asarray(self.specular) + np.asarray(self.diffuse)
             if np.any(reflected > 1 + _TOLERANCE):
                 raise ValueError(
-                    f"specular + diffuse must be at most 1, got {reflected.max():g}: a facet reflects no more light "
-                    "than falls on it; thermal is the part of the absorbed rest that is radiated."
+                    f"specular + diffuse must be at most 1, got {reflected.max():g}; thermal is the radiated "
+                    "part of the absorbed rest."
                 )
 
     def __call__(self, t: Time, state: AnyState) -> Any:
@@ -116,7 +116,7 @@ class Sunlight(Torque):
         return *normals, *cp.scale(taken, centroids), *levers, spread, 2 * surface.areas * specular, taken
 
 
-# Along u pushes a force at the centroid, whose torque is that of one sum, r x u; across the facet one with n.
+# The force along u acts at the centroid, so one sum r x u gives its torque; the part across the facet acts along n.
 
 
 def _torques(row: Any, sun: cp.Vector) -> tuple[cp.Vector, cp.Vector]:

@@ -18,20 +18,20 @@ from .bath import Langevin
 
 
 class ThermalField(Langevin):
-    """The heat bath of damped spins: a random field, as strong as the damping of `Spins` needs at this temperature.
+    """The heat bath of damped spins: a random field whose strength follows from temperature and damping.
 
-    A term of a sum of torques, for methods whose scheme has a stage of the bath, such as "SUBLATTICES[BAOAB]". The
-    damping acts in the flights; the stage turns each spin about a random axis, as Brownian motion on the sphere with
-    the diffusion constant D = kT g alpha does: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
-    exp(-H/kT) is approached with an error of second order in the step (weak order 2). A stage may take D h up to 1, of
-    the step or the part of it that is its own; beyond, the spins are NaN and `ok` is False.
+    A term of a sum of torques, for methods whose scheme has a bath stage, such as "SUBLATTICES[BAOAB]". The damping
+    acts in the flights. The stage rotates each spin about a random axis, as Brownian motion on the sphere with the
+    diffusion constant D = kT g alpha: <S(t) . S(0)> = exp(-2 D t) without a field. The Boltzmann distribution
+    exp(-H/kT) is approached with an error of second order in the step (weak order 2). D h of a stage, for its part of
+    the step, must be at most 1; above, the spins are NaN and `ok` is False.
 
-    The random numbers depend on the key, on the index of the step and of the stage, and on the place of the spin in the
-    lattice; on nothing else.
+    The random numbers depend only on the key, on the index of the step and of the stage, and on the site of the spin in
+    the lattice.
 
     Attributes:
         kT: the temperature in units of energy, (), or a function of time t -> (). Not negative.
-        key: a typed key, `jax.random.key(seed)`; of an ensemble (n,).
+        key: a typed key, `jax.random.key(seed)`; (n,) for an ensemble.
 
     Raises:
         ValueError: a negative temperature, or a key that is not typed. When a run begins: spins without damping,
@@ -49,17 +49,16 @@ class ThermalField(Langevin):
         super().__init__(kT, 0.0, key)  # the friction is the damping of the spins
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        """Zero: the bath acts in a stage of its own."""
         self.check_numbers()
         return jnp.zeros_like(state.momentum)
 
     def check_kind(self, state: AnyState, body: Any) -> None:
         if not isinstance(body, Spins):
             raise ValueError(
-                f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies take Langevin."
+                f"ThermalField acts on spins, but body is a {type(body).__name__}; for bodies use Langevin."
             )
         if body.damping is None:
-            raise ValueError("ThermalField needs a damping, Spins(damping=...): its strength follows from it.")
+            raise ValueError("ThermalField needs a damping, which sets its strength; use Spins(damping=...).")
 
     def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
         """The bath of a run whose state has this kind."""
@@ -82,7 +81,7 @@ class BathOfSpins(NamedTuple):
         root: the function of time sqrt(kT).
         key: two or four words, uint32, of the random key.
         mobility: g alpha, () or in the shape of the lattice.
-        member: the place of each spin in the lattice, in the form of the components of the spins.
+        member: the site of each spin in the lattice, in the form of the components of the spins.
         step: the index of the step, or None outside a step.
     """
 
@@ -95,8 +94,8 @@ class BathOfSpins(NamedTuple):
     def turned(self, h: Array, t: Array, stage: int, spin: Any) -> Any:
         """The spins after the time h at the time t, in stage `stage` of the step.
 
-        Each is turned by three normal numbers of variance 2 D h (1 - D h / 6): so the mean of every spherical harmonic
-        of the spin is that of Brownian motion up to h^3. For D h > 1, where this says nothing, the spins are NaN.
+        Three normal numbers of variance 2 D h (1 - D h / 6) rotate each spin. The mean of every spherical harmonic of
+        the spin then agrees with Brownian motion up to h^3. For D h > 1, where this expansion fails, the spins are NaN.
         """
         spread = self.mobility * h * self.root(t) ** 2
         size = root_of(2 * spread * jnp.where(spread <= 1, 1 - spread / 6, jnp.nan))

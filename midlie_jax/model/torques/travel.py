@@ -1,8 +1,8 @@
-"""What acts on bodies that travel: gravity, air and thrust, as wrenches on the states of a `FreeBody`.
+"""Gravity, air and thrust on bodies that translate, as wrenches on the states of a `FreeBody`.
 
-Each wrench of a potential has force and torque from one potential V(x, R), so that energy and, in the field of a point
-mass, the total momentum x cross p + R Pi are conserved. I is the inertia tensor about the centre of mass and
-J = R I R^T, u = x/r. In the expansion of V in the size of the body over r, the terms up to the second moments are kept.
+Each conservative wrench has force and torque from one potential V(x, R). Energy is therefore conserved and, in the
+field of a point mass, also the total momentum x cross p + R Pi. I is the inertia tensor about the centre of mass and J
+= R I R^T, u = x/r. The expansion of V in the size of the body over r keeps the terms up to the second moments.
 """
 
 from collections.abc import Callable
@@ -24,32 +24,31 @@ from ..wrench import Wrench
 from .base import Torque
 from .reads_body import ReadsBody, angular_velocity_of
 
-_E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the one direction of the body that every state knows
+_E3 = (0.0, 0.0, 1.0)  # the axis of symmetry, the only body direction that every state holds
 
 
 def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
-    """State and body, if both travel; a ValueError otherwise. The body is None where it is not read."""
+    """State and body, if both translate; a ValueError otherwise. The body is None if it is not read."""
     if state.several:
         raise acts_on_one(torque)
     if not isinstance(state, TravellingState) or not isinstance(body, FreeBody | None):
         raise ValueError(
-            f"{type(torque).__name__} acts on a body that travels, but the state is a {type(state).__name__}; use a "
-            "FreeState and a FreeBody."
+            f"{type(torque).__name__} acts on a body that translates, but the state is a "
+            f"{type(state).__name__}; use a FreeState and a FreeBody."
         )
     return state, body
 
 
 def acts_on_one(torque: Any) -> ValueError:
-    """The error where a torque of one body gets a state of coupled bodies."""
+    """The error for a one-body torque with a state of coupled bodies."""
     kind = type(torque).__name__
     return ValueError(
-        f"{kind} acts on one body; for the same on each of several coupled bodies write "
-        f"midlie_jax.torques.OnEach({kind}(...))."
+        f"{kind} acts on one body; for several coupled bodies use midlie_jax.torques.OnEach({kind}(...))."
     )
 
 
 class _Gravity(ReadsBody):
-    """A field of gravity, which pulls every part of a body."""
+    """A gravity field, which acts on every part of a body."""
 
     @property
     def gravitational(self) -> bool:
@@ -63,7 +62,7 @@ class UniformGravity(_Gravity):
         acceleration: g, space frame, (3,), length/time^2, such as (0, 0, -9.81).
 
     Raises:
-        ValueError: acceleration not of shape (..., 3) or not finite. When called: body and state do not travel.
+        ValueError: acceleration not of shape (..., 3) or not finite. When called: body and state do not translate.
 
     Examples:
         >>> body = ml.FreeBody(ml.RigidBody([1.0, 2.0, 2.5]), mass=10.0)
@@ -91,7 +90,7 @@ class UniformGravity(_Gravity):
 
 
 class _Place:
-    """Where a body is in a field about the origin.
+    """The position of a body in a field about the origin.
 
     Attributes:
         inverse: 1/r.
@@ -107,7 +106,7 @@ class _Place:
         self.here = self.seen(self.space)
 
     def seen(self, vector: cp.Vector) -> cp.Vector:
-        """A vector of space in the frame of the momentum."""
+        """A space vector in the frame of the momentum."""
         return self.state.in_one_frame(_E3, vector)[1]
 
     def inertia_times(self, v: cp.Vector) -> cp.Vector:
@@ -129,11 +128,11 @@ class PointMass(_Gravity):
 
     Attributes:
         mu: gravitational parameter, (), length^3/time^2.
-        gradient: False leaves out the terms of second order: the body is pulled like a point, and not turned.
+        gradient: False omits the terms of second order: the body moves like a point and does not rotate.
 
     Raises:
-        ValueError: mu not positive and finite. When called: body and state do not travel; with the gradient, a `Rotor`
-            has no `along`.
+        ValueError: mu not positive and finite. When called: body and state do not translate; with the gradient, a
+            `Rotor` has no `along`.
 
     Examples:
         >>> earth = ml.torques.PointMass(mu=3.986e14)  # m^3/s^2
@@ -177,7 +176,7 @@ class PointMass(_Gravity):
 
 
 class Oblateness(_Gravity):
-    """What the oblateness J2 of a planet at the origin adds to `PointMass`: its force and its gravity gradient.
+    """The force and gravity gradient that the oblateness J2 of a planet at the origin adds to `PointMass`.
 
     With n the pole, s = n . u and k = mu J2 (radius/r)^2 / 2, the field is (k/r) (3 s^2 - 1), and
 
@@ -264,15 +263,15 @@ class Oblateness(_Gravity):
 class Magnus(ReadsBody):
     """The lift of a spinning body in air, strength * Omega x v, with Omega and v in space.
 
-    For a ball of radius a and cross section A in air of density rho it is 1/2 rho A a C_L, where C_L is the lift per
-    ratio a |Omega| / |v| of the speeds of surface and flight.
+    For a ball of radius a and cross section A in air of density rho it is 1/2 rho A a C_L, where C_L is the lift
+    coefficient per ratio a |Omega| / |v| of surface speed to flight speed.
 
     Attributes:
         strength: force per angular velocity and velocity, (), mass.
         wind: velocity of the air, space frame, (3,), or a function `wind(t) -> (3,)`; None for air at rest.
 
     Raises:
-        ValueError: strength not finite, or wind of another shape. When called: body and state do not travel, or a
+        ValueError: strength not finite, or wind of another shape. When called: body and state do not translate, or a
             `Rotor` has no `along`.
 
     Examples:
@@ -317,7 +316,7 @@ class Thrust(Torque):
         lever: vector from the centre of mass to the engine, body frame, (3,), or a function `lever(t) -> (3,)`.
 
     Raises:
-        ValueError: force or lever of another shape, or not finite. When called: the state does not travel.
+        ValueError: force or lever of another shape, or not finite. When called: the state does not translate.
 
     Examples:
         >>> engine = ml.torques.Thrust(force=[0.0, 0.0, 2.0], lever=[0.5, 0.0, 0.0])
