@@ -274,7 +274,7 @@ def test_symmetric_flight_has_the_derivative_of_the_motion(axis):
             np.testing.assert_allclose(ours_in_one, exact_in_one, atol=2e-15)
     np.testing.assert_allclose(quick(jax.jacfwd(jax.jacrev(ours, 2), 2))(*point), second, atol=2e-15)
     for twice in (jax.jacfwd(jax.jacrev(ours, 0), 0), jax.jacfwd(jax.jacrev(ours, 2), 0)):
-        with pytest.raises(ValueError, match="first order only in the moments; take JACOBI"):
+        with pytest.raises(ValueError, match="only first derivatives with respect to the moments; use JACOBI"):
             twice(*point)
 
 

@@ -611,7 +611,7 @@ def messages():
         "reversible": (go(adjoint=ml.Reversible()), "symmetric method"),
         "gradients": (
             lambda: schemes.Scheme("x", 2, (*schemes.BAOAB.stages,), gradients=(0.0, 0.0)),
-            "has a bath, beside which gradients",
+            "has a bath, so averages are of weak order 2 at most; leave out gradients",
         ),
         "adaptive": (
             lambda: ml.integrate_adaptive("JACOBI[BAOAB]", body, bath, start, density=lambda t, s: 1.0, **run),

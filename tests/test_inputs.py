@@ -262,7 +262,7 @@ BAD = {
     "start an array of jax": (lambda: go(start=jnp.ones(3)), r"start must be a state.*an array of shape \(3,\)"),
     "symmetric flight of another body": (
         lambda: go("SYMMETRIC[EA]"),
-        "SYMMETRIC needs bodies with two equal moments.*take JACOBI",
+        "SYMMETRIC needs bodies with two equal moments.*use JACOBI",
     ),
     "torque of python": (
         lambda: go(torque=lambda t, state: jnp.ones(3) if state.momentum[0] > 0 else jnp.zeros(3)),

@@ -95,14 +95,20 @@ K, F = schemes.KICK, schemes.FLIGHT
         ({"order": 1}, "declared of order 1, but an order of 2.0 is measured"),
         ({"gradients": (np.nan, 0.0)}, "an order of nan is measured"),
         ({"small": 4}, "declared with small=4, but its kicks do not integrate polynomials of degree 3"),
-        ({"stages": schemes.BM4.stages, "order": 4, "composed": True}, "declared composed, but not made of half kicks"),
-        ({"stages": schemes.CHIN4A.stages, "composed": True}, "declared composed, but not made of half kicks"),
+        (
+            {"stages": schemes.BM4.stages, "order": 4, "composed": True},
+            "declared composed, but its kicks are not half the sum of the adjacent flights",
+        ),
+        (
+            {"stages": schemes.CHIN4A.stages, "composed": True},
+            "declared composed, but its kicks are not half the sum of the adjacent flights",
+        ),
         ({"stages": ((K, 0.5), ("flies", 1.0), (K, 0.5))}, "must be made of 'kick', 'flight' and 'bath'"),
         ({"stages": ((K, 1.0),)}, "must be made of 'kick', 'flight' and 'bath', got 'kick'"),
         ({"gradients": (0.1,)}, "2 kicks and 1 gradients"),
-        ({"displaced": True}, "no gradients for which a displaced torque could stand"),
-        ({"displaced": True, "gradients": (0.0, 0.0)}, "no gradients for which a displaced torque could stand"),
-        ({"order": 0}, "order must be at least 1"),
+        ({"displaced": True}, "no gradients to replace by a displaced torque"),
+        ({"displaced": True, "gradients": (0.0, 0.0)}, "no gradients to replace by a displaced torque"),
+        ({"order": 0}, "order must be a positive integer"),
     ],
 )
 def test_a_table_that_cannot_be_right_is_refused(options, message):

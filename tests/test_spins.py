@@ -529,7 +529,7 @@ REFUSED = {
     "labels": (lambda: ml.Spins(sublattices=[0, 2]), "sublattices must use every number"),
     "odd ring": (
         lambda: go(NEAR, ml.SpinState(jnp.asarray(random_spins((5,))))),
-        "closes with an odd number of 5 places.*sublattices.*spherical midpoint",
+        "is periodic with an odd number of 5 sites.*sublattices.*spherical midpoint",
     ),
     "shape of labels": (lambda: go(NEAR, CHAIN, ml.Spins(sublattices=[0, 1])), r"shape \(6,\) of the lattice"),
     "own field by hand": (
@@ -559,7 +559,7 @@ REFUSED = {
         lambda: ml.ensemble("SUBLATTICES[EA]", ml.Spins(), ml.torques.Damping(5.0), CHAIN, dt=0.1, steps=2),
         r"midlie_jax.Spins\(damping=...\)",
     ),
-    "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "takes gradients of forces"),
+    "gradients": (lambda: go(NEAR, CHAIN, name="SUBLATTICES[CHIN4A]"), "uses gradients of forces"),
     "method": (lambda: go(NEAR, CHAIN, name="JACOBI[EA]"), "moves RigidBody, but body is Spins"),
     "body": (lambda: go(NEAR, CHAIN, ml.RigidBody([1.0, 1.0, 1.0])), "SpinState belongs to a Spins"),
     "bath": (lambda: go(NEAR + ml.torques.ThermalField(1.0, jax.random.key(0)), CHAIN), "no stage for it"),
@@ -617,7 +617,7 @@ REFUSED = {
         lambda: ml.ensemble(
             "SUBLATTICES[EA]", ml.Spins(), NEAR, ml.SpinState(jnp.asarray(random_spins((2, 5)))), dt=0.1, steps=2
         ),
-        "closes with an odd number of 5 places",
+        "is periodic with an odd number of 5 sites",
     ),
     "diffrax": (
         lambda: ml.LieSolver("SUBLATTICES[EA]").init(ml.RigidBodyTerm(ml.Spins(), NEAR), 0.0, 1.0, CHAIN, None),

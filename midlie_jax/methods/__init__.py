@@ -1,1 +1,1 @@
-"""How each integrator takes a step: equations of motion, flights, schemes, implicit and Runge-Kutta methods."""
+"""One step of each integrator: equations of motion, flights, schemes, implicit and Runge-Kutta methods."""

@@ -1,4 +1,4 @@
-"""`midlie_jax.flights` and `midlie_jax.schemes` for type checkers, which know no modules that can be called.
+"""`midlie_jax.flights` and `midlie_jax.schemes` for type checkers, which do not support callable modules.
 
 At run time both are modules, and these classes are never used. `tests/test_schemes.py` compares the names in both.
 """

@@ -1,4 +1,4 @@
-"""`Method`, the base class of every integrator: its properties, its step, and how the drivers call that step.
+"""`Method`, the base class of every integrator: its properties, its step, and the call of that step by the drivers.
 
 Most methods combine a flight with a scheme (`splitting.py`); the implicit methods are in `implicit/`, the Runge-Kutta
 methods in `runge_kutta.py`.
@@ -23,12 +23,12 @@ from .verdict import FINE, earlier, is_fine
 
 
 class Progress(NamedTuple):
-    """What a run carries from step to step.
+    """The carry of a run from step to step.
 
     Attributes:
         motion: momentum and pose.
-        force: the torque at this motion if the method keeps the torque from step to step, else None.
-        verdict: that of the first step that failed, or fine, (); see `methods.verdict`.
+        force: the torque at this motion if the method keeps it from step to step, else None.
+        verdict: the verdict of the first step that failed, or fine, (); see `methods.verdict`.
     """
 
     motion: AnyMotion
@@ -42,7 +42,7 @@ class Progress(NamedTuple):
 
 
 class Method(eqx.Module):
-    """An integrator with a fixed step. Get one from `midlie_jax.method`.
+    """An integrator with a fixed step, made by `midlie_jax.method`.
 
     Attributes:
         name: as in `midlie_jax.methods()`.
@@ -72,7 +72,7 @@ class Method(eqx.Module):
 
     @property
     def random(self) -> bool:
-        """Whether a step has a stage of a heat bath, and so needs a `midlie_jax.torques.Langevin`."""
+        """Whether a step has a bath stage, and so needs a `midlie_jax.torques.Langevin`."""
         return False
 
     @property
@@ -84,19 +84,19 @@ class Method(eqx.Module):
     def unroll(self) -> int:
         """Steps per iteration of the loop over steps.
 
-        With two, XLA's CPU compiler need not copy the arrays, but compiles longer. On an accelerator an iteration costs
-        at least two kernel launches, and reads and writes the state once; so it has as many steps there as fit one
-        kernel.
+        With two, XLA's CPU compiler need not copy the arrays, but compilation takes longer. On an accelerator an
+        iteration costs at least two kernel launches, and reads and writes the state once; it therefore has as many
+        steps as fit one kernel.
         """
         return 1
 
     @property
     def is_divided(self) -> bool:
-        """Whether every part of a step is a loop over the batch of its own, so that no loop is made of the whole."""
+        """Whether every part of a step is its own loop over the batch, so that the whole step is not one loop."""
         return False
 
     def loops_for(self, system: System) -> bool:
-        """Whether a step of this system holds a loop: over stages, or of a solve."""
+        """Whether a step of this system contains a loop over stages or a solver loop."""
         del system
         return self.solves > 0
 
@@ -107,7 +107,7 @@ class Method(eqx.Module):
 
     @property
     def asks(self) -> tuple[float, float]:
-        """The earliest and the latest time at which a step asks for the torque, in steps after its begin."""
+        """The earliest and the latest time at which a step evaluates the torque, in steps after its start."""
         return 0.0, 1.0
 
     def turn_rate(self, inertia: Any, momentum: Any) -> Array:
@@ -115,7 +115,7 @@ class Method(eqx.Module):
         return cp.root(inertia.square_of_turn(1.0, momentum))
 
     def stability_limit(self, direction: complex) -> float:
-        """The largest stable h |lambda| if disturbances go as exp(lambda t) under the torque; infinity if unknown.
+        """The largest stable h |lambda| if disturbances grow as exp(lambda t) under the torque; infinity if unknown.
 
         Args:
             direction: lambda / |lambda|: 1j for an oscillation, -1 for a decay.
@@ -124,32 +124,32 @@ class Method(eqx.Module):
         return math.inf
 
     def moves(self, body: Body) -> bool:
-        """Whether the method moves a body of this class, in its principal axes."""
+        """Whether the method supports a body of this class, in its principal axes."""
         return isinstance(body, self.bodies)
 
     @property
     def several(self) -> bool:
-        """Whether the method moves several bodies that act on each other."""
+        """Whether the method supports coupled bodies."""
         return False
 
     def fitted(self, body: Body) -> "Method":
         """This method specialised to a body or a batch of bodies.
 
         Raises:
-            ValueError: the moments are known, not traced, and the method cannot move a body with these moments.
+            ValueError: the moments are concrete, and the method does not support them.
         """
         del body
         return self
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
-        """Raises a ValueError if the method cannot move this body under this torque, as far as their numbers tell.
+        """Raises a ValueError if the method does not support this body under this torque, as far as their numbers show.
 
         Args:
             batch: number of leading axes of the state that are a batch.
         """
 
     def system(self, body: Body, torque: Any, start: AnyState, t: Array, h: Array) -> System:
-        """The system of a run: `System.of`, in the bath of the torque if it has one.
+        """The system of a run: `System.of`, with the bath of the torque if there is one.
 
         Args:
             body, torque, start: as for `midlie_jax.integrate`.
@@ -185,17 +185,17 @@ class Method(eqx.Module):
     def step_back(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool, Any]:
-        """`step`, and what `step_again` can use of it to take the step in the other direction, or None."""
+        """`step`, and the part of its result that `step_again` can reuse for the opposite direction, or None."""
         return *self.step(system, t0, t1, h, motion, force), None
 
     def step_again(
         self, system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion, force: Any, known: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        """`step`, called for its derivative alone, after `step_back` went from the end of the step to its start.
+        """`step`, called for its derivative only, after `step_back` went from the end of the step to its start.
 
         Args:
             system, t0, t1, h, motion, force: as for `step`.
-            known: the last of the results of `step_back`.
+            known: the last result of `step_back`.
         """
         del known
         return self.step(system, t0, t1, h, motion, force)
@@ -210,7 +210,7 @@ class Method(eqx.Module):
         axes: Axes = NONE,
         step: Callable[..., Any] | None = None,
     ) -> tuple[Progress, Any]:
-        """One step as every driver takes it: one loop in the compiled program, and one loop in its derivative.
+        """One step as used by every driver: one loop in the compiled program, and one loop in its derivative.
 
         Args:
             system: the body, the torque and the kind of state.

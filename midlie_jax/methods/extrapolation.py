@@ -1,9 +1,9 @@
-"""Gragg, Bulirsch and Stoer's extrapolation: Gragg's midpoint rule with ever more substeps, extrapolated to length 0.
+"""Gragg-Bulirsch-Stoer extrapolation: Gragg's midpoint rule with more and more substeps, extrapolated to length 0.
 
 The rule with n substeps of length d = h/n is z_1 = y + d f(y), z_{i+1} = z_{i-1} + 2 d f(z_i). For even n its error has
-even powers of d only, so each further n raises the order by two. Here n = 2, 4, 6, ...; the first evaluation serves all
-of them, and Gragg's smoothing step, which the extrapolation does not need, is left out. The differences z_i - y are
-added up, not z_i itself, so that rounding errors are proportional to the change in a step.
+even powers of d only, so each further n raises the order by two. Here n = 2, 4, 6, ...; all rules share the first
+evaluation. Gragg's smoothing step, which the extrapolation does not need, is left out. The sums are over the
+differences z_i - y rather than z_i, so rounding errors are proportional to the change in a step.
 
 A step keeps only two motions and a sum alive, whereas a tableau keeps all stages.
 
@@ -27,8 +27,8 @@ class Extrapolation(NamedTuple):
     """The extrapolated midpoint rule: a `Formula`.
 
     Attributes:
-        levels: how many results are combined, with 2, 4, ..., 2 `levels` substeps; the order is 2 `levels`.
-        reach: the largest turn h |Omega| of a step, in radians.
+        levels: the number of combined results, with 2, 4, ..., 2 `levels` substeps; the order is 2 `levels`.
+        reach: the largest rotation h |Omega| of a step, in radians.
     """
 
     levels: int
@@ -68,7 +68,7 @@ class Extrapolation(NamedTuple):
         return total
 
     def change_in_loop(self, rates: Rates, motion: AnyMotion, like: Array) -> AnyMotion:
-        """`change` as one loop over all substeps of all rules, so that the rates are compiled twice in all.
+        """`change` as one loop over all substeps of all rules, so the rates are compiled only twice.
 
         Args:
             rates, motion: as for `change`.
@@ -76,8 +76,8 @@ class Extrapolation(NamedTuple):
         """
         first = rates(0.0, 1.0, motion)
         zeros = jax.tree.map(jnp.zeros_like, motion)
-        # Of each substep: its time and length; 1/n if it is the second of its rule, whose first has f(y); the weight of
-        # the result if it is the last.
+        # For each substep: its time and length; 1/n if it is the second of its rule, whose first has f(y); the weight
+        # of the result if it is the last.
         substeps = [
             (i / n, 2 / n, 1 / n if i == 1 else 0.0, self.weight(n) if i == n - 1 else 0.0)
             for n in self.substeps

@@ -1,14 +1,14 @@
-"""`Formula`: what a Runge-Kutta method adds to momentum and pose in a step, whatever the equations of motion are."""
+"""`Formula`: the change of momentum and pose in a Runge-Kutta step, for any equations of motion."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 from .system import AnyMotion
 
-# `rates(time, part, motion)` is `part` times h times the right-hand side of the equations of motion, at the time
-# t0 + `time` h, in a step of h that starts at t0.
+# `rates(time, part, motion)` is `part` times h times the right-hand side of the equations of motion, at the time t0 +
+# `time` h of a step from t0.
 Rates = Callable[[float, float, AnyMotion], AnyMotion]
-# `pause(tree, evaluations)` returns the tree unchanged. It marks a place in a step where few numbers are alive, before
+# `pause(tree, evaluations)` returns the tree unchanged. It marks a point of a step where few numbers are alive, before
 # a part with this many evaluations. A loop that would become too long for the compiler ends there.
 Pause = Callable[[Any, int], Any]
 
@@ -24,12 +24,14 @@ class Formula(Protocol):
 
     @property
     def evaluations(self) -> int:
-        """How often a step evaluates the rates."""
+        """Evaluations of the rates per step."""
         ...
 
     @property
     def reach(self) -> float:
-        """The largest turn h |Omega| of a step, in radians, beyond which a step of a free body can be wrong by 0.01."""
+        """The largest rotation h |Omega| of a step, in radians, beyond which a step of a free body can have an error of
+        0.01.
+        """
         ...
 
     def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:

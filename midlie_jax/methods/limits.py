@@ -1,4 +1,4 @@
-"""How long a step may be, by theory: the limits that `midlie_jax.check` compares with and that stability maps draw.
+"""Theoretical limits of the step, for `midlie_jax.check` and for stability maps.
 
 Each function derives its limit in its docstring. Frequencies are angular, in radians per unit of time, and steps are
 positive. Arguments may be NumPy arrays, except schemes and formulas.
@@ -15,14 +15,14 @@ from .stages import BATH, KICK
 from .system import AnyMotion, Motion
 
 _FINEST, _FURTHEST = 1e-3, 30.0  # the spacing and the end of the search for h omega
-_ROUNDING = 1e-9  # by how much a trace may exceed 2 and still count as 2
-_GROWTH = 1e-4  # the relative growth of an oscillation that is allowed per Runge-Kutta step
+_ROUNDING = 1e-9  # the largest excess of a trace over 2 that counts as rounding
+_GROWTH = 1e-4  # the allowed relative growth of an oscillation per Runge-Kutta step
 
 
 def verlet_limit(frequency: Any) -> Any:
-    """The longest stable step of kick and flight under a field, h = 2 / omega.
+    """The largest stable step of kick and flight under a field, h = 2 / omega.
 
-    A body that swings about an axis with moment I in a field of stiffness k is the oscillator I x'' = -k x with
+    A body that librates about an axis with moment I in a field of stiffness k is the oscillator I x'' = -k x with
     omega^2 = k / I. A flight adds h p / I to x, a kick subtracts h k x from p, and the step K_{h/2} F_h K_{h/2} has the
     determinant 1 and the trace 2 - (h omega)^2. Both eigenvalues have the modulus 1 as long as the trace is between -2
     and 2. At h omega = 2 they meet at -1, and beyond, one of them is larger than 1 in modulus. The frequency of the
@@ -37,8 +37,8 @@ def oscillator_limit(scheme: Scheme) -> float:
     As for `verlet_limit`, with all stages of the scheme: in units with I = omega = 1 and a step of x, a flight a is the
     matrix ((1, a x), (0, 1)) and a kick b is ((1, 0), (-b x (1 - 2 g x^2), 1)). The weight g of a force gradient enters
     because the potential V - g h^2 T . I^-1 T has the stiffness k (1 - 2 g (h omega)^2). The determinant is 1, so the
-    step is stable where the trace is between -2 and 2. The limit is the first x at which it leaves this interval. A
-    bath is left out: its damping adds to the stability.
+    step is stable where the trace is between -2 and 2. The limit is the first x at which the trace leaves this
+    interval. A bath is ignored, because its damping increases the stability.
     """
     x = np.arange(_FINEST, _FURTHEST, _FINEST)
     step = np.broadcast_to(np.eye(2), (len(x), 2, 2))
@@ -54,7 +54,7 @@ def oscillator_limit(scheme: Scheme) -> float:
 
 
 def decay_limit(scheme: Scheme) -> float:
-    """The largest h gamma up to which a scheme damps what decays at the rate gamma, p' = -gamma p.
+    """The largest h gamma up to which a scheme damps a decay at the rate gamma, p' = -gamma p.
 
     A kick b under a torque that reads the momentum is a step of the explicit midpoint rule, a factor
     1 - b x + (b x)^2 / 2 with x = h gamma. Flights change nothing. The limit is the first x at which the product of the
@@ -75,9 +75,8 @@ def runge_kutta_limit(formula: Formula, direction: complex) -> float:
     applied to this equation.
 
     Args:
-        formula: that of the method.
-        direction: lambda / |lambda|. If its real part is positive, y itself grows and there is no limit: infinity is
-            returned.
+        formula: the formula of the method.
+        direction: lambda / |lambda|. If its real part is positive, y itself grows and the result is infinity.
     """
     if direction.real > _ROUNDING:
         return math.inf
@@ -101,13 +100,13 @@ def _first(x: np.ndarray, beyond: np.ndarray) -> float:
 
 
 def top_limit(gyration: Any, frequency: Any) -> Any:
-    """The longest stable step of kick and flight for a hanging top, which spins about its axis of symmetry.
+    """The largest stable step of kick and flight for a hanging top that spins about its axis of symmetry.
 
     With I1 = I2, the tilt z = x + i y of the axis obeys z'' = i a z' - omega^2 z, where a = Pi3 / I1 is the frequency
-    of the free nutation, `gyration`, and omega^2 = m g l / I1 that of the top without spin. A flight turns z' by
-    e = exp(i a h) and adds (e - 1) / (i a) times it to z. A kick subtracts h omega^2 z from z'. The step has the
-    determinant e and the trace 1 + e + i (e - 1) h omega^2 / a. Its eigenvalues, divided by exp(i phi) with
-    phi = a h / 2, have the product 1 and the sum
+    of the free nutation, `gyration`, and omega is the frequency of the top without spin, omega^2 = m g l / I1. A flight
+    multiplies z' by e = exp(i a h) and adds (e - 1) / (i a) times z' to z. A kick subtracts h omega^2 z from z'. The
+    step has the determinant e and the trace 1 + e + i (e - 1) h omega^2 / a. Its eigenvalues, divided by exp(i phi)
+    with phi = a h / 2, have the product 1 and the sum
 
         2 cos phi - 2 b sin phi = 2 sqrt(1 + b^2) cos(phi + arctan b),    b = h omega^2 / a
 
@@ -124,50 +123,50 @@ def top_limit(gyration: Any, frequency: Any) -> Any:
 
 
 def moser_veselov_limit(speed: Any) -> Any:
-    """The longest flight of the discrete Moser-Veselov body (DMV) that spins about a principal axis, h = 1 / |Omega|.
+    """The largest flight of the discrete Moser-Veselov body (DMV) with a spin about a principal axis, h = 1 / |Omega|.
 
-    The flight turns the body by the quaternion (1, c) / sqrt(a), a = 1 + |c|^2, with I_i c_i = a (h/2) Pi_i plus terms
-    c_j c_k that vanish for a spin about one axis. So c = (1 + c^2) (h/2) Omega, and this quadratic equation has real
-    roots only for (h/2) |Omega| <= 1/2. There both roots meet at c = 1: a turn by 90 degrees, where the true turn is 1
-    radian.
+    The flight rotates the body by the quaternion (1, c) / sqrt(a), a = 1 + |c|^2, with I_i c_i = a (h/2) Pi_i plus
+    terms c_j c_k that vanish for a spin about one axis. So c = (1 + c^2) (h/2) Omega, and this quadratic equation has
+    real roots only for (h/2) |Omega| <= 1/2. There both roots meet at c = 1: a rotation by 90 degrees, where the true
+    angle is 1 radian.
     """
     return 1 / np.asarray(speed)
 
 
 def midpoint_fold(frequency: Any) -> Any:
-    """The longest step for which the equation of an implicit midpoint rule has one solution at every angle, 2 / omega.
+    """The largest step for which the equation of an implicit midpoint rule has one solution at every angle, 2 / omega.
 
-    A body that turns about one axis with moment I under the torque -k sin x moves by 2 w in a step, with
+    A body that rotates about one axis with moment I under the torque -k sin x moves by 2 w in a step, with
 
         2 I w = h (p + (h/2) T(x + w))    (LIEMID[I], SW)
 
     The derivative of both sides' difference by w is 2 I + (h^2 / 2) k cos(x + w). It is positive at every angle as long
     as h omega < 2, omega^2 = k / I. Beyond, it vanishes at some angle near the inverted position: there the solution
-    folds, and three solutions take the place of one. AKW has the same limit for small turns: its torques at both ends,
-    each times h/2, weigh as much as the torque at mid-step times h.
+    folds into three. AKW has the same limit for small rotations: its torques at both ends, each times h/2, have the
+    same weight as the torque at mid-step times h.
     """
     return 2 / np.asarray(frequency)
 
 
 def resonance(frequency: Any, k: Any = 1) -> Any:
-    """The step at which kicks resonate with a motion of this frequency, h = pi / (k omega): 2 k steps per period.
+    """The step at which kicks resonate with a motion of this frequency, h = pi / (k omega), 2 k steps per period.
 
     Under a weak torque the angle x = omega t of a nutation, a precession or a spin advances evenly, and the torque has
-    harmonics T_n cos(n x). In a continuous motion they average to zero. Kicks see the torque only at the times m h,
-    where the harmonic n = 2 k of an angle that advances by pi / k per step is the same at every kick: the kicks add up.
-    A field that is quadratic in the direction of the body, such as a gravity gradient, has n = 2 and resonates at h
-    omega = pi. A field that is linear in it has n = 1; its resonance in first order is at h omega = 2 pi, and those at
-    pi / k are of higher order in the field.
+    harmonics T_n cos(n x). In a continuous motion they average to zero. Kicks sample the torque only at the times m h.
+    The harmonic n = 2 k of an angle that advances by pi / k per step is then the same at every kick, and the kicks add
+    up. A field that is quadratic in the direction of the body, such as a gravity gradient, has n = 2 and resonates at h
+    omega = pi. A field that is linear in it has n = 1; its resonance in first order is at h omega = 2 pi, and the
+    resonances at pi / k are of higher order in the field.
     """
     return np.pi / (np.asarray(k) * np.asarray(frequency))
 
 
 def resonance_half_width(field: Any, k: Any = 1) -> Any:
-    """By how much omega may differ from pi / (k h) and still be caught by the resonance: field / k.
+    """The largest difference of omega from pi / (k h) within which the resonance captures it, field / k.
 
     Near the resonance of the harmonic n = 2 k the angle y = n x - 2 pi t / h changes slowly, and the kicks act on it as
     the steady force of a pendulum, y'' = -f^2 sin y. Here f is the frequency `field` of small oscillations in this
-    harmonic alone: x'' = -(f^2 / n) sin(n x). The separatrix of the pendulum is at y' = 2 f, so x' = omega is caught
+    harmonic alone: x'' = -(f^2 / n) sin(n x). The separatrix of the pendulum is at y' = 2 f, so x' = omega is captured
     within 2 f / n.
     """
     return np.asarray(field) / np.asarray(k)

@@ -1,4 +1,4 @@
-"""`Listing`: a list of names that prints as a table, with a sentence on when to use each name."""
+"""`Listing`: a list of names that prints as a table, with a sentence on when to use each."""
 
 from collections.abc import Mapping
 

@@ -1,19 +1,19 @@
-"""Projection: the smallest change of a step's end that restores the energy and the momentum about an axis in space.
+"""Projection: the smallest change of the end of a step that restores the energy and the momentum about a space axis.
 
-A Runge-Kutta step of high order is accurate but conserves nothing. So its end is then moved to where the invariants
-have the values that they had at its start. The change is of the size of the step's own error, so the order remains
+A Runge-Kutta step of high order is accurate but conserves nothing. The projection moves its end to where the invariants
+have their values at the start of the step. The change has the size of the error of the step, so the order remains
 (Hairer, Lubich & Wanner, Geometric Numerical Integration, IV.4).
 
-The energy is K + V, for a torque from a potential V that does not depend on time. Where the torque has no component
-about a direction d fixed in space (`Torque.fixed_axis`), as gravity has none about the vertical, Pi . d is the second
-invariant; under no torque it is |Pi|^2 / 2. Under other torques the step is left as it is.
+The energy is K + V, for a torque from a potential V that does not depend on time. If the torque has no component about
+a space-fixed direction d (`Torque.fixed_axis`), such as gravity about the vertical, Pi . d is the second invariant;
+without torque it is |Pi|^2 / 2. For other torques the step is unchanged.
 
-The change is taken along the gradients of the invariants, in a metric that weighs a change of the momentum by I^-1 and
-a turn of the body by I/h^2. The pose takes part in it because a change of the momentum does not change the energy where
-a swinging body stands still for a moment.
+The change is along the gradients of the invariants, in a metric that weighs a change of the momentum by I^-1 and a
+rotation of the body by I/h^2. The pose changes as well, because a change of the momentum does not change the energy at
+a turning point, where the body is momentarily at rest.
 
 Gradients are taken in units in which the largest moment and h are 1: with respect to y = h Pi / largest moment, and to
-the angles by which the body turns.
+the rotation angles of the body.
 """
 
 from collections.abc import Callable
@@ -29,9 +29,9 @@ from ..model.state import AnyState
 from ..model.torques import TorqueLike, potential_of
 from .system import AnyMotion, Motion, System
 
-OPERATIONS = 800  # about how many operations the projection has for a simple torque
-# How many corrections use the gradients at the end of the step, and how many those after the first correction. The
-# error relative to the energy falls to its second, fourth and sixth power.
+OPERATIONS = 800  # approximate number of operations of the projection for a simple torque
+# The number of corrections with the gradients at the end of the step, and with those after the first correction. The
+# error relative to the energy decreases to its second, fourth and sixth power.
 _CORRECTIONS = (1, 2)
 _ROUNDING = 64  # the largest change of the energy by rounding, in eps times the size of its terms
 
@@ -54,7 +54,7 @@ class _Invariant(NamedTuple):
     """An invariant of a step, as functions of the motion.
 
     Attributes:
-        change: how much it has changed since the start, in a unit of momentum.
+        change: its change since the start, in a unit of momentum.
         gradient: its derivative.
     """
 
@@ -65,9 +65,10 @@ class _Invariant(NamedTuple):
 def projected(
     system: System, t0: Array, t1: Array, h: Array, start: AnyMotion, end: AnyMotion
 ) -> tuple[AnyMotion, Array | bool]:
-    """The end of a step of h from t0 to t1, changed so that the invariants are those of its start.
+    """The end of a step of h from t0 to t1, changed so that the invariants have their values at its start.
 
-    Returns also whether it succeeded: False where the energy is known and does not equal that of the start to rounding.
+    Also returns whether it succeeded: False if the energy is known and differs from its value at the start beyond
+    rounding.
     """
     energy = _energy(system, t0, t1, h, start)
     if energy is None:
@@ -77,8 +78,8 @@ def projected(
     for corrections in _CORRECTIONS:
         end = _corrected(system, h, end, energy, second, corrections)
     eps = float(jnp.finfo(h.dtype).eps)
-    # A potential whose terms are larger than their sum is rounded more coarsely than the last place of `size`. A change
-    # of energy that remains counts as such rounding if the error before the corrections was too small for them to fail.
+    # A potential whose terms are larger than their sum has a rounding error above the last place of `size`. A remaining
+    # change of energy counts as such rounding if the error before the corrections was too small for them to fail.
     small = eps ** (1 / 3) * size
     return end, jnp.abs(energy.change(end)) <= jnp.where(error <= small, small, _ROUNDING * eps * size)
 
@@ -86,7 +87,7 @@ def projected(
 def _corrected(
     system: System, h: Array, end: AnyMotion, energy: _Invariant, second: _Invariant | None, corrections: int
 ) -> AnyMotion:
-    """The end after some corrections, all along the gradients at the place before them."""
+    """The end after some corrections, all along the gradients at the point before them."""
     inertia: Inertia = system.inertia
     slope = energy.gradient(end)
     up = slope.raised(inertia)
@@ -98,7 +99,7 @@ def _corrected(
         side = slope.raised(inertia)
         b, c = slope.along(up), slope.along(side)
     determinant = a * c - b * b
-    # In a steady motion the gradients are parallel. Then the energy alone determines the change along both.
+    # In a steady motion the gradients are parallel. The energy alone then determines the change along both.
     independent = determinant > float(jnp.finfo(h.dtype).eps) ** 0.4 * a * c
     b, c = jnp.where(independent, b, jnp.zeros_like(b)), jnp.where(independent, c, jnp.ones_like(c))
     determinant = a * c - b * b
@@ -131,7 +132,7 @@ def steady_potential(torque: TorqueLike, t: Array, state: AnyState) -> Callable[
 
 
 def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) -> _Invariant | None:
-    """The energy; None if it is not known, or if the torque has no potential or one that depends on time."""
+    """The energy; None if unknown, or if the torque has no potential or a time-dependent one."""
     inertia: Inertia = system.inertia
     if system.reads_momentum or (system.torque is not None and _potential(system, t0, start) is None):
         return None
@@ -150,7 +151,9 @@ def _energy(system: System, t0: Array, t1: Array, h: Array, start: AnyMotion) ->
 
 
 def _size_of_energy(system: System, t0: Array, t1: Array, h: Array, motion: AnyMotion) -> Array:
-    """Kinetic energy plus potential energy plus the torque's work in a turn of one radian, in the unit of `change`."""
+    """Kinetic energy plus potential energy plus the work of the torque in a rotation of one radian, in the unit of
+    `change`.
+    """
     turning = cp.times(system.inertia.spins, system.inertia.travel(h, motion.momentum))
     torque = sum(map(jnp.abs, system.force(t1, motion)), jnp.zeros_like(h))
     potential = jnp.abs(_potential_energy(system, t0, motion))
@@ -167,7 +170,7 @@ def _potential_energy(system: System, t: Array, motion: AnyMotion) -> Array:
 
 
 def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invariant | None:
-    """The momentum about the axis in space about which the torque has no component; None if there is none."""
+    """The momentum about a space-fixed axis about which the torque has no component; None if there is none."""
     before = system.fixed_axis(t0, start)
     if before is None:
         return None

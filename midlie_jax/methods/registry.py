@@ -1,4 +1,4 @@
-"""The registry of methods by name; each method is listed here and nowhere else.
+"""The registry of all methods by name.
 
 Tests, charts and benchmarks select methods from this registry by their properties, never by name.
 """
@@ -26,7 +26,8 @@ class Entry(NamedTuple):
         method: the method.
         use: when to use the method.
         paper: whether the method is one of the rigid-body methods of Krysl 2004.
-        rival: whether the method was published later, for the same purpose, and is drawn beside those of the paper.
+        rival: whether the method was published later, for the same purpose, and is compared with the methods of the
+            paper.
         chart: whether charts of error against cost include the method; they always include the exact flight with the
             leading schemes.
     """
@@ -60,15 +61,15 @@ ENTRIES: dict[str, Entry] = {
         _entry(
             flights.Symmetric(),
             schemes.EA,
-            "two equal moments, up to three digits: three times as fast as JACOBI, six times on an AxisState",
+            "two equal moments, up to three digits: 3 times faster than JACOBI, 6 times on an AxisState",
         ),
         _entry(flights.Symmetric(), schemes.SRKN6B, "two equal moments, four to six digits"),
         _entry(flights.Symmetric(), schemes.SRKN14A, "two equal moments, six digits and more"),
         _entry(flights.Symmetric(), schemes.RKN8G, "fast tops, nine digits and more"),
         _entry(flights.Symmetric(), schemes.ABA1064, "fast tops in weak fields, high accuracy"),
         Entry(GBS12, "short runs under a strong torque, any accuracy; preserves no structure", chart=True),
-        Entry(PGBS12, "GBS12 that keeps the energy to rounding, torque from a potential", chart=True),
-        Entry(PGBS8, "GBS8 that keeps the energy to rounding, torque from a potential", chart=True),
+        Entry(PGBS12, "GBS12 that conserves the energy to rounding, torque from a potential", chart=True),
+        Entry(PGBS8, "GBS8 that conserves the energy to rounding, torque from a potential", chart=True),
         Entry(DOP853, "comparison: Dormand and Prince's method of order 8; preserves no structure", chart=True),
         Entry(GBS8, "comparison: GBS12 with fewer substeps, order 8; preserves no structure", chart=True),
         Entry(GBS10, "comparison: GBS12 with fewer substeps, order 10; preserves no structure", chart=True),
@@ -109,7 +110,7 @@ ENTRIES: dict[str, Entry] = {
         *(
             Entry(Sublattices(scheme), use)
             for scheme, use in (
-                (schemes.EA, "spins that act on spins of other sublattices: order 2, explicit, keeps the energy"),
+                (schemes.EA, "spins coupled only to other sublattices: order 2, explicit, conserves the energy"),
                 (schemes.SRKN6B, "such spins: order 4"),
                 (schemes.KAHAN_LI6, "such spins: order 6"),
                 (schemes.BAOAB, "such spins in a heat bath"),
@@ -132,16 +133,16 @@ def method(name: str | Flight, scheme: None = None) -> Method: ...
 def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
     """An integrator, from its name, or from a flight and a scheme.
 
-    `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and
-    `ml.method(ml.flights.SymplecticMidpoint4(), ml.schemes.SRKN6B)` return the same method. The order of a
-    FLIGHT[SCHEME] is the lower of the flight's order and the scheme's. But schemes that compose whole steps (TJ4, S4,
-    Y6, KL6, SU8, KL8) reach their own order also with a flight of lower order. "RK4" and "DOP853" are Runge-Kutta
-    methods that preserve no structure, for comparison and for short runs at high accuracy.
+    `ml.method("SLIEMID4[SRKN6b]")`, `ml.method("SLIEMID4", "SRKN6b")` and `ml.method(ml.flights.SymplecticMidpoint4(),
+    ml.schemes.SRKN6B)` return the same method. The order of a FLIGHT[SCHEME] is the lower of the orders of flight and
+    scheme. Schemes that compose whole steps (TJ4, S4, Y6, KL6, SU8, KL8) reach their own order even with a flight of
+    lower order. "RK4" and "DOP853" are Runge-Kutta methods that preserve no structure, for comparison and for short
+    runs at high accuracy.
 
     Raises:
-        ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes
-            without a scheme, an argument is neither a name nor a midlie_jax Flight or Scheme, or a flight from
-            outside has the name of one of this package.
+        ValueError: a name is unknown (the message suggests the nearest name and lists all), a flight comes without a
+            scheme, an argument is neither a name nor a midlie_jax Flight or Scheme, or a custom flight has the name of
+            one of this package.
 
     Examples:
         >>> method = ml.method("JACOBI[SRKN6b]")
@@ -182,15 +183,15 @@ def method(name: str | Flight, scheme: str | Scheme | None = None) -> Method:
 def methods() -> Listing:
     """The names of the methods, best first; the list prints as a table of when to use each method.
 
-    Any FLIGHT[SCHEME] of `midlie_jax.flights()` and `midlie_jax.schemes()` is a method, too.
+    Any FLIGHT[SCHEME] of `midlie_jax.flights()` and `midlie_jax.schemes()` is also a method.
 
     Examples:
         >>> ml.methods()[:3]
         ['JACOBI[EA]', 'JACOBI[SRKN6b]', 'JACOBI[SRKN14a]']
-        >>> ml.method("NEARSYM[SU8]").order  # any FLIGHT[SCHEME] is a method, too
+        >>> ml.method("NEARSYM[SU8]").order  # any FLIGHT[SCHEME] is also a method
         8
     """
-    note = "Any FLIGHT[SCHEME] of midlie_jax.flights() and midlie_jax.schemes() is a method, too."
+    note = "Any FLIGHT[SCHEME] of midlie_jax.flights() and midlie_jax.schemes() is also a method."
     return Listing({name: entry.use for name, entry in ENTRIES.items()}, note)
 
 
@@ -200,12 +201,12 @@ def paper_methods() -> list[Method]:
 
 
 def methods_of_figure_1() -> list[Method]:
-    """`paper_methods`, and later rivals of them."""
+    """`paper_methods` and their later alternatives."""
     return [*paper_methods(), *(entry.method for entry in ENTRIES.values() if entry.rival)]
 
 
 def exact_flight(body: Body) -> Flight:
-    """The fastest flight that is exact for the rotation of one body: a rigid body or a `Rotor`, which may travel."""
+    """The fastest exact flight for the rotation of one body: a rigid body or a `Rotor`, which may translate."""
     turning: Any = principal_of(body).turning
     exact = [flight for flight in FLIGHTS.values() if isinstance(turning, flight.bodies) and flight.order is None]
     fastest_first = sorted(exact, key=lambda flight: not flight.equal_moments)

@@ -1,15 +1,16 @@
 """Coefficients of the schemes RKN8 and RKN8G to 34 digits: splittings of order 8, for forces from a potential.
 
-Each is a palindrome of 22 flights with 21 kicks between them, so it has 11 different flights and 11 different kicks, of
-which the last is the kick at mid-step. Of the conditions of order 8 a palindrome has to meet 18: those of odd order on
-the Lie algebra of flights and kicks in which brackets with two kicks more than flights vanish, as they do for any force
-from a potential (McLachlan & Quispel, Splitting methods, Acta Numerica 11 (2002) 341). 22 coefficients leave four free.
+Each is a palindrome of 22 flights with 21 kicks between them, so it has 11 different flights and 11 different kicks;
+the last is the kick at mid-step. A palindrome must satisfy 18 of the conditions of order 8, those of odd order. They
+refer to the Lie algebra of flights and kicks in which brackets with two kicks more than flights vanish, as for any
+force from a potential (McLachlan & Quispel, Splitting methods, Acta Numerica 11 (2002) 341). 22 coefficients leave four
+free.
 
-The tables were found for this package and are published nowhere else; Blanes, Casas & Escorihuela-Tomas (2022, arXiv
-2202.01541) have others of the kind. The conditions were solved by Levenberg and Marquardt's method, each divided by the
-size of the coefficients to its degree, from 48 200 random starts and 55 000 changed ones; the free coefficients were
-then chosen by errors measured on tops, those of RKN8G on fast ones. Few solutions were explored: there may be better
-ones. `tests/test_order_conditions.py` holds the tables against Nystrom's trees, which the search did not use.
+The tables were found for this package and are not published elsewhere; Blanes, Casas & Escorihuela-Tomas (2022, arXiv
+2202.01541) have similar ones. The conditions, each divided by the size of the coefficients to its degree, were solved
+by the Levenberg-Marquardt method from 48 200 random and 55 000 modified starting points. The free coefficients minimise
+errors measured on tops; RKN8G uses fast tops. Few solutions were explored: there may be better ones.
+`tests/test_order_conditions.py` checks the tables by Nystrom trees, which the search did not use.
 """
 
 RKN8_FLIGHTS = (

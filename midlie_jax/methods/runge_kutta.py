@@ -1,10 +1,10 @@
-"""Explicit Runge-Kutta methods with a constant step on momentum and pose, which treat a quaternion as four numbers.
+"""Explicit Runge-Kutta methods with a constant step on momentum and pose; a quaternion is four numbers.
 
-They are not symplectic and do not conserve the spatial momentum of a free body. Nor do they conserve the energy, which
-drifts over a long run unless each step ends by a projection (`projection.py`). For a run of few turns under a strong
-torque they need the least work of all methods, at any accuracy. What a step adds is a `Formula`: a tableau
-(`tableau.py`) or an extrapolation (`extrapolation.py`). Written on components, the step is one loop over the batch,
-whose stages never leave the registers and the first-level cache.
+They are not symplectic and do not conserve the spatial momentum of a free body. The energy drifts over a long run
+unless each step ends with a projection (`projection.py`). For a run of few rotations under a strong torque they need
+the least work of all methods, at any accuracy. The change in a step is a `Formula`: a tableau (`tableau.py`) or an
+extrapolation (`extrapolation.py`). Written on components, the step is one loop over the batch, whose stages stay in
+registers and the first-level cache.
 """
 
 from typing import Any
@@ -27,23 +27,24 @@ from .projection import OPERATIONS, projected
 from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict
 
-# The most operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000 operations in
-# one loop, a step takes 40 times as long as in two loops of half that length. On a GPU longer kernels are divided, too.
+# The largest number of operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000
+# operations in one loop, a step takes 40 times longer than in two loops of half that length. On a GPU longer kernels
+# are also divided.
 _LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
-_LONG_EVALUATION = 150  # operations from which a stage of a tableau has a loop of its own
+_LONG_EVALUATION = 150  # operations from which a stage of a tableau has its own loop
 _OF_PROJECTION = 3  # torque evaluations: for the size of the energy, and its gradient before each group of corrections
-_EVALUATIONS_IN_KERNEL = 16  # how many evaluations of a simple torque fit one kernel
+_EVALUATIONS_IN_KERNEL = 16  # number of evaluations of a simple torque that fit one kernel
 
 
 class RungeKutta(Method):
-    """The Runge-Kutta method of a formula. Each step ends by scaling the pose back to unit length, by one Newton step.
+    """The Runge-Kutta method of a formula. At the end of each step, one Newton step rescales the pose to unit length.
 
-    A step reports False in `ok` where h |Omega| at its start exceeds the reach of the formula, and where a projection
-    cannot restore the energy to rounding because the step is too long to have a few correct digits.
+    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula, or if a projection cannot
+    restore the energy to rounding because the step is too long.
 
     Attributes:
-        formula: what a step adds to momentum and pose.
-        projects: whether the step ends by a projection that restores the energy (`projection.py`).
+        formula: the change of momentum and pose in a step.
+        projects: whether the step ends with a projection that restores the energy (`projection.py`).
     """
 
     formula: Formula = eqx.field(static=True)
@@ -91,7 +92,7 @@ class RungeKutta(Method):
         return False
 
     def loops_for(self, system: System) -> bool:
-        """Whether one copy of the torque is enough, in a loop over the substeps."""
+        """Whether one copy of the torque suffices, in a loop over the substeps."""
         return isinstance(self.formula, Extrapolation) and (system.kind.several or system.separate)
 
     def step(
@@ -100,7 +101,7 @@ class RungeKutta(Method):
         del force
 
         def rates(time: Any, part: Any, motion: AnyMotion) -> AnyMotion:
-            known = isinstance(part, float)  # in a loop they are traced, and the time is not that of an end of the step
+            known = isinstance(part, float)  # in a loop they are traced, and the time is not at an end of the step
             t = t0 if known and time == 0 else t1 if known and abs(time - 1) < 1e-12 else t0 + time * h
             return _rates(system, t, h if known and part == 1.0 else part * h, motion)
 
@@ -109,7 +110,7 @@ class RungeKutta(Method):
 
         def pause(tree: Any, evaluations: int) -> Any:
             nonlocal in_loop
-            alone = evaluations == 1 and per_evaluation > _LONG_EVALUATION  # every stage of a tableau reads the others
+            alone = evaluations == 1 and per_evaluation > _LONG_EVALUATION  # a stage of a tableau reads the others
             ends = alone or (in_loop + evaluations) * per_evaluation > longest
             in_loop = evaluations if ends else in_loop + evaluations
             return cut(tree) if ends else tree

@@ -1,4 +1,4 @@
-"""`Scheme`, the table of kicks, flights and baths that make a step, checked when it is made."""
+"""`Scheme`, the table of kicks, flights and bath stages of a step, checked on construction."""
 
 from dataclasses import InitVar, dataclass, replace
 from itertools import accumulate, pairwise
@@ -18,35 +18,35 @@ class Scheme:
     Attributes:
         name: the part in brackets of a method's name.
         order: order of accuracy if the flight is of the same order or higher, or if the scheme is `composed`. It is
-            measured (`measured_order`, up to half a second) unless there are no kicks. Of a scheme with a bath it is
-            the weak order, that of averages, which is 2 at most (`measured_weak_order`).
+            measured (`measured_order`, up to half a second) unless there are no kicks. For a scheme with a bath it is
+            the weak order, the order of averages, which is at most 2 (`measured_weak_order`).
         stages: pairs (KICK | FLIGHT | BATH, coefficient), in the order in which they act. The coefficients of each kind
-            sum to 1. In a stage of the bath, momenta are damped and pushed at random, and poses stay
+            sum to 1. In a bath stage, friction and noise act on the momenta, and poses are unchanged
             (`midlie_jax.torques.Langevin`).
         source: the publication of the table.
         use: when to use the scheme, for `midlie_jax.schemes()`.
         leading: whether the scheme, with an exact flight, needs the least work for some torque and some accuracy.
-            `recommend` tries the leading schemes, and charts of error against cost show them.
+            `recommend` and charts of error against cost use the leading schemes.
         composed: whether the scheme is a composition of whole symmetric steps, which also raises the order of an
             inexact flight.
         gradients: one number g for each kick, or empty. The kick then uses the torque of the potential
             V - g h^2 T . I^-1 T, with the step h and the torque T; for particles V - g h^2 f . M^-1 f. Not with a bath.
-        displaced: whether such a kick takes the torque at a displaced attitude instead of a derivative of the torque.
-            The attitude is displaced by the rotation vector 2 g h^2 I^-1 T, and the torque found there is turned back.
-            The difference is of order h^4, so the order stays, up to 4; but the kick is then not that of a potential,
-            and the method not symplectic.
-        small: an exponent n for weak forces, as on a fast top: where the forces are of size e, the global error is of
-            order e h^n + e^2 h^m, with m at least `order`.
+        displaced: whether such a kick uses the torque at a displaced attitude instead of a derivative of the torque.
+            The attitude is displaced by the rotation vector 2 g h^2 I^-1 T, and the torque there is rotated back. The
+            difference is of order h^4, so an order up to 4 is kept; but the kick then has no potential, and the method
+            is not symplectic.
+        small: an exponent n for weak forces, as on a fast top: for forces of size e, the global error is of order e h^n
+            + e^2 h^m, with m at least `order`.
 
     Args:
         known: whether to accept the name and the order unchecked. This is for the schemes of this package, whose orders
             are measured by tests and not at each import.
 
     Raises:
-        ValueError: the name is that of a scheme of this package, or cannot stand in brackets; coefficients do not sum
-            to 1; the order is not the measured one; a stage is neither a kick nor a flight nor a bath; `gradients` is
-            neither empty nor one number for each kick, or there is a bath; `displaced` without `gradients`; or `small`
-            or `composed` is not true of the scheme.
+        ValueError: the name belongs to a scheme of this package, or contains brackets; coefficients do not sum to 1;
+            the order is not the measured one; a stage is neither a kick nor a flight nor a bath; `gradients` is neither
+            empty nor one number for each kick, or there is a bath; `displaced` without `gradients`; or `small` or
+            `composed` is not true of the scheme.
 
     Examples:
         >>> kick, flight, end = ml.schemes.KICK, ml.schemes.FLIGHT, 0.1931833275037836  # McLachlan 1995
@@ -73,7 +73,7 @@ class Scheme:
         if not known and self.name in _names:
             raise ValueError(f"{label}: midlie_jax has a scheme of this name; choose another name.")
         if not isinstance(self.name, str) or not self.name or set("[]") & set(self.name):
-            raise ValueError(f"{label}: its name must be text without brackets, as it stands in those of a method.")
+            raise ValueError(f"{label}: its name must be text without brackets.")
         if not isinstance(self.stages, tuple):
             raise ValueError(f"{label}: stages must be a tuple of (kind, coefficient), got {self.stages!r}.")
         for stage in self.stages:
@@ -85,8 +85,7 @@ class Scheme:
             raise ValueError(f"{label} must be made of {KICK!r}, {FLIGHT!r} and {BATH!r}, got {listed}.")
         if self.random and (self.gradients or self.composed or self.small is not None):
             raise ValueError(
-                f"{label} has a bath, beside which gradients, composed and small mean nothing: averages are of weak "
-                "order 2 at most; leave them out."
+                f"{label} has a bath, so averages are of weak order 2 at most; leave out gradients, composed and small."
             )
         for kind in dict.fromkeys(kinds):
             total = sum(c for k, c in self.stages if k == kind)
@@ -97,17 +96,17 @@ class Scheme:
                 f"{label} has {kinds.count(KICK)} kicks and {len(self.gradients)} gradients; give one for each kick."
             )
         if self.displaced and not any(self.gradients):
-            raise ValueError(f"{label} has no gradients for which a displaced torque could stand; leave out displaced.")
+            raise ValueError(f"{label} has no gradients to replace by a displaced torque; leave out displaced.")
         if not isinstance(self.order, int) or self.order < 1:
-            raise ValueError(f"{label}: its order must be at least 1 and a whole number, got {self.order!r}.")
+            raise ValueError(f"{label}: its order must be a positive integer, got {self.order!r}.")
         if self.composed and not self._is_composed():
             raise ValueError(
-                f"{label} is declared composed, but not made of half kicks around flights: each of its kicks must be "
-                "half the sum of the flights beside it; leave out composed."
+                f"{label} is declared composed, but its kicks are not half the sum of the adjacent "
+                "flights; leave out composed."
             )
         if self.small is not None and not self._moments_are_exact(self.small):
             raise ValueError(
-                f"{label} is declared with small={self.small}, but its kicks do not integrate polynomials of degree "
+                f"{label} has small={self.small}, but its kicks do not integrate polynomials of degree "
                 f"{self.small - 1} in time exactly; check the coefficients, or leave out small."
             )
         if not known and (KICK in kinds or self.random):
@@ -138,17 +137,17 @@ class Scheme:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the table reads the same backwards, so that a step of -h undoes a step of h; no bath is undone."""
+        """Whether the table is a palindrome, so that a step of -h undoes a step of h; False with a bath."""
         return self.stages == self.stages[::-1] and self.gradients == self.gradients[::-1] and not self.random
 
     @property
     def random(self) -> bool:
-        """Whether there is a bath in it."""
+        """Whether it contains a bath."""
         return any(kind == BATH for kind, _ in self.stages)
 
     @property
     def begins_with_force(self) -> bool:
-        """Whether a step begins with a kick by the force at its start itself, without a gradient.
+        """Whether a step begins with a kick by the force at its start, without a gradient.
 
         A bath before the first kick or after the last one does not change the force.
         """
@@ -157,7 +156,7 @@ class Scheme:
 
     @property
     def reuses_force(self) -> bool:
-        """Whether a step begins and ends with such a kick, so that its last force is the first of the next step."""
+        """Whether a step begins and ends with such a kick, so its last force is the first of the next step."""
         kinds = [kind for kind, _ in self.stages if kind != BATH]
         return self.begins_with_force and kinds[-1] == KICK and not any(self.gradients[-1:])
 
@@ -178,7 +177,7 @@ class Scheme:
 
     @property
     def alternates(self) -> bool:
-        """Whether there are kicks and flights alone, alternating, and the first and last stage are of the same kind."""
+        """Whether there are only kicks and flights, alternating, and the first and last stage are of the same kind."""
         return (
             not self.random
             and all(a[0] != b[0] for a, b in pairwise(self.stages))
@@ -189,12 +188,12 @@ class Scheme:
         """If the scheme alternates: kicks, flights, and the times before, between and after flights, from 0 to 1."""
         kicks = [c for kind, c in self.stages if kind == KICK]
         flights = [c for kind, c in self.stages if kind == FLIGHT]
-        # The coefficients are rounded, so their sum is not exactly 1; but the time after the last flight is 1.
+        # Rounded coefficients do not sum exactly to 1, but the time after the last flight is 1.
         return kicks, flights, [0.0, *list(accumulate(flights))[:-1], 1.0]
 
     @property
     def times_of_kicks(self) -> list[float]:
-        """The time of each kick, in steps after the begin of the step."""
+        """The time of each kick, in steps after the start of the step."""
         before = accumulate(c if kind == FLIGHT else 0.0 for kind, c in self.stages)
         return [time for time, (kind, _) in zip(before, self.stages, strict=True) if kind == KICK]
 
@@ -206,6 +205,6 @@ class Scheme:
 
 
 def own_scheme(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str, **options: Any) -> Scheme:
-    """A scheme of this package, whose name no other can have."""
+    """A scheme of this package, whose name is reserved."""
     _names.add(name)
     return Scheme(name, order, stages, source, known=True, **options)

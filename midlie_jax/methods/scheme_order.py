@@ -1,7 +1,7 @@
 """The order of a scheme, measured in extended precision and without JAX.
 
-`measured_order` compares runs of two pendulums; `measured_weak_order`, for a scheme with a bath, the averages of two
-oscillators, which need no sample: mean and covariance of a linear system obey equations of their own.
+`measured_order` compares runs of two pendulums. For a scheme with a bath, `measured_weak_order` compares the averages
+of two oscillators; they need no sample, because mean and covariance of a linear system obey closed equations.
 """
 
 from itertools import pairwise
@@ -66,9 +66,9 @@ def measured_order(
 ) -> float:
     """The order of a scheme on two pendulums: the slope of the error at the smallest steps not dominated by rounding.
 
-    A `Scheme` is measured when it is made. The error is estimated from differences of runs with steps h,
-    h/2 and h/4, in NumPy's longdouble and without JAX. The result is within about 0.1 of a whole number. Where rounding
-    hides the error (order 8 and more if longdouble is plain double), it is the slope at the largest steps.
+    A `Scheme` is measured on construction. The error is estimated from differences of runs with steps h, h/2 and h/4,
+    in NumPy's longdouble and without JAX. The result is within about 0.1 of an integer. If rounding hides the error
+    (order 8 and more if longdouble is plain double), it is the slope at the largest steps.
 
     Args:
         scheme: the scheme.
@@ -90,15 +90,15 @@ def measured_order(
     return slope
 
 
-# Two oscillators joined by a spring, each with a friction of its own, at the temperature 1.
+# Two oscillators joined by a spring, each with its own friction, at the temperature 1.
 _STIFFNESS = np.array([[2.0, -0.7], [-0.7, 1.2]], np.longdouble)
 _FRICTIONS = np.array([0.4, 1.5], np.longdouble)
 
 
 def measured_weak_order(scheme: Table) -> float:
-    """The weak order of a scheme with a bath: that of the mean and the covariance of two oscillators.
+    """The weak order of a scheme with a bath, from the mean and the covariance of two oscillators.
 
-    The pendulums of `measured_order` see how kicks and flights fit together, so the lower of both orders is returned.
+    The pendulums of `measured_order` test the combination of kicks and flights; the lower of both orders is returned.
 
     Examples:
         >>> round(ml.schemes.measured_weak_order(ml.schemes.BAOAB))

@@ -1,6 +1,6 @@
 """The coefficient tables of all schemes, by name, each with its source.
 
-To add a scheme of your own, create a `midlie_jax.schemes.Scheme`, which measures its order.
+To add a custom scheme, create a `midlie_jax.schemes.Scheme`, which measures its order.
 """
 
 import sys
@@ -40,7 +40,7 @@ def _mirrored(half: tuple[float, ...], centre: float) -> tuple[float, ...]:
 
 
 def _composed(name: str, order: int, factors: tuple[float, ...], source: str, use: str) -> Scheme:
-    """Verlet steps (half kick, flight, half kick) of these lengths, whose sum is 1, with adjacent kicks merged."""
+    """Verlet steps (half kick, flight, half kick) of these lengths, which sum to 1, with adjacent kicks merged."""
     ends = (0.0, *factors, 0.0)
     kicks = tuple((left + right) / 2 for left, right in pairwise(ends))
     return _alternating(name, order, KICK, kicks, factors, source, composed=True, use=use)
@@ -75,13 +75,13 @@ def _even_palindrome(half: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _repeated(half: tuple[str, ...]) -> tuple[float, ...]:
-    """These numbers, and then the same backwards."""
+    """These numbers, then the same in reverse."""
     first_half = tuple(map(float, half))
     return (*first_half, *reversed(first_half))
 
 
 def _about_the_last(half: tuple[str, ...]) -> tuple[float, ...]:
-    """These numbers, and then all but the last backwards."""
+    """These numbers, then all but the last in reverse."""
     *first_half, centre = map(float, half)
     return _mirrored(tuple(first_half), centre)
 
@@ -232,7 +232,7 @@ RKN8G = _of_order_8(
     _rkn8.RKN8G_KICKS,
     "fast tops, nine digits and more; RKN8 has the smaller error on others",
 )
-# TI and CHIN4A use the gradient of T . I^-1 T, which costs one directional derivative of the torque.
+# TI and CHIN4A use the gradient of T . I^-1 T, at the cost of one directional derivative of the torque.
 TAKAHASHI_IMADA = own_scheme(
     "TI",
     2,
@@ -259,7 +259,7 @@ CHIN4A = own_scheme(
     use="three to five digits, two torques and one gradient per step; torque from a potential only",
     leading=True,
 )
-# The same without a derivative: the torque at a displaced attitude stands for the gradient.
+# Derivative-free versions: the torque at a displaced attitude replaces the gradient.
 _HESSIAN_FREE = "Schaefers, Finkenrath, Guenther & Knechtli, Hessian-free force-gradient integrators, arXiv 2403.10370"
 BADAB = own_scheme(
     "BADAB",
@@ -330,7 +330,7 @@ ABOBA = own_scheme(
     2,
     ((FLIGHT, 0.5), (KICK, 0.5), (BATH, 1.0), (KICK, 0.5), (FLIGHT, 0.5)),
     _LEIMKUHLER,
-    use="with a heat bath: places are exact in a harmonic well, too; the bath in the middle of EA*",
+    use=("with a heat bath: positions are also exact in a harmonic well; the bath in the middle of EA*"),
 )
 SCHEMES = {
     scheme.name: scheme
@@ -347,7 +347,6 @@ class _CallableModule(ModuleType):
     """A module that can also be called: `midlie_jax.schemes()` as well as `midlie_jax.schemes.SRKN6B`."""
 
     def __call__(self) -> Listing:
-        """The names of the schemes, best first; the list prints as a table of when to use each scheme."""
         return Listing({name: f"order {scheme.order}: {scheme.use}" for name, scheme in SCHEMES.items()})
 
 

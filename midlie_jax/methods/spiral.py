@@ -1,4 +1,4 @@
-"""SPIRAL: a leapfrog of the discrete element method, whose momentum moves by a Runge-Kutta method of order 3."""
+"""SPIRAL: a leapfrog of the discrete element method, with a Runge-Kutta method of order 3 for the momentum."""
 
 from typing import Any
 
@@ -24,10 +24,10 @@ class Spiral(Method):
         k1 = k f(Pi),  k2 = k f(Pi + k1),  k3 = k f(Pi + (k1 + k2)/4),  Pi + (k1 + k2 + 4 k3)/6
 
     This is the leapfrog form of the algorithm, with momentum and attitude at the same times, as its first author wrote
-    it for velocity Verlet (JaxDEM). A torque is evaluated once a step, one that reads the momentum at each stage. The
-    order is 2; 3 is that of the momentum at a fixed attitude. The method is neither symmetric nor symplectic, and the
-    spatial momentum of a free body is not conserved. A step reports False in `ok` where it turned by more than 1.6
-    radians.
+    it for velocity Verlet (JaxDEM). The torque is evaluated once per step, or at each stage if it reads the momentum.
+    The order is 2; only the momentum at a fixed attitude has order 3. The method is neither symmetric nor symplectic,
+    and the spatial momentum of a free body is not conserved. A step reports False in `ok` if it rotates by more than
+    1.6 radians.
 
     C. A. del Valle, V. Angelidakis, S. Roy, J. D. Munoz, T. Poeschel, Comput. Phys. Commun. 297 (2024) 109077, arXiv
     2311.04106.
@@ -46,7 +46,7 @@ class Spiral(Method):
         return _REACH
 
     def stability_limit(self, direction: complex) -> float:
-        """2 under a field, as of every leapfrog; a torque that damps acts in two Runge-Kutta steps of h/2."""
+        """2 under a field, as for every leapfrog; a damping torque acts in two Runge-Kutta steps of h/2."""
         return 2 * _LARGEST_DECAY if -direction.real > abs(direction.imag) else 2.0
 
     def keeps_force(self, system: System) -> bool:
@@ -63,7 +63,7 @@ class Spiral(Method):
 
 
 def _pushed(system: System, t: Array, h: Array, motion: Motion[cp.Vector, Any], torque: Any) -> Motion[cp.Vector, Any]:
-    """The motion after a step h of the momentum alone; without `torque`, that is evaluated at each stage."""
+    """The motion after a step h of the momentum alone; the torque is evaluated at each stage unless given."""
 
     def change(added: cp.Vector) -> cp.Vector:
         momentum = cp.add(motion.momentum, added)

@@ -31,7 +31,7 @@ class Splitting(Method):
     """The method of a flight and a scheme.
 
     Attributes:
-        flight: the motion under no torque.
+        flight: the torque-free motion.
         scheme: the table of kicks and flights; if the flight is exact, adjacent flights are merged.
     """
 
@@ -154,7 +154,7 @@ class Splitting(Method):
         return many and self._can_loop
 
     def loops_for(self, system: System) -> bool:
-        """The same for a system: of a torque that is compiled apart, a step holds one copy."""
+        """True also for a separately compiled torque, so that a step holds one copy of it."""
         return self.loops or (system.kind.apart and self._can_loop and self.scheme.flights > 1)
 
     def _step_unrolled(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
@@ -166,11 +166,11 @@ class Splitting(Method):
             ok = earlier(ok, flight_ok)
             if self.scheme.flights > self.flight.per_loop:
                 return cut(motion)
-            # Of a compensated sum both parts are needed, and XLA would repeat the flight for each of them.
+            # A compensated sum needs both parts, and XLA would repeat the flight for each of them.
             if stages.system.kind.compensated and (self.scheme.flights > 1 or stages.system.torque is not None):
                 return split(motion)
-            # A long wrench, which reads thirteen numbers, and a long flight in one loop are too much for XLA: it then
-            # repeats the flight for several of these numbers.
+            # A long wrench, which reads thirteen numbers, and a long flight do not fit one loop: XLA would repeat the
+            # flight for several of these numbers.
             travels = stages.system.kind.rotation is not None or stages.system.kind.several
             if stages.system.long and travels and self.flight.per_loop <= 2:
                 return split(motion)
@@ -182,8 +182,9 @@ class Splitting(Method):
     def _step_in_loop(self, stages: "_Stages", motion: AnyMotion, force: Any) -> tuple[AnyMotion, Any, Array | bool]:
         """The step as a loop, whose iterations are a flight and the kick after it; the last flight follows the loop.
 
-        If the step begins with a kick, this kick precedes the loop, and the last kick follows the last flight. So no
-        iteration hands a force to the next one, whose passes over memory would cost a short flight much of its time.
+        If the step begins with a kick, this kick precedes the loop, and the last kick follows the last flight. No
+        iteration then passes a force to the next one; for a short flight, these passes over memory would take a large
+        part of the run time.
         """
         kicks, flights, times = self.scheme.columns()
         if kicks_first := self.scheme.stages[0][0] == KICK:
@@ -216,7 +217,9 @@ class Splitting(Method):
     def _step_in_one_loop(
         self, stages: "_Stages", motion: AnyMotion, force: Any
     ) -> tuple[AnyMotion, Any, Array | bool]:
-        """The same for a step that begins with a kick, with all flights in the loop, which holds the only torque."""
+        """`_step_in_loop` for a step that begins with a kick, with all flights in the loop, which holds the only
+        torque.
+        """
         kicks, flights, times = self.scheme.columns()
         force = stages.evaluate(0.0, 0.0, motion) if force is None else force
 
@@ -241,7 +244,7 @@ class Splitting(Method):
         return 2 if self.flight.per_loop > 2 else 1
 
     def _after_flight(self, stages: "_Stages", motion: AnyMotion) -> AnyMotion:
-        """The motion after a flight of a loop, of which a long flight fills one alone."""
+        """The motion after a flight in a loop; a long flight fills its own loop."""
         return stages.system.loop_boundary(motion) if self.flight.per_loop > 2 else split(motion)
 
 
@@ -249,10 +252,10 @@ class _Stages(NamedTuple):
     """The parts of one step. Coefficients are Python floats, or traced scalars in a loop over the stages.
 
     Attributes:
-        flight, system, t0, t1, h: those of the step.
-        displaced: that of the scheme.
-        flown: a list to which each flight adds what is then known of its reverse; or None.
-        known: a list of what is known of the flights, from the last to the first, or None; each flight removes its
+        flight, system, t0, t1, h: of the step.
+        displaced: of the scheme.
+        flown: a list to which each flight adds the known parts of its reverse; or None.
+        known: a list of the known parts of the flights, from the last to the first, or None; each flight removes its
             entry.
     """
 
@@ -272,7 +275,7 @@ class _Stages(NamedTuple):
         return jnp.where(c == 1, self.t1, self.t0 + c * self.h)
 
     def fly(self, a: Any, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        order = -1 if self.known else 1  # what is known of the last body is the last in the list
+        order = -1 if self.known else 1  # the known parts of the last body are last in the list
         flown = [self._fly_one(a, *member) for member in self.system.members(motion)[::order]][::order]
         ok: Array | bool = True
         for _, one in flown:
@@ -283,12 +286,12 @@ class _Stages(NamedTuple):
         """The flight of one body, or of bodies side by side."""
         rotated, ok = self._turn(a, *system.rotating(motion))
         moved = system.travelled(a * self.h, motion, rotated)
-        if system.kind.apart:  # or the flight would be repeated in the loop that asks whether all of them succeeded
+        if system.kind.apart:  # otherwise the flight would be repeated in the loop that checks the success of all
             moved, ok = split((moved, ok))
         return moved, of_all(ok)
 
     def _turn(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        """The flight of what turns; of particles, their flight."""
+        """The flight of the rotation; for particles, their flight."""
         known = self.known.pop() if self.known else None
         if isinstance(self.flight, ExactFlight) and system.kind.has_pose:
             arguments = system.inertia, a * self.h, motion, self.h == 0, known
@@ -311,7 +314,7 @@ class _Stages(NamedTuple):
     def bathe(self, b: float, c: float, stage: int, motion: AnyMotion) -> AnyMotion:
         t = self._time(c)
         bathed = self.system.of_members([own.bathed(b, t, stage, one) for own, one in self.system.members(motion)])
-        # The exposures are those of a whole step. A step of length zero leaves the motion as it is.
+        # The exposures belong to a whole step. A step of length zero leaves the motion unchanged.
         return jax.tree.map(lambda old, new: jnp.where(self.h == 0, old, new), motion, bathed)
 
     def kick(self, b: Any, c: Any, motion: AnyMotion, force: Any) -> AnyMotion:
@@ -322,7 +325,7 @@ class _Stages(NamedTuple):
             force = self.system.force(self._time(c), midpoint)
         change = jax.tree.map(lambda f: b * self.h * f, force)
         pushed = self.system.pushed(motion, change)
-        # All that follows the first kick reads the motion after that kick, and not the force left by the previous step.
+        # Everything after the first kick reads the motion after that kick, not the force left by the previous step.
         first = isinstance(c, float) and c == 0.0 and not self.system.reads_momentum
         return kept(pushed) if first else pushed
 
@@ -331,14 +334,14 @@ class _Stages(NamedTuple):
 def _fly(flight: Flight, has_pose: bool, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array | bool]:
     """One flight, traced once for all flights of a step, and for all later methods with the same flight.
 
-    The increment is None for a state without a pose, which needs none.
+    The increment is None for a state without a pose.
     """
     if flight.long_derivative:
         inertia, h, momentum = fuse_derivative((inertia, h, momentum))
     if has_pose:
         return flight.judged(inertia, h, momentum)
     change, ok = flight.momentum_change(inertia, h, momentum)
-    if isinstance(flight, ExactFlight):  # it solves nothing, and fails only beyond its reach or where nothing is finite
+    if isinstance(flight, ExactFlight):  # it solves nothing and fails only beyond its reach or without finite numbers
         return None, change, jnp.where(ok, FINE, jnp.where(momentum[0] == momentum[0], BEYOND, NOT_FINITE))
     return None, change, as_verdict(ok)
 

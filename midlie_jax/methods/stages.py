@@ -1,4 +1,4 @@
-"""Kicks, flights and baths: the table that a step is made by, and `run`, the function that takes the step.
+"""Kicks, flights and bath stages: the table of a step, and `run`, the function that takes the step.
 
 This module does not depend on the kind of body: the same tables drive rigid bodies and particles.
 """
@@ -11,7 +11,7 @@ KICK, FLIGHT, BATH = "kick", "flight", "bath"
 
 @runtime_checkable
 class Table(Protocol):
-    """The part of a `Scheme` that `run` needs; its attributes are explained at `Scheme`."""
+    """The part of a `Scheme` that `run` needs; `Scheme` documents its attributes."""
 
     @property
     def stages(self) -> tuple[tuple[str, float], ...]: ...
@@ -47,8 +47,8 @@ def run(
             `Scheme.gradients`.
         motion: the motion at the start, of any type.
         force: the force at the start if the caller kept it from the previous step (see `reuses_force`), else None.
-        bathe: `bathe(b, c, i, motion)`, the motion after stage i of the bath, counted from 0, which acts for the time
-            b h at the time c h after the start. Without it such stages change nothing.
+        bathe: `bathe(b, c, i, motion)`, the motion after stage i of the bath, counted from 0, which acts for the time b
+            h at the time c h after the start. If None, such stages change nothing.
 
     Returns:
         The new motion, and the force of the last kick (None if there was no kick).
@@ -68,10 +68,10 @@ def run(
         if kind == FLIGHT:
             motion = fly(coefficient, motion)
             flights_left -= 1
-            # The coefficients are rounded, so their sum is not exactly 1; but the time after the last flight is 1.
+            # Rounded coefficients do not sum exactly to 1, but the time after the last flight is 1.
             elapsed = elapsed + coefficient if flights_left else 1.0
             force = None
-        elif kind == BATH:  # changes momenta alone, so the force stays
+        elif kind == BATH:  # changes only momenta, so the force stays
             motion = motion if bathe is None else bathe(coefficient, elapsed, baths, motion)
             baths += 1
         else:

@@ -1,4 +1,4 @@
-"""The equations of motion on components: momentum and pose (`Motion`), and what is constant in a run (`System`)."""
+"""The equations of motion on components: momentum and pose (`Motion`), and the constants of a run (`System`)."""
 
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar, cast
@@ -38,17 +38,17 @@ AnyMotion = Motion[Any, Any]
 class System(NamedTuple):
     """The constants of a body, the torque on the body, and the class of the states.
 
-    Momenta and poses are stored in principal components; states and torques are in the user's components, which differ
-    for a `TensorBody`.
+    Momenta and poses are in principal components; states and torques are in the user's components, which differ for a
+    `TensorBody`.
 
     Attributes:
         inertia: the constants of the body, `Body.inertia()`.
         torque: a function of (t, state), or None.
         kind: the class of the state.
-        reads_momentum: whether the torque depends on the momentum, as damping and control do.
+        reads_momentum: whether the torque depends on the momentum, such as damping and control.
         costly: whether the torque contains an operation that XLA counts as expensive, such as a division.
-        long: whether the torque has so many operations that its derivative does not fit one loop with the flight's.
-        frame: the quaternion that rotates principal components to the user's; None where both are the same.
+        long: whether the derivative of the torque is too long for one loop with the derivative of the flight.
+        frame: the quaternion from principal components to the user's; None if both agree.
         bath: the heat bath, or None.
         by_step: whether a part of the torque has a constant value in each step; see `in_step`.
     """
@@ -68,11 +68,11 @@ class System(NamedTuple):
         """The system of a body and a torque. The torque is traced once, at the time t and the state `start`.
 
         Args:
-            body, torque, start, t: as above.
+            body, torque, start, t: see above.
             whole: whether momenta and poses have the form of `start.parts` even for a few coupled bodies.
 
         Raises:
-            ValueError: the torque needs numbers where JAX has only tracers.
+            ValueError: the torque needs concrete numbers where JAX has tracers.
         """
         if torque is None:
             return cls._of(body, None, start, None, reads=False, whole=whole)
@@ -82,8 +82,8 @@ class System(NamedTuple):
             torque_traits = traits(in_step(torque, t, t, t) if by_step else torque, t, start)
         except (jax.errors.ConcretizationTypeError, *_CONCRETE_VALUE_ERRORS) as error:
             raise ValueError(
-                "the torque needs numbers where JAX has none yet: write jnp.where(condition, a, b) for an `if`, and "
-                f"jax.numpy for numpy (jnp.cross for np.cross). JAX reports: {str(error).splitlines()[0]}"
+                "the torque needs numbers where JAX has only tracers; use jnp.where(condition, a, b) for "
+                f"`if`, and jnp.cross for np.cross. JAX reports: {str(error).splitlines()[0]}"
             ) from error
         read = torque_traits.reads[1]
         reads = velocity_dependent(torque) or any(getattr(read, name) for name in start.momenta)
@@ -102,7 +102,7 @@ class System(NamedTuple):
     ) -> "System":
         kind = type(start) if whole else start.kind_of_run(found)
         frame, inertia = body.frame_of_user(), body.in_principal_axes().inertia()
-        # A torque that is compiled apart ends the loops around it by itself; one on several bodies is always long.
+        # A separately compiled torque already ends the loops around it; a torque on several bodies is always long.
         costly = found is not None and (found.costly or kind.several) and not kind.apart
         long = found is not None and (found.scalars if kind is not type(start) else found.operations) > _LONG_TORQUE
         inertia, frame = kind.each_inertia(inertia, start), kind.each_frame(frame, start)
@@ -110,18 +110,18 @@ class System(NamedTuple):
 
     @property
     def separate(self) -> bool:
-        """Whether the torque is long and has loops of its own.
+        """Whether the torque is long and has its own loops.
 
-        A step then takes no longer if it is a loop that holds one copy of the torque, and compiles much faster.
+        A step with a loop that holds one copy of the torque is then equally fast and compiles much faster.
         """
         return self.costly and self.long
 
     def at_step(self, n: Array) -> "System":
-        """The system in the step of this index, on which the random numbers of a bath depend."""
+        """The system in the step of this index, which determines the random numbers of a bath."""
         return self if self.bath is None else self._replace(bath=self.bath._replace(step=n))
 
     def in_step(self, t0: Array, t1: Array, h: Array) -> "System":
-        """The system in the step from t0 to t1 of length h, with the values that parts of the torque have in it."""
+        """The system in the step from t0 to t1 of length h, with the values of the `ByStep` parts of the torque."""
         if not self.by_step:
             return self
         inertia, torque = in_step((self.inertia, self.torque), t0, t1, h)
@@ -129,11 +129,11 @@ class System(NamedTuple):
 
     @property
     def keeps_torque(self) -> bool:
-        """Whether the torque at the end of a step is that at the start of the next, whose momentum is another."""
+        """Whether the torque at the end of a step equals the torque at the start of the next, at another momentum."""
         return self.torque is not None and not self.reads_momentum and not self.by_step
 
     def bathed(self, b: float, t: Array, stage: int, motion: AnyMotion) -> AnyMotion:
-        """The motion after the bath's stage of this coefficient, the number `stage` in the step, at the time t."""
+        """The motion after bath stage number `stage` of the step, with coefficient b, at the time t."""
         assert self.bath is not None
         root = None if self.bath.root is None else self.bath.root(t)
         noise = self.bath.noise(stage, motion.momentum)
@@ -143,9 +143,9 @@ class System(NamedTuple):
     def loop_boundary(self, tree: T) -> T:
         """The tree unchanged; marks the border between two parts of a step.
 
-        XLA counts a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
-        every value that is used twice. So a costly torque gets loops of its own, which end here. With any other torque
-        the step is a single loop; only its derivative is split here, if the torque is long.
+        XLA treats a division, root or exponential as too expensive to repeat, and ends a loop with such an operation at
+        every value that is used twice. A costly torque therefore gets its own loops, which end here. With any other
+        torque the step is a single loop; only its derivative is split here, if the torque is long.
         """
         return split(tree) if self.costly else fuse_derivative(tree) if self.long else tree
 
@@ -181,7 +181,7 @@ class System(NamedTuple):
         return self.inertia.velocity(momentum)
 
     def members(self, motion: AnyMotion) -> "list[tuple[System, AnyMotion]]":
-        """The system and the motion of each body that is moved on its own: of several, each, number by number."""
+        """The system and the motion of each body that is moved separately; for a few coupled bodies, of each body."""
         if not isinstance(self.inertia, Inertias):
             return [(self, motion)]
         kind: Any = self.kind
@@ -194,20 +194,20 @@ class System(NamedTuple):
         return [(system(i, inertia), Motion(p, q)) for i, (inertia, p, q) in parts]
 
     def of_members(self, motions: "list[AnyMotion]") -> AnyMotion:
-        """The motion of all bodies, from those of `members`."""
+        """The motion of all bodies, from the results of `members`."""
         if not isinstance(self.inertia, Inertias):
             return motions[0]
         return Motion(tuple(m.momentum for m in motions), tuple(m.pose for m in motions))
 
     def rotating(self, motion: AnyMotion) -> "tuple[System, AnyMotion]":
-        """The rotation alone of a body that also travels; otherwise the system and the motion themselves."""
+        """The rotation of a body that also translates; otherwise the system and the motion unchanged."""
         if self.kind.rotation is None:
             return self, motion
         system = self._replace(inertia=self.inertia.rotation, kind=self.kind.rotation)
         return system, Motion(motion.momentum.angular, motion.pose.orientation)
 
     def travelled(self, h: Array, motion: AnyMotion, rotated: AnyMotion) -> AnyMotion:
-        """The motion at the end of a flight that rotates it to `rotated`: a body that travels moves by h p / m."""
+        """The motion after a flight that rotates it to `rotated`; a body that translates moves by h p / m."""
         if self.kind.rotation is None:
             return rotated
         linear = motion.momentum.linear
@@ -236,9 +236,9 @@ class System(NamedTuple):
         """`gradient_force` up to weight^2, from a second torque in place of a derivative.
 
         It is the torque at the pose displaced by d = 2 weight w, w = I^-1 T, in the frame before the displacement. A
-        body that only turns is turned by the rotation with the Rodrigues vector d/2, and the torque is turned back by
-        the same rotation. So a torque without a component about a direction fixed in space stays one without, and the
-        kick keeps the momentum about that direction. Where a body also travels, both are done to first order.
+        body without translation is rotated by the Rodrigues vector d/2, and the torque is rotated back. A torque
+        without a component about a space-fixed direction therefore keeps this property, and the kick conserves the
+        momentum about that direction. For a body that also translates, both are done to first order.
 
         Raises:
             ValueError: the torque depends on the momentum.
@@ -262,7 +262,7 @@ class System(NamedTuple):
         return added(at(moved), 2 * weight, self.inertia.commutator(force))
 
     def _torque_of_pose(self) -> TorqueLike:
-        """The torque; a ValueError if it reads the momentum, for which a force gradient means nothing."""
+        """The torque; a ValueError if it reads the momentum, for which a force gradient is undefined."""
         if self.reads_momentum:
             raise ValueError(
                 "a scheme with force gradients needs a torque from a potential, but this torque depends on the "
@@ -274,8 +274,8 @@ class System(NamedTuple):
     def gradient_force(self, t: Array, weight: Array, motion: Motion[P, Any]) -> P:
         """The torque of the potential V - weight T . I^-1 T.
 
-        The torque is T + 2 weight (dT + w x T), with w = I^-1 T and dT the rate of change of T as the body turns with
-        the angular velocity w. The cross product arises because the derivatives of a potential along the body's axes do
+        The torque is T + 2 weight (dT + w x T), with w = I^-1 T and dT the rate of change of T while the body rotates
+        with the angular velocity w. The cross product arises because derivatives of a potential along the body axes do
         not commute; for particles it is absent.
 
         Raises:
@@ -298,10 +298,10 @@ class System(NamedTuple):
     def _evaluate(self, torque: TorqueLike, t: Array, motion: AnyMotion) -> Any:
         value, returned = self.evaluate(lambda t, state: self.kind.force_of(torque(t, state)), t, motion)
         _check_force(self.kind, returned, cp.packed(motion.momentum))
-        return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return numbers that depend on nothing
+        return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return constants
 
     def _vector(self, vector: Any) -> Any:
-        """A vector in principal components, from one in the user's."""
+        """A vector in principal components, from the user's components."""
         return vector if self.frame is None else self.kind.vector_in(self.frame, vector)
 
     def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
@@ -311,7 +311,7 @@ class System(NamedTuple):
         return self._torque_boundary(value[0])
 
     def fixed_axis(self, t: Array, motion: AnyMotion) -> Any:
-        """A direction fixed in space about which the torque has no component, in principal components; None if unknown.
+        """A space-fixed direction about which the torque has no component, in principal components; None if unknown.
 
         Whether it is None does not depend on the motion.
         """
@@ -328,7 +328,6 @@ class System(NamedTuple):
 
 
 def added(momentum: P, h: Array, force: P) -> P:
-    """momentum + h force."""
     return jax.tree.map(lambda p, f: p + h * f, momentum, force)
 
 
@@ -342,14 +341,14 @@ def _zeros(momentum: P) -> P:
 
 
 def _check_force(kind: type[AnyState], returned: Any, momentum: Any) -> None:
-    """Raises a ValueError unless the torque returned arrays of the momentum's form, shapes and dtype."""
+    """Raises a ValueError unless the torque returned arrays with the form, shapes and dtype of the momentum."""
     if jax.tree.structure(returned) != jax.tree.structure(momentum):
         if kind.several:
             shapes = sorted({str(tuple(leaf.shape)) for leaf in jax.tree.leaves(returned)})
             rows = f"{len(returned)} rows for {len(momentum)} bodies" if type(returned) is tuple else ", ".join(shapes)
             raise ValueError(
-                "the function of coupled bodies must return one row for each: a torque (N, 3) or, where they travel, a "
-                f"midlie_jax.Wrench of two arrays (N, 3); got {rows}."
+                "the function of coupled bodies must return one row per body, a torque (N, 3) or a "
+                f"midlie_jax.Wrench of two arrays (N, 3), got {rows}."
             )
         wanted, cure = f"a {type(momentum).__name__}", "of arrays like the momentum in `State.parts`"
         if isinstance(momentum, Array):

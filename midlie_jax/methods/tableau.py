@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta methods by their tableaux: the classical one, and Dormand and Prince's of order 8."""
+"""Explicit Runge-Kutta methods by tableaux: the classical one, and Dormand and Prince's of order 8."""
 
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ class Tableau(NamedTuple):
         stages: for each stage, the weights of the earlier stages by index; the time of a stage is t0 + h times their
             sum.
         weights: the weights of the stages in the step, by index.
-        reach: the largest turn h |Omega| of a step, in radians.
+        reach: the largest rotation h |Omega| of a step, in radians.
         source: the publication of the tableau.
     """
 
@@ -33,7 +33,7 @@ class Tableau(NamedTuple):
 
     def change(self, rates: Rates, pause: Pause, motion: AnyMotion) -> AnyMotion:
         changes: list[AnyMotion] = []
-        begun = 0  # the first of the changes that are computed in the present loop
+        begun = 0  # the first change that the present loop computes
         for row in self.stages:
             fresh = changes[begun:]
             paused = pause(fresh, 1) if len(self.stages) > _FEW else fresh

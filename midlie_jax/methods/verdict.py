@@ -1,8 +1,8 @@
-"""A verdict: whether a step can be trusted and, if not, why. It is an integer, computed by each step.
+"""A verdict: an integer from each step, which shows whether the step can be trusted and, if not, why.
 
-A run carries the verdict of its first step that failed. This costs one select per step more than a boolean would. A
-flight that solves nothing may return a number in its place, its share of the reach, which costs less: at most 1 is
-fine, NaN is not finite. Of the shares in a step, the largest counts.
+A run carries the verdict of its first step that failed, at the cost of one more select per step than a boolean. A
+flight without a solve may return a number instead, its share of the reach, at less cost: at most 1 is fine, NaN is not
+finite. The largest share in a step counts.
 """
 
 from typing import Any
@@ -19,8 +19,8 @@ def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
 
     Args:
         solved: whether the step solved its equation.
-        within: pairs of a size and the largest value that it may have. If all sizes are NaN, the step started with a
-            number that is not finite.
+        within: pairs of a size and its largest allowed value. If all sizes are NaN, the step started with a number that
+            is not finite.
     """
     good, beyond, number = jnp.asarray(solved), jnp.asarray(False), jnp.asarray(not within)
     for size, bound in within:
@@ -29,7 +29,7 @@ def verdict(solved: Array | bool, *within: tuple[Array, float]) -> Array:
 
 
 def as_verdict(ok: Array | bool) -> Array:
-    """The verdict of a flight or step that only says whether it succeeded, or its share of the reach."""
+    """The verdict of a flight or step that returns only whether it succeeded, or its share of the reach."""
     ok = jnp.asarray(ok)
     if jnp.issubdtype(ok.dtype, jnp.floating):
         return jnp.where(ok <= 1, FINE, jnp.where(ok > 1, BEYOND, NOT_FINITE))
@@ -41,13 +41,13 @@ def earlier(first: Array | bool, second: Array | bool) -> Array:
     if first is True:
         return jnp.asarray(second)
     if all(jnp.issubdtype(jnp.result_type(part), jnp.floating) for part in (first, second)):
-        return jnp.maximum(first, second)  # which is NaN if one of them is
+        return jnp.maximum(first, second)  # NaN if one of them is NaN
     first = as_verdict(first)
     return jnp.where(first == FINE, as_verdict(second), first)
 
 
 def of_all(ok: Array | bool) -> Array | bool:
-    """The verdict of several bodies, (), from theirs, (N,): that one of them failed, if any did; a largest share."""
+    """The verdict of several bodies, (), from theirs, (N,): failed if any failed; for shares, the largest."""
     if isinstance(ok, bool) or not ok.ndim:
         return ok
     return jnp.all(ok) if ok.dtype == np.bool_ else jnp.max(ok)
@@ -57,7 +57,7 @@ def at_start(body: Any, finite: Array | bool = True, counted: Array | bool = Tru
     """The verdict before the first step.
 
     Args:
-        body: which must be possible.
+        body: must be possible.
         finite: whether the start is finite.
         counted: whether 32 bits count the steps.
     """

@@ -1,9 +1,9 @@
-"""Flights: maps for the motion of a body under no torque for a time h, exact or approximate.
+"""Flights: maps for the torque-free motion of a body for a time h, exact or approximate.
 
-A flight is called with the body's constants, the time and the momentum, and returns the rotation of the body, the
-change of its momentum, and whether the result is valid. Flights do not depend on how a state stores the orientation.
-To add a flight to the package, write one file and import the class here; `midlie_jax.flights()` then lists it, best
-first. To write a flight, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
+A flight is called with the constants of the body, the time and the momentum. It returns the rotation of the body, the
+change of its momentum, and whether the result is valid. Flights do not depend on how a state stores the orientation. To
+add a flight to the package, write one file and import the class here; `midlie_jax.flights()` then lists it, best first.
+To write a flight, use the arithmetic of `components` and `short_series` (`docs/extending.md`).
 """
 
 import sys
@@ -49,7 +49,6 @@ class _CallableModule(ModuleType):
     """A module that can also be called: `midlie_jax.flights()` as well as `midlie_jax.flights.Jacobi`."""
 
     def __call__(self) -> Listing:
-        """The names of the flights, best first; the list prints as a table of when to use each flight."""
         return Listing({name: flight.use for name, flight in FLIGHTS.items()})
 
 

@@ -1,6 +1,6 @@
 """The exact flight of an axis of symmetry: one rotation about the spatial momentum, without a root and without I3.
 
-With I1 = I2 the axis e turns about the momentum pi at the rate |pi|/I1, and the momentum in space stays:
+With I1 = I2 the axis e rotates about the momentum pi at the rate |pi|/I1, and the spatial momentum is constant:
 
     w = h pi / (2 I1),    e' = e + sin(2 |w|)/|w| w x e + (1 - cos(2 |w|))/|w|^2 w x (w x e)
 """
@@ -19,7 +19,7 @@ from .base import JudgedFlight
 
 
 class AxisTurn(JudgedFlight):
-    """The flight of a `Rotor`, by which the methods SYMMETRIC[...] move it; symplectic, up to 4.4 radians.
+    """The flight of a `Rotor`, used by the methods SYMMETRIC[...]; symplectic, up to 4.4 radians.
 
     Its increment is a `Swing`, a rotation in the space frame.
     """

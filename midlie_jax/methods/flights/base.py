@@ -1,4 +1,4 @@
-"""`Flight`, the base class of all flights: maps for the motion of a body under no torque."""
+"""`Flight`, the base class of all flights: maps for the torque-free motion of a body."""
 
 import math
 from abc import abstractmethod
@@ -13,7 +13,7 @@ from ..verdict import as_verdict, is_fine
 
 
 class Flight(eqx.Module):
-    """The motion of a body under no torque, as a callable.
+    """The torque-free motion of a body, as a callable.
 
     Attributes:
         name: the part before the bracket of a method's name.
@@ -24,14 +24,13 @@ class Flight(eqx.Module):
         body: the class of body that the flight moves.
         also: further classes of body, for which `fitted` returns another flight.
         equal_moments: whether the flight moves only bodies with two equal moments.
-        solves: how many equations a flight solves by iteration.
-        per_loop: how many flights fit one compiled loop; in a step with more flights, a loop ends after each flight.
-            XLA's CPU emitter splits a larger loop into functions that call each other, and so repeats the work many
-            times.
-        per_kernel: how many flights, each with a kick, XLA's GPU compiler keeps in one kernel
-            (`benchmarks/kernels.py` counts).
-        long_derivative: whether the reverse derivative of a flight has so many operations that it needs a loop of its
-            own.
+        solves: the number of equations that a flight solves by iteration.
+        per_loop: the number of flights that fit one compiled loop; in a step with more flights, a loop ends after each
+            flight. XLA's CPU emitter splits a larger loop into functions that call each other, which repeats the work
+            many times.
+        per_kernel: the number of flights, each with a kick, that XLA's GPU compiler keeps in one kernel (counted by
+            `benchmarks/kernels.py`).
+        long_derivative: whether the reverse derivative of a flight is so long that it needs its own loop.
         reach: the largest angle of a flight, its time times `turn_rate`, in radians, beyond which `ok` is False;
             infinity if unknown.
         one_loop: whether one flight compiles to a single loop over the batch; False if its solve is cut into several
@@ -39,12 +38,12 @@ class Flight(eqx.Module):
 
     Examples:
         >>> cp, half_turn = ml.flights.components, ml.flights.short_series.half_turn
-        >>> class Frozen(ml.flights.Flight):  # of your own, of order 1: it turns with the angular velocity at the start
+        >>> class Frozen(ml.flights.Flight):  # custom, of order 1: it rotates with the initial angular velocity
         ...     name, order, symplectic, symmetric, body = "FROZEN", 1, False, False, ml.RigidBody
         ...     def __call__(self, inertia, h, momentum):
         ...         turn = cp.square(half_turn(cp.scale(h / 2, inertia.velocity(momentum))))
         ...         return turn, cp.rotation_change(cp.conjugate(turn), momentum), True
-        >>> ml.method(Frozen(), "EA").name  # ml.integrate takes such a method
+        >>> ml.method(Frozen(), "EA").name  # a method for ml.integrate
         'FROZEN[EA]'
     """
 
@@ -67,18 +66,18 @@ class Flight(eqx.Module):
         """This flight specialised to a body in its principal axes, or to a batch of bodies.
 
         Raises:
-            ValueError: the numbers of the body are known, not traced, and the flight cannot move this body.
+            ValueError: the numbers of the body are concrete, and the flight does not support this body.
         """
         del body
         return self
 
     @property
     def bodies(self) -> tuple[type[Body], ...]:
-        """All classes of body that the flight moves; any of these may also travel (`FreeBody`)."""
+        """All classes of body that the flight supports; any of these may also translate (`FreeBody`)."""
         return (self.body, *self.also)
 
     def moves(self, moments: Array) -> bool:
-        """Whether the flight moves a body with these moments, (3,)."""
+        """Whether the flight supports a body with these moments, (3,)."""
         x, y, z = map(float, moments)
         return not self.equal_moments or x == y or y == z or z == x
 
@@ -92,7 +91,7 @@ class Flight(eqx.Module):
         """
 
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]:
-        """The flight with a verdict in place of `ok`: it says why a result is invalid, see `methods.verdict`."""
+        """The flight with a verdict, which also gives the reason of a failure, in place of `ok`: see `verdict.py`."""
         increment, change, ok = self(inertia, h, momentum)
         return increment, change, as_verdict(ok)
 
@@ -103,19 +102,19 @@ class Flight(eqx.Module):
     def momentum_change(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Array | bool]:
         """The flight of a state without a pose (`MomentumState`), which needs no increment.
 
-        A flight that can compute the change of the momentum without the increment, at less cost, overrides this method.
-        The change, its derivatives and `ok` must equal those of the flight to rounding. By default the flight is called
-        and its increment dropped, and the compiler removes what only the increment needs.
+        A flight that can compute the change of the momentum faster without the increment overrides this method. The
+        change, its derivatives and `ok` must agree with the whole flight to rounding. By default the flight is called
+        and its increment dropped, and the compiler removes the unused operations.
 
         Returns:
-            The change of the momentum, and `ok` as of the flight.
+            The change of the momentum, and `ok` as for the flight.
         """
         _, change, ok = self(inertia, h, momentum)
         return change, ok
 
 
 class JudgedFlight(Flight):
-    """A flight that says why its result is invalid: it defines `judged`, and `__call__` uses that."""
+    """A flight that gives the reason of a failure: it defines `judged`, and `__call__` uses that."""
 
     @abstractmethod
     def judged(self, inertia: Any, h: Array, momentum: Any) -> tuple[Any, Any, Array]: ...

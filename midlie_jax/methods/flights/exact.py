@@ -1,6 +1,6 @@
-"""`ExactFlight`, the base class of the exact flights of rigid bodies, whose derivatives are given by own formulas.
+"""`ExactFlight`, the base class of the exact flights of rigid bodies, with derivatives in closed form.
 
-A change of the arguments of a flight turns its increment Q into (1 + [chi]) Q, with [chi] x = chi x x.
+A change of the arguments of a flight changes its increment Q to (1 + [chi]) Q, with [chi] x = chi x x.
 """
 
 from abc import abstractmethod
@@ -25,7 +25,7 @@ class Flown(NamedTuple):
     Attributes:
         increment: the rotation of the body.
         change: the change of the momentum.
-        parts: numbers that the tangent reads as well, the same for a flight and for its reverse; or ().
+        parts: further numbers for the tangent, the same for a flight and for its reverse; or ().
     """
 
     increment: cp.Quaternion
@@ -34,7 +34,7 @@ class Flown(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of a flight whose derivative alone is wanted: its increment and parts, and the pose after it."""
+    """The known parts of a flight whose derivative alone is needed: its increment and parts, and the pose after it."""
 
     increment: cp.Quaternion
     parts: Any
@@ -61,7 +61,7 @@ class ExactFlight(JudgedFlight):
 
         Args:
             inertia, h, momentum: as for `formula`.
-            flown: what `formula` returns.
+            flown: the result of `formula`.
             changes: the tangents of inertia, h and momentum.
         """
 
@@ -87,7 +87,7 @@ class ExactFlight(JudgedFlight):
         no_step: Array,
         known: Known | None = None,
     ) -> tuple[Flown, Any]:
-        """`fly`, and the pose after it by `kind.turn`: the derivative of both together is shorter than one by one."""
+        """`fly`, and the pose after it by `kind.turn`, which have a shorter derivative together than separately."""
         return _carry(self, kind, inertia, h, momentum, known, pose, no_step)
 
 
@@ -104,7 +104,7 @@ def _tangent(flight: ExactFlight, primals: Any, tangents: Any) -> tuple[Flown, F
 
 
 def _flown_tangent(flight: ExactFlight, primals: Any, tangents: Any, flown: Flown) -> tuple[Flown, cp.Vector]:
-    """The tangent of a flight, and chi; primals and tangents begin with those of inertia, h and momentum."""
+    """The tangent of a flight, and chi; primals and tangents begin with inertia, h and momentum."""
     inertia, h, momentum = primals[:3]
     change, chi, parts = flight.tangent(inertia, h, momentum, flown, Changes.of(inertia, *tangents[:3]))
     return Flown(_turned(chi, flown.increment), change, parts), chi
@@ -135,7 +135,7 @@ def _carry(
 
 
 def _carry_tangent(flight: ExactFlight, kind: type[AnyState], primals: Any, tangents: Any) -> tuple[Any, Any]:
-    """The tangent of `carry`: the pose at the start turns by chi and by its own change, and the flight carries both."""
+    """The tangent of `carry`: the initial pose rotates by chi and by its own change, and the flight carries both."""
     *_, pose, no_step = primals
     flown, end = _carry(flight, kind, *primals)
     flown_dot, chi = _flown_tangent(flight, primals, tangents, flown)

@@ -1,8 +1,8 @@
-"""`Labels`: the axes of a free body, relabelled as `free_orbit` needs them.
+"""`Labels`: the axes of a free body, relabelled for `free_orbit`.
 
-The axes are right-handed. The second is that of the middle moment, and the third is the axis that the momentum circles,
-pointing to the side of the momentum. They are chosen by comparisons of scalars, because sorting and indexing would end
-the loop over the bodies.
+The axes are right-handed. The second is the axis of the middle moment, and the third is the axis that the momentum
+circles, pointing to the side of the momentum. They are chosen by comparisons of scalars, because sorting and indexing
+would end the loop over the bodies.
 """
 
 from typing import NamedTuple
@@ -14,12 +14,12 @@ from ..._math import components as cp
 
 
 class Labels(NamedTuple):
-    """How the labelled axes follow from those of the body.
+    """The permutation from body axes to labelled axes.
 
     Attributes:
         forward, backward: whether the axes of the body are counted from the next or from the previous axis, so that the
             axis of the middle moment is the second.
-        exchanged: whether the first and the third axis then change places.
+        exchanged: whether the first and the third axis are then exchanged.
         side: the sign of the third axis; the momentum is on its positive side.
     """
 
@@ -35,8 +35,7 @@ class Labels(NamedTuple):
         labels = cls(middle[2] > 0, middle[0] > 0, one < 0, one)
         (w1, _, w3), (p1, _, p3) = labels.placed(weights), labels.placed(momentum)
         before, after = p1 * p1 * w3, p3 * p3 * w1
-        # On the separatrix the momentum circles neither axis, and the choice with the smaller n magnifies rounding
-        # less.
+        # On the separatrix the momentum circles neither axis; the choice with the smaller n magnifies rounding less.
         exchanged = (before > after) | ((before == after) & (w1 > w3))
         side = jnp.where(jnp.where(exchanged, p1, p3) < 0, -one, one)
         return labels._replace(exchanged=exchanged, side=side)
@@ -46,11 +45,11 @@ class Labels(NamedTuple):
         return self._exchange(_rolled(self.forward, self.backward, v))
 
     def seen(self, v: cp.Vector) -> cp.Vector:
-        """The components along the labelled axes, from those along the axes of the body."""
+        """Components along the labelled axes, from components along the body axes."""
         return self._signed(self.placed(v))
 
     def back(self, v: cp.Vector) -> cp.Vector:
-        """The components along the axes of the body, from those along the labelled axes."""
+        """Components along the body axes, from components along the labelled axes."""
         return _rolled(self.backward, self.forward, self._exchange(self._signed(v)))
 
     def _exchange(self, v: cp.Vector) -> cp.Vector:

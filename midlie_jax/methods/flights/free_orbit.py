@@ -1,15 +1,15 @@
 """`Orbit`: the motion of one free body in closed form, for `free_motion`.
 
-The momentum of a free body circles one of the body's axes. With the axes labelled such that the momentum circles the
-third, and the second is that of the middle moment,
+The momentum of a free body circles one of the body axes. With the axes labelled so that the momentum circles the third,
+and the second is the axis of the middle moment,
 
     Pi = (A1 cn u, A2 sn u, A3 dn u),    u = u0 + rate t,
     angle' = |Pi| / I1 + |Pi| (1/I3 - 1/I1) / (1 + n sn^2 u),    n = (A1 / A3)^2
 
-where `angle` is that of the first axis about the spatial momentum. JACOBI's flight gives both exactly for a short time
-after u = 0, and `_math.elliptic` doubles this time as often as needed. Addition theorems then give the angle and the
-momentum for the same time after the start u0; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn / sqrt(below
-w1), sign that of I3 - I1, and the momentum p at the start,
+where `angle` is the angle of the first axis about the spatial momentum. JACOBI's flight gives both exactly for a short
+time after u = 0, and `_math.elliptic` doubles this time as often as needed. Addition theorems then give the angle and
+the momentum for the same time after the start u0; with sn, cn and dn of the doubled u, r = cn/dn, s = sign sn /
+sqrt(below w1), `sign` the sign of I3 - I1, and the momentum p at the start,
 
     D Pi_1 = (p1 r - w1 s p2 p3)/dn,    D Pi_2 = p2 r + w2 s p1 p3/dn^2,    D Pi_3 = (p3 - w3 s p1 p2 r)/dn,
     D = 1 + p1^2 w2 w3 (s/dn)^2
@@ -18,10 +18,10 @@ Here w_l = |1/I_m - 1/I_n| I1 I2 I3 for (l, m, n) cyclic, with w2 = w1 + w3. All
 
     above = p1^2 w2 + p2^2 w1,    below = p2^2 w3 + p3^2 w2,    nearness = p3^2 w1 - p1^2 w3 >= 0
 
-of which the first vanishes where the momentum is along the third axis, and the last on the separatrix.
+The first vanishes if the momentum is along the third axis, the last on the separatrix.
 
 R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145; E. T. Whittaker, Analytical Dynamics, section 69. The
-doubling is this package's.
+doubling was derived for this package.
 """
 
 from typing import Any, NamedTuple
@@ -41,7 +41,7 @@ from .free_axes import Labels
 from .jacobi import LARGEST_TURN, Jacobi
 from .jacobi_momentum import Invariants
 
-_TURN = 1.1  # the largest turn of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
+_TURN = 1.1  # the largest rotation of the first flight, in radians; less than JACOBI's `LARGEST_TURN`
 _DOUBLINGS = {"float64": 52, "float32": 23}  # after more doublings, no digit of the phase is left
 _LARGEST_LEVER = 64.0  # the largest magnification of rounding errors in the attitude
 
@@ -51,13 +51,13 @@ class Orbit(NamedTuple):
 
     Attributes:
         labels: the labelled axes.
-        inertia: that of the body, for the axes of the body.
+        inertia: for the body axes.
         size: the unit of momentum; zero for a body at rest.
         per_time: the factor that converts a time to the units of the motion.
         momentum: p, at the start.
         amplitudes: A1 and A3.
         pulls: w_l sign / sqrt(below w1).
-        levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle from the start on.
+        levers: n (cn u0 / p1)^2 and root (sn u0 / p2)^2, for the angle since the start.
         modulus: the modulus of the elliptic functions.
         rate: the rate of change of u.
         n, root: as in `_math.elliptic`; the angle grows with the sign of `root`.
@@ -121,7 +121,7 @@ class Orbit(NamedTuple):
     def at(self, t: Array, turns: bool) -> tuple[cp.Vector, cp.Quaternion, Array]:
         """The momentum after the time t, the rotation since the start, and whether the phase has digits left.
 
-        With `turns` False the rotation is not computed.
+        If `turns` is False, the rotation is not computed.
         """
         t, most = t * self.per_time, _DOUBLINGS[str(t.dtype)]
         doublings = jnp.maximum(exponent(self.omega * jnp.abs(t) / _TURN) + 1, 0)
@@ -149,7 +149,7 @@ class Orbit(NamedTuple):
         about = cp.multiply_about(cp.conjugate(_to_third(self.momentum)), 2, *product(half_angle, last))
         turn = cp.normalised(cp.multiply(about, _to_third(moved)))
         turn = turn[0], *self.labels.back(turn[1:])
-        # A long lever magnifies rounding errors where the momentum passes the first axis.
+        # A long lever magnifies rounding errors as the momentum passes the first axis.
         return momentum, turn, ok & flight_ok & (1 + self.n <= _LARGEST_LEVER**2)
 
     def _short(self, h: Array, turns: bool) -> tuple[Point, Complex | None, Array]:
@@ -199,14 +199,14 @@ def _inverse_roots(v: cp.Vector) -> cp.Vector:
 def _to_third(p: cp.Vector) -> cp.Quaternion:
     """A multiple of the rotation that takes p to axis 3 and leaves axis 1 in the plane of axes 1 and 3.
 
-    It is a rotation about the first axis followed by one about the second, each by at most a quarter of a turn, because
-    p[2] is not negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and the
-    sine of half the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
+    It is a rotation about the first axis followed by one about the second, each by at most pi/2, because p[2] is not
+    negative. If r is the length of (c, s), then (r + c, s) is a positive multiple of the cosine and the sine of half
+    the angle of (c, s); nothing cancels, and the sign of the quaternion does not jump.
     """
     across = _root(p[1] * p[1] + p[2] * p[2])
     length = _root(cp.dot(p, p))
-    # If p is along the first axis, any turn about this axis will do: only a ball, or a body with too long a lever, has
-    # such a p.
+    # If p is along the first axis, any rotation about this axis is valid; only a ball, or a body with too long a lever,
+    # has such a p.
     along = jnp.where(across <= cp.epsilon(across) * length, jnp.ones_like(across), across + p[2])
     lift = length + across
     return lift * along, lift * p[1], -p[0] * along, p[0] * p[1]

@@ -1,11 +1,12 @@
-"""The exact flight of any body in closed form: Jacobi's solution by its addition theorems.
+"""The exact flight of any body in closed form: Jacobi's solution by addition theorems.
 
 The components of the momentum are elliptic functions of time. By their addition theorems, the components after a step
 are rational in the components before the step and in functions of the step alone, so no inverse elliptic function is
 needed. The angle about the spatial momentum is an elliptic integral of the third kind. Its addition theorem leaves a
 function of the step and the argument of a complex number that is rational as well. The formulas need no sorting of the
-moments and have no special case at the separatrix or for equal moments. They use no period and no arithmetic-geometric
-mean, only three short sums in the invariants of the step (`_math.weierstrass`), a few roots and a reciprocal.
+moments and have no special case at the separatrix or for equal moments. They use only three short sums in the
+invariants of the step (`_math.weierstrass`), a few roots and a reciprocal, but no period and no arithmetic-geometric
+mean.
 
 For a unit of time, with (l, m, n) cyclic, a_l = 1/I_n - 1/I_m so that Pi_l' = a_l Pi_m Pi_n, i the axis of the middle
 moment, (i, j, k) cyclic, K = a_k Pi_j^2 - a_j Pi_k^2, and Weierstrass's function wp whose
@@ -18,8 +19,8 @@ roots e_l satisfy a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
     Z = D |Pi|^2 (E_1 + E_2 + E_3) + sum Pi_l N_l E_l - M E_i  +  i |Pi| S (K D + a_k Pi_j N_j - a_j Pi_k N_k)
     M = D |Pi|^2 + Pi . N,    |Z|^2 = V M^2
 
-The rotation of the body is the shortest rotation between the two momenta, combined with a turn about Pi by the angle
-above. Because |F Z| = V M contains no square root, the sine and cosine of half the angle contain none either,
+The rotation of the body is the shortest rotation between the two momenta, combined with a rotation about Pi by the
+angle above. Because |F Z| = V M contains no square root, the sine and cosine of half the angle contain none either,
 except in a common factor that the normalisation of the quaternion removes.
 
 C. G. J. Jacobi, J. reine angew. Math. 39 (1850) 293; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145;
@@ -52,9 +53,9 @@ Complex = tuple[Array, Array]  # (real, imaginary / |y|), so that only |y|^2 is 
 class Jacobi(ExactFlight):
     """The exact flight for any moments; symplectic; conserves energy and spatial momentum to rounding.
 
-    The flight reports False in `ok` where h |Omega| exceeds 1.2 radians. For a real body this limit also bounds the
-    invariants of the motion. A body whose moments violate the triangle inequality can turn over faster than it spins;
-    for such a body, `ok` is also False where an invariant exceeds this bound.
+    The flight reports False in `ok` if h |Omega| exceeds 1.2 radians. For a real body this limit also bounds the
+    invariants of the motion. A body whose moments violate the triangle inequality can flip faster than it spins; for
+    such a body, `ok` is also False if an invariant exceeds this bound.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -62,7 +63,7 @@ class Jacobi(ExactFlight):
         >>> turn, change, ok = ml.flights.Jacobi()(inertia, jnp.array(0.1), momentum)
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
-        >>> ml.method(ml.flights.Jacobi(), "SRKN6b").name  # the name that ml.integrate takes
+        >>> ml.method(ml.flights.Jacobi(), "SRKN6b").name  # the name for ml.integrate
         'JACOBI[SRKN6b]'
     """
 
@@ -79,11 +80,10 @@ class Jacobi(ExactFlight):
         return verdict(True, (cp.dot(turn, turn), LARGEST_TURN**2), (largest, LARGEST_TURN**2))
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        """The rotation, and the change of the momentum that follows from it."""
         spins, y = inertia.spins, inertia.travel(h, momentum)
         turn = cp.times(spins, y)
-        # A vanishing momentum leaves the axis of the angle undefined; but then two terms of the series in h are exact
-        # to rounding.
+        # A vanishing momentum leaves the axis of the angle undefined; two terms of the series in h are then exact to
+        # rounding.
         at_rest = cp.dot(turn, turn) <= cp.epsilon(h)
         change = cp.times(spins, cp.cross(y, turn))
         series = half_turn(_select(at_rest, cp.add(cp.scale(0.5, turn), cp.scale(0.25, change)), cp.scale(0, turn)))
@@ -115,7 +115,7 @@ class Jacobi(ExactFlight):
         """The change of the momentum as a rational function, without the angle of the body about the momentum."""
         change, half = momentum_change(inertia, h, momentum, LARGEST_TURN)
         turn = cp.times(inertia.spins, inertia.travel(h, momentum))
-        # The invariants of half a flight are a quarter of those of the flight.
+        # The invariants of half a flight are a quarter of the invariants of the flight.
         largest = 4 * cp.largest(half.differences)
         return change, (largest <= LARGEST_TURN**2) & (cp.dot(turn, turn) <= LARGEST_TURN**2)
 

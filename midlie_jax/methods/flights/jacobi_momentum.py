@@ -1,18 +1,19 @@
-"""The momentum alone of JACOBI's flight, for states without a pose; and the invariants that the whole flight needs too.
+"""The momentum of JACOBI's flight, for states without a pose, and the invariants of the whole flight.
 
-The angle of the body about its momentum costs most of the flight, and the momentum does not need it: in the notation
+The angle of the body about its momentum takes most of the run time, and the momentum does not need it: in the notation
 of `jacobi.py`, Pi_l(1) = N_l / D is rational. Subtracting Pi_l(0) from this quotient would leave the rounding errors of
-Pi, which have a bias, and the length of the momentum would drift. So the change is computed from the momentum X at the
-middle of the flight. With S, E_l and D for half the flight,
+Pi, which have a bias, and the length of the momentum would drift. The change is therefore computed from the momentum X
+at the middle of the flight. With S, E_l and D for half the flight,
 
     N_l = Pi_l E_m E_n + a_l S Pi_m Pi_n E_l,    X_l = N_l / D(Pi)
     Pi_l(1) - Pi_l(0) = 2 a_l S X_m X_n E_l / D(X),    Pi_l(1) + Pi_l(0) = 2 X_l E_m E_n / D(X)
 
 The change is a product, so its rounding errors are proportional to it. It is orthogonal to the sum because a_1 + a_2 +
-a_3 = 0, which keeps |Pi|; the energy is kept in the same way. Half a flight also needs fewer terms of the series.
+a_3 = 0, which conserves |Pi|; the energy is conserved in the same way. Half a flight also needs fewer terms of the
+series.
 
-No root is needed: T = E_1 E_2 E_3 has a series of its own, and E_l N_l = Pi_l T + a_l S E_l^2 Pi_m Pi_n as well as
-T^2 D(X) contain only T and the squares of E_l.
+No root is needed: T = E_1 E_2 E_3 has its own series, and E_l N_l = Pi_l T + a_l S E_l^2 Pi_m Pi_n as well as T^2 D(X)
+contain only T and the squares of E_l.
 """
 
 from typing import NamedTuple
@@ -25,13 +26,13 @@ from ..._math.weierstrass import moment_functions, sigma_functions
 from ...model.inertia import Inertia
 
 # The square of the relative change of the momentum below which a change counts as short: even if each of 1e5 steps
-# repeats the error of its length, this error is smaller than those of other roundings.
+# repeats the error of its length, other rounding errors are larger.
 _SHORT = 2.0**-10
-_NO_TURN = 1e-30  # keeps a denominator from vanishing; the square, in radians, of a turn that changes nothing
+_NO_TURN = 1e-30  # keeps a denominator from vanishing; the square, in radians, of a negligible rotation
 
 
 class Invariants(NamedTuple):
-    """What is constant in the motion of a body with momentum y; the letters are those of the module `jacobi`.
+    """Constants of the motion of a body with momentum y, in the notation of the module `jacobi`.
 
     Choosing i as the axis of the middle moment keeps the invariants of any real body below |Omega|^2.
 
@@ -123,7 +124,7 @@ class HalfWay(NamedTuple):
 def momentum_change(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> tuple[cp.Vector, Invariants]:
     """The change of the momentum in a flight of time h, and the invariants of half the flight.
 
-    The change is exact to rounding where h |Omega| and the roots of the invariants of the whole flight are at most
+    The change is exact to rounding if h |Omega| and the roots of the invariants of the whole flight are at most
     `radius`.
     """
     half = HalfWay.of(inertia, h, momentum, radius)
@@ -148,7 +149,7 @@ def lag(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> Array
     half = HalfWay.of(inertia, h, momentum, radius)
     a, found = inertia.gaps, half.invariants
     x, y, z = half.moved
-    rate = cp.scale(inertia.per_unit, half.momentum)  # `moved` per h/2: one such factor stands for the division by h/2
+    rate = cp.scale(inertia.per_unit, half.momentum)  # `moved` per h/2; one such factor replaces the division by h/2
     per = cp.reciprocal(half.t * half.d)
     squares = cp.scale(per * per, half.others)  # X_l^2
     rates = cp.times(cp.scale(per * per, cp.times(half.pairs, half.moved)), rate)
@@ -165,12 +166,12 @@ def lag(inertia: Inertia, h: Array, momentum: cp.Vector, radius: float) -> Array
 
 
 def _error_of_length(y: cp.Vector, total: Array, change: cp.Vector) -> Array:
-    """The relative error in the length of a change, because of which |y| would drift; total is |y|^2.
+    """The relative error in the length of a change, which would make |y| drift; total is |y|^2.
 
     In all steps of a free body the functions of the step are the same, and so are their rounding errors: if these make
-    the change too long, |Pi| and the energy grow steadily. A change d keeps |y| if y . d + |d|^2 / 2 = 0. This equation
-    determines the length of d well only if d is long; but only then does an error of the length matter. So the result
-    is weighted such that a short change stays as it is. The error is some units in the last place, so five digits of it
+    the change too long, |Pi| and the energy grow steadily. A change d conserves |y| if y . d + |d|^2 / 2 = 0. This
+    equation determines the length of d well only if d is long, and only then does an error of the length matter. The
+    weights therefore leave a short change unchanged. The error is some units in the last place, so five digits of it
     suffice.
     """
     square = 0.5 * cp.dot(change, change)

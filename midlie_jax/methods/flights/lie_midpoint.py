@@ -5,7 +5,7 @@
 The flight is of order 2, reversible, and conserves the spatial momentum exactly. It is not symplectic, although the
 literature often claims so: the symplectic defect of a step is of third order in h (see `tests/test_flights.py`).
 
-The unknown of the solve is u = tan(|Psi|/4) n, the Rodrigues vector of the half turn Psi/2 about the axis n. With
+The unknown of the solve is u = tan(|Psi|/4) n, the Rodrigues vector of half the rotation, Psi/2, about the axis n. With
 exp(-Psi/2) = (1 + [u])^-1 (1 - [u]), the equation is rational in u except for one arctangent:
 
     g (v + u x v) = y - u x y,    v = 4 I u,    g = atan|u| / |u|,    y = h Pi0
@@ -30,14 +30,14 @@ from .base import JudgedFlight
 # rejected).
 STEPS = {"float64": (1, (2, 2)), "float32": (2, (3,))}
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
-_SMALL_RESIDUAL = 1e-4  # in units of |Pi|; a residual below this is assumed to keep shrinking at the same rate
+_SMALL_RESIDUAL = 1e-4  # in units of |Pi|; a residual below this is assumed to keep decreasing at the same rate
 
 
 class LieMidpoint(JudgedFlight):
     """I Psi = h exp(-Psi/2) Pi0, order 2 (Krysl 2004; Krysl & Endres 2005).
 
-    The flight reports False in `ok` where the solve did not converge, the turn exceeds 2.4 radians, or h |Omega| at the
-    start exceeds 12 radians.
+    The flight reports False in `ok` if the solve did not converge, the rotation exceeds 2.4 radians, or h |Omega| at
+    the start exceeds 12 radians.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -81,8 +81,7 @@ def _root(quadruple: cp.Vector, y: cp.Vector, u: cp.Vector, converged: Array) ->
 def _root_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
     """J du = dy - u x dy - g (dv + u x dv), dv = 4 dI u.
 
-    Both results of the solve are outputs of its loop: if `converged` were not, the loop of the step would solve again
-    for it.
+    Both results of the solve are outputs of its loop; otherwise the loop of the step would solve again for `converged`.
     """
     quadruple, y, *_ = primals
     u, converged = split(_root(*primals))
@@ -111,8 +110,8 @@ def _improve(
 ) -> tuple[cp.Vector, Array]:
     """The result of Newton steps with one fixed Jacobian, and whether they converged.
 
-    Each step shrinks the residual by at least the same factor as the previous step. This bounds the last residual, so
-    it need not be computed.
+    Each step reduces the residual by at least the same factor as the previous step. This bounds the last residual,
+    which need not be computed.
     """
     inverse = cp.Inverse3.of(columns, exact=False)
     previous = current = jnp.zeros_like(y[0])

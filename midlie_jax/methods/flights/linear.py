@@ -10,7 +10,7 @@ from .base import Flight
 
 
 class Linear(Flight):
-    """u += h M^-1 p, the exact motion of particles under no force. The momentum is constant.
+    """u += h M^-1 p, the exact force-free motion of particles. The momentum is constant.
 
     Examples:
         >>> masses = ml.Particles([1.0, 2.0])

@@ -2,11 +2,11 @@
 
     I_i c_i = a (h/2) Pi_i + (I_j - I_k) c_j c_k,  a = 1 + |c|^2,    q = (1, c)/sqrt(a),    R1 = R0 q,    Pi1 = q^-1 Pi0
 
-The momentum of the discrete body follows the trajectories of the free body, but at a wrong speed; the turn about the
-momentum is wrong as well. Both errors depend on constants of the motion alone. Preprocessing therefore corrects them by
-modified moments, 1/I_i -> s/I_i + d, with s and d series in h^2. The solve is the same at every order. Because s and d
-depend on the momentum, the preprocessed maps conserve the energy and the Poisson structure of the momentum, but as maps
-of momentum and attitude they are not symplectic: the symplectic defect of a step is of the order of its error (see
+The momentum of the discrete body follows the trajectories of the free body, but at a wrong speed; the rotation about
+the momentum is also wrong. Both errors depend on constants of the motion alone. Preprocessing therefore corrects them
+by modified moments, 1/I_i -> s/I_i + d, with s and d series in h^2. The solve is the same at every order. Because s and
+d depend on the momentum, the preprocessed maps conserve the energy and the Poisson structure of the momentum, but as
+maps of momentum and attitude they are not symplectic: the symplectic defect of a step is of the order of its error (see
 `tests/test_flights.py`).
 
 J. Moser, A. P. Veselov, Comm. Math. Phys. 139 (1991) 217; E. Hairer, G. Vilmart, J. Phys. A 39 (2006) 13225.
@@ -51,9 +51,9 @@ class _Preprocessed(JudgedFlight):
 
 
 class MoserVeselov(_Preprocessed):
-    """The plain map, order 2. Useless for a fast spin, where its turn about the momentum is far from the true turn.
+    """The plain map, order 2. Useless for a fast spin, where its rotation about the momentum is far from the true one.
 
-    The flight reports False in `ok` where the residual exceeds 8 eps |Pi|; from h |Omega| = 1 on there is no root.
+    The flight reports False in `ok` if the residual exceeds 8 eps |Pi|; above h |Omega| = 1 there is no root.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -74,8 +74,8 @@ class MoserVeselov(_Preprocessed):
 class MoserVeselov4(_Preprocessed):
     """Preprocessed to order 4.
 
-    The flight reports False in `ok` where `MoserVeselov` does, and where the series of s and d are out of range or lose
-    digits by cancellation.
+    The flight reports False in `ok` if `MoserVeselov` does, or if the series of s and d are out of range or lose digits
+    by cancellation.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -96,8 +96,8 @@ class MoserVeselov4(_Preprocessed):
 class MoserVeselov6(_Preprocessed):
     """Preprocessed to order 6.
 
-    The flight reports False in `ok` where `MoserVeselov` does, and where the series of s and d are out of range or lose
-    digits by cancellation.
+    The flight reports False in `ok` if `MoserVeselov` does, or if the series of s and d are out of range or lose digits
+    by cancellation.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars

@@ -21,7 +21,7 @@ class NearSymmetric(JudgedFlight):
     """Half a rotation about axis 1, the symmetric flight, half a rotation: order 2, symplectic, no solve.
 
     The error is proportional to the difference of the first two moments: number the axes so that these two are closest.
-    The flight reports False in `ok` where one of its rotations exceeds 4.4 radians.
+    The flight reports False in `ok` if one of its rotations exceeds 4.4 radians.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -34,7 +34,7 @@ class NearSymmetric(JudgedFlight):
     """
 
     name: ClassVar[str] = "NEARSYM"
-    use: ClassVar[str] = "bodies whose first two moments are nearly equal; as fast as JACOBI, which is exact"
+    use: ClassVar[str] = "bodies whose first two moments are nearly equal; the same speed as JACOBI, which is exact"
     order: ClassVar[int | None] = 2
     symplectic: ClassVar[bool] = True
     body: ClassVar[type] = RigidBody
@@ -64,8 +64,8 @@ class NearSymmetric(JudgedFlight):
         turned = cp.rotate_back_about(2, *about_third, turned)
         after_square, after = about_first(turned)
         increment = cp.multiply((*before, zero, zero), cp.multiply_about(increment, 0, *after))
-        # The change of the momentum is computed from the whole increment, with one rounding; `turned` is only used for
-        # the next angle.
+        # The change of the momentum is computed from the whole increment, with one rounding; `turned` only gives the
+        # next angle.
         return (
             increment,
             cp.rotation_change(cp.conjugate(increment), momentum),

@@ -31,9 +31,9 @@ _EQUALITY_TOLERANCE = 8  # units of eps by which inverse moments may differ and 
 class Symmetric(ExactFlight):
     """The exact flight of bodies with two equal moments; symplectic; conserves energy and spatial momentum to rounding.
 
-    The flight reports False in `ok` where no two inverse moments agree to 8 eps, and where one of its rotations exceeds
-    4.4 radians. Its derivatives with respect to the moments allow the moments to become unequal. They exist to first
-    order only; a second derivative with respect to the moments raises a ValueError (use JACOBI).
+    The flight reports False in `ok` if no two inverse moments agree to 8 eps, or if one of its rotations exceeds 4.4
+    radians. Its derivatives with respect to the moments allow unequal moments. They exist to first order only; a second
+    derivative with respect to the moments raises a ValueError (use JACOBI).
 
     Attributes:
         axis: the index of the axis of symmetry, 0, 1 or 2; None to find the axis in every flight, at a small cost.
@@ -51,7 +51,7 @@ class Symmetric(ExactFlight):
     axis: int | None = eqx.field(static=True, default=None)
 
     name: ClassVar[str] = "SYMMETRIC"
-    use: ClassVar[str] = "bodies with two equal moments: exact, three times as fast as JACOBI, on an AxisState six"
+    use: ClassVar[str] = "bodies with two equal moments: exact, 3 times faster than JACOBI, 6 times on an AxisState"
     equal_moments: ClassVar[bool] = True
     also: ClassVar[tuple[type[Body], ...]] = (Rotor,)
     per_loop: ClassVar[int] = 4
@@ -76,7 +76,7 @@ class Symmetric(ExactFlight):
         if not np.all(equal[0] | equal[1] | equal[2]):
             raise ValueError(
                 "method SYMMETRIC needs bodies with two equal moments, got moments "
-                f"{np.array2string(np.asarray(moments), threshold=12)}; take JACOBI, which moves any body."
+                f"{np.array2string(np.asarray(moments), threshold=12)}; use JACOBI for any body."
             )
         return Symmetric(next((axis for axis, holds in equal.items() if np.all(holds)), None))
 
@@ -87,7 +87,6 @@ class Symmetric(ExactFlight):
         return verdict(_equal(inverses[0], inverses[1]), *sizes)
 
     def formula(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> Flown:
-        """The two rotations."""
         numbering = _Numbering.of(inertia.inverses, self.axis)
         a, _, c = numbering.renumbered(inertia.inverses)
         renumbered = numbering.renumbered(momentum)
@@ -127,7 +126,7 @@ class _Numbering(NamedTuple):
 
     Attributes:
         was_first, was_second: whether the axis of symmetry is the first or the second axis of the body. Python bools,
-            or arrays if the axis is not known before tracing.
+            or arrays if the axis is unknown before tracing.
     """
 
     was_first: Any
@@ -170,7 +169,7 @@ def symmetric_turn(
     """The rotation in time h of a body with 1/I1 = 1/I2 = a and 1/I3 = c.
 
     Returns:
-        The increment; the cosine and sine of half the angle b (in the body frame, the momentum turns by -b about axis
+        The increment; the cosine and sine of half the angle b (in the body frame, the momentum rotates by -b about axis
         3); and the functions of both angles.
     """
     turn, angle = _rotations(h, a, c, momentum)
@@ -187,7 +186,7 @@ def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
 
 
 def bounded(h: Array, a: Array, c: Array, momentum: cp.Vector) -> list[tuple[Array, float]]:
-    """Pairs (size, bound): all are within bounds where both rotations of `symmetric_turn` are at most 4.4 radians."""
+    """Pairs (size, bound): all are within bounds if both rotations of `symmetric_turn` are at most 4.4 radians."""
     turn, angle = _rotations(h, a, c, momentum)
     return [(cp.dot(turn, turn), WIDEST_SQUARE), (angle * angle, WIDEST_SQUARE)]
 
@@ -202,7 +201,7 @@ def _refuse_second_derivatives(primals: Any, tangents: Any) -> Any:
     if all(map(is_zero, jax.tree.leaves(tangents[0], is_leaf=is_zero))):
         return primals[0], with_zeros(tangents[0], primals[0])
     raise ValueError(
-        "the flight SYMMETRIC has derivatives of first order only in the moments; take JACOBI, which has all orders."
+        "the flight SYMMETRIC has only first derivatives with respect to the moments; use JACOBI, which has all orders."
     )
 
 

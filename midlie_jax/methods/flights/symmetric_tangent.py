@@ -1,18 +1,18 @@
 """The derivative of the flight of a body symmetric about axis 3, with moments that may become unequal.
 
 The formulas of `symmetric.py` hold for equal moments only, so the derivative with respect to the difference of the two
-moments follows by variation of constants. With inverse moments a + e, a - e, c the energy is that of the symmetric body
-plus e H1, H1 = (Pi1^2 - Pi2^2)/2. To first order in e, the motion is the flow of e K followed by the motion of the
-symmetric body, where K is the integral of H1 along the motion of the symmetric body:
+moments follows by variation of constants. With inverse moments a + e, a - e, c the energy is the energy of the
+symmetric body plus e H1, H1 = (Pi1^2 - Pi2^2)/2. To first order in e, the motion is the flow of e K followed by the
+motion of the symmetric body, where K is the integral of H1 along the motion of the symmetric body:
 
     K(Pi0) = h/2 sinc(b) Re(z^2 exp(-i b)),    z = Pi1 + i Pi2,    b = h (c - a) Pi3,    sinc(b) = sin(b)/b
 
-The flow of e K changes the momentum by e Pi x grad K and turns the body by e grad K. The motion that follows turns the
-body by Q = exp(v) exp(b e3), v = h a Pi, and its momentum by -b about axis 3. So the chi of `exact` is
+The flow of e K changes the momentum by e Pi x grad K and rotates the body by e grad K. The following motion rotates the
+body by Q = exp(v) exp(b e3), v = h a Pi, and its momentum by -b about axis 3. The chi of `exact` is therefore
 
     chi = e grad K + dv + (1 - cos |v|)/|v|^2 v x dv + (|v| - sin |v|)/|v|^3 v x (v x dv) + db Q e3
 
-with the derivative of the exponential, and with exp(v) e3 = Q e3, because the second rotation leaves e3 where it is.
+with the derivative of the exponential, and with exp(v) e3 = Q e3, because the second rotation does not change e3.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from .turn_tangent import Changes
 
 
 class Functions(NamedTuple):
-    """Functions of the two angles of a flight, which both its value and its tangent read.
+    """Functions of the two angles of a flight, shared by its value and its tangent.
 
     Attributes:
         cosine, sinc: cos and sinc of b/2.
@@ -77,7 +77,7 @@ class Turning(NamedTuple):
     def tangent(self, changes: Changes, increment: cp.Quaternion) -> tuple[cp.Vector, cp.Vector, Functions]:
         """The tangent of the change of the momentum, chi, and the tangents of the functions.
 
-        `increment` is that of the flight.
+        `increment` belongs to the flight.
         """
         start, shift, flow, along = changes.momentum, None, None, self.scaled[2]
         if changes.spins is not None:

@@ -2,7 +2,7 @@
 
     grad S(Psi) = h dexp(-Psi) Pi0,    R1 = R0 exp(Psi),    Pi1 = exp(-Psi) Pi0
 
-S is a generating function of the turn Psi. For any S the map is symplectic, reversible and conserves the spatial
+S is a generating function of the rotation Psi. For any S the map is symplectic, reversible and conserves the spatial
 momentum. The exact S is a discrete Lagrangian of the free body. Its first term, Psi . I Psi / 2, gives order 2. With
 the second term, -(1/24) m . I^-1 m with m = Psi x I Psi, the order is 4, still with a single solve. The paper's flight,
 LIEMID, has exp(-Psi/2) in place of dexp(-Psi); the two agree to second order in Psi.
@@ -25,8 +25,7 @@ from .base import JudgedFlight
 from .lie_midpoint import free_start
 
 # Pairs of Newton steps from the guess in `_turn`; enough for |Psi| <= 0.3 and any real body whose moments have ratios
-# up to 1e3. Beyond these limits a solve may fail, and the thinner the body, the smaller the turn at which this happens;
-# `ok` is then False.
+# up to 1e3. Beyond these limits a solve may fail, at smaller rotations for thinner bodies; `ok` is then False.
 _PAIRS = 3
 _RESIDUAL_LIMIT = 8  # units of eps |Pi|
 
@@ -46,7 +45,7 @@ class _Generated(JudgedFlight):
 class SymplecticMidpoint(_Generated):
     """I Psi = h dexp(-Psi) Pi0: order 2, symplectic.
 
-    The flight reports False in `ok` where the residual exceeds 8 eps |Pi|, the turn exceeds 2.4 radians, or h |Omega|
+    The flight reports False in `ok` if the residual exceeds 8 eps |Pi|, the rotation exceeds 2.4 radians, or h |Omega|
     at the start exceeds 12 radians.
 
     Examples:
@@ -69,8 +68,8 @@ class SymplecticMidpoint(_Generated):
 class SymplecticMidpoint4(_Generated):
     """I Psi - (1/12) (I Psi x d + I (d x Psi)) = h dexp(-Psi) Pi0, d = I^-1 (Psi x I Psi): order 4, symplectic.
 
-    The flight reports False in `ok` where SLIEMID does, and where the second term of the series exceeds the first,
-    which happens on slender bodies.
+    The flight reports False in `ok` if SLIEMID does, or if the second term of the series exceeds the first, as on
+    slender bodies.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -97,7 +96,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
     half = half_turn(cp.scale(0.5, turn))
     solved = cp.dot(residual, residual) <= limit * limit * cp.dot(y, y)
     if order == 4:
-        # Where the second term of the series exceeds the first, the series is useless and further roots appear.
+        # If the second term of the series exceeds the first, the series is useless and further roots appear.
         a, b, c = stiffness(order, inertia, turn)
         solved = solved & (a > 0) & (b > 0) & (c > 0)
     ok = verdict(solved, (cp.dot(turn, turn), 4 * LARGEST_SQUARE), inertia.bound_of_first_root(y))
@@ -108,7 +107,7 @@ def _fly(inertia: Inertia, h: Array, momentum: cp.Vector, order: int | None) -> 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _turn(order: int | None, inertia: Inertia, y: cp.Vector) -> cp.Vector:
     """The root Psi for y = h Pi0 per unit, with derivatives of any order by the implicit function theorem."""
-    # The guess is correct to second order in |Psi|, because up to there the equation agrees with that of LIEMID.
+    # The guess is correct to second order in |Psi|, because the equation agrees with LIEMID up to there.
     turn = cp.scale(2, free_start(cp.scale(2, inertia.relative), y))
     return newton_pairs(partial(_residual, order, inertia, y), partial(_slope, order, inertia, y), turn, _PAIRS)
 

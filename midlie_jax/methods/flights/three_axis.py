@@ -22,7 +22,7 @@ _SWEEP = ((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5))
 class ThreeAxis(JudgedFlight):
     """Rotations about the axes 3, 2, 1, 2, 3: order 2, symplectic, no solve.
 
-    The flight reports False in `ok` where it turned by more than 2.4 radians about one axis.
+    The flight reports False in `ok` if it rotates by more than 2.4 radians about one axis.
 
     Examples:
         >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
@@ -59,7 +59,7 @@ class ThreeAxis(JudgedFlight):
             cosine, sine = spin(half)
             increment = cp.multiply_about(increment, axis, cosine, sine)
             turned = cp.rotate_back_about(axis, cosine, sine, turned)
-        # The change of the momentum is computed from the whole increment, with one rounding; `turned` is only used for
-        # the next angle.
+        # The change of the momentum is computed from the whole increment, with one rounding; `turned` only gives the
+        # next angle.
         change = cp.rotation_change(cp.conjugate(increment), momentum)
         return increment, change, verdict(True, (square_sum, LARGEST_SQUARE))

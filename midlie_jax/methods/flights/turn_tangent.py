@@ -1,8 +1,8 @@
 """The derivative of the rotation of a free body, in closed form from the derivative of its momentum.
 
-In a time h a free body turns by Q, and its momentum in the body frame changes from Pi to Q^T Pi. Let c = 1/I, (l, m, n)
-cyclic, a_l = c_n - c_m, so that Pi_l' = a_l Pi_m Pi_n, and let a small change of c, h and Pi turn Q into
-(1 + [chi]) Q, as in `exact`. The momentum in space does not change during the motion, so
+In a time h a free body rotates by Q, and its momentum in the body frame changes from Pi to Q^T Pi. Let c = 1/I, (l, m,
+n) cyclic, a_l = c_n - c_m, so that Pi_l' = a_l Pi_m Pi_n, and let a small change of c, h and Pi change Q to (1 + [chi])
+Q, as in `exact`. The momentum in space does not change during the motion, so
 
     chi x Pi = -z,    z = (Q - 1) dPi + Q d(Q^T Pi - Pi)
 
@@ -12,9 +12,9 @@ its initial value by sum (Pi_l(0)^2 - Pi_l^2) dc_l / 2; and the derivative of Pi
 
     Pi . chi = h Omega . dPi + Omega . Pi dh + sum (h Pi_l^2 + a_l L) dc_l,    L = int_0^h (h - t) Pi_1 Pi_2 Pi_3 dt
 
-The `lag` L is of second order in h. The derivative of the angle about the momentum, which costs most of a flight, is
-never needed. This derivation was made for this package; the tests compare it with derivatives of the flight's own
-formulas and with references of fifty digits.
+The `lag` L is of second order in h. The derivative of the angle about the momentum, the most expensive part of a
+flight, is never needed. This derivation was made for this package; the tests compare it with derivatives of the
+formulas of the flight and with 50-digit references.
 """
 
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from jax.custom_derivatives import SymbolicZero
 from ..._math import components as cp
 from ...model.inertia import Inertia
 
-# The square of the turn, in radians, up to which only the derivative with respect to the momentum matters.
+# The square of the rotation, in radians, up to which only the derivative with respect to the momentum matters.
 _NO_TURN = {"float64": 1e-280, "float32": 1e-28}
 
 
@@ -36,8 +36,8 @@ class Changes(NamedTuple):
 
     Attributes:
         spins: the tangents of the inverse moments in units of the largest moment; None if they do not change.
-        h: that of the time; None if it does not change.
-        momentum: that of the momentum.
+        h: the tangent of the time; None if it does not change.
+        momentum: the tangent of the momentum.
     """
 
     spins: cp.Vector | None
@@ -48,7 +48,7 @@ class Changes(NamedTuple):
     def of(cls, inertia: Inertia, inertia_tangent: Any, h: Any, momentum: Any) -> "Changes":
         """The changes, from the tangents of inertia, h and momentum, each of which may be a symbolic zero.
 
-        The inverse moments determine all of `Inertia`, so only their tangents are used.
+        The inverse moments determine `Inertia`, so only their tangents are used.
         """
         inverses, spins = inertia_tangent.inverses, None
         if not all(map(is_zero, inverses)):
@@ -91,10 +91,10 @@ def turn_of(
         lag: the L of the module docstring, for momenta in units of the largest moment; needed only if the inverse
             moments change.
     """
-    # The momentum in units in which it is an angle: so nothing overflows or underflows, whatever the user's units.
+    # With the momentum in units of an angle, nothing overflows or underflows in any user units.
     y = inertia.travel(h, momentum)
     total = cp.dot(y, y)
-    # Where the turn vanishes, the formula would divide by zero; but there the term of first order in h is exact.
+    # If the rotation vanishes, the formula would divide by zero; the term of first order in h is then exact.
     at_rest = total <= _NO_TURN[str(total.dtype)]
     axis = cp.scale(h * cp.reciprocal(jnp.where(at_rest, jnp.ones_like(total), total)), y)
     per = cp.scale(inertia.per_unit, axis)

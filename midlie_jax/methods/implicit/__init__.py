@@ -1,4 +1,4 @@
-"""The implicit methods, whose steps are not made of flights and kicks: the rivals in Figure 1 of the paper."""
+"""The implicit methods, which do not consist of flights and kicks: the other methods in Figure 1 of the paper."""
 
 from .akw import AKW as AKW
 from .lie_midpoint_implicit import LieMidpointImplicit as LieMidpointImplicit

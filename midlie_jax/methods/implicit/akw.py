@@ -16,8 +16,8 @@ from .base import ITERATIONS, Implicit, converged
 class AKW(Implicit):
     """Pi1 = Pi0 + h Pb x I^-1 Pb + (h/2)(T0 + T1), Pb = (Pi0 + Pi1)/2, R1 = R0 cay(h I^-1 Pb).
 
-    Order 2, symmetric. A step reports False in `ok` where the solve did not converge or the step turned by more than
-    2.4 radians. Austin, Krishnaprasad & Wang, J. Comput. Phys. 107 (1993) 105.
+    Order 2, symmetric. A step reports False in `ok` if the solve did not converge or the step rotates by more than 2.4
+    radians. Austin, Krishnaprasad & Wang, J. Comput. Phys. 107 (1993) 105.
     """
 
     name: str = eqx.field(static=True, default="AKW")
@@ -35,7 +35,7 @@ class AKW(Implicit):
         force = system.force(t0, motion) if force is None else force
 
         def mean_and_turn(half: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
-            """The mean momentum Pb and the turn h I^-1 Pb, for `half`, half the change of the momentum."""
+            """The mean momentum Pb and the rotation h I^-1 Pb, for `half`, half the change of the momentum."""
             mean = cp.add(motion.momentum, half)
             return mean, cp.scale(h, cp.times(system.inertia.inverses, mean))
 
@@ -46,7 +46,8 @@ class AKW(Implicit):
             kick = cp.scale(h / 2, cp.add(force, torque))
             return cp.subtract(cp.scale(2, half), cp.add(cp.cross(mean, turn), kick))
 
-        # The unknown is the change of the momentum, not the mean: the change is small, and so is its rounding error.
+        # The unknown is the change of the momentum rather than the mean: the change is small, and so is its rounding
+        # error.
         rate = cp.add(cp.cross(*mean_and_turn(cp.scale(0, motion.momentum))), cp.scale(h, force))
         half, remaining = newton(residual, cp.scale(0.5, rate), ITERATIONS)
         turn = mean_and_turn(half)[1]

@@ -1,4 +1,4 @@
-"""`Implicit`, the base class of the implicit methods, and the test whether a solve converged."""
+"""`Implicit`, the base class of the implicit methods, and the convergence test of a solve."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ from ...model.bodies import RigidBody
 from ..base import Method
 from ..system import System
 
-# Newton steps with the exact Jacobian; five suffice up to a turn of |Psi| = 1.5.
+# Newton steps with the exact Jacobian; five suffice up to a rotation of |Psi| = 1.5.
 ITERATIONS = 5
-# In units of eps times the largest term; generous, because a torque whose terms cancel has large rounding errors.
+# In units of eps times the largest term; large, because a torque whose terms cancel has large rounding errors.
 _RESIDUAL_LIMIT = 1024
 
 
 class Implicit(Method):
-    """A method of order 2 whose step solves for its unknowns by Newton's method, with the torque in the residual."""
+    """A method of order 2 whose step is solved by Newton's method, with the torque in the residual."""
 
     name: eqx.AbstractVar[str]
     order: int = eqx.field(static=True, default=2)

@@ -21,9 +21,9 @@ _LARGEST_HALF_TURN = 0.75  # radians
 class TorqueHalfWay(Implicit):
     """I Psi = h M, Pi1 = exp(-Psi) Pi0 + h exp(-Psi/2) Tm, R1 = R0 exp(Psi).
 
-    Tm is the torque at t + h/2 and R0 exp(Psi/2). The methods differ in the mean momentum M. A step reports
-    False in `ok` where the solve did not converge, the step turned by more than 1.5 radians, or h |Omega| at the start
-    or the end exceeds 12 radians.
+    Tm is the torque at t + h/2 and R0 exp(Psi/2). The methods differ in the mean momentum M. A step reports False in
+    `ok` if the solve did not converge, the step rotates by more than 1.5 radians, or h |Omega| at the start or the end
+    exceeds 12 radians.
     """
 
     @property
@@ -42,7 +42,7 @@ class TorqueHalfWay(Implicit):
         double = cp.scale(2, inertia.relative)
 
         def impulse(w: cp.Vector) -> tuple[cp.Quaternion, cp.Vector]:
-            """exp(w) and h Tm, for half the turn, w = Psi/2."""
+            """exp(w) and h Tm, for half the rotation, w = Psi/2."""
             half = half_turn(w)
             torque = system.force(t0 + h / 2, _half_way(system, motion, h, w, half))
             return half, cp.scale(h, torque)
@@ -64,10 +64,10 @@ class TorqueHalfWay(Implicit):
 def _bounds_of_single_root(
     inertia: Inertia, h: Array, w: cp.Vector, start: cp.Vector, end: cp.Vector
 ) -> list[tuple[Array, float]]:
-    """Bounds within which the equation of a step that turns by 2 w has a single root.
+    """Bounds within which the equation of a step with rotation 2 w has a single root.
 
-    They bound the turn by 1.5 radians, and h |Omega| at both ends. Beyond them, several rotations may satisfy the rule
-    for a slender body or for a spin about the middle axis.
+    They bound the rotation by 1.5 radians, and h |Omega| at both ends. Beyond them, several rotations may satisfy the
+    rule for a slender body or for a spin about the middle axis.
     """
     ends = [inertia.bound_of_first_root(inertia.travel(h, momentum)) for momentum in (start, end)]
     return [(cp.dot(w, w), _LARGEST_HALF_TURN**2), *ends]
@@ -76,7 +76,7 @@ def _bounds_of_single_root(
 def _half_way(
     system: System, motion: Motion[cp.Vector, Any], h: Array, w: cp.Vector, half: cp.Quaternion
 ) -> Motion[cp.Vector, Any]:
-    """The motion at mid-step of a step that turns by 2 w: the momentum 2 I w / h, and the pose turned by exp(w)."""
+    """The motion at mid-step of a step with rotation 2 w: the momentum 2 I w / h, and the pose rotated by exp(w)."""
     no_step = h == 0
     rate = 2 / jnp.where(no_step, jnp.ones_like(h), h)
     x, y, z = cp.times(system.inertia.moments, cp.scale(rate, w))

@@ -1,4 +1,4 @@
-"""Methods for spins: sublattices that turn one after the other, and midpoint rules on the sphere."""
+"""Methods for spins: sublattices that rotate in turn, and midpoint rules on the sphere."""
 
 from .midpoint import LieMidpointOnSphere as LieMidpointOnSphere
 from .midpoint import SphericalMidpoint as SphericalMidpoint

@@ -1,10 +1,10 @@
-"""The two sublattices of a checkerboard as arrays of their own, for large lattices.
+"""The two sublattices of a checkerboard as separate arrays, for large lattices.
 
-With masks, every spin is computed to move every second one. Here the places of each sublattice are stored in a row: A
-holds those of even parity and B the others, in pairs along the last axis of the lattice. The neighbours of a place are
-then entries of the other row at fixed distances, apart from the edges, where a select chooses another distance. Such a
-loop is vectorised. The first axis needs one plane more at both ends; that copy is compiled apart, or XLA would fuse it
-into the loop, which would then branch at every entry.
+With masks, every spin is computed to move every second one. Here the sites of each sublattice are stored in a row: A
+holds the sites of even parity and B the others, in pairs along the last axis of the lattice. The neighbours of a site
+are then entries of the other row at fixed distances, except at the edges, where a select chooses another distance. Such
+a loop is vectorised. The first axis needs one more plane at both ends; that copy is compiled separately, or XLA would
+fuse it into the loop, which would then branch at every entry.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ _MOST_AXES = 4  # for which the bits of an entry fit one byte
 
 
 class CheckeredState(SpinState):
-    """Spins in a run: `parts` are both rows. Its classes, one for each lattice, come from `checkered_kind`."""
+    """Spins in a run; `parts` are both rows. `checkered_kind` makes one class for each lattice."""
 
     lattice: ClassVar[tuple[int, ...]]
 
@@ -70,7 +70,7 @@ def checkered_kind(lattice: tuple[int, ...]) -> type[CheckeredState]:
 
 
 def _row(lattice: tuple[int, ...]) -> tuple[int, ...]:
-    """The shape of a row before it is flat."""
+    """The shape of a row before flattening."""
     return *lattice[:-1], lattice[-1] // 2
 
 
@@ -83,12 +83,12 @@ def _parity(lattice: tuple[int, ...]) -> Array:
 
 
 class Checkered(eqx.Module):
-    """What finds the neighbours of a row, computed once in a run.
+    """The neighbour tables of a row, computed once in a run.
 
     Attributes:
         lattice: the shape of the lattice.
-        bits: for each entry of a row, uint8. Bit 0 says whether the indices of its place along all axes but the last
-            have an odd sum; bits 2 a - 1 and 2 a whether it is the first and the last along axis a > 0.
+        bits: for each entry of a row, uint8. Bit 0: whether the indices of its site along all axes but the last have an
+            odd sum; bits 2 a - 1 and 2 a: whether it is the first and the last along axis a > 0.
     """
 
     lattice: tuple[int, ...] = eqx.field(static=True)
@@ -105,11 +105,10 @@ class Checkered(eqx.Module):
         return cls(lattice, bits.astype(np.uint8).ravel())
 
     def has(self, bit: int) -> Array:
-        """Whether entries of a row have this bit."""
         return (jnp.asarray(self.bits) & np.uint8(1 << bit)) != 0
 
     def near(self, closes: tuple[bool, ...], number: int, other: cp.Vector, t: Array) -> Near:
-        """For the places of row `number`, their neighbours in the other row, as `NeighbourField.field_of` asks.
+        """For the sites of row `number`, their neighbours in the other row, in the form for `NeighbourField.field_of`.
 
         Args:
             closes: for each axis whether the lattice is periodic along it.
@@ -132,7 +131,7 @@ class Checkered(eqx.Module):
             return x, y, z
 
         def moved(axis: int, step: int) -> cp.Vector:
-            """The entries one place further along an axis of the row."""
+            """The entries one site further along an axis of the row."""
             stride = prod(row[axis + 1 :])
             if axis == 0:
                 return at(step * stride)
@@ -143,7 +142,7 @@ class Checkered(eqx.Module):
         def near(axis: int, step: int) -> cp.Vector:
             if axis < len(row) - 1:
                 return moved(axis, step)
-            # Place k of a row stands at 2 k + odd in A and at 2 k + 1 - odd in B.
+            # Site k of a row is at 2 k + odd in A and at 2 k + 1 - odd in B.
             follows = (number == 0) == (step > 0)
             if not axis:
                 return other if follows else moved(axis, step)
@@ -166,7 +165,7 @@ class Checkered(eqx.Module):
 
 
 def can_be_checkered(spins: Any, terms: list[Any], lattice: tuple[int, ...], t: Array) -> bool:
-    """Whether all fields are those of the package and all parameters the same for every spin."""
+    """Whether all fields belong to the package and all parameters are uniform."""
     if spins.sublattices is not None or not 0 < len(lattice) <= _MOST_AXES or lattice[-1] % 2:
         return False
     if any(x is not None and x.ndim for x in (spins.damping, spins.gyromagnetic)):

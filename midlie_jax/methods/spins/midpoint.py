@@ -19,12 +19,12 @@ from ..base import Method
 from ..system import AnyMotion, Motion, System
 from ..verdict import verdict
 
-_MOST = 100  # iterations; each takes an error to a share of about h |d2H/dS2| / 2 of it
+_MOST = 100  # iterations; each multiplies an error by about h |d2H/dS2| / 2
 _ENOUGH = 4  # in units of eps
 
 
 class MidpointOnSphere(Method):
-    """A midpoint rule: the change of a step is computed from the field at the middle m = (S0 + S1)/|S0 + S1|."""
+    """A midpoint rule: the change in a step is computed from the field at the middle m = (S0 + S1)/|S0 + S1|."""
 
     name: eqx.AbstractVar[str]
     order: int = eqx.field(static=True, default=2)
@@ -32,7 +32,7 @@ class MidpointOnSphere(Method):
     symplectic: bool = eqx.field(static=True, default=False)
     keeps_momentum: bool = eqx.field(static=True, default=False)
     bodies: type[Any] = eqx.field(static=True, default=Spins)
-    evaluations: int = eqx.field(static=True, default=8)  # about: it depends on the step
+    evaluations: int = eqx.field(static=True, default=8)  # approximate: it depends on the step
 
     @property
     def solves(self) -> int:
@@ -66,8 +66,8 @@ class MidpointOnSphere(Method):
 class SphericalMidpoint(MidpointOnSphere):
     """S1 = S0 + h S'(m): order 2, symmetric, symplectic.
 
-    It keeps every quantity that is linear in the spins and constant in the motion, such as their sum under exchange
-    (McLachlan, Modin and Verdier, Phys. Rev. E 89, 2014, 061301).
+    It conserves every constant of the motion that is linear in the spins, such as their sum under exchange (McLachlan,
+    Modin and Verdier, Phys. Rev. E 89, 2014, 061301).
     """
 
     name: str = eqx.field(static=True, default="spherical midpoint")
@@ -81,8 +81,8 @@ class SphericalMidpoint(MidpointOnSphere):
 class LieMidpointOnSphere(MidpointOnSphere):
     """S1 = exp(h w) S0 with S' = w x S and w at right angles to m: the paper's midpoint rule, on the sphere.
 
-    A turn by the angle |h w| is longer than the chord of `SphericalMidpoint`, which alone preserves areas: a step
-    changes a small area on the sphere by a share of third order in h.
+    A rotation by the angle |h w| is longer than the chord of `SphericalMidpoint`, and only the latter preserves areas:
+    a step changes a small area on the sphere by a relative amount of third order in h.
     """
 
     name: str = eqx.field(static=True, default="Lie midpoint of spins")

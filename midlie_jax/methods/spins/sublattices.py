@@ -1,10 +1,10 @@
-"""`Sublattices`: spins of one sublattice after the other turn in the field of the others, which stays as it is.
+"""`Sublattices`: one sublattice after the other rotates in the field of the others, which are held fixed.
 
-No spin acts on another of its own sublattice, so while the others stay the field stays, too, and each spin turns about
-it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau, Comput.
-Phys. Commun. 111, 1998, 1). Every such turn keeps the energy of all fields that are linear in the spin. The method is
-explicit and reversible and keeps volumes of phase space. It is not symplectic: while one sublattice turns in the field
-of the others, no energy lets these stay.
+No spin acts on another spin of its sublattice. While the others are fixed, the field is constant and each spin rotates
+about it by a known angle (Frank, Huang and Leimkuhler, J. Comput. Phys. 133, 1997, 160; Krech, Bunker and Landau,
+Comput. Phys. Commun. 111, 1998, 1). Every such rotation conserves the energy of all fields that are linear in the spin.
+The method is explicit and reversible and preserves phase-space volume. It is not symplectic: no Hamiltonian rotates one
+sublattice in the field of the others and keeps the others fixed.
 """
 
 from functools import partial
@@ -43,11 +43,11 @@ class OnSublattices(eqx.Module):
 
     Attributes:
         spins: the body.
-        labels: the sublattice of each spin, (*lattice), where spins are chosen by it, or None.
+        labels: the sublattice of each spin, (*lattice), if spins are selected by it, or None.
         count: the number of sublattices.
-        own: the fields that spins exert on themselves.
-        terms: the other fields, if all are of this package.
-        checkered: where neighbours are found, if the two sublattices of a checkerboard are arrays of their own.
+        own: the fields of spins on themselves.
+        terms: the other fields, if all belong to this package.
+        checkered: the neighbour tables, if the two sublattices of a checkerboard are separate arrays.
     """
 
     spins: Spins
@@ -59,15 +59,15 @@ class OnSublattices(eqx.Module):
 
 
 class Sublattices(Method):
-    """SUBLATTICES[SCHEME]: turns of sublattices in the order and with the coefficients of a scheme.
+    """SUBLATTICES[SCHEME]: rotations of sublattices in the order and with the coefficients of a scheme.
 
-    Two sublattices stand for the kicks and the flights of the scheme. More of them, and fields that spins exert on
-    themselves, are nested: every table for two parts is a sequence of first-order steps and their adjoints, and these
-    are made of any number of parts (McLachlan, SIAM J. Sci. Comput. 16, 1995, 151).
+    Two sublattices replace the kicks and the flights of the scheme. More sublattices, and fields of spins on
+    themselves, are nested: every table for two parts is a sequence of first-order steps and their adjoints, which
+    extend to any number of parts (McLachlan, SIAM J. Sci. Comput. 16, 1995, 151).
 
     Attributes:
-        scheme: a table without gradients. Composed tables (TJ4, S4, Y6, KL6, SU8, KL8) keep their order; others reach 4
-            at most, because their higher orders rest on a property of kicks that sublattices do not have.
+        scheme: a table without gradients. Composed tables (TJ4, S4, Y6, KL6, SU8, KL8) keep their order; others reach
+            at most 4, because their higher orders require a property of kicks that sublattices lack.
     """
 
     scheme: Scheme = eqx.field(static=True)
@@ -82,8 +82,8 @@ class Sublattices(Method):
     def __init__(self, scheme: Scheme):
         if scheme.gradients:
             raise ValueError(
-                f"scheme {scheme.name!r} takes gradients of forces, which sublattices do not have; choose another, "
-                "such as SRKN6b or KL6."
+                f"scheme {scheme.name!r} uses gradients of forces, which sublattices do not have; choose "
+                "another, such as SRKN6b or KL6."
             )
         self.scheme = scheme.merged()
         self.name = f"SUBLATTICES[{scheme.name}]"
@@ -102,14 +102,16 @@ class Sublattices(Method):
         return True
 
     def keeps_force(self, system: System) -> bool:
-        """Whether the field on the first sublattice at the end of a step is kept: while it turns, its field stays."""
+        """Whether the field on the first sublattice at the end of a step is kept: it is constant while that sublattice
+        rotates.
+        """
         reused = self.scheme.reuses_force and not self.random
         return system.keeps_torque and reused and system.inertia.checkered is None
 
     def check(self, body: Any, torque: Any, start: Any, batch: int) -> None:
-        """Raises unless the fields are those of other sublattices, or of kinds that are known in closed form.
+        """Raises unless the fields come from other sublattices, or have a known closed form.
 
-        In an ensemble a function of the user's own is tried if its parameters fit one lattice.
+        In an ensemble, a custom function is tested if its parameters fit one lattice.
         """
         lattice, dtype = start.spin.shape[batch:-1], start.spin.dtype
         rest, _ = without_bath(torque)
@@ -117,8 +119,8 @@ class Sublattices(Method):
         for term in terms if body.damping is not None else ():
             if isinstance(term, OwnField) and not isinstance(term, Anisotropy) and term.linear is None:
                 raise ValueError(
-                    f"a damped spin under {type(term).__name__} has no closed form; take the method 'spherical "
-                    "midpoint', or leave out one of both."
+                    f"a damped spin under {type(term).__name__} has no closed form; use the method 'spherical "
+                    "midpoint', or leave out damping or this field."
                 )
         count = _count(body, terms, lattice)
         for term in terms:
@@ -134,7 +136,8 @@ class Sublattices(Method):
         own = tuple(term for term in terms if isinstance(term, OwnField))
         others = kept_terms(rest, lambda term: not isinstance(term, OwnField))
         system = System.of(body, others, start, t)
-        # Library fields are sums over neighbours, which fuse with the turn; any other function is evaluated apart.
+        # Library fields are sums over neighbours, which fuse with the rotation; any other function is evaluated
+        # separately.
         costly = not all(isinstance(term, SpinField) for term in terms)
         lattice = start.momentum.shape[:-1]
         checkered = Checkered.of(lattice) if can_be_checkered(body, terms, lattice, t) else None
@@ -161,8 +164,8 @@ class Sublattices(Method):
         take = self._step_in_loop if self.loops_for(system) else self._step_unrolled
         spin = motion.momentum
         if system.inertia.spins.damping is not None:
-            # The closed forms of damping are those of unit vectors. Opposite to the field they move a length away from
-            # one faster than the spin away from the field, so that roundings would grow to anything.
+            # The closed forms of damping hold for unit vectors. Opposite to the field they amplify an error of length
+            # faster than the spin leaves that direction, so rounding errors would grow without bound.
             spin = split(unit(spin) if system.inertia.checkered is None else tuple(map(unit, spin)))
         spin, known = take(parts, system, t0, t1, h, spin, force)
         if system.inertia.spins.damping is not None:  # a step of length zero changes no length
@@ -172,7 +175,7 @@ class Sublattices(Method):
     def _step_unrolled(
         self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
     ) -> tuple[Any, Any]:
-        """The spins after a step; `known` is the field on the first sublattice, while no other has turned."""
+        """The spins after a step; `known` is the field on the first sublattice until another rotates."""
         elapsed, baths = 0.0, 0
         for number, coefficient in word(self.scheme, len(parts.names)):
             t = t0 if elapsed == 0 else t1 if abs(elapsed - 1) < 1e-12 else t0 + elapsed * h
@@ -190,7 +193,9 @@ class Sublattices(Method):
     def _step_in_loop(
         self, parts: "_Parts", system: System, t0: Array, t1: Array, h: Array, spin: Any, known: Any
     ) -> tuple[Any, Any]:
-        """The same in a loop: an iteration is a step X and an adjoint step X* of `word.py`, without its last turn."""
+        """`_step_unrolled` as a loop: an iteration is a step X and an adjoint step X* of `word.py`, without its last
+        rotation.
+        """
         first, last = 0, len(parts.names) - 1
         middle = [*range(1, last)]
         if self.scheme.stages[0][0] != KICK:
@@ -227,12 +232,12 @@ class Sublattices(Method):
 
 
 class _Parts(eqx.Module):
-    """What turns one after the other in a step.
+    """The parts of a step, which rotate in turn.
 
     Attributes:
-        names: for each part the number of its sublattice, or CLOCK, in which time goes on, or the index in `own`.
-        own: pairs of a field that spins exert on themselves, and one of its axes.
-        system: that of the run.
+        names: for each part the number of its sublattice, or CLOCK, which advances time, or the index in `own`.
+        own: pairs of a field of spins on themselves, and one of its axes.
+        system: of the run.
     """
 
     names: tuple[Any, ...]
@@ -257,7 +262,9 @@ class _Parts(eqx.Module):
         return self.system.force(t, Motion(spin, ()))
 
     def turn(self, number: int, time: Array, t: Array, spin: Any, field: Any) -> tuple[Any, Any]:
-        """The spins after a part has turned for a time, and the field on it: the one given, or that at the time t."""
+        """The spins after a part has rotated for a time, and the field on it: the given one, or the field at the time
+        t.
+        """
         name, on = self.names[number], self.system.inertia
         if isinstance(name, tuple):
             own = partial(_own_turn, on.spins, *self.own[name[1]], time)
@@ -273,7 +280,7 @@ class _Parts(eqx.Module):
 
 
 def _turn(spins: Spins, field: cp.Vector, time: Array, spin: cp.Vector, mask: Any) -> cp.Vector:
-    """The spins of a sublattice after a time in their field; the others stay."""
+    """The spins of a sublattice after a time in their field; the others are unchanged."""
     moved = turned(spin, cp.scale(spins.rate * time, field))
     if spins.damping is not None:
         moved = damped(moved, field, spins.damping * spins.rate * time)
@@ -290,7 +297,7 @@ def _own_turn(spins: Spins, term: OwnField, axis: Any, time: Array, spin: cp.Vec
 
 
 def _count(body: Any, terms: list[Any], lattice: tuple[int, ...]) -> int:
-    """The number of sublattices: as the body says, or one if no spin acts on another, or two."""
+    """The number of sublattices: given by the body, or one if no spin acts on another, or two."""
     if body.sublattices is not None:
         if body.sublattices.shape != lattice:
             raise ValueError(f"sublattices must have the shape {lattice} of the lattice, got {body.sublattices.shape}.")
@@ -305,17 +312,17 @@ def _labels(body: Any, lattice: tuple[int, ...]) -> Any:
 
 
 def _check_neighbours(term: NeighbourField, body: Spins, lattice: tuple[int, ...]) -> None:
-    """Raises if neighbours along an axis are of one sublattice."""
+    """Raises if neighbours along an axis belong to one sublattice."""
     if cp.is_traced(body.sublattices):
         return
     for axis, size in enumerate(lattice):
         odd = term.closes(axis) and size % 2 == 1
         if odd if body.sublattices is None else _have_same(np.asarray(body.sublattices), axis, term.closes(axis)):
-            where = f"axis {axis}, which closes with an odd number of {size} places" if odd else f"axis {axis}"
+            where = f"axis {axis}, which is periodic with an odd number of {size} sites" if odd else f"axis {axis}"
             raise ValueError(
                 f"{type(term).__name__} acts between spins of one sublattice along {where}; give "
-                "Spins(sublattices=...) in which neighbours differ, such as three instead of two, or take the method "
-                "'spherical midpoint'."
+                "Spins(sublattices=...) with different neighbours, or use the method 'spherical "
+                "midpoint'."
             )
 
 
@@ -326,12 +333,12 @@ def _have_same(labels: np.ndarray, axis: int, closes: bool) -> bool:
 
 
 def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int, dtype: str, one: bool) -> None:
-    """Raises if a field of the user's own depends on spins of the sublattice on which it acts.
+    """Raises if a custom field depends on spins of the sublattice on which it acts.
 
-    At drawn spins, the derivative of the field along changes of one sublattice must vanish there.
+    At random spins, the derivative of the field along changes of one sublattice must vanish on that sublattice.
 
     Args:
-        one: whether the function is that of one lattice; otherwise its parameters may have a row for each.
+        one: whether the function belongs to one lattice; otherwise its parameters may have a row for each.
     """
     field = on_body(term, body)
     if cp.is_traced(*jax.tree.leaves(field), body.sublattices):
@@ -352,10 +359,10 @@ def _check_function(term: Any, body: Spins, lattice: tuple[int, ...], count: int
                 raise
             return  # its parameters have a row for each lattice
         if value.shape != spin.shape or cp.is_traced(value, change):
-            return  # the run raises; or the function holds numbers that are not known yet
+            return  # the run raises; or the function holds unknown numbers
         if np.any(np.abs(np.asarray(change)[here]) > 64 * eps * (1 + np.abs(np.asarray(value)).max())):
             raise ValueError(
-                f"the field depends on spins of sublattice {number}, on which it acts; give Spins(sublattices=...) "
-                "whose spins do not act on each other or on themselves (midlie_jax.torques.Anisotropy may be a term of "
-                "a sum all the same), or take the method 'spherical midpoint'."
+                f"the field depends on spins of sublattice {number}, on which it acts; give "
+                "Spins(sublattices=...) without such interactions, or use the method 'spherical "
+                "midpoint'."
             )

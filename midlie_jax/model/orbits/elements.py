@@ -89,7 +89,7 @@ def _only_one(names: tuple[str, ...], values: tuple[Any, ...], what: str) -> tup
     given = [(name, value) for name, value in zip(names, values, strict=True) if value is not None]
     if len(given) != 1:
         got = " and ".join(name for name, _ in given) or "none"
-        raise ValueError(f"exactly one of {', '.join(names)} must give {what}, got {got}.")
+        raise ValueError(f"exactly one of {', '.join(names)} must set {what}, got {got}; give one.")
     name, value = given[0][0], as_floats(*given[0])
     require_finite(name, value)
     return name, value

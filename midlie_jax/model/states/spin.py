@@ -48,7 +48,7 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
             self.spin,
             is_unit,
             "must be unit vectors",
-            "divide by the norm; the magnitude of a spin belongs in the coefficients of its energy.",
+            "divide it by its norm, and put its magnitude into the coefficients of the energy.",
         )
 
     def check_batch(self) -> None:
