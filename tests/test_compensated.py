@@ -116,5 +116,5 @@ def test_invalid_low_parts_are_refused():
 
 def test_diffrax_refuses_it():
     term = ml.RigidBodyTerm(ml.RigidBody([1.0, 2.0, 2.5]), None)
-    with pytest.raises(ValueError, match="give diffrax a RigidState"):
+    with pytest.raises(ValueError, match="use a RigidState"):
         diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, 1.0, 0.1, start_of(ml.CompensatedState))

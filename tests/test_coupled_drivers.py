@@ -209,7 +209,10 @@ REFUSED = {
     "top": (lambda b, t, s: step(b, ml.torques.HeavyTop(1.0), s), "OnEach"),
     "projection": (lambda b, t, s: step(b.body, None, rigid(s), "PGBS8"), "moves one body"),
     "implicit": (lambda b, t, s: step(b.body, None, rigid(s), "AKW"), "moves one body"),
-    "recommend": (lambda b, t, s: ml.recommend(b, t, s, tolerance=1e-3, duration=1.0, length=1.0), "is for one body"),
+    "recommend": (
+        lambda b, t, s: ml.recommend(b, t, s, tolerance=1e-3, duration=1.0, length=1.0),
+        "recommend supports one body",
+    ),
     "control": (
         lambda b, t, s: step(b, ml.torques.PDControl([1.0, 0.0, 0.0, 0.0], 1.0, 1.0), s),
         r"PDControl acts on one body.*OnEach\(PDControl",

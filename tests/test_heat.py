@@ -617,8 +617,11 @@ def messages():
             lambda: ml.integrate_adaptive("JACOBI[BAOAB]", body, bath, start, density=lambda t, s: 1.0, **run),
             "would bias averages",
         ),
-        "recommend": (lambda: ml.recommend(body, bath, start, tolerance=1e-3, duration=1.0), "single motions"),
-        "check": (lambda: ml.check("JACOBI[BAOAB]", body, bath, start, dt=0.1), "single motions"),
+        "recommend": (
+            lambda: ml.recommend(body, bath, start, tolerance=1e-3, duration=1.0),
+            "needs a deterministic run",
+        ),
+        "check": (lambda: ml.check("JACOBI[BAOAB]", body, bath, start, dt=0.1), "needs a deterministic run"),
         "particles": (
             go(ml.method(ml.flights.Linear(), "BAOAB"), particle, bath, ml.ParticleState(jnp.ones(1), jnp.ones(1))),
             "Langevin acts on rigid bodies and rotors, not on a ParticleState",

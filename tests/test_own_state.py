@@ -213,7 +213,7 @@ def test_what_is_for_rigid_bodies_alone_says_so():
             dt=0.02,
             method="RK4",
         )
-    with pytest.raises(ValueError, match="recommend is for bodies that turn, got body Traveller"):
+    with pytest.raises(ValueError, match="recommend supports rotating bodies, got body Traveller"):
         ml.recommend(BODY, pull(), START, tolerance=1e-3, duration=1.0)
     with pytest.raises(ValueError, match="has more than an angular velocity"):
         ml.spatial_angular_velocity(BODY, START)

@@ -283,7 +283,7 @@ WRONG = {
         lambda: normal(np.array([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]) * 1e-6),
         "(?s)semi-definite.*correlations .* eigenvalue -0.8;",
     ),
-    "median": (lambda: d.LogNormal([1.0, 0.0], 0.1), "median must be positive.*take Normal"),
+    "median": (lambda: d.LogNormal([1.0, 0.0], 0.1), "median must be positive.*use Normal"),
     "log deviation": (lambda: d.LogNormal(1.0, -0.1), "deviation must not be negative"),
     "low": (lambda: d.Uniform(1.0, 0.0), "low must not exceed high, got low 1.0 and high 0.0; exchange"),
     "radius": (lambda: d.Sphere(0.0), "radius must be positive"),
@@ -322,7 +322,7 @@ WRONG = {
     "negative index": (lambda: ml.scatter(KEY, [-1, 2], x=NORMAL), "got indices from -1 to 2; they count from 0"),
     "matrix of indices": (lambda: ml.scatter(KEY, np.zeros((2, 2), int), x=NORMAL), r"an array of shape \(2, 2\)"),
     "nothing": (lambda: ml.scatter(KEY, 3), "scatter needs a quantity"),
-    "a number": (lambda: ml.scatter(KEY, 3, x=2.0), "x must be a distribution .* got float; take Each"),
+    "a number": (lambda: ml.scatter(KEY, 3, x=2.0), "x must be a distribution .* got float; use Each"),
     "dtype": (lambda: ml.scatter(KEY, 3, dtype="int32", x=NORMAL), "dtype must be float32 or float64"),
     "beyond float32": (
         lambda: ml.scatter(KEY, 3, dtype="float32", x=d.Normal(1e300, 1.0)),

@@ -94,7 +94,7 @@ K, F = schemes.KICK, schemes.FLIGHT
         ({"order": 4}, "declared of order 4, but an order of 2.0 is measured"),
         ({"order": 1}, "declared of order 1, but an order of 2.0 is measured"),
         ({"gradients": (np.nan, 0.0)}, "an order of nan is measured"),
-        ({"small": 4}, "declared with small=4, but its kicks do not integrate polynomials of degree 3"),
+        ({"small": 4}, "has small=4, but its kicks do not integrate polynomials of degree 3"),
         (
             {"stages": schemes.BM4.stages, "order": 4, "composed": True},
             "declared composed, but its kicks are not half the sum of the adjacent flights",

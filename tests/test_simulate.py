@@ -412,7 +412,7 @@ def test_a_run_within_a_traced_function_is_refused(tmp_path, given):
         changes = {"momenta": {"momenta": MOMENTA * x}, "dt": {"dt": x}, "nothing": {}}[given]
         return simulated(tmp_path / "run.npz", **changes).seconds
 
-    with pytest.raises(ValueError, match=r"simulate needs numbers, but .* traced; call it outside jit"):
+    with pytest.raises(ValueError, match=r"simulate needs concrete numbers, but .* traced; call it outside jit"):
         jax.jit(seconds)(0.1)
 
 

@@ -222,7 +222,7 @@ def test_a_function_of_time_returns_a_vector(case, returned):
     """JAX reads beyond the end of an array without an error, so that two or four components would do for three."""
     make, name, body, state = FUNCTIONS[case]
     function, what = RETURNED[returned]
-    message = rf"{name} is a function of time, which must return an array \(3,\), got ({what}); write jnp.array"
+    message = rf"{name} is a function of time, which must return an array \(3,\), got ({what}); use jnp.array"
     with pytest.raises(ValueError, match=message):
         jax.eval_shape(lambda t: torques.on_body(make(function), body)(t, state), jnp.zeros(()))
     jax.eval_shape(torques.on_body(make(lambda t: jnp.stack([t, t, t])), body), jnp.ones(()), state)

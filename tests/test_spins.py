@@ -621,7 +621,7 @@ REFUSED = {
     ),
     "diffrax": (
         lambda: ml.LieSolver("SUBLATTICES[EA]").init(ml.RigidBodyTerm(ml.Spins(), NEAR), 0.0, 1.0, CHAIN, None),
-        "spins run in midlie_jax.integrate, ensemble and simulate",
+        "diffrax does not support spins; use midlie_jax.integrate",
     ),
     "adaptive": (
         lambda: ml.integrate_adaptive(

@@ -140,7 +140,7 @@ def test_the_clock_is_the_processors_on_the_cpu_and_the_walls_where_an_accelerat
     assert timed(lambda: None)[1].seconds == 5.0
 
 
-@pytest.mark.parametrize(("busy", "said"), [(1.0, ""), (2.0, "had 50% of the processor time")])
+@pytest.mark.parametrize(("busy", "said"), [(1.0, ""), (2.0, "had 50% of the requested processor time")])
 def test_a_user_is_told_that_the_machine_was_busy(machine, monkeypatch, busy, said):
     monkeypatch.setattr(timing, "cores", lambda: 1)
     load = Load()

@@ -1,1 +1,1 @@
-"""The checks of arguments, made before anything is traced, and types that are checked at run time."""
+"""Checks of arguments, made before tracing, and types that are checked at run time."""

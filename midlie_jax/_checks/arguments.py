@@ -1,7 +1,7 @@
-"""Input checks: a ValueError that names the argument, what was wrong and the cure, before anything is traced.
+"""Input checks: a ValueError that names the argument, the problem and the remedy, before tracing.
 
-Shapes and dtypes are always checked. Values are checked only where they are concrete: inside jit, vmap or grad they
-cannot be read, and failures are reported as flags instead (`Path.ok`).
+Shapes and dtypes are always checked. Values are checked only if they are concrete. Inside jit, vmap or grad they cannot
+be read, and failures are reported as flags instead (`Path.ok`).
 """
 
 import inspect
@@ -18,9 +18,9 @@ from jax import Array
 from .._math.components import is_traced
 
 FLOATS = ("float32", "float64")
-_TOO_LARGE = "{name} must be finite, got an integer that is too large; check its units, and write it as a float."
-LEAST_ULPS = 4  # the least step of a clock, in units in the last place of its time
-_NAMED = 8  # the most rows that a message names
+_TOO_LARGE = "{name} must be finite, got an integer that is too large; check its units and write it as a float."
+LEAST_ULPS = 4  # the smallest step of a clock, in units in the last place of its time
+_NAMED = 8  # the largest number of rows that a message names
 
 
 def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -30,7 +30,7 @@ def as_floats(name: str, value: Any, shape: tuple[int, ...] | None = None) -> Ar
     """
     try:
         # A Python integer becomes a Python float: a weak type, which works with float32 and float64.
-        with np.errstate(over="ignore"):  # an error below says more than the warning
+        with np.errstate(over="ignore"):  # an error below is more specific than the warning
             array = jnp.asarray(float(value) if type(value) is int else value)
     except OverflowError as error:
         raise ValueError(_TOO_LARGE.format(name=name)) from error
@@ -54,19 +54,19 @@ def _require_held(name: str, value: Any, array: Array) -> None:
     largest, limits = float(np.max(np.abs(np.asarray(value, np.float64)), initial=0.0)), np.finfo(np.float32)
     if 0 < largest < float(limits.tiny) or float(limits.max) < largest < np.inf:
         raise ValueError(
-            f"{name} must be 0, or between {limits.tiny:.0e} and {limits.max:.0e} in float32, got {largest:.3g}; "
-            f"{in_wider(np.float32, 'take other units')}"
+            f"{name} must be 0, or between {limits.tiny:.0e} and {limits.max:.0e} in float32, got "
+            f"{largest:.3g}; {in_wider(np.float32, 'use other units')}"
         )
 
 
 def as_weak(vector: Any) -> Array:
-    """A vector of known numbers whose dtype gives way to that of a state, as the dtype of a Python number does."""
-    with jax.ensure_compile_time_eval():  # so that its numbers are known also where a program is traced
+    """A concrete vector with a weak dtype, like a Python number, which adopts the dtype of a state."""
+    with jax.ensure_compile_time_eval():  # so that its numbers are also concrete while a program is traced
         return jnp.stack([jnp.asarray(float(x)) for x in np.asarray(vector)])
 
 
 def as_number(name: str, value: float | int, dtype: Any) -> np.ndarray:
-    """A Python number as an array () of NumPy; infinite if it is beyond the dtype."""
+    """A Python number as a NumPy array (); infinite if it is beyond the dtype."""
     try:
         with np.errstate(over="ignore"):
             return np.asarray(value, dtype)
@@ -75,7 +75,6 @@ def as_number(name: str, value: float | int, dtype: Any) -> np.ndarray:
 
 
 def is_key(value: Any) -> bool:
-    """Whether the value is an array of typed keys of `jax.random`."""
     return isinstance(value, Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
 
 
@@ -90,23 +89,23 @@ def as_function_of_time(name: str, value: Any) -> Array | Callable[[Any], Array]
 
 
 def vector_at(name: str, value: Any, t: Any) -> Array:
-    """The vector (..., 3) itself, or that which a function of time returns; a ValueError if it returns another thing.
+    """The vector (..., 3), or the value of a function of time; a ValueError if that is not a vector.
 
-    JAX reads beyond the end of an array without an error: of two components the last would count twice.
+    JAX reads beyond the end of an array without an error: with two components the last would count twice.
     """
     if not callable(value):
         return value
     vector: Any = value(t)
     if getattr(vector, "shape", ())[-1:] != (3,):
         raise ValueError(
-            f"{name} is a function of time, which must return an array (3,), got {described(vector)}; write "
-            "jnp.array([x, y, z]) or jnp.stack([x, y, z]) in it."
+            f"{name} is a function of time, which must return an array (3,), got {described(vector)}; "
+            "use jnp.array([x, y, z]) or jnp.stack([x, y, z])."
         )
     return vector
 
 
 def require_function(name: str, value: Any, arguments: str) -> None:
-    """Raises unless the value can be called with so many arguments; `arguments` are listed in the message."""
+    """Raises unless the value can be called with this number of arguments, which the message lists."""
     if not callable(value):
         raise ValueError(f"{name} must be a function of ({arguments}), got {described(value)}.")
     other = other_arguments(value, arguments.count(",") + 1)
@@ -115,10 +114,10 @@ def require_function(name: str, value: Any, arguments: str) -> None:
 
 
 def other_arguments(function: Callable[..., Any], count: int) -> list[str] | None:
-    """The names of the arguments of a function that cannot be called with so many; None if it can, or is silent."""
+    """The argument names of a function that cannot be called with this many; None if it can, or if unknown."""
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # of a function that is not written in Python
+    except (TypeError, ValueError):  # a function that is not written in Python
         return None
     try:
         signature.bind(*[None] * count)
@@ -151,25 +150,25 @@ def require(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: 
 
 
 def in_wider(dtype: Any, cure: str = "") -> str:
-    """The cure of a message on numbers that the dtype cannot hold: for float32 float64, or what is given."""
+    """Remedy for numbers that the dtype cannot hold: for float32 also float64, otherwise the given one."""
     if np.dtype(dtype) == np.float64:
         return f"{cure}."
     return f'{cure}{", or " if cure else ""}use float64: jax.config.update("jax_enable_x64", True).'
 
 
 def cure_of(value: Any, cure: str) -> str:
-    """The cure of a message on numbers: also float64, if they are infinite, or all zero, in float32."""
+    """Remedy for numbers: also float64, if they are infinite, or all zero, in float32."""
     if is_traced(value):
         return f"{cure}."
-    numbers = np.asarray(value)  # NumPy's, because within jax.jit those of a known JAX array would be traced
+    numbers = np.asarray(value)  # NumPy's, because within jax.jit the numbers of a concrete JAX array would be traced
     lost = numbers.dtype == np.float32 and (np.isinf(numbers).any() or not numbers.any())
     return in_wider(np.float32, cure) if lost else f"{cure}."
 
 
 def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], problem: str, cure: str) -> None:
-    """`require` for vectors (..., n): for a batch the message tells how many rows are wrong, and which.
+    """`require` for vectors (..., n); for a batch the message counts and names the wrong rows.
 
-    `holds(value)` has the shape of the value, or that of its leading axes.
+    `holds(value)` has the shape of the value, or of its leading axes.
     """
     if is_traced(value):
         return
@@ -188,29 +187,31 @@ def require_rows(name: str, value: Any, holds: Callable[[np.ndarray], Any], prob
 
 
 def require_numbers(caller: str, *values: Any) -> None:
-    """Raises if any leaf of the values is traced, or if every new array would be: for a function that reads numbers."""
+    """Raises if any leaf of the values is traced, or if every new array would be, for a function that needs concrete
+    numbers.
+    """
     traced = is_traced(*values)
     if traced or is_traced(jnp.zeros(())):
         what = "an argument is traced" if traced else "it is called within a function that is traced"
-        raise ValueError(f"{caller} needs numbers, but {what}; call it outside jit, vmap and grad.")
+        raise ValueError(f"{caller} needs concrete numbers, but {what}; call it outside jit, vmap and grad.")
 
 
 def require_finite(name: str, value: Any) -> None:
     if is_traced(value) or np.isfinite(np.asarray(value)).all():
         return
-    require(name, value, np.isfinite, "must be finite", cure_of(value, "check where the NaN or infinity comes from"))
+    require(name, value, np.isfinite, "must be finite", cure_of(value, "find the source of the NaN or infinity"))
 
 
 def require_resolved(name: str, times: Any, dtype: Any, start: Any = None) -> None:
-    """Raises if the dtype cannot tell the times apart, because they are far from zero and close to each other.
+    """Raises if the dtype cannot distinguish the times, because they are far from zero and close to each other.
 
-    Half of the intervals between two different times must be at least `LEAST_ULPS` units in the last place of the
-    later time. So times from zero on are right, as each is rounded relative to itself.
+    Half of the intervals between two different times must be at least `LEAST_ULPS` units in the last place of the later
+    time. Times that start at zero are therefore valid, because each is rounded relative to itself.
 
     Args:
         name: for the message.
-        times: (n,), as the user gives them, before they are rounded to the dtype.
-        dtype: the one in which they are used.
+        times: (n,), as given by the user, before rounding to the dtype.
+        dtype: the dtype in which they are used.
         start: one more time, or None.
     """
     if is_traced(times, start):
@@ -261,7 +262,7 @@ def same_dtype(reference_name: str, reference: Any, **others: Any) -> None:
 
 
 def unknown(kind: str, name: Any, known: Iterable[str], *, more: Iterable[str] = (), note: str = "") -> ValueError:
-    """The error for a name that is not in `known`: it suggests the nearest name and lists the known ones.
+    """The error for a name that is not in `known`; it suggests the nearest name and lists the known ones.
 
     Names in `more` can be suggested but are not listed.
     """
@@ -280,7 +281,7 @@ def described(value: Any) -> str:
 
 
 def shown(value: Any) -> str:
-    """Text for messages: the value itself, shortened; for a traced value its shape."""
+    """Text for messages: the value, shortened; for a traced value its shape."""
     if is_traced(value):
         return described(value)
     if isinstance(value, (jax.Array, np.ndarray)):

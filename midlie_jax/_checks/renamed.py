@@ -1,4 +1,4 @@
-"""Names of version 0.1 that version 0.2 has changed: they work once more, and say what to write instead."""
+"""Deprecated names of version 0.1: they still work and warn."""
 
 import warnings
 from collections.abc import Callable
@@ -9,7 +9,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def renamed(**names: str) -> Callable[[F], F]:
-    """For a function of which some arguments, given as old=new, have other names than before.
+    """Decorator for a function with renamed arguments, given as old=new.
 
     Raises, when called:
         TypeError: both names of an argument are given.
@@ -32,7 +32,7 @@ def renamed(**names: str) -> Callable[[F], F]:
 
 
 def old_name(owner: str, old: str, new: str) -> property:
-    """The attribute `new` under the name that it had."""
+    """The attribute `new` under its old name."""
 
     def value(self: Any) -> Any:
         _warn(f"{owner}.{old}", f".{new}")

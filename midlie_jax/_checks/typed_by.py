@@ -9,8 +9,8 @@ else:
     class TypedBy:
         """`class Path(NamedTuple, TypedBy[S])` is generic to type checkers, and a plain named tuple at run time.
 
-        beartype refuses every annotation with a `NamedTuple` that has `typing.Generic` among its bases. A plain named
-        tuple can be subscripted because tuples can: in the annotation `Path[RigidState]`, beartype checks for `Path`.
+        beartype rejects every annotation with a `NamedTuple` that has `typing.Generic` among its bases. A plain named
+        tuple can be subscripted because tuples can: for the annotation `Path[RigidState]`, beartype checks for `Path`.
         """
 
         def __class_getitem__(cls, parameters: Any) -> "TypedBy":

@@ -1,7 +1,7 @@
 """Complete elliptic integrals, the amplitude and its inverse, by arithmetic-geometric means in a fixed number of steps.
 
-All take the complement m1 = 1 - m of the parameter, which keeps its digits near m = 1. They can be differentiated, and
-work element by element.
+All functions accept the complement m1 = 1 - m of the parameter, which keeps its digits near m = 1. They are
+differentiable and work elementwise.
 
 NIST Digital Library of Mathematical Functions, 19.8 and 22.20; R. Bulirsch, "Numerical calculation of elliptic
 integrals and elliptic functions III", Numer. Math. 13 (1969) 305.
@@ -38,7 +38,7 @@ def complete(m1: Array, p: Array) -> Array:
         kc = 2 * jnp.sqrt(e)
         return (a, b, p, m, kc, kc * m), None
 
-    # A loop, as XLA repeats what is used twice when it writes out the steps in one expression.
+    # A loop, because XLA repeats values that are used twice in an unrolled expression.
     start = one, one / p, one * p, one, one * kc, one * kc
     (a, b, p, m, _, _), _ = jax.lax.scan(step, start, length=_STEPS)
     return pi / 2 * (b + a * m) / (m * (m + p))
@@ -61,12 +61,12 @@ def amplitude(m1: Array, fraction: Array) -> Array:
 
 
 def fraction_of(m1: Array, angle: Array) -> Array:
-    """The inverse of `amplitude`: F(angle) / 4 K, for an angle of any size."""
+    """The inverse of `amplitude`: F(angle) / 4 K, for any angle."""
 
     def step(carry: Any, _: None) -> tuple[Any, None]:
         a, b, angle = carry
         s, c = jnp.sin(angle), jnp.cos(angle)
-        # The next angle has tan(next - angle) = b/a tan(angle), on the branch of the angle itself.
+        # The next angle has tan(next - angle) = b/a tan(angle), on the branch of the angle.
         angle = 2 * angle + jnp.arctan2((b - a) * s * c, a * c * c + b * s * s)
         return ((a + b) / 2, jnp.sqrt(a * b), angle), None
 

@@ -1,9 +1,9 @@
-"""Vectors and quaternions as tuples of scalars: the arithmetic that every step is written in.
+"""Vectors and quaternions as tuples of scalars: the arithmetic of every step.
 
-XLA fuses a step written on scalars into one loop over the batch; the same step written on (3,) arrays with
-stacking and matrix products runs 10 to 40 times slower on a CPU. So the arrays of the public interface are
-split into components once (`vector`, `quaternion`), the step is computed on components, and the results are packed
-into arrays again (`pack`).
+XLA fuses a step written on scalars into one loop over the batch; the same step written on (3,) arrays with stacking and
+matrix products runs 10 to 40 times slower on a CPU. The arrays of the public interface are therefore split into
+components once (`vector`, `quaternion`), the step is computed on components, and the results are packed into arrays
+again (`pack`).
 
 `Vector` is (x, y, z), `Quaternion` is (w, x, y, z). Every component is a scalar; under `vmap` it becomes a (batch,)
 array.
@@ -95,7 +95,6 @@ def dot(a: Vector, b: Vector) -> Array:
 
 
 def where(mask: Array, a: Vector, b: Vector) -> Vector:
-    """a where the mask is True, else b."""
     return jnp.where(mask, a[0], b[0]), jnp.where(mask, a[1], b[1]), jnp.where(mask, a[2], b[2])
 
 
@@ -145,7 +144,7 @@ def rotation_change(q: Quaternion, v: Vector) -> Vector:
 
 
 def unit_rotation_change(q: Quaternion, v: Vector) -> Vector:
-    """q v q* - v for a unit quaternion q, uncorrected for its length; shorter, for uses where no error accumulates."""
+    """q v q* - v for a unit quaternion q, without correction of its length; shorter, if no error accumulates."""
     u = (q[1], q[2], q[3])
     t = scale(2, cross(u, v))
     return add(scale(q[0], t), cross(u, t))
@@ -178,7 +177,7 @@ def multiply_about(q: Quaternion, axis: int, cosine: Array, sine: Array) -> Quat
 
 
 def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """q* v q for the unit quaternion q = cosine + sine e_axis: v in components of the turned frame."""
+    """q* v q for the unit quaternion q = cosine + sine e_axis: v in components of the rotated frame."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     double = 2 * sine
     result = list(v)
@@ -188,7 +187,7 @@ def rotate_back_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vecto
 
 
 def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> Vector:
-    """rotate_back_about(axis, cosine, sine, v) - v, for a vector that is turned at every step by a similar angle.
+    """rotate_back_about(axis, cosine, sine, v) - v, for a vector that rotates at every step by a similar angle.
 
     The rotation is a product of three shears, which preserve areas even though their coefficients are rounded. A
     rotation matrix with rounded entries would change the length of v by the same factor at every step.
@@ -197,22 +196,21 @@ def rotation_change_about(axis: int, cosine: Array, sine: Array, v: Vector) -> V
     tangent, double = sine * reciprocal(cosine), 2 * sine * cosine
     first = tangent * v[k]
     result = [0 * part for part in v]
-    # The changes made by earlier shears enter as separate terms; if they were added to v first, they would be rounded.
+    # The changes by earlier shears are separate terms; adding them to v first would round them.
     result[k] = -double * v[j] - double * first
     result[j] = 2 * first + tangent * result[k]
     return (result[0], result[1], result[2])
 
 
 def tree_add(x: Any, change: Any) -> Any:
-    """x + change, of two trees of numbers."""
     return jax.tree.map(operator.add, x, change)
 
 
 def compensated(x: Any, low: Any, change: Any) -> tuple[Any, Any]:
     """x + low + change for tuples of numbers, rounded to nearest, and the rounding errors: the next low parts.
 
-    Where |low| is at most half a unit in the last place of x, a change of zero leaves both as they are. Each rounding
-    error is computed by six additions (D. E. Knuth, The Art of Computer Programming 2, section 4.2.2).
+    If |low| is at most half a unit in the last place of x, a change of zero changes neither. Each rounding error takes
+    six additions (D. E. Knuth, The Art of Computer Programming 2, section 4.2.2).
     """
 
     def two_sum(x: Array, change: Array) -> tuple[Array, Array]:
@@ -265,8 +263,8 @@ def rough_reciprocal(x: Array) -> Array:
     integer, magic, _ = _RECIPROCAL[str(x.dtype)]
     bits = jax.lax.bitcast_convert_type(jnp.abs(x), integer)
     guess = jnp.copysign(jax.lax.bitcast_convert_type(jnp.asarray(magic, integer) - bits, x.dtype), x)
-    # 1/x = guess (1 + e) (1 + e^2) ... with e = 1 - x guess. Unlike two Newton steps, e^2 need not wait for the first
-    # factor.
+    # 1/x = guess (1 + e) (1 + e^2) ... with e = 1 - x guess. Unlike in two Newton steps, e^2 does not depend on the
+    # first factor.
     error = 1 - x * guess
     guess = guess + guess * error
     return guess + guess * (error * error)
@@ -277,7 +275,7 @@ def reciprocal(x: Array) -> Array:
     """1/x to one or two units in the last place, without a division. Wrong at zero and near underflow and overflow.
 
     XLA treats a division as too expensive to repeat and does not fuse one whose result is used more than once. A single
-    division would split the step's one loop into hundreds.
+    division would split the one loop of a step into hundreds.
     """
     guess = rough_reciprocal(x)
     for _ in range(_RECIPROCAL[str(x.dtype)][2]):
@@ -291,7 +289,8 @@ def _reciprocal_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Arra
     return result, -result * result * tangents[0]
 
 
-# (integer dtype, constant, Newton steps): the bits of 1/sqrt(x) are approximately the constant minus half those of x.
+# (integer dtype, constant, Newton steps): the bits of 1/sqrt(x) are approximately the constant minus half the bits of
+# x.
 _ROOT = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 
@@ -313,7 +312,7 @@ def _inverse_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Ar
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """q / |q|, of a quaternion of any length but zero."""
+    """q / |q|, for a quaternion of any nonzero length."""
     factor = inverse_root(q[0] * q[0] + dot(q[1:], q[1:]))
     return factor * q[0], factor * q[1], factor * q[2], factor * q[3]
 
@@ -321,7 +320,7 @@ def normalised(q: Quaternion) -> Quaternion:
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
     """The polynomial with these coefficients, lowest first, at x.
 
-    Estrin's scheme: about as many operations as Horner's, but most do not depend on the previous result.
+    Estrin's scheme: about as many operations as Horner's scheme, but most do not depend on the previous result.
     """
     terms: list[Any] = list(coefficients)
     while len(terms) > 1:
@@ -338,5 +337,5 @@ def epsilon(x: Array) -> float:
 
 
 def is_traced(*values: object) -> bool:
-    """Whether any leaf of the values is a tracer, whose numbers are not known."""
+    """Whether any leaf of the values is a tracer, without concrete numbers."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))

@@ -1,11 +1,11 @@
 """Jacobi's elliptic functions at long arguments by doubling, with the angle of an elliptic integral of the third kind.
 
 `free_motion` begins with a short argument u and doubles it as often as needed. An error of the argument doubles as
-well, so the relative error of a long argument is that of the short one, which is unavoidable anyway because the long
-argument is rounded. All formulas hold for every parameter 0 <= m <= 1, which is passed with its complement m1 = 1 - m,
-because 1 - m would lose the digits of m1 near m = 1. Neither periods nor an inverse function are needed, and m = 0 and
-m = 1 are not special. On the real axis dn >= |cn|, so all quotients below by dn are small. There is neither a division
-nor a square root, which would split the loop over the bodies (`components.reciprocal`).
+well, so long and short argument have the same relative error; this is unavoidable, because the long argument is
+rounded. All formulas hold for every parameter 0 <= m <= 1. It is passed with its complement m1 = 1 - m, because 1 - m
+would lose the digits of m1 near m = 1. Neither periods nor an inverse function are needed, and m = 0 and m = 1 are not
+special. On the real axis dn >= |cn|, so all quotients below by dn are small. There is neither a division nor a square
+root, which would split the loop over the bodies (`components.reciprocal`).
 
 With z = x + y and a characteristic -n <= 0, the integral G(u) of 1 / (1 + n sn^2 u) has the addition theorem
 
@@ -45,8 +45,8 @@ class Modulus(NamedTuple):
     def point(self, sn: Array, cn: Array) -> Point:
         """The point with these sn and cn, up to a common factor near 1.
 
-        At m1 = 0, where cn and dn decay to zero, cn is bounded from below by a small number. So dn^2 is never below the
-        smallest complement, and neither 1 / dn^2 nor its square overflows.
+        At m1 = 0, where cn and dn decay to zero, cn is bounded from below by a small number. Then dn^2 is never below
+        the smallest complement, and neither 1 / dn^2 nor its square overflows.
         """
         factor = cp.inverse_root(sn * sn + cn * cn)
         sn, cn = factor * sn, factor * cn
@@ -57,7 +57,6 @@ class Modulus(NamedTuple):
         return Point(sn, cn, square * per_dn, per_dn)
 
     def doubled(self, p: Point) -> Point:
-        """The point at twice the argument."""
         ratio, slope = p.cn * p.per_dn, p.sn * p.per_dn
         return self.point(2 * p.sn * ratio, p.cn * p.cn - self.m1 * slope * slope)
 
@@ -68,9 +67,9 @@ def smallest_complement(like: Array) -> float:
 
 
 def half_angle_of(above: Array, below: Array) -> Complex:
-    """Half of arctan(above / below) in the addition theorem of the module docstring, where below is at least 1.
+    """Half of arctan(above / below) in the addition theorem of the module docstring, with below at least 1.
 
-    The squares overflow only for an n far above those for which `free_motion` reports `ok`.
+    The squares overflow only for an n far above the values for which `free_motion` reports `ok`.
     """
     square = above * above + below * below
     return square * cp.inverse_root(square) + below, above
@@ -82,6 +81,5 @@ def product(a: Complex, b: Complex) -> Complex:
 
 
 def normalised(a: Complex) -> Complex:
-    """The cosine and the sine of the angle."""
     factor = cp.inverse_root(a[0] * a[0] + a[1] * a[1])
     return factor * a[0], factor * a[1]

@@ -1,7 +1,7 @@
-"""Newton's method for three equations in three unknowns, which the implicit methods and flights solve.
+"""Newton's method for three equations in three unknowns, for the implicit methods and flights.
 
-The number of iterations is fixed, so the solve can be fused into the step's loop. `newton` differentiates the root by
-the implicit function theorem (`lax.custom_root`), in forward and reverse mode and to any order; the iterations are
+The number of iterations is fixed, so the solve can be fused into the loop of the step. `newton` differentiates the root
+by the implicit function theorem (`lax.custom_root`), in forward and reverse mode and to any order; the iterations are
 never differentiated.
 """
 
@@ -22,8 +22,8 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
     """A root by Newton's method, and the largest magnitude of the residual there.
 
     The Jacobian comes from automatic differentiation: four evaluations of the residual per iteration. The implicit
-    methods use this function because their residual can contain the user's torque. The iterations run in a loop of
-    their own unless `unrolled`: five copies of a residual with a torque would take the compiler minutes.
+    methods use this function because their residual can contain the user's torque. The iterations run in a separate
+    loop unless `unrolled`; five copies of a residual with a torque would take minutes to compile.
     """
 
     def improve(x: cp.Vector) -> cp.Vector:
@@ -45,8 +45,8 @@ def newton(residual: Residual, guess: cp.Vector, iterations: int, *, unrolled: b
 def newton_pairs(residual: Residual, slope: Callable[[cp.Vector], cp.Columns], x: cp.Vector, count: int) -> cp.Vector:
     """The approximate root after `count` pairs of Newton steps; both steps use the Jacobian at the start of their pair.
 
-    `slope` gives the columns of the Jacobian; flights know theirs in closed form. Each pair is a loop of its own: XLA's
-    emitter would evaluate these residuals many times over within one loop, but it cannot repeat work across loops.
+    `slope` gives the columns of the Jacobian, which flights have in closed form. Each pair is a separate loop: within
+    one loop XLA's emitter would evaluate these residuals many times, but it cannot repeat work across loops.
     """
     for _ in range(count):
         inverse = cp.Inverse3.of(slope(x))

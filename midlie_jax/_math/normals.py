@@ -1,13 +1,13 @@
 """Normal random numbers by counter, which fuse into a step.
 
-Two words make two numbers: a radius and a place on the circle (G. Box and M. Muller, A note on the generation of random
-normal deviates, 1958). Logarithm, root, sine and cosine are bits and short polynomials, because XLA ends a loop at a
-real root or logarithm that is used twice, and a division or a sine costs as much as all this.
+Two words make two numbers: a radius and a point on the circle (G. Box and M. Muller, A note on the generation of random
+normal deviates, 1958). Logarithm, root, sine and cosine are bit operations and short polynomials. XLA would end a loop
+at a true root or logarithm that is used twice, and a division or a sine costs as much as all of this.
 
-All is computed in float32: relative errors of 2e-7 shift the variance by less than 1e-7, which no run can see, and
-float64 runs see the same noise as float32 runs. The words are the same on every machine and in every program. The
-numbers can differ in the last places of float32, because one compiler contracts products and sums that another does
-not.
+Everything is computed in float32: relative errors of 2e-7 shift the variance by less than 1e-7, which no run can
+detect, and float64 runs have the same noise as float32 runs. The words are the same on every machine and in every
+program. The numbers can differ in the last places of float32, because compilers differ in contracting products and
+sums.
 """
 
 import math
@@ -22,8 +22,8 @@ from jax import Array
 from .._xla.fusion import split
 from .counter import words
 
-# Polynomials of the least largest error, lowest power first. Near zero, to rounding: -log(1 + x)/x for
-# sqrt(1/2) <= 1 + x <= sqrt(2), to 1.7e-7; 1/sqrt(1 - x) for |x| <= .07, to 2.3e-8.
+# Minimax polynomials, lowest power first. Near zero, to rounding: -log(1 + x)/x for sqrt(1/2) <= 1 + x <= sqrt(2), to
+# 1.7e-7; 1/sqrt(1 - x) for |x| <= 0.07, to 2.3e-8.
 LOGARITHM = (
     -0.99999994,
     0.50000364,
@@ -49,15 +49,15 @@ _WHOLE = 31 << 23  # adds 31 to the exponent
 def normals(
     key: Sequence[Array], counter: tuple[Array, Array | int, Array | int], count: int, dtype: Any
 ) -> tuple[Array, ...]:
-    """`count` independent standard normal numbers; none is beyond 6.56, where the normal distribution has 5e-11.
+    """`count` independent standard normal numbers; none exceeds 6.56, beyond which the normal distribution has 5e-11.
 
     Args:
         key: the words of `jax.random.key_data`: two or four, uint32.
-        counter: the index of the step, the number of the stage in the step, and that of the member body; an array of
-            members gives each of them its own numbers.
-        count: how many.
-        dtype: float32, or float64, which gets the same numbers. They then are a loop of their own: a float32 vector
-            holds twice as many of them as the rest of the step has room for.
+        counter: the indices of the step, of the stage in the step, and of the member body; an array of members gives
+            each its own numbers.
+        count: their number.
+        dtype: float32, or float64, which gets the same numbers. They are then a separate loop, because a float32 vector
+            holds twice as many numbers as the vectors of the rest of the step.
     """
     numbers = of_words(words(key, *counter, count + count % 2), count)
     if jnp.dtype(dtype) == jnp.float32:
@@ -79,7 +79,6 @@ def of_words(drawn: Sequence[Array], count: int) -> tuple[Array, ...]:
 
 
 def _float(word: Array) -> Array:
-    """The word as a signed integer, rounded to a float."""
     return jax.lax.convert_element_type(jax.lax.bitcast_convert_type(word, jnp.int32), jnp.float32)
 
 
@@ -99,7 +98,7 @@ def _signed(x: Array, word: Array) -> Array:
 def _radius(word: Array) -> Array:
     """sqrt(-log u), where u = 2^-31 |word| in (0, 1]; it does not depend on the sign of the word."""
     bits = (_bits(_float(word | np.uint32(1))) & np.int32(_MAGNITUDE)) - np.int32(_ROOT_HALF + _WHOLE)
-    # u = 2^n (1 + x); n is exactly zero for u near 1, where all depends on x.
+    # u = 2^n (1 + x); n is exactly zero for u near 1, where the result depends on x alone.
     n = bits & ~np.int32(_FRACTION)
     x = _of_bits((bits & np.int32(_FRACTION)) + np.int32(_ROOT_HALF)) - np.float32(1)
     return _root(_polynomial(LOGARITHM, x) * x - _converted(n) * np.float32(math.log(2) / 2**23))
@@ -119,8 +118,8 @@ def _root(x: Array) -> Array:
 def _on_circle(word: Array) -> tuple[Array, Array]:
     """sqrt(2) (cos a, sin a) of an angle a in the first quarter.
 
-    The square root of two is that of Box and Muller. a = pi/4 + b, so that both are sums of cos b and sin b, and no
-    part of the circle has to be chosen.
+    The square root of two comes from Box and Muller. With a = pi/4 + b both are sums of cos b and sin b, without a
+    choice of octant.
     """
     b = _float(word) * np.float32(math.pi / 2**33)
     square = b * b
@@ -135,7 +134,7 @@ def _sine(word: Array) -> Array:
 
 
 def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    """By Horner's scheme: in a loop that has other things to do while it waits, fewer operations are faster."""
+    """Horner's scheme: in a loop with other independent work, fewer operations are faster."""
     *lower, highest = coefficients
     value: Any = np.float32(highest)
     for c in reversed(lower):

@@ -1,4 +1,4 @@
-"""Powers of two from the bits of a number: a few operations on integers, where `frexp` and `exp2` take dozens."""
+"""Powers of two from the bits of a number: a few operations on integers, whereas `frexp` and `exp2` take dozens."""
 
 from typing import Any
 

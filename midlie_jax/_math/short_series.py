@@ -1,11 +1,11 @@
 """Trigonometric functions of small angles as short polynomials, which fuse into a step.
 
-On a CPU, float64 sin and cos take several times as long as the rest of a step, and they do not vectorise. A step turns
-a body by a small angle, and for half the angle short polynomials in its square are exact to rounding. The quaternion of
-the whole turn is the square of the quaternion of half the turn.
+On a CPU, float64 sin and cos take several times the run time of the rest of a step, and they do not vectorise. A step
+rotates a body by a small angle, and for half the angle short polynomials in its square are exact to rounding. The
+quaternion of the whole rotation is the square of the quaternion of half the rotation.
 
-The polynomials are Taylor polynomials, economised: each of the highest powers is removed by subtracting a Chebyshev
-polynomial (Lanczos, Applied Analysis, 1956, chapter VII), so that two or three terms fewer have the same error.
+The polynomials are economised Taylor polynomials: subtracting a Chebyshev polynomial removes each of the highest powers
+(Lanczos, Applied Analysis, 1956, chapter VII). Two or three terms fewer then have the same error.
 """
 
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from . import components as cp
 
 # The polynomials below are exact to rounding for |w|^2 up to this bound, |w| <= 2.2.
 WIDEST_SQUARE = 4.84
-WIDEST_TURN = 2 * WIDEST_SQUARE**0.5  # radians; the quaternion of a turn is made from half the turn
-# A smaller bound, |w| <= 1.22, for methods that solve an equation or that are inaccurate for longer turns.
+WIDEST_TURN = 2 * WIDEST_SQUARE**0.5  # radians; the quaternion of a rotation is made from half the rotation
+# A smaller bound, |w| <= 1.22, for methods that solve an equation or are inaccurate for larger rotations.
 LARGEST_SQUARE = 1.5
 LARGEST_TURN = 2 * LARGEST_SQUARE**0.5
 TERMS = {"float64": 9, "float32": 5}
@@ -34,10 +34,10 @@ _ECONOMISED = 12  # terms of a series that are economised; all later terms are f
 def economised(shift: int, terms: int, bound: float = WIDEST_SQUARE) -> tuple[float, ...]:
     """Coefficients of an economised polynomial for the sum of (-x)^n / (2n + shift)!, 0 <= x <= bound.
 
-    The first two coefficients are those of the series: for small x the error is far below rounding, so that it does not
-    change the length of a vector that turns a million times by a small angle.
+    The first two coefficients come from the series. For small x the error is therefore far below rounding, and does not
+    change the length of a vector that rotates a million times by a small angle.
     """
-    # The series is taken in powers of x / bound, so that the coefficients of the Chebyshev polynomials are integers.
+    # In powers of x / bound, the coefficients of the Chebyshev polynomials are integers.
     unit = Fraction(bound)
     series = [(-unit) ** n / factorial(2 * n + shift) for n in range(terms + _ECONOMISED)]
     exact, rest = series[:2], series[2:]
@@ -58,13 +58,13 @@ def _chebyshev(slope: int, shift: int) -> Iterator[list[int]]:
 
 
 def half_turn(w: cp.Vector) -> cp.Quaternion:
-    """exp(w), the unit quaternion of a turn by |w| about w, for |w|^2 <= WIDEST_SQUARE; its square is exp(2 w)."""
+    """exp(w), the unit quaternion of a rotation by |w| about w, for |w|^2 <= WIDEST_SQUARE; its square is exp(2 w)."""
     cosine, sine = half_angle(cp.dot(w, w))
     return cosine, sine * w[0], sine * w[1], sine * w[2]
 
 
 def spin(w: Array) -> tuple[Array, Array]:
-    """(cos w, sin w) for w^2 <= WIDEST_SQUARE: the quaternion components of a turn by 2 w about one axis."""
+    """(cos w, sin w) for w^2 <= WIDEST_SQUARE: the quaternion components of a rotation by 2 w about one axis."""
     cosine, sinc = cosine_and_sinc(w)
     return cosine, w * sinc
 
@@ -81,7 +81,7 @@ def cosine_and_sinc_of_square(x: Array) -> tuple[Array, Array]:
 
 
 def half_angle(x: Array) -> tuple[Array, Array]:
-    """cos(a/2) and sin(a/2)/a, where a^2 = x <= WIDEST_SQUARE."""
+    """cos(a/2) and sin(a/2)/a, with a^2 = x <= WIDEST_SQUARE."""
     cosine, sine = half_angle_polynomials(str(x.dtype))
     return cp.polynomial(cosine, x), cp.polynomial(sine, x)
 
@@ -105,7 +105,7 @@ def stumpff(x: Array) -> tuple[Array, Array, Array, Array]:
     return 0.5 - x * c4, 1 / 6 - x * c5, c4, c5
 
 
-# The bound for the arctangent series: tan(|w|/2)^2 where |w|^2 = LARGEST_SQUARE.
+# The bound for the arctangent series: tan(|w|/2)^2 with |w|^2 = LARGEST_SQUARE.
 LARGEST_TANGENT_SQUARE = 0.4935
 ARCTANGENT_TERMS = {"float64": 16, "float32": 8}
 FEW_ARCTANGENT_TERMS = {"float64": 8, "float32": 5}
@@ -132,7 +132,7 @@ FEW_ARCTANGENT = {name: _economised_arctangent(terms) for name, terms in FEW_ARC
 
 
 def arctangent(x: Array, exact: bool) -> Array:
-    """atan(t)/t, where t^2 = x <= LARGEST_TANGENT_SQUARE; with `exact` False to eight digits (float32: five)."""
+    """atan(t)/t, with t^2 = x <= LARGEST_TANGENT_SQUARE; if `exact` is False, to eight digits (float32: five)."""
     return cp.polynomial((ARCTANGENT if exact else FEW_ARCTANGENT)[str(x.dtype)], x)
 
 

@@ -1,16 +1,16 @@
-"""Sums of many numbers that keep their digits in float32."""
+"""Accurate sums of many numbers in float32."""
 
 import jax.numpy as jnp
 from jax import Array
 
-_ROWS = 64  # numbers that are added one after the other
+_ROWS = 64  # numbers that are added in sequence
 
 
 def total(x: Array, axis: int = 0) -> Array:
     """The sum along an axis, in blocks of 64 numbers, then of 64 sums, and so on.
 
-    A rounding error is made 64 times for each power of 64 in the number of terms, and not once a term. Neighbours along
-    the axis are in different blocks, so that all blocks are added side by side.
+    The number of rounding errors is 64 for each power of 64 in the number of terms, instead of one per term. Neighbours
+    along the axis are in different blocks, so all blocks are added side by side.
     """
     x = jnp.moveaxis(x, axis, 0)
     while len(x) > 1:

@@ -1,4 +1,4 @@
-"""How spins turn in a field that stays as it is, exactly: precession and damping in closed form."""
+"""Exact rotation of spins in a constant field: precession and damping in closed form."""
 
 from typing import Any
 
@@ -8,13 +8,13 @@ from jax import Array
 from . import components as cp
 from .short_series import WIDEST_SQUARE, half_turn
 
-_SMALL = 1e-4  # below, tanh(y)/y is taken from its series in y^2
+_SMALL = 1e-4  # below, tanh(y)/y uses its series in y^2
 _UNTOUCHED = 100  # roundings of |S|^2
 _LEAST_DENOMINATOR = 0.05
 
 
 def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
-    """Spins turned by rotation vectors. Of more than `WIDEST_TURN` radians the result is NaN, so that `ok` is False."""
+    """Spins rotated by rotation vectors. Above `WIDEST_TURN` radians the result is NaN, so `ok` is False."""
     half = cp.scale(0.5, angle)
     w, x, y, z = cp.square(half_turn(half))
     within = jnp.where(cp.dot(half, half) <= WIDEST_SQUARE, jnp.ones_like(w), jnp.full_like(w, jnp.nan))
@@ -22,9 +22,10 @@ def turned(spin: cp.Vector, angle: cp.Vector) -> cp.Vector:
 
 
 def unit(spin: cp.Vector) -> cp.Vector:
-    """Spins whose length differs from one by more than a hundred roundings get one that is closer to it; others stay.
+    """Spins with lengths corrected if they differ from one by more than a hundred rounding errors; others are
+    unchanged.
 
-    So the digits of an ordinary run do not depend on how this sum was compiled.
+    The digits of an ordinary run then do not depend on the compilation of this sum.
     """
     excess = cp.dot(spin, spin) - 1
     far = jnp.abs(excess) > _UNTOUCHED * cp.epsilon(excess)
@@ -32,15 +33,15 @@ def unit(spin: cp.Vector) -> cp.Vector:
 
 
 def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
-    """Spins after damping S' = (mobility / h) S x (B x S) in a field that does not change, for the time h.
+    """Spins after damping S' = (mobility / h) S x (B x S) in a constant field, for the time h.
 
     The component along the field goes to tanh(atanh(S . B/|B|) + mobility |B|). With c = tanh(mobility |B| / 2) / |B|
 
         S -> ((1 - c^2 B^2) S + 2 c (1 + c S . B) B) / (1 + c^2 B^2 + 2 c S . B).
 
     The denominator is small for a spin opposite to a strong field, and an error of the length grows by about its
-    inverse square. Where it is less than `_LEAST_DENOMINATOR`, so that mobility |B| is more than 2, the result is NaN,
-    so that `ok` is False.
+    inverse square. If it is less than `_LEAST_DENOMINATOR`, so that mobility |B| exceeds 2, the result is NaN and `ok`
+    is False.
     """
     square, along = cp.dot(field, field), cp.dot(field, spin)
     c = mobility / 2 * _tanh_ratio(mobility * mobility * square / 4)
@@ -52,7 +53,6 @@ def damped(spin: cp.Vector, field: cp.Vector, mobility: Any) -> cp.Vector:
 
 
 def _tanh_ratio(square: Array) -> Array:
-    """tanh(y)/y of y^2."""
     small = square < _SMALL
     y = jnp.sqrt(jnp.where(small, jnp.ones_like(square), square))
     series = 1 - square * (1 / 3 - square * (2 / 15 - square * (17 / 315 - square * (62 / 2835))))
@@ -60,10 +60,10 @@ def _tanh_ratio(square: Array) -> Array:
 
 
 def turned_by_own(spin: cp.Vector, axis: Any, ratio: Array, h: Array, damping: Array) -> cp.Vector:
-    """Spins after the time h in their own field ratio z along an axis, z = S . axis, with damping.
+    """Spins after the time h in a field ratio z along an axis, z = S . axis, with damping.
 
-    z' = alpha ratio z (1 - z^2), so that sinh(atanh z) grows by the factor E = exp(x), x = alpha ratio h; and the angle
-    about the axis is the change of atanh z over alpha, which for alpha = 0 is ratio z h.
+    z' = alpha ratio z (1 - z^2), so sinh(atanh z) grows by the factor E = exp(x), x = alpha ratio h. The angle about
+    the axis is the change of atanh z divided by alpha, which for alpha = 0 is ratio z h.
 
     Args:
         ratio: the field along the axis over z, times g.

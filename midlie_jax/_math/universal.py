@@ -5,7 +5,7 @@ which is negative on a hyperbola, the universal variable s replaces the anomaly:
 c_k(alpha s^2), with Stumpff's c_k, are cos and sin, or cosh and sinh, or powers of s. An ellipse has s = E /
 sqrt(alpha).
 
-There is no division after the first guess, where XLA would end a loop and repeat the series in the next.
+After the first guess there is no division, at which XLA would end a loop and repeat the series in the next.
 
 R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), sections 4.5 and 4.6; K. Stumpff,
 Himmelsmechanik I (1959), chapter 5.
@@ -21,7 +21,7 @@ from . import components as cp
 
 _HALVINGS = 4
 _TERMS = {"float64": 13, "float32": 8}  # for |alpha s^2| up to (2.5 x 2^4)^2: a hyperbola out to 1e17 distances
-_BY_LOGARITHM = 1.5  # from this anomaly of a hyperbola on, the first guess is a logarithm
+_BY_LOGARITHM = 1.5  # above this anomaly of a hyperbola the first guess is a logarithm
 
 
 class Powers(NamedTuple):
@@ -36,8 +36,8 @@ class Powers(NamedTuple):
 def powers(alpha: Array, s: Array) -> Powers:
     """The functions U_k at s: short series for s / 16, doubled four times.
 
-    The doubling formulas contain no division, and no difference where alpha is negative. So the relative error is that
-    of s there, and a few eps of 1 / sqrt(alpha)^k on an ellipse.
+    The doubling formulas contain no division, and no difference for negative alpha. There the relative error equals the
+    error of s; on an ellipse it is a few eps of 1 / sqrt(alpha)^k.
     """
     short = s / 2**_HALVINGS
     square = short * short
@@ -55,7 +55,7 @@ def powers(alpha: Array, s: Array) -> Powers:
 
 
 class Place(NamedTuple):
-    """A place on an orbit, from which s counts: the distance r, and sigma = r . v, both in the units of this module."""
+    """A position on an orbit, the origin of s: the distance r, and sigma = r . v, both in the units of this module."""
 
     alpha: Array
     r: Array
@@ -80,9 +80,9 @@ class Place(NamedTuple):
         return lack * cp.reciprocal(first + d * (second / 2 + d * third / 6))
 
     def last_correction(self, u: Powers, time: Array) -> Array:
-        """The change of s by a step of fourth order, for an s that is nearly the root: the reversed series.
+        """The change of s by a step of fourth order, the reversed series, for an s close to the root.
 
-        If s is the root with its derivatives left out, then the result has them, up to the third.
+        If s is the root without its derivatives, the result has the derivatives up to the third.
         """
         first, second, third = self.slopes(u)
         inverse = cp.reciprocal(first)
@@ -103,7 +103,7 @@ def moved(alpha: Array, u: Powers, d: Array) -> Powers:
 
 
 def first_guess(alpha: Array, eccentricity: Array, time: Array) -> Array:
-    """s from the time since the periapsis, to 15 % for every eccentricity; of an ellipse within half a turn.
+    """s from the time since the periapsis, to 15 % for every eccentricity; for an ellipse within half a period.
 
     Near the periapsis, and on a parabola everywhere, time = s + e s^3 / 6. Far out on a hyperbola s is a logarithm.
     """

@@ -1,14 +1,14 @@
-"""Weierstrass's sigma function as polynomials in the invariants g2 and g3: the functions that `JACOBI` needs.
+"""Weierstrass's sigma function as polynomials in the invariants g2 and g3, for `JACOBI`.
 
 Four entire functions of time, at time one and with the parameter v,
 
     S = sigma,    W = sigma^2 wp,    F = sigma(v - 1) exp(zeta(v)) / sigma(v) = even + wp'(v) odd
 
-and T = sigma(2) / (2 sigma(1)), the product of the three E_l = S (wp(1) - e_l)^(1/2) with e_l the roots of 4 x^3 - g2
-x - g3, have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). The coefficients are computed by exact
-recurrences, and the sums are exact to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6. These bounds
-hold where p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. The method uses neither
-periods nor the nome, so two equal roots are not a special case.
+and T = sigma(2) / (2 sigma(1)), the product of the three E_l = S (wp(1) - e_l)^(1/2) with e_l the roots of 4 x^3 - g2 x
+- g3, have Taylor coefficients that are polynomials in g2, g3 and p = wp(v). The coefficients are computed by exact
+recurrences, and the sums are exact to rounding for |p| <= 2/3 r^2, |g2| <= 4/3 r^4, |g3| <= 8/27 r^6. These bounds hold
+if p and the three roots of 4 x^3 - g2 x - g3 are real and within r^2 of each other. The method uses neither periods nor
+the nome, so two equal roots are not a special case.
 
 E. T. Whittaker & G. N. Watson, A Course of Modern Analysis, chapter XX; DLMF 23.
 """
@@ -71,7 +71,6 @@ class _Pair(NamedTuple):
         return _Pair(even, _sum((1, _product(self.even, other.odd)), (1, _product(self.odd, other.even))))
 
     def derivative(self) -> "_Pair":
-        """The derivative with respect to v."""
         even, odd = _derivative_in_p(self.even), _derivative_in_p(self.odd)
         return _Pair(_sum((1, _product(odd, _WP_PRIME_SQUARED)), (1, _product(self.odd, _WP_SECOND))), even)
 
@@ -111,7 +110,6 @@ def coefficients() -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
 
 
 def _twice_as_long(polynomial: Polynomial) -> Polynomial:
-    """The polynomial at twice the time."""
     return {powers: 2 ** _weight(powers) * c for powers, c in polynomial.items()}
 
 
@@ -183,7 +181,7 @@ def _over_discriminant(polynomial: Polynomial) -> Polynomial:
 
 @cache
 def _table(of: Callable[[], tuple[Polynomial, ...]], which: int, radius: float, eps: float) -> Any:
-    """The coefficients that this radius and eps need, as nested tuples: by powers of g3, then g2, then p."""
+    """The coefficients for this radius and eps, as nested tuples: by powers of g3, then g2, then p."""
     terms = {
         powers: float(c)
         for powers, c in of()[which].items()
@@ -220,7 +218,7 @@ def step_tables(radius: float, eps: float) -> tuple[Any, Any, Any]:
 
 
 def step_functions(p: Array, g2: Array, g3: Array, radius: float) -> tuple[Array, Array, Array]:
-    """S, W and the odd part of F; exact to rounding where p and the three roots are within radius^2 of each other."""
+    """S, W and the odd part of F; exact to rounding if p and the three roots are within radius^2 of each other."""
     s, w, odd = (_horner(table, (g3, g2, p)) for table in step_tables(radius, cp.epsilon(p)))
     return s, w, odd
 

@@ -1,1 +1,1 @@
-"""Advice about runs: whether a step is sane (`check`), what rounding does, and the fastest method (`recommend`)."""
+"""Advice before runs: stability of a step (`check`), effect of rounding, and the fastest method (`recommend`)."""

@@ -1,4 +1,4 @@
-"""How far a run is from one with half the step: what `check` says of the accuracy of a step."""
+"""Difference of a run from one with half the step: the accuracy estimate of `check`."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def difference(states: Any, with_half_step: Any) -> tuple[float, str]:
-    """The largest difference between states and those of a run with half the step, and of what.
+    """The largest difference between states and the states of a run with half the step, and the name of the quantity.
 
     It is the angle between attitudes, axes or directions, in radians. Between momenta without these it is relative.
     """

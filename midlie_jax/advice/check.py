@@ -1,9 +1,9 @@
-"""`check`: says before a run whether a step is stable for a method, body, torque and start, and suggests one that is.
+"""`check`: tests before a run whether a step is stable for a method, body, torque and start, and suggests a stable one.
 
-A trial of some thousand steps (`trials.py`) measures the angles of the steps and the rates of the torque along the
-motion, and shows whether the run fails or loses the energy. `check` compares these with the limits of
-`methods/limits.py`. It asks whether the torque jumps in time within steps (`jumps.py`), and a trial with half the step
-shows how accurate the motion is (`accuracy.py`); of accuracy there is no verdict.
+A trial of some thousand steps (`trials.py`) measures the rotation angles of the steps and the rates of the torque. It
+shows whether the run fails or the energy drifts. `check` compares these with the limits of `methods/limits.py`. It
+tests whether the torque jumps in time within steps (`jumps.py`). A trial with half the step estimates the accuracy of
+the motion (`accuracy.py`), which is not part of the verdict.
 """
 
 import math
@@ -29,20 +29,24 @@ from .jumps import jump_error
 from .rounding import Rounding
 from .trials import Trial, Trials
 
-_HARMONICS = (1, 2, 3)  # which resonances h omega = pi / k are looked for
-_MOST_COUPLED = 32  # coupled bodies, whose torques are linearised all together
-_NO_BATH = "check looks at single motions, of which a heat bath makes another every time"
-_LARGEST_JUMP, _SMALL_JUMP = 0.05, 1e-3  # the share of the impulse that makes a step not sane, and that is printed
-_JUMPS = "the torque jumps in time, and steps read it at instants; use midlie_jax.torques.Pulses or Held"
+_HARMONICS = (1, 2, 3)  # the resonances h omega = pi / k that are tested
+_MOST_COUPLED = 32  # coupled bodies whose torques are linearised together
+_NO_BATH = "check needs a deterministic run, and a heat bath is random"
+_LARGEST_JUMP, _SMALL_JUMP = (
+    0.05,
+    1e-3,
+)  # relative errors of the impulse: not sane, printed
+_JUMPS = "the torque jumps in time, and steps sample it at instants; use midlie_jax.torques.Pulses or Held"
 _LOST = 0.3  # radians
-_OFF = 0.95  # the factor that shortens a suggested step, until it is off every resonance
+_OFF = 0.95  # the factor that shortens a suggested step until it is off every resonance
 _SHORTER, _TRIALS = 0.7, 40  # the factor that shortens it until a trial succeeds, and the largest number of trials
 
 
 class Check(NamedTuple):
-    """Whether a step is sane: stable, not accurate. For a batch of states each number is that of the worst state.
+    """Whether a step is sane, that is, stable (not accurate). For a batch of states each number refers to the worst
+    state.
 
-    Prints as a short text. A sane step can lose the phase of a motion completely within the run: see `error`.
+    It prints as a short text. A sane step can lose the phase of a motion completely within the run; see `error`.
 
     Attributes:
         method: name of the method.
@@ -51,41 +55,39 @@ class Check(NamedTuple):
             off every resonance, `energy_error` is at most half, where it is defined, and `jump_error` at most 0.05.
         steps: the number of steps of the trial.
         solved: whether all steps of the trial succeeded, with finite numbers.
-        lasted: the number of steps after which the states were last seen to be good; `steps` if `solved`. The states
-            are looked at some hundred times, so the first bad step may lie up to a hundredth of the trial later.
-        energy_error: the largest change of a body's energy in the trial, over the sum of its kinetic energy at the
-            start and the range of its potential energy; NaN if the exact motion does not keep the energy, or it has no
-            formula.
-        turn: the angle by which the method turns the body in a step, in radians, at most `reach`: |dt| times the speed
-            (|Omega|, except for flights that are made of rotations about given axes), in root sum square with what an
-            unstable torque can add. Like `rate` and `stiffness`, it is the largest value in the trial.
-        reach: the largest `turn` that the method can take; infinity if it is not known.
+        lasted: the number of steps after which the states were last good; `steps` if `solved`. The states are sampled
+            about a hundred times, so the first bad step may be up to a hundredth of the trial later.
+        energy_error: the largest change of the energy of a body in the trial, divided by the sum of its initial kinetic
+            energy and the range of its potential energy; NaN if the exact motion does not conserve the energy, or
+            without a formula for the energy.
+        turn: the rotation angle of the body in a step, in radians, at most `reach`: |dt| times the speed (|Omega|,
+            except for flights composed of rotations about given axes), in root sum square with the possible
+            contribution of an unstable torque. Like `rate` and `stiffness`, it is the largest value in the trial.
+        reach: the largest `turn` that the method supports; infinity if unknown.
         rate: the largest modulus |lambda| of the rates of the torque, per unit of time: the body under the linearised
-            torque alone moves as exp(lambda t). For a field it is the frequency of small oscillations, or the rate at
-            which the body falls away from an unstable direction.
+            torque alone moves as exp(lambda t). For a field it is the frequency of small oscillations, or the growth
+            rate near an unstable direction.
         stiffness: |dt| rate.
         limit: the largest `stiffness` for which the method is stable, or its equation has a single solution.
-        resonance: omega |dt| k / pi. At 1 kicks resonate with the motion; omega, of the nutation or the precession, and
-            k = 1, 2 or 3 are those that bring it nearest to 1. Infinity without a torque or a fast spin, and for
-            methods without kicks.
+        resonance: omega |dt| k / pi; at 1 kicks resonate with the motion. omega (of the nutation or the precession) and
+            k = 1, 2 or 3 are the choice nearest to 1. Infinity without a torque or a fast spin, and for methods without
+            kicks.
         harmonic: the k of `resonance`; 0 if there is none.
         resonant: whether a body is, at the start, within the width of the resonance.
         rounding: estimates the rounding errors of the run; `rounding.error(steps)` is the relative error of the
             momentum after a number of steps, and `rounding.loses(steps)` says whether the run needs a
             `CompensatedState`.
-        jump_error: what jumps of the torque in time, within steps or at their ends, can add to its impulse, relative to
-            this; 0 if it does not jump, or does so only by `midlie_jax.torques.Held` and `Pulses`, which are exact.
-        error: about the error of the attitude in radians in the first half of the trial, from a run with half the step
-            and the order of the method; for states without an attitude that of the axis or the direction, or the
-            relative error of the momentum. NaN if a run fails. It does not enter into `sane`.
-        judged: what `error` is of: "attitude", "axis", "direction" or "momentum".
-        suggested: the longest step found, with the sign of dt, that is sane by a trial of its own. Infinity if nothing
-            turns the body; 0 if no sane step was found. Jumps of the torque do not enter. It may not be sane beyond the
-            length of the trial, and need not be accurate: `midlie_jax.recommend` measures accuracy.
+        jump_error: the largest relative error of the impulse from jumps of the torque in time, within steps or at their
+            ends; 0 if it does not jump, or only by `midlie_jax.torques.Held` and `Pulses`, which are exact.
+        error: estimated error of the attitude in radians in the first half of the trial, from a run with half the step
+            and the order of the method; for states without an attitude the error of the axis or the direction, or the
+            relative error of the momentum. NaN if a run fails. It is not part of `sane`.
+        judged: the quantity of `error`: "attitude", "axis", "direction" or "momentum".
+        suggested: the largest step found, with the sign of dt, that a separate trial confirms as sane. Infinity if
+            nothing rotates the body; 0 if no sane step was found. Jumps of the torque are ignored. It may not be sane
+            beyond the length of the trial, and need not be accurate: `midlie_jax.recommend` measures accuracy.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> found = ml.check("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> found.solved, round(found.turn, 3), round(found.rate, 3)
         (True, 0.502, 1.955)
@@ -182,18 +184,16 @@ def check(
     t0: float | Array = 0.0,
     torque_axes: Any = "auto",
 ) -> Check:
-    """Finds by trials, before a run, whether a step is sane (stable), and which step would be.
+    """Tests by trials, before a run, whether a step is sane (stable), and suggests a sane one.
 
-    The verdict is about stability, not about accuracy: a step that is sane can lose the phase of a motion within the
-    run. The printed text has an estimate of the error; `midlie_jax.recommend` finds a step for an accuracy.
+    The verdict is about stability, not accuracy. The error of the attitude grows with time, as the order-th power of
+    the step, so a sane step can lose the phase of a motion within a long run. The printed text estimates the error;
+    `midlie_jax.recommend` finds the step for a given error at the end of a run.
 
-    A sane step is a stable one. It may still lose the phase over a long run: the error of the attitude grows with time,
-    as the order-th power of the step. `midlie_jax.recommend` finds the step for an error at the end of a run.
-
-    Compiling takes some seconds; further calls with the same torque function compile nothing.
+    Compiling takes some seconds; further calls with the same torque function do not compile.
 
     Args:
-        method: from `midlie_jax.method`, or its name; it must move rigid bodies.
+        method: from `midlie_jax.method`, or its name; it must support rigid bodies.
         body, torque, torque_axes: as for `integrate`, or, if the start has a leading axis, as for `ensemble`.
         start: the state of one body, or with a leading axis (n,) of n bodies.
         dt: the step, (), may be negative.
@@ -202,14 +202,12 @@ def check(
         t0: the time at the start, ().
 
     Returns:
-        The numbers and the verdict; `print` shows them in words.
+        The numbers and the verdict; `print` shows them as text.
 
     Raises:
         ValueError: an argument is invalid, as for `integrate`, or is traced; or method or body are for particles.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> found = ml.check("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> print(found)
         JACOBI[EA], dt 0.01
@@ -224,12 +222,12 @@ def check(
     check_state("start", start)
     method = as_method(method)
     if not start.own_axes:
-        raise ValueError(f"check is for bodies that turn, but start is a {type(start).__name__}.")
+        raise ValueError(f"check supports rotating bodies, but start is a {type(start).__name__}.")
     count = start.momentum.shape[-2] if start.several else 1
     if count > _MOST_COUPLED:
         raise ValueError(
-            f"check linearises the torque on all coupled bodies, {_MOST_COUPLED} at most, got {count}; check a part "
-            "of them, or compare the energy of runs with dt and dt/2."
+            f"check linearises the torque on at most {_MOST_COUPLED} coupled bodies, got {count}; "
+            "check some of them, or compare the energy of runs with dt and dt/2."
         )
     dtype = start.momentum.dtype
     dt, t0 = as_scalar("dt", dt, dtype), as_scalar("t0", t0, dtype)
@@ -237,7 +235,7 @@ def check(
     axes = start.momentum.ndim - start.own_axes
     if axes not in (0, 1):
         raise ValueError(f"start must be one state or have one leading axis, got momentum {start.momentum.shape}.")
-    if axes == 0:  # with one body nothing has rows
+    if axes == 0:  # a single body has no rows
         check_system(method, body, torque, start, bath=_NO_BATH)
         start, torque_axes = jax.tree.map(lambda leaf: leaf[None], start), None
     batch = as_batch(method, body, torque, start, dt, t0, torque_axes, bath=_NO_BATH)
@@ -249,7 +247,7 @@ def check(
 
 
 def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
-    """The verdict; `kicked` tells whether there are kicks, which can resonate with the motion."""
+    """The verdict; `kicked` states whether there are kicks, which can resonate with the motion."""
     own, half, method = trials.run(dt), trials.run(dt / 2), trials.batch.method
     nearest, harmonic, resonant = _nearest_resonance(own.h, own.nutation, own.rates * kicked)
     bounds = own.bounds
@@ -274,7 +272,7 @@ def _judged(trials: Trials, dt: float, kicked: bool) -> Check:
 
 
 def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
-    """The longest step found that is off every resonance, and that a trial of its own allows; 0 if there is none."""
+    """The largest step found that is off every resonance and confirmed by a separate trial; 0 if there is none."""
     h = min(own.longest_at_start, own.bounds.longest if own.fine else math.inf)
     if h in (0, math.inf):
         return h
@@ -284,7 +282,7 @@ def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
         trial = trials.run(math.copysign(h, dt))
         if trial.fine and h <= trial.bounds.longest:
             return h
-        # The motion with this step may need a still shorter one. The bounds of a trial that failed say little.
+        # The motion with this step may need a smaller one. The bounds of a failed trial are unreliable.
         h = max(trial.bounds.longest, _SHORTER * h) if trial.fine else _SHORTER * h
     return 0.0
 
@@ -292,8 +290,8 @@ def _suggested(trials: Trials, own: Trial, dt: float, kicked: bool) -> float:
 def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tuple[float, int, bool]:
     """The resonance nearest to the motion of a body: omega h k / pi, k, and whether the body is within its width.
 
-    Only fast spins count, because a slow spin has no separate precession. The width is that of a torque that has all of
-    its strength in the resonant harmonic. Without a fast spin the result is infinity, 0 and False.
+    Only fast spins count, because a slow spin has no separate precession. The width assumes a torque with all of its
+    strength in the resonant harmonic. Without a fast spin the result is infinity, 0 and False.
     """
     fast = (rates > 0) & (nutation > FAST * rates)
     if not np.any(fast):
@@ -303,6 +301,6 @@ def _nearest_resonance(h: float, nutation: np.ndarray, rates: np.ndarray) -> tup
     frequency, k = np.broadcast_arrays(frequency, np.array(_HARMONICS)[:, None, None])
     caught = np.abs(frequency - resonance(h, k)) < resonance_half_width(field, k)
     ratio = frequency * h * k / np.pi
-    # Resonances that catch a body come first, then the nearest ones.
+    # Resonances that capture a body come first, then the nearest ones.
     at = np.unravel_index(np.argmin(np.abs(np.log(ratio)) + np.where(caught, 0, 1e3)), ratio.shape)
     return float(ratio[at]), int(k[at]), bool(caught[at])

@@ -1,4 +1,4 @@
-"""What is known of a body in a field at one moment, for the rules by which `check` judges a step."""
+"""Quantities of a body in a field at one moment, for the rules of `check`."""
 
 import math
 from typing import Any, NamedTuple
@@ -17,14 +17,14 @@ from ..model.state import AnyState
 from ..model.torques import on_body, potential_of
 
 FAST = 2.0  # a spin is fast if the frequency of its nutation exceeds that of the torque by this factor
-_DIRECTIONS = 64  # how many directions of lambda from growth to decay have a stability limit computed
+_DIRECTIONS = 64  # number of directions of lambda, from growth to decay, with a computed stability limit
 
 
 class Facts(NamedTuple):
-    """What is known of a body at one moment; with leading axes, of many bodies or moments.
+    """Quantities of a body at one moment; with leading axes, of many bodies or moments.
 
     Attributes:
-        turn_rate: the angle per unit of time to which the method's reach refers, ().
+        turn_rate: the angle per unit of time to which the reach of the method refers, ().
         linear: the body under the linearised torque alone, as a matrix of its k velocities' displacements (a rotation
             vector for a rigid body) and its momentum, (2 k, 2 k).
         nutation: the frequency of a fast spin, `Body.inertia().nutation`, ().
@@ -42,10 +42,9 @@ class Facts(NamedTuple):
 
     @classmethod
     def of(cls, method: Method, body: Any, torque: Any, state: AnyState, t: Array) -> "Facts":
-        """The facts of one body; may be traced."""
         system = System.of(body, torque, state, t)
         motion = system.motion(state)
-        turn_rate = jnp.max(method.turn_rate(system.inertia, motion.momentum))  # of coupled bodies, the fastest
+        turn_rate = jnp.max(method.turn_rate(system.inertia, motion.momentum))  # for coupled bodies, the fastest
         size = _norm(motion.momentum)
         speed, pull, jerk, acceleration = _speeds(system, t, motion)
         changes, variations = jnp.stack([speed, pull / size]), jnp.stack([speed * speed, jerk / size])
@@ -63,15 +62,15 @@ class Facts(NamedTuple):
     def fastest_turn(self) -> Any:
         """`turn_rate` in root sum square with twice the largest rate of growth, (...).
 
-        A body at rest that falls from the unstable direction of a field, I x'' = k sin x, to the stable one reaches the
-        speed twice the rate of growth: I x'^2 / 2 = 2 k.
+        A body at rest falls from the unstable direction of a field, I x'' = k sin x, to the stable one. Its final speed
+        is twice the rate of growth: I x'^2 / 2 = 2 k.
         """
         growth = np.max(np.maximum(self.rates.real, 0), axis=-1)
         return np.hypot(self.turn_rate, 2 * growth)
 
 
 def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array, Array]:
-    """|Omega|, |T|, the speed |dT/dt| at which the torque changes along the motion, and |d Omega/dt|."""
+    """|Omega|, |T|, the rate |dT/dt| of the torque along the motion, and |d Omega/dt|."""
     velocity = system.velocity(motion.momentum)
     torque = system.force(t, motion)
     rates = system.kind.momentum_rate(motion.momentum, velocity, torque), system.kind.rate(motion.pose, velocity)
@@ -82,7 +81,6 @@ def _speeds(system: System, t: Array, motion: Any) -> tuple[Array, Array, Array,
 
 
 def _norm(tree: Any) -> Array:
-    """The root of the sum of the squares of all numbers."""
     numbers = cp.flat(tree)
     return cp.root(jnp.sum(numbers * numbers))
 
@@ -100,7 +98,7 @@ def _linearised(system: System, t: Array, motion: Any) -> Array:
         moved = Motion(tree(momentum), system.kind.rate(motion.pose, tree(displacement)))
         return cp.flat(jax.jvp(lambda m: system.force(t, m), (motion,), (moved,))[1])
 
-    # Mapped, so that the torque is traced once for all directions.
+    # Mapped, so the torque is traced once for all directions.
     changes = jax.vmap(change)(jnp.concatenate([still, units]), jnp.concatenate([units, still]))
     speeds = jax.vmap(lambda momentum: cp.flat(system.velocity(tree(momentum))))(units)
     return jnp.concatenate([jnp.concatenate([still, speeds]), changes], axis=1).T
@@ -109,7 +107,7 @@ def _linearised(system: System, t: Array, motion: Any) -> Array:
 def energies_if_constant(body: Any, torque: Any, states: AnyState, times: Array) -> tuple[Array, Array] | None:
     """Kinetic and potential energies (k,) of one body at several times.
 
-    None if the sum is not constant, because the torque has no potential, or one that depends on time.
+    None if the sum is not constant, because the torque has no potential, or a time-dependent one.
     """
     kinetic = jax.vmap(lambda state: kinetic_energy(body, state))(states)
     if torque is None:

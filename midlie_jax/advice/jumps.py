@@ -1,8 +1,8 @@
-"""Whether a torque jumps in time where a method does not know it: for `check`.
+"""Jumps of a torque in time that a method does not resolve, for `check`.
 
-A method reads a torque at instants, and takes a value at the end of a step for both sides. So a torque that jumps
-within a step, or at its end without the mean of both sides there, gives an impulse that is wrong by up to half the jump
-times the step. A jump is what does not shrink when the time between two looks at the torque does.
+A method samples a torque at instants, and uses a value at the end of a step for both sides. If a torque jumps within a
+step, or at its end without the mean of both sides there, the impulse is wrong by up to half the jump times the step. A
+change of the torque is a jump if it does not decrease with the time between two samples.
 """
 
 from collections.abc import Callable
@@ -19,20 +19,20 @@ from ..drivers.ensemble import Batch
 from ..model.torques import on_body
 from ..model.torques.by_step import in_step, is_by_step
 
-_LOOKS = 8  # at the torque in a step, besides those next to its ends
-_ROUNDS, _PARTS = 4, 10  # how often the interval of the largest change is divided, and in how many parts
-_NEXT = 2.0**-14  # how far from the end of a step a look at one side is, in steps
-_LEFT = 0.3  # the part of a change that is left of it where the torque jumps, and not where it is only steep
-_MOST, _LEAST = 20_000, 64  # steps looked at, of all bodies and of one
+_LOOKS = 8  # samples of the torque in a step, besides those next to its ends
+_ROUNDS, _PARTS = 4, 10  # how often the interval of the largest change is divided, and into how many parts
+_NEXT = 2.0**-14  # distance of a one-sided sample from the end of a step, in steps
+_LEFT = 0.3  # the fraction of a change that remains if the torque jumps, rather than being steep
+_MOST, _LEAST = 20_000, 64  # sampled steps, of all bodies and of one
 _GOLDEN = (5**0.5 - 1) / 2
 
 
 def jump_error(batch: Batch, dt: float, steps: int) -> float:
-    """By how much jumps of the torque in time can make its impulse wrong, relative to the impulse; of the worst body.
+    """The largest relative error of the impulse from jumps of the torque in time, for the worst body.
 
-    The torque on the states at the start is looked at in up to `steps` steps. `Held` and `Pulses` are exact in each
-    step, and so do not count as jumps. Zero if the torque does not depend on time, or if the impulse is wrong by less
-    than each step rounds the momentum: then the torque is zero but for rounding errors, which jump.
+    The torque on the initial states is sampled in up to `steps` steps. `Held` and `Pulses` are exact in each step and
+    do not count as jumps. Zero if the torque does not depend on time, or if the error of the impulse is below the
+    rounding of the momentum: such a torque is zero except for rounding errors.
     """
     body, torque, start, _, t0 = eqx.combine(jax.tree.map(lambda x: x[0], batch.mapped), batch.shared)
     if torque is None or not traits(lambda t: on_body(torque, body)(t, start), t0).reads[0]:
@@ -48,7 +48,7 @@ def jump_error(batch: Batch, dt: float, steps: int) -> float:
         return np.asarray(_values(batch.mapped, batch.shared, clock, places), np.float64)
 
     def look(places: np.ndarray) -> np.ndarray:
-        """The torque as if all steps were the first one for what is constant in each, which then does not jump."""
+        """The torque, with `ByStep` values of the first step in all steps, so that these do not jump."""
         return values(places, np.zeros_like(numbers))
 
     found = look(places)
@@ -64,7 +64,7 @@ def jump_error(batch: Batch, dt: float, steps: int) -> float:
 
 
 def _wrong(look: Callable[[np.ndarray], np.ndarray], places: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """The largest error by jumps of one vector, over dt, (bodies,): from its values (bodies, steps, places, n)."""
+    """The largest error by jumps of one vector, over dt, (bodies,), from its values (bodies, steps, places, n)."""
     change, lower, upper = _largest_change(places[..., :-1], found[..., :-1, :])
     first = change
     for _ in range(_ROUNDS):
@@ -78,7 +78,7 @@ def _wrong(look: Callable[[np.ndarray], np.ndarray], places: np.ndarray, found: 
 
 
 def _largest_change(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each step the largest change between two neighbouring places, and these places."""
+    """For each step the largest change between two neighbouring places, and these places."""
     changes = np.linalg.norm(np.diff(values, axis=-2), axis=-1)
     at = np.argmax(changes, axis=-1)[..., None]
 
@@ -92,7 +92,8 @@ def _largest_change(places: np.ndarray, values: np.ndarray) -> tuple[np.ndarray,
 def _values(mapped: Any, shared: Any, clock: Any, places: Any) -> Any:
     """The torque at places (bodies, steps, places) within steps, as vectors (..., 1 or 2, n).
 
-    The clock is dt, the numbers of the steps, and those of the steps in which `Held` and `Pulses` have their values.
+    The clock is dt, the indices of the steps, and the indices of the steps that define the values of `Held` and
+    `Pulses`.
     """
     dt, numbers, seen_by = clock
 

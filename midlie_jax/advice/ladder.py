@@ -1,4 +1,4 @@
-"""A candidate of `recommend`, compiled and timed at a ladder of steps, and what is read from such runs."""
+"""A candidate of `recommend`, compiled and timed at a ladder of steps, and the evaluation of such runs."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,11 +16,11 @@ from ..model.state import AnyState
 from .program import Program
 from .timing import timed
 
-_COPIES = 16  # copies of the body in each run: the time of a run is divided by this number
-_SAFETY = 0.9  # fraction of the step that interpolation between two errors gives for the tolerance
-_CONVERGED = 4  # converged: halving the step changes the end by less than the tolerance over this number
+_COPIES = 16  # copies of the body in each run; the time of a run is divided by this number
+_SAFETY = 0.9  # fraction of the interpolated step for the tolerance
+_CONVERGED = 4  # converged: halving the step changes the end by less than the tolerance divided by this number
 _SHORT = 0.01  # a run is timed again, up to five times, until its timings take this many seconds in total
-_LONGEST = 1.0  # seconds; after a run of all copies that took longer, no smaller step is tried
+_LONGEST = 1.0  # seconds; after a longer run of all copies, no smaller step is tried
 _MOST_STEPS = 2**30
 _ROUNDING = 1e4  # in units of eps: a change below this that no longer decreases is rounding
 
@@ -46,7 +46,7 @@ class Trial(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The result of a run: the place at the end, (k,); whether all copies are ok; seconds for one body."""
+    """The result of a run: the configuration at the end, (k,); whether all copies are ok; seconds for one body."""
 
     end: np.ndarray
     ok: bool
@@ -63,16 +63,15 @@ class Candidate:
         starts = jax.tree.map(lambda x: jnp.tile(x, (_COPIES, 1)), start)
         self.program = Program(find_method(name), body, torque, starts, t0=t0)
         self.dtype = start.momentum.dtype
-        # The time of a call with no steps, which is subtracted from the time of every run.
+        # The time of a call without steps, which is subtracted from the time of every run.
         self.idle = 0.0
         self.idle = min(self.run(0).seconds for _ in range(3))
 
     def whole(self, steps: int) -> int:
-        """The least number of steps that the loop can take and that is not below `steps`."""
+        """The smallest number of steps supported by the loop that is at least `steps`."""
         return self.program.whole(steps)
 
     def run(self, steps: int) -> Run:
-        """A run of the whole motion in `steps` steps."""
         step = self.span / max(steps, 1)
         (states, ok), timing = timed(lambda: self.program.run(step, steps), least=1, longest=_SHORT)
         end = _place(states, self.length)
@@ -81,7 +80,9 @@ class Candidate:
 
 
 def _place(states: Any, length: float | None) -> np.ndarray:
-    """What is compared of the first of several states: rotation matrix, axis or direction; position over `length`."""
+    """The compared quantities of the first of several states: rotation matrix, axis or direction; position over
+    `length`.
+    """
     if hasattr(states, "attitude"):
         orientation = so3.to_matrix(states.attitude[0])
     else:
@@ -133,7 +134,9 @@ def ends_of(ladder: dict[int, Run]) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def fastest_seconds(runs: dict[str, dict[int, Run]], tolerance: float) -> float:
-    """Seconds of the fastest run so far whose end is within the tolerance of its ladder's last; infinity if none is."""
+    """Seconds of the fastest run so far whose end is within the tolerance of the last end of its ladder; infinity if
+    none is.
+    """
     seconds = [math.inf]
     for ladder in runs.values():
         ordered = [run for _, run in sorted(ladder.items())]

@@ -1,4 +1,4 @@
-"""Whether a torque reads one direction of space alone, so that a `DirectionState` is enough for the motion."""
+"""Test whether a torque reads only one space direction, so that a `DirectionState` suffices."""
 
 from typing import Any
 
@@ -15,18 +15,18 @@ from ..model.torques import TorqueLike, on_body
 
 _ATTITUDES = 6  # random attitudes at which both states must give the same torque
 _TOLERANCE = 1e3  # in units of eps: a torque whose terms cancel has large rounding errors
-# What a torque raises that is written on an attitude, or on what else a `DirectionState` lacks.
+# Errors of a torque that needs an attitude, or another part that a `DirectionState` lacks.
 _REFUSALS = (AttributeError, TypeError, ValueError, NotImplementedError)
 
 
 def one_direction(
     body: Body, torque: TorqueLike | None, start: AnyState, t0: Array, span: float
 ) -> DirectionState | None:
-    """The start as a `DirectionState` under whose torque the momentum moves as from the start itself; None if unknown.
+    """The start as a `DirectionState` with the same motion of the momentum; None if unknown.
 
-    The torque is called on a `DirectionState` that writes down which directions of space it asks for. If they are all
-    the same, d, and if at random attitudes R and several times the torque is the same with R^T d as with R, then it
-    reads d alone. A torque that reads no direction gives None, and so does one written on the attitude.
+    The torque is called on a `DirectionState` that records the space directions it reads. Let them all be the same, d.
+    If at random attitudes R and several times the torque is the same with R^T d as with R, it reads d alone. A torque
+    that reads no direction, or the attitude, gives None.
 
     Args:
         body, torque, t0: as for `integrate`.
@@ -46,16 +46,16 @@ def one_direction(
 
 
 def _seen(start: Any, attitude: Array, d: np.ndarray) -> DirectionState:
-    """The momentum of the start, and d as it is seen from a body at this attitude."""
+    """The momentum of the start, and d in the body frame of this attitude."""
     return DirectionState(start.momentum, so3.rotate(so3.conjugate(attitude), jnp.asarray(d, attitude.dtype)))
 
 
 def _direction_read(function: Any, start: Any, t0: Array) -> np.ndarray | None:
-    """The unit vector (3,) of space that the torque asks for, or None if it asks for none or for several."""
+    """The space direction that the torque reads, a unit vector (3,); None for none or several."""
     asked = list[Any]()
 
     class Asked(DirectionState):
-        """A state that writes down which directions a torque asks for."""
+        """A state that records the directions that a torque reads."""
 
         def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
             asked.append(vector)
@@ -78,7 +78,6 @@ def _direction_read(function: Any, start: Any, t0: Array) -> np.ndarray | None:
 
 
 def _is_enough(function: Any, start: Any, d: np.ndarray, t0: Array, span: float) -> bool:
-    """Whether the torque is the same on a `RigidState` and on its `DirectionState`."""
     dtype = start.momentum.dtype
     turns = np.random.default_rng(0).normal(size=(_ATTITUDES, 4))
     attitudes = [start.attitude, *(jnp.asarray(q / np.linalg.norm(q), dtype) for q in turns)]

@@ -1,8 +1,8 @@
 """`Program`: a method on a batch of bodies, compiled once for any step and any number of steps.
 
-`recommend`, the convergence charts and the comparison with other programs run and time it. It has the loop of
-`integrate`, but the number of steps is an argument of the compiled program; so it has no reverse derivative. Later
-programs of the same method, torque function and shapes reuse what was compiled.
+`recommend`, the convergence charts and the comparisons with other programs use it. It has the loop of `integrate`, but
+the number of steps is an argument of the compiled program, so it has no reverse derivative. Later programs with the
+same method, torque function and shapes reuse the compiled code.
 `tests/test_work_precision.py` checks that its results equal those of `integrate`.
 """
 
@@ -91,8 +91,8 @@ def _run(
 ) -> tuple[AnyState, Array]:
     """The states of all bodies after `iterations` iterations of the loop, each of `unroll` steps, and their `ok`.
 
-    Inputs that all bodies share are prepared for one block of iterations at a time, which all chunks then take. Without
-    such inputs all iterations form one block.
+    Inputs shared by all bodies are prepared for one block of iterations at a time, used by all chunks. Without such
+    inputs all iterations form one block.
     """
     count = len(starts.momentum)
     first = jax.tree.map(lambda leaf: leaf[0], starts)

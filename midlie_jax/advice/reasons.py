@@ -1,4 +1,4 @@
-"""What `recommend` says: what limits a step, which state would do, and why there is nothing to recommend."""
+"""Messages of `recommend`: the limit of a step, a cheaper state, and the reason if there is no recommendation."""
 
 import math
 from collections.abc import Sequence
@@ -15,28 +15,28 @@ from ..model.state import AnyState
 from .facts import Facts
 from .ladder import Run, Trial
 
-_WORTH = 0.9  # share of the time below which another state is worth a word
+_WORTH = 0.9  # share of the run time below which another state is mentioned
 _STIFF = 5  # a rate of the linearised equations is stiff if it exceeds the rate of the motion by this factor
 
 
 def limit_of_step(body: Any, torque: Any, start: AnyState, t0: Array, trials: Sequence[Trial], best: Trial) -> str:
-    """What limits the step, if a larger step made a run fail rather than inaccurate; "" otherwise."""
+    """The limit of the step, if a larger step made a run fail rather than inaccurate; "" otherwise."""
     failed = [t for t in trials if t.steps < best.steps and not t.ok]
     if not failed or failed[-1].steps < best.steps / 4:
         return ""
     largest_rate, motion_rate = _rates(body, torque, start, t0)
     if largest_rate * abs(failed[-1].dt) > 1 and largest_rate > _STIFF * motion_rate:
         return f"the torque is stiff: larger steps are unstable. {_stiffness(largest_rate, motion_rate)}"
-    return "larger steps turn the body beyond the reach of the flight's series."
+    return "larger steps rotate the body beyond the reach of the flight's series."
 
 
 def of_a_direction(seconds: float, whole: float) -> str:
-    """What is to be said of a `DirectionState` that takes so long, and a `RigidState` so long; "" if nothing."""
-    if not 0 < seconds < _WORTH * whole:  # zero where the run is as short as the noise of the clock
+    """Message if a `DirectionState` is faster than a `RigidState`, given both run times; "" otherwise."""
+    if not 0 < seconds < _WORTH * whole:  # zero if the run is below the noise of the clock
         return ""
     return (
-        "the torque reads one direction of space alone: without the attitude, on a midlie_jax.DirectionState, the same "
-        f"run takes {seconds / whole:.2f} of the time."
+        "the torque reads one space direction only; without the attitude, on a "
+        f"midlie_jax.DirectionState, the same run is {whole / seconds:.1f} times faster."
     )
 
 
@@ -50,7 +50,6 @@ def why_none(
     runs: dict[str, dict[int, Run]],
     reference: tuple[float, np.ndarray] | None,
 ) -> str:
-    """The message if there is nothing to recommend."""
     most = max(max(ladder) for ladder in runs.values())
     tried = f"with up to {most} steps of {span / most:.1e}"
     largest_rate, motion_rate = _rates(body, torque, start, t0)
@@ -63,9 +62,9 @@ def why_none(
     if reference is None:
         return f"every run failed, {tried}; check the torque for NaN during the motion."
     return (
-        f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still changes the end by "
-        f"{reference[0]:.1e}. Use a larger tolerance, a shorter duration (a chaotic motion amplifies every error), "
-        "or float64."
+        f"no recommendation for a tolerance of {tolerance:.1e}: {tried}, halving the step still "
+        f"changes the end by {reference[0]:.1e}. Use a larger tolerance, a shorter duration (if "
+        "the motion is chaotic), or float64."
     )
 
 
@@ -77,7 +76,7 @@ def _stiffness(largest_rate: float, motion_rate: float) -> str:
 
 
 def speed_of(body: Any, start: Any) -> float:
-    """|Omega| at the start; for a `Rotor`, that of its axis."""
+    """|Omega| at the start; for a `Rotor`, the angular speed of its axis."""
     return float(np.linalg.norm(np.asarray(body.turning.velocity(start.momentum), np.float64)))
 
 

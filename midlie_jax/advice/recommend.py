@@ -1,10 +1,11 @@
 """`recommend`: the fastest method and step for a body, a torque and a tolerance, measured on the motion itself.
 
 Each candidate is compiled once, with the number of steps as an argument, and run over a ladder of steps in which each
-step is half the previous one. From a guess the ladder goes to larger steps until a run misses the tolerance, and to
-smaller steps until halving the step changes the result by a small part of the tolerance. The result that changed least
-is the reference for all errors, and the fastest candidate within the tolerance is recommended, with a step that `check`
-calls sane. A candidate that is already slower than another one within the tolerance gets no smaller steps.
+step is half the previous one. From a guess the ladder goes to larger steps until a run misses the tolerance. It then
+goes to smaller steps until halving the step changes the result by a small part of the tolerance. The result that
+changed least is the reference for all errors. The recommendation is the fastest candidate within the tolerance, with a
+step that `check` confirms as sane. A candidate that is already slower than another one within the tolerance gets no
+smaller steps.
 """
 
 import math
@@ -34,8 +35,8 @@ from .one_direction import one_direction
 from .reasons import exact_method, limit_of_step, of_a_direction, speed_of, why_none
 from .trials import MOST_STEPS
 
-_FIRST_TURN = 0.5  # radians by which the body turns per step of the first guess
-_SLOWER = 1.5  # a candidate is dropped once it takes this many times as long as the fastest within the tolerance
+_FIRST_TURN = 0.5  # rotation of the body per step of the first guess, radians
+_SLOWER = 1.5  # a candidate is dropped once it is this many times slower than the fastest within the tolerance
 _LEAST = 64  # smallest tolerance, in units of eps: rounding hides smaller errors
 
 
@@ -48,9 +49,9 @@ class Recommendation(NamedTuple):
         error: measured error of the attitude at the end of the duration, Frobenius norm.
         seconds: measured processor time of the whole motion for one body in a batch.
         duration: duration of the motion.
-        note: what limits the step, if it is not the error: the method's reach, a stiff torque, or `midlie_jax.check`.
-            And that a `DirectionState` takes less time, if the method is a Runge-Kutta method and the torque reads one
-            direction of space alone. "" otherwise.
+        note: the limit of the step, if it is not the error: the reach of the method, a stiff torque, or
+            `midlie_jax.check`. For a Runge-Kutta method, also whether a `DirectionState` is faster because the torque
+            reads one space direction only. "" otherwise.
         tried: all runs.
 
     Examples:
@@ -71,7 +72,7 @@ class Recommendation(NamedTuple):
     tried: tuple[Trial, ...]
 
     def __str__(self) -> str:
-        """What to take, in a line, and the note."""
+        """The recommendation in a line, and the note."""
         found = f"{self.method}, dt {self.dt:.6g}, {self.steps} steps: error {self.error:.2g}"
         spent = f"{1e6 * self.seconds:.3g} us a body; the best of {len(self.tried)} runs"
         return "\n".join(filter(None, (f"{found}, {spent}", self.note)))
@@ -91,8 +92,8 @@ def recommend(
 ) -> Recommendation:
     """The fastest method of this package, and its step, for a given error at the end of a motion.
 
-    The error is that of the attitude, or of the axis of an `AxisState`; for a body that travels, together with that of
-    the position in units of `length`.
+    The error is the error of the attitude, or of the axis of an `AxisState`; for a body that translates, combined with
+    the error of the position in units of `length`.
 
     Each candidate runs the motion for the whole duration. Compiling takes some seconds; long motions take longer. The
     recommendation holds for this duration, because errors grow with time, and for this machine, because times are
@@ -101,13 +102,13 @@ def recommend(
     Args:
         body, torque, start: as for `integrate`.
         tolerance: largest error at the end, at most 1: the Frobenius norm of the difference of rotation matrices, or
-            the length of the difference of two axes; for a body that travels, the root of the sum of the squares of
+            the length of the difference of two axes; for a body that translates, the root of the sum of the squares of
             this and of the error of the position over `length`.
         duration: duration of the motion; not zero, negative to integrate back in time.
         t0: the time of the start, ().
-        length: for a body that travels, the error of the position that counts as 1, positive; None otherwise.
-        symplectic: True to try only symplectic methods, which also keep the energy over long runs; False to try
-            Runge-Kutta methods, too.
+        length: for a body that translates, the error of the position that counts as 1, positive; None otherwise.
+        symplectic: True to try only symplectic methods, which also conserve the energy over long runs; False to try
+            Runge-Kutta methods as well.
         progress: whether to print the candidate being tried to stderr; by default only if that is a terminal. Or a
             function that is called with 1 after each candidate.
 
@@ -119,24 +120,24 @@ def recommend(
     Examples:
         >>> body, start = ml.RigidBody([1.0, 2.0, 2.5]), ml.RigidState([0.2, 0.1, 2.5], [1.0, 0.0, 0.0, 0.0])
         >>> found = ml.recommend(body, None, start, tolerance=1e-3, duration=10.0)
-        >>> found.method, found.error <= 1e-3  # of a free body the flight alone, which is exact
+        >>> found.method, found.error <= 1e-3  # a free body needs only the flight, which is exact
         ('JACOBI[EA]', True)
     """
     require_numbers("recommend", body, torque, start, tolerance, duration, t0, length)
     if getattr(start, "several", False):
         raise ValueError(
-            "recommend is for one body; of coupled bodies compare runs with dt and dt/2, first by JACOBI[SRKN6b]."
+            "recommend supports one body; for coupled bodies compare runs with dt and dt/2, first with JACOBI[SRKN6b]."
         )
     body_that_turns = principal_of(body).turning if isinstance(body, Body) else body
     if not isinstance(body_that_turns, RigidBody | Rotor):
-        raise ValueError(f"recommend is for bodies that turn, got body {described(body)}{order_cure(body)}.")
+        raise ValueError(f"recommend supports rotating bodies, got body {described(body)}{order_cure(body)}.")
     if not hasattr(start, "attitude") and not hasattr(start, "axis"):
         raise ValueError(
             f"start must be a state with an attitude or an axis, such as midlie_jax.RigidState, got {described(start)}."
         )
     if (start.rotation is None) != (length is None):
         raise ValueError(
-            "length is the error of the position that counts as 1: give it for a body that travels, and for no other; "
+            "length is the position error that counts as 1; give it only for a body that translates; "
             f"start is a {type(start).__name__}."
         )
     if length is not None:
@@ -150,14 +151,14 @@ def recommend(
     least = _LEAST * float(jnp.finfo(start.momentum.dtype).eps)
     if not least <= tolerance <= 1:
         raise ValueError(
-            f"tolerance must be at least {least:.0e}, to be told from rounding in {start.momentum.dtype}, and at most "
-            f"1, got {tolerance!r}."
+            f"tolerance must be at least {least:.0e}, above rounding in {start.momentum.dtype}, and "
+            f"at most 1, got {tolerance!r}."
         )
     span = float(as_scalar("duration", duration, start.momentum.dtype))
     if span == 0:
-        raise ValueError("duration must not be zero; give the time for which the motion is to be integrated.")
+        raise ValueError("duration must not be zero; give the duration of the motion.")
     t0 = as_scalar("t0", t0, start.momentum.dtype)
-    refused = "recommend compares single motions, of which a heat bath makes another every time"
+    refused = "recommend needs a deterministic run, and a heat bath is random"
     check_system(find_method(exact_method(body)), body, torque, start, bath=refused)
     names = candidates(body, torque, symplectic, reads_momentum=_reads_momentum(body, torque, start))
     guess = max(1, math.ceil(abs(span) * speed_of(body, start) / _FIRST_TURN))
@@ -187,7 +188,7 @@ def recommend(
             every = (*(trial for trials in tried.values() for trial in trials), best)
             note = limit_of_step(body, torque, start, t0, tried[name], best)
             if fewest > steps and not note:
-                note = "a larger step is accurate enough here, but `check` does not call it sane."
+                note = "a larger step is accurate enough here, but `check` does not confirm it as sane."
             less = one_direction(body, torque, start, t0, span) if isinstance(find_method(name), RungeKutta) else None
             if less is not None:
                 seconds = Candidate(name, body, torque, less, span, t0, None).run(best.steps).seconds
@@ -199,7 +200,8 @@ def recommend(
 def candidates(
     body: Body, torque: TorqueLike | None, symplectic: bool = True, reads_momentum: bool = False
 ) -> list[str]:
-    """The methods that `recommend` tries: schemes with the body's exact flight, from high order to low; others last.
+    """The methods that `recommend` tries: schemes with the exact flight of the body, from high order to low; others
+    last.
 
     Args:
         reads_momentum: whether the torque depends on the momentum.
@@ -209,7 +211,7 @@ def candidates(
     if torque is None or reads_momentum:  # every scheme has order 2 for a torque that depends on the momentum
         schemes = [min(schemes, key=lambda scheme: scheme.evaluations)]
     names = [f"{flight.name}[{scheme.name}]" for scheme in sorted(schemes, key=lambda scheme: -scheme.order)]
-    # Runge-Kutta methods with a projection are as accurate and cost more.
+    # Runge-Kutta methods with a projection have the same accuracy and cost more.
     general = [m.name for m in (e.method for e in ENTRIES.values()) if isinstance(m, RungeKutta) and not m.projects]
     return names if symplectic else [*names, *general]
 
@@ -219,7 +221,7 @@ def _reads_momentum(body: Any, torque: Any, start: AnyState) -> bool:
 
 
 def _progress_printer(progress: Any, count: int) -> Callable[[str], None]:
-    """A function that prints the name of the candidate being tried over its last line; the name "" erases the line."""
+    """A function that prints the name of the present candidate over its last line; the name "" erases the line."""
     if callable(progress) or not (sys.stderr.isatty() if progress is None else progress):
         return lambda name: None
     done = 0

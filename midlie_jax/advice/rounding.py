@@ -1,36 +1,34 @@
-"""`Rounding`: estimates, before a run, the error that the rounding of sums will leave in it.
+"""`Rounding`: estimates, before a run, the error from the rounding of sums.
 
 A step adds a change to the momentum, and the sum is rounded to nearest, by up to half a unit in its last place. Errors
-of random sign grow as the square root of the number of steps. But from one step to the next the change varies little,
-and as long as it varies by less than that unit, its rounding errors are equal: m such steps in a row make one error of
-m times the size. A flight that turns the body by an angle a changes the momentum by a, and that change varies by a^2
-per step, in units of the momentum; so m = eps / a^2, and steps below sqrt(eps) (3e-4 radians in float32) lose more than
-longer ones. A torque that is constant in the body frame is rounded the same way in all steps, and if its impulse per
-step is less than half a unit in the last place, it is lost altogether.
+of random sign grow as the square root of the number of steps. The change varies little from one step to the next. As
+long as it varies by less than that unit, its rounding errors are equal: m such steps in sequence make one error of m
+times the size. A flight with the rotation angle a changes the momentum by a, and that change varies by a^2 per step, in
+units of the momentum. Therefore m = eps / a^2, and steps below sqrt(eps) (3e-4 radians in float32) lose more than
+longer ones. A torque that is constant in the body frame is rounded the same way in all steps. If its impulse per step
+is less than half a unit in the last place, it is lost completely.
 
-A `CompensatedState` stores the errors of the sums, so there the unit is the last place of the change.
+A `CompensatedState` stores the errors of the sums, so the unit is then the last place of the change.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-FEW = 3.0  # a state needs compensation if its rounding error is this many times that of errors of random sign
+FEW = 3.0  # a state needs compensation if its rounding error exceeds errors of random sign by this factor
 
 
 class Rounding(NamedTuple):
-    """The quantities that determine the rounding errors of a run; the estimated error is right within a factor of ten.
+    """The quantities that determine the rounding errors of a run; the estimate is accurate within a factor of ten.
 
     Attributes:
         eps: the spacing of the dtype at 1.
         compensated: whether the run has a `CompensatedState`.
         rigid: whether the run has a `RigidState`, the kind that a `CompensatedState` can replace.
         changes: the changes of the momentum per step by flight and torque, relative to its size, (2, bodies).
-        variations: how much these changes vary from step to step, likewise.
+        variations: the variation of these changes from step to step, likewise.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> found = ml.check("JACOBI[EA]", body, torque, start, dt=0.01, steps=100)
         >>> found.rounding.error(10**6) < 1e-9, found.rounding.loses(10**6)
         (True, False)
@@ -57,12 +55,12 @@ class Rounding(NamedTuple):
         return float(np.max(np.sqrt(np.sum(np.square(errors), axis=0))))
 
     def loses(self, steps: int) -> bool:
-        """Whether rounding errors add up in one direction, which a `CompensatedState` would prevent."""
+        """Whether rounding errors accumulate in one direction, which a `CompensatedState` would prevent."""
         usual = self.eps / 2 * steps**0.5
         return self.error(steps) > FEW * usual and self.error(steps, compensated=True) < self.error(steps) / FEW
 
     def text(self, steps: int) -> str:
-        """The estimate in words."""
+        """The estimate as text."""
         found = f"about {self.error(steps):.1g} of the momentum in {steps} steps"
         if not self.loses(steps):
             return found
@@ -70,5 +68,6 @@ class Rounding(NamedTuple):
         if not self.rigid:
             return found + "a longer step loses less, and so does float64"
         return (
-            f"{found}a CompensatedState loses about {self.error(steps, compensated=True):.1g}, a longer step less, too"
+            f"{found}a CompensatedState loses about {self.error(steps, compensated=True):.1g}, and a "
+            "longer step loses less"
         )

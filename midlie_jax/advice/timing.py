@@ -1,11 +1,11 @@
-"""How runs are timed: the clocks, the median and the spread that all tables and charts of times use.
+"""Timing of runs: the clocks, the median and the spread for all tables and charts of times.
 
-On the CPU the time of a run is the processor time of this process. Wall time would include time that other programs
-take, which is a factor of two or more on a busy machine. On one core of a quiet machine the two times agree. On several
-cores processor time is the sum over the threads: the cost of a run, not its duration. XLA moves a batch of hundreds of
-bodies on one thread at a time; with several cores it passes the batch from thread to thread, which takes time. So
-charts are measured on one core (`one_core`). The work of an accelerator takes no processor time, so runs there are
-timed by the wall clock.
+On the CPU the time of a run is the processor time of this process. Wall time would include the time of other programs,
+a factor of two or more on a busy machine. On one core of a quiet machine the two times agree. On several cores
+processor time is the sum over the threads: the cost of a run, not its duration. XLA moves a batch of hundreds of bodies
+on one thread at a time; with several cores it passes the batch from thread to thread, which takes time. Charts are
+therefore measured on one core (`one_core`). Work on an accelerator takes no processor time, so runs there use the wall
+clock.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ _BUSY = 0.85  # the machine was busy if this process got a smaller share of its 
 
 class Clock(NamedTuple):
     """Attributes:
-    name: the kind of time, as charts and tables print it.
+    name: the kind of time, for charts and tables.
     read: the time in seconds, from an arbitrary origin.
     """
 
@@ -40,12 +40,12 @@ def _wall() -> Clock:
 
 
 def cost_clock() -> Clock:
-    """The clock for the cost of a run: processor time of all threads; wall time where an accelerator works."""
+    """The clock for the cost of a run: processor time of all threads; wall time on an accelerator."""
     return _processor() if on_cpu() else _wall()
 
 
 def user_clock() -> Clock:
-    """The clock for how long a user waits on a quiet machine: processor time on one core, wall time otherwise."""
+    """The clock for the waiting time of a user on a quiet machine: processor time on one core, wall time otherwise."""
     return cost_clock() if cores() == 1 else _wall()
 
 
@@ -61,7 +61,6 @@ class Timing(NamedTuple):
     spread: float
 
     def scaled(self, factor: float) -> "Timing":
-        """The timing of `factor` times the work."""
         return self._replace(seconds=self.seconds * factor)
 
 
@@ -95,13 +94,13 @@ def timed(
     longest: float = math.inf,
     clock: Clock | None = None,
 ) -> tuple[Any, Timing]:
-    """The last result of several runs in a row, and their timing.
+    """The last result of several consecutive runs, and their timing.
 
-    Of three or more runs the first is not counted, because it loads the cache for the others.
+    For three or more runs the first is not counted, because it loads the cache for the others.
 
     Args:
         run: must wait for its result.
-        least: smallest number of runs, however long they take; a single run has no spread.
+        least: smallest number of runs, for any duration; a single run has no spread.
         most: largest number of runs.
         longest: seconds of runs after which no further run starts.
         clock: by default `cost_clock()`.
@@ -117,10 +116,10 @@ def timed_in_turn(
     longest: float = math.inf,
     clock: Clock | None = None,
 ) -> list[tuple[Any, Timing]]:
-    """The last result and the timing of each of several runs, which take turns.
+    """The last result and the timing of each of several runs, which alternate.
 
-    So whatever slows the machine for a while slows all of them. The arguments are those of `timed`; `longest` limits
-    the total seconds of the slowest run.
+    A temporary slowdown of the machine then affects all of them. The arguments are the same as for `timed`; `longest`
+    limits the total seconds of the slowest run.
     """
     watches = [Stopwatch(clock) for _ in runs]
     while True:
@@ -133,7 +132,7 @@ def timed_in_turn(
 
 
 def spread_in_words(spreads: Sequence[float]) -> str:
-    """The median and the largest of the spreads in words, for a chart or below a table."""
+    """The median and the largest of the spreads as text, for a chart or below a table."""
     known = [spread for spread in spreads if math.isfinite(spread)]
     if not known:
         return "of unknown spread"
@@ -161,8 +160,9 @@ class Load:
         if share > _BUSY:
             return ""
         return (
-            f"The machine was busy: this process had {share:.0%} of the processor time that it asked for. Only "
-            "differences much larger than the spread of the times are meaningful; measure again on a quiet machine."
+            f"The machine was busy: this process had {share:.0%} of the requested processor time. "
+            "Only differences much larger than the spread are meaningful; measure again on a quiet "
+            "machine."
         )
 
 
@@ -174,7 +174,7 @@ def pin() -> None:
 
 @contextlib.contextmanager
 def one_core() -> Generator[None]:
-    """Restricts the process to one core, as `pin` does, and undoes the restriction at the end."""
+    """Restricts the process to one core, like `pin`, and undoes the restriction at the end."""
     before = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     pin()
     try:

@@ -1,4 +1,4 @@
-"""Trials for `check`: runs of all bodies with one step, and what they show along the motion."""
+"""Trials for `check`: runs of all bodies with one step, and their evaluation along the motion."""
 
 import math
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from .accuracy import difference
 from .facts import Facts, energies_if_constant, stability_limits
 from .rounding import Rounding
 
-TURN_SHARE = 0.8  # a sane step turns the body by at most this share of the method's reach
+TURN_SHARE = 0.8  # a sane step rotates the body by at most this share of the reach of the method
 RATE_SHARE = 0.5  # and has at most this share of the stability limit: about six steps per period for LIEMID[EA]
 ENERGY_SHARE = 0.5  # and changes the energy by at most this share of its scale
 MOST_STEPS, _LEAST_STEPS, _BODY_STEPS = 10_000, 100, 2_000_000  # steps of a trial: per body, and of all bodies
@@ -28,12 +28,12 @@ _MOST_SAMPLES, _LEAST_SAMPLES, _BODY_SAMPLES = 100, 4, 4000  # states looked at,
 
 
 class Bounds(NamedTuple):
-    """What the reach and the stability limit of a method allow at some states.
+    """The steps allowed by the reach and the stability limit of a method at some states.
 
     Attributes:
         turn_rate: the largest `Facts.fastest_turn`.
-        rate, limit: the rate of the torque that is nearest to its stability limit, and that limit of h rate.
-        longest: the longest step that reach and stability limit both allow.
+        rate, limit: the rate of the torque nearest to its stability limit, and this limit of h rate.
+        longest: the largest step allowed by both reach and stability limit.
     """
 
     turn_rate: float
@@ -43,10 +43,9 @@ class Bounds(NamedTuple):
 
     @classmethod
     def of(cls, method: Method, facts: Facts) -> "Bounds":
-        """The bounds of the worst of these states, (n,)."""
         rates = facts.rates
         limits = stability_limits(method, rates)
-        with np.errstate(invalid="ignore"):  # an infinite rate over no limit is NaN, which argmax takes for the largest
+        with np.errstate(invalid="ignore"):  # an infinite rate over no limit is NaN, which argmax treats as the largest
             worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
         rate, limit = float(np.abs(rates[worst])), float(limits[worst])
         turn_rate = float(np.max(facts.fastest_turn))
@@ -58,16 +57,16 @@ class Bounds(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What a trial with one step has shown, from the states that can be trusted.
+    """The result of a trial with one step, from the states that can be trusted.
 
     Attributes:
         h: the size of the step.
         steps, lasted, energy_error: as in `Check`.
-        bounds: what reach and stability limit allow along the motion.
-        longest_at_start: the longest step that both allow at the start.
-        nutation, rates: those of `Facts` for each body at the start, (bodies,); of the rates, the largest modulus.
-        rounding: the estimate of rounding errors, from the means over time of each body's `Facts`.
-        states: the states looked at, (bodies, times).
+        bounds: the steps allowed by reach and stability limit along the motion.
+        longest_at_start: the largest step allowed by both at the start.
+        nutation, rates: from `Facts` for each body at the start, (bodies,); for the rates, the largest modulus.
+        rounding: the estimate of rounding errors, from the time averages of the `Facts` of each body.
+        states: the sampled states, (bodies, times).
     """
 
     h: float
@@ -83,7 +82,7 @@ class Trial(NamedTuple):
 
     @property
     def fine(self) -> bool:
-        """Whether the run succeeded and, if there is an energy, kept it."""
+        """Whether the run succeeded and, if the energy is defined, conserved it."""
         return self.lasted == self.steps and not self.energy_error > ENERGY_SHARE
 
     def error(self, half: "Trial", order: int) -> tuple[float, str]:
@@ -107,7 +106,6 @@ class Trials:
         self.steps = self.every * -(-wanted // self.every)
 
     def run(self, dt: float) -> Trial:
-        """A trial with the step dt."""
         batch, method = self.batch, self.batch.method
         body, torque, start, _, t0 = batch.shared
         shared = body, torque, start, jnp.asarray(dt, t0.dtype), t0
@@ -159,7 +157,6 @@ def _rounding(start: AnyState, h: float, facts: Facts, trusted: np.ndarray) -> R
 
 
 def _energy_error(energies: Any, trusted: np.ndarray) -> float:
-    """`Check.energy_error`, from kinetic and potential energies (bodies, times)."""
     if energies is None:
         return math.nan
     kinetic, potential = energies

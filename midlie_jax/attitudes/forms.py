@@ -1,24 +1,24 @@
-"""Quaternions, Euler angles and spin: the numbers of a line of data, and the rotation that they stand for.
+"""Quaternions, Euler angles and spin: the numbers of a line of data, and their rotation.
 
-The standard describes how frame B is turned from frame A. The quaternion of a turn by an angle phi about the unit
-vector e is (e sin(phi / 2), cos(phi / 2)), the scalar last. So in the order of this package, scalar first, it takes
-components in B to components in A: for A fixed in space and B in the body it is the attitude.
+The standard describes the rotation from frame A to frame B. The quaternion of a rotation by an angle phi about the unit
+vector e is (e sin(phi / 2), cos(phi / 2)), scalar last. In the order of this package, scalar first, it takes components
+in B to components in A: for A fixed in space and B in the body it is the attitude.
 
-Euler angles are turns of frame A about its axes, one after the other as they are by then. For spin, the axis is z of B,
-given by right ascension and declination in A; the turns are ZXZ by 90 deg + alpha, 90 deg - delta, and the spin angle;
-the rate is the z component of the angular velocity. So does Orekit 12; and the rates of the standard's example of SPIN
-follow from its angles in this way, to 3e-4.
+Euler angles are successive rotations of frame A about its axes as they are after the earlier rotations. For spin, the
+axis is z of B, given by right ascension and declination in A. The rotations are ZXZ by 90 deg + alpha, 90 deg - delta,
+and the spin angle; the rate is the z component of the angular velocity. Orekit 12 uses the same definition, and it
+reproduces the rates in the SPIN example of the standard from its angles, to 3e-4.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-_LOCKED = 4  # rounding errors: if the second angle has a smaller sine, or cosine, the third angle is set to 0
+_LOCKED = 4  # rounding errors: below this sine or cosine of the second angle, the third angle is set to 0
 
 
 class Form(NamedTuple):
-    """What a line of data holds after the epoch.
+    """The numbers of a line of data after the epoch.
 
     Attributes:
         columns: the names of the numbers, in the order of the standard; angles in degrees, rates in degrees/s.
@@ -51,7 +51,7 @@ FORMS = {
 
 
 def rotations(kind: str, numbers: np.ndarray, sequence: str) -> np.ndarray:
-    """Quaternions (n, 4), scalar first, that take components in B to those in A, from lines of data (n, k)."""
+    """Quaternions (n, 4), scalar first, from components in B to components in A, for lines of data (n, k)."""
     if kind == "quaternion":
         found = numbers[:, [3, 0, 1, 2]]
         return found / np.linalg.norm(found, axis=1, keepdims=True)
@@ -76,15 +76,16 @@ def numbers_of(kind: str, quaternions: np.ndarray, sequence: str, rates: np.ndar
 
 
 def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.ndarray]:
-    """The angles a, b, c with R = R_i(a) R_j(b) R_k(c): rotations about body axes as they are after the earlier ones.
+    """The angles a, b, c with R = R_i(a) R_j(b) R_k(c): rotations about body axes after the earlier rotations.
 
     Args:
         matrices: (n, 3, 3), each takes body components to space components.
-        sequence: three letters X, Y, Z, of which no neighbours are the same: the axes i, j and k.
+        sequence: three letters X, Y, Z without equal neighbours: the axes i, j and k.
 
     Returns:
         The angles (n, 3) in radians, a and c from -pi to pi, b between -pi/2 and pi/2, or between 0 and pi if the first
-        and third letter are equal. And (n,), whether the first and third axis are parallel, so that c is set to 0.
+        and third letter are equal. And (n,), whether the first and third axis are parallel, in which case c is set to
+        0.
     """
     i, j, last = ("XYZ".index(letter) for letter in sequence)
     k = 3 - i - j
@@ -95,8 +96,8 @@ def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.nd
         a, small = np.arctan2(-sign * r[j, k], r[k, k]), np.hypot(r[j, k], r[k, k])
     locked = small < _LOCKED * np.finfo(r.dtype).eps
     a = np.where(locked, np.arctan2(sign * r[k, j], r[j, j]), a)
-    # Where both are small, rounding changes the first angle much. The others are those of the rotation that remains
-    # after the first, R_i(a)^T R, so that the three angles together give the rotation back.
+    # If both are small, rounding changes the first angle strongly. The others come from the rotation that remains after
+    # the first, R_i(a)^T R, so the three angles together reproduce the rotation.
     cosine, sine = np.cos(a), sign * np.sin(a)
     row_i, row_j, row_k = r[i], cosine * r[j] + sine * r[k], cosine * r[k] - sine * r[j]
     if last == i:
@@ -109,7 +110,7 @@ def euler_angles(matrices: np.ndarray, sequence: str) -> tuple[np.ndarray, np.nd
 def matrices_of(quaternions: np.ndarray) -> np.ndarray:
     """The matrices (n, 3, 3) of unit quaternions (n, 4), scalar first, in float64.
 
-    In float32 the quaternions are rounded, and so are no unit quaternions; their length is removed.
+    Quaternions in float32 are unit quaternions only to rounding; their length is divided out.
     """
     quaternions = np.asarray(quaternions, np.float64)
     quaternions = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
@@ -127,7 +128,7 @@ def sequence_of(value: object) -> str:
     letters = str(value).upper().translate(str.maketrans("123", "XYZ"))
     proper = len(letters) == 3 and set(letters) <= set("XYZ") and letters[0] != letters[1] != letters[2]
     if not proper:
-        raise ValueError(f"must be three axes of which no neighbours are the same, such as ZXZ or 321, got {value!r}.")
+        raise ValueError(f"must be three axes without equal neighbours, such as ZXZ or 321, got {value!r}.")
     return letters
 
 

@@ -1,4 +1,4 @@
-"""Names of reference frames: those of the registries of CCSDS (sanaregistry.org), to which its standards refer."""
+"""Names of reference frames in the CCSDS registries (sanaregistry.org)."""
 
 import re
 from collections.abc import Collection
@@ -26,17 +26,17 @@ _OF_BODY = re.compile(
 
 
 def is_of_body(name: str) -> bool:
-    """Whether a frame of the registry turns with a spacecraft: itself or its equipment."""
+    """Whether a frame of the registry rotates with a spacecraft: the spacecraft itself or its equipment."""
     return bool(_OF_BODY.fullmatch(name.upper()))
 
 
 def check_frame(keyword: str, name: Any, agreed: Collection[str] = ()) -> str:
-    """The name of a frame; a ValueError if it is neither in the registries nor among those agreed upon."""
+    """The name of a frame; a ValueError if it is neither in the registries nor agreed upon."""
     if not isinstance(name, str) or not name.strip():
         raise ValueError(f"{keyword} must be the name of a frame, got {shown(name)}.")
     known = name.upper() in (*_CELESTIAL, *_ORBITAL) or _NUMBERED.fullmatch(name.upper()) or is_of_body(name)
     if not known and name not in agreed:
         listed = ("EME2000", "ICRF", "GCRF", "ITRF2014", "TEME", "LVLH", "RTN", "SC_BODY_1", "STARTRACKER_1")
-        note = f"If both sides agreed on this name, say frames=({name!r},)."
+        note = f"If both sides agreed on this name, pass frames=({name!r},)."
         raise unknown(f"frame of {keyword}", name, listed, more=(*_CELESTIAL, *_ORBITAL), note=note)
     return name

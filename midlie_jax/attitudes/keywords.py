@@ -13,7 +13,7 @@ ONLY_IN = {"1.0": ("ATTITUDE_DIR", "QUATERNION_TYPE", "RATE_FRAME"), "2.0": ("AN
 
 
 def needed_in(version: str, form: str) -> tuple[str, ...]:
-    """The keywords that metadata must have, for an ATTITUDE_TYPE."""
+    """The required keywords of the metadata, for an ATTITUDE_TYPE."""
     more = ["ATTITUDE_DIR"] if version == "1.0" else []
     if version == "1.0" and form.startswith("QUATERNION"):
         more.append("QUATERNION_TYPE")

@@ -1,4 +1,4 @@
-"""`AttitudeFile` and its `Segment`s: what a file of attitudes holds."""
+"""`AttitudeFile` and its `Segment`s: the content of an attitude file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,26 +12,21 @@ from .frames import is_of_body
 
 @dataclass(frozen=True)
 class Segment:
-    """A piece of the motion without a break: one block of metadata, and its data.
+    """A continuous piece of the motion: one block of metadata and its data.
 
     Attributes:
         metadata: the keywords as in the file, such as "OBJECT_NAME", "REF_FRAME_A" or "INTERPOLATION_METHOD", which is
-            kept and not used.
+            stored but not used.
         comments: the texts of the comments among metadata and data.
         epochs: the times of the lines.
         columns: the numbers of the lines by their names in the standard, such as "Q1", each (n,); angles in degrees,
             rates in degrees per second.
-        body_is: "A" or "B", the frame that turns with the body; "" if the names of the frames do not tell.
+        body_is: "A" or "B", the frame that rotates with the body; "" if the frame names do not determine it.
 
     Examples:
-        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
-        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
-        >>> states = ml.RigidState(jnp.zeros((2, 3)), [[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6]])
-        >>> told = {"times": [0.0, 10.0], "epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
-        >>> lines = ml.attitudes.write(states, "satellite.aem", **told, **names)
-        >>> (segment,) = ml.attitudes.read("satellite.aem").segments
-        >>> segment.metadata["OBJECT_NAME"], segment.body_is, segment.columns["QC"].tolist()
-        ('SATELLITE', 'B', [1.0, 0.8])
+        >>> (segment,) = ml.attitudes.read("satellite.aem").segments  # the file from the example of `write`
+        >>> segment.metadata["OBJECT_NAME"], segment.body_is, segment.columns["QC"][:1]
+        ('SATELLITE', 'B', array([1.]))
     """
 
     metadata: Mapping[str, str]
@@ -45,8 +40,7 @@ class Segment:
         """(n, 4), unit quaternions (w, x, y, z) from the frame of the body to the other one.
 
         Raises:
-            ValueError: the data hold a spin axis and a nutation, and no attitude; or it is not known which frame is
-                that of the body.
+            ValueError: the data hold a spin axis and a nutation, and no attitude; or the frame of the body is unknown.
         """
         name = self.metadata["ATTITUDE_TYPE"]
         kind = FORMS[name].kind
@@ -55,8 +49,8 @@ class Segment:
         if not self.body_is:
             a, b = self.metadata["REF_FRAME_A"], self.metadata["REF_FRAME_B"]
             raise ValueError(
-                f"which frame turns with the body, REF_FRAME_A ({a}) or REF_FRAME_B ({b})? Say read(..., body='A'), or "
-                "body='B'."
+                f"the frame that rotates with the body is unknown, REF_FRAME_A ({a}) or REF_FRAME_B "
+                f"({b}); pass read(..., body='A') or body='B'."
             )
         numbers = np.stack([self.columns[column] for column in FORMS[name].columns], axis=1)
         found = rotations(kind, numbers, self.metadata.get("EULER_ROT_SEQ", ""))
@@ -79,16 +73,11 @@ class AttitudeFile:
         segments: the pieces of the motion, one after the other.
 
     Examples:
-        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
-        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
-        >>> states = ml.RigidState(jnp.zeros((2, 3)), [[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6]])
-        >>> told = {"times": [0.0, 10.0], "epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
-        >>> lines = ml.attitudes.write(states, "satellite.aem", **told, **names)
-        >>> message = ml.attitudes.read("satellite.aem")
+        >>> message = ml.attitudes.read("satellite.aem")  # the file from the example of `write`
         >>> message.version, message.header["ORIGINATOR"], message.epoch
         ('2.0', 'LAB', '2026-04-13T21:45:00.000000000')
-        >>> message.times.tolist(), message.attitudes.shape
-        ([0.0, 10.0], (2, 4))
+        >>> message.times[:2].tolist(), message.attitudes.shape
+        ([0.0, 10.0], (7, 4))
     """
 
     version: str
@@ -98,7 +87,7 @@ class AttitudeFile:
 
     @property
     def epoch(self) -> str:
-        """The epoch of the first line, which `times` count from."""
+        """The epoch of the first line, the origin of `times`."""
         return self.segments[0].epochs[0].text()
 
     @property
@@ -112,18 +101,19 @@ class AttitudeFile:
         return np.concatenate([segment.attitudes for segment in self._of_one()])
 
     def _of_one(self) -> tuple[Segment, ...]:
-        """The segments; a ValueError if they are not of one motion in one frame."""
+        """The segments; a ValueError unless they describe one motion in one frame."""
         for keyword in ("OBJECT_ID", "REF_FRAME_A", "REF_FRAME_B"):
             names = {segment.metadata[keyword].upper() for segment in self.segments}
             if len(names) > 1:
                 raise ValueError(
-                    f"the segments have several {keyword}: {', '.join(sorted(names))}; take each of `segments` alone."
+                    f"the segments have several {keyword}: {', '.join(sorted(names))}; use each of `segments` "
+                    "separately."
                 )
         return self.segments
 
 
 def body_of(frame_a: str, frame_b: str, said: str | None) -> str:
-    """Which of two frames is that of the body: "A", "B", or "" if neither their names nor the reader say it."""
+    """The frame of the body among two: "A", "B", or "" if neither their names nor the argument determine it."""
     if said:
         return said
     a, b = is_of_body(frame_a), is_of_body(frame_b)

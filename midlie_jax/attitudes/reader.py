@@ -13,7 +13,7 @@ from .frames import check_frame
 from .keywords import HEADER, METADATA, NEEDED_IN_HEADER, ONLY_IN, needed_in
 from .message import AttitudeFile, Segment, body_of
 
-_UNIT = 1e-3  # a quaternion may be as far from length 1: the numbers of a file are rounded
+_UNIT = 1e-3  # allowed deviation of the length of a quaternion from 1, because a file holds rounded numbers
 
 
 def read(file: str | Path, *, body: str | None = None, frames: Collection[str] = ()) -> AttitudeFile:
@@ -21,38 +21,33 @@ def read(file: str | Path, *, body: str | None = None, frames: Collection[str] =
 
     Args:
         file: the file.
-        body: "A" or "B", if the names of the frames do not tell which of the two turns with the body. Those of the
-            registry do, such as SC_BODY_1 beside EME2000.
+        body: "A" or "B", the frame that rotates with the body, if the frame names do not determine it. Names of the
+            registry do, such as SC_BODY_1 with EME2000.
         frames: names of frames that are not in the registries of CCSDS and that both sides agreed upon.
 
     Returns:
-        The message: `times` in seconds after its first line, `attitudes` (n, 4) from body to space, and all that the
-        file says in `header` and `segments`. Interpolation keywords are kept and not used.
+        The message: `times` in seconds after its first line, `attitudes` (n, 4) from body to space, and the whole
+        content of the file in `header` and `segments`. Interpolation keywords are stored but not used.
 
     Raises:
-        ValueError: the file is no such message: a keyword is unknown, missing or twice there, a frame or time system is
-            unknown, a line has not the numbers of its ATTITUDE_TYPE, epochs do not ascend or are outside START_TIME
-            and STOP_TIME, or a quaternion has not length 1 to 1e-3. The message names file and line.
+        ValueError: the file is not a valid message: a keyword is unknown, missing or duplicated, a frame or time system
+            is unknown, a line does not have the numbers of its ATTITUDE_TYPE, epochs do not ascend or are outside
+            START_TIME and STOP_TIME, or the length of a quaternion is not 1 to 1e-3. The message names file and line.
         OSError: the file cannot be read.
 
     Examples:
-        >>> names = {"object_name": "SATELLITE", "object_id": "2026-001A", "originator": "LAB"}
-        >>> names |= {"ref_frame_a": "EME2000", "ref_frame_b": "SC_BODY_1"}
-        >>> states = ml.RigidState(jnp.zeros((2, 3)), [[1.0, 0.0, 0.0, 0.0], [0.8, 0.0, 0.0, 0.6]])
-        >>> told = {"times": [0.0, 10.0], "epoch": "2026-04-13T21:45:00", "time_system": "UTC", "time_unit": "s"}
-        >>> lines = ml.attitudes.write(states, "satellite.aem", **told, **names)
-        >>> ml.attitudes.read("satellite.aem").attitudes.round(6)  # from body to space
-        array([[1. , 0. , 0. , 0. ],
-               [0.8, 0. , 0. , 0.6]])
+        >>> message = ml.attitudes.read("satellite.aem")  # the file from the example of `write`
+        >>> message.attitudes[0]  # from body to space
+        array([1., 0., 0., 0.])
     """
     if body not in (None, "A", "B"):
-        raise ValueError(f"body must be 'A' or 'B', the frame that turns with the body, or None, got {body!r}.")
+        raise ValueError(f"body must be 'A' or 'B', the frame that rotates with the body, or None, got {body!r}.")
     try:
         text = Path(file).read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ValueError(f"{file} is not text; an Attitude Ephemeris Message in KVN is.") from None
+        raise ValueError(f"{file} must be a text file, such as an Attitude Ephemeris Message in KVN.") from None
     if text.lstrip().startswith("<"):
-        raise ValueError(f"{file} is XML; only messages of keywords and values (KVN) can be read.")
+        raise ValueError(f"{file} is XML; only keyword-value (KVN) messages are supported.")
     return _Reader(str(file), body, tuple(frames)).message(text)
 
 
@@ -66,7 +61,7 @@ class _Reader(NamedTuple):
 
     Attributes:
         file: its name, for messages.
-        body, frames: those of `read`.
+        body, frames: as for `read`.
     """
 
     file: str
@@ -109,7 +104,7 @@ class _Reader(NamedTuple):
     def block(
         self, lines: Iterator[_Line], known: Collection[str], end: str, last: _Line
     ) -> tuple[dict[str, tuple[str, _Line]], list[str], _Line]:
-        """Keywords with their values and lines, and comments, up to the line `end`, which is returned, too."""
+        """Keywords with their values and lines, and comments, up to the line `end`, which is also returned."""
         found: dict[str, tuple[str, _Line]] = {}
         comments: list[str] = []
         for line in lines:
@@ -123,9 +118,9 @@ class _Reader(NamedTuple):
             if name not in known:
                 raise self.error(line, str(unknown("keyword", name, known)))
             if name in found:
-                raise self.error(line, f"{name} stands here a second time.")
+                raise self.error(line, f"{name} occurs a second time.")
             if not value:
-                raise self.error(line, f"{name} has no value; leave the keyword out, or complete it.")
+                raise self.error(line, f"{name} has no value; add one, or remove the keyword.")
             found[name] = value, line
         raise self.error(last, f"the file ends before {end}.")
 
@@ -156,7 +151,7 @@ class _Reader(NamedTuple):
         return Segment(metadata, (*comments, *more), tuple(epochs), numbers, side)
 
     def check_values(self, found: dict[str, tuple[str, _Line]], metadata: dict[str, str]) -> None:
-        """Raises for a value of the metadata that is none of its keyword; brings some into one form."""
+        """Raises for an invalid value of the metadata; converts some values to a standard form."""
 
         def checked(name: str, check: Any) -> None:
             if name in metadata:
@@ -183,7 +178,6 @@ class _Reader(NamedTuple):
     def data(
         self, lines: Iterator[_Line], metadata: dict[str, str], found: dict[str, tuple[str, _Line]], last: _Line
     ) -> tuple[list[Epoch], list[list[float]], list[str]]:
-        """The epochs, the numbers and the comments up to DATA_STOP."""
         epochs: list[Epoch] = []
         rows: list[list[float]] = []
         comments: list[str] = []
@@ -207,7 +201,9 @@ class _Reader(NamedTuple):
                 )
             epoch = self.epoch(line, metadata, cells[0], "the epoch")
             if epochs and epoch.seconds <= epochs[-1].seconds:
-                raise self.error(line, f"epochs must ascend, and {cells[0]} is not after that of the line before.")
+                raise self.error(
+                    line, f"epochs must ascend, and {cells[0]} is not after the epoch of the previous line."
+                )
             if not begin.seconds <= epoch.seconds <= end.seconds:
                 raise self.error(
                     line,
@@ -216,7 +212,7 @@ class _Reader(NamedTuple):
             rows.append([self.number(line, cell) for cell in cells[1:]])
             if form.startswith("QUATERNION") and abs(np.linalg.norm(rows[-1][:4]) - 1) > _UNIT:
                 size = np.linalg.norm(rows[-1][:4])
-                raise self.error(line, f"the quaternion must have length 1 to {_UNIT:g}, and has {size:.6g}.")
+                raise self.error(line, f"the quaternion must have length 1 to {_UNIT:g}, got {size:.6g}.")
             epochs.append(epoch)
         raise self.error(last, "the file ends before DATA_STOP.")
 

@@ -25,7 +25,7 @@ _UNIT = 1e-3
 
 
 class Run(NamedTuple):
-    """What is written: times (n,), attitudes (n, 4), and for spin the rates (n,) about the z axis of the body."""
+    """The data to write: times (n,), attitudes (n, 4), and for spin the rates (n,) about the z axis of the body."""
 
     times: np.ndarray
     attitudes: np.ndarray
@@ -55,38 +55,38 @@ def write(
     creation_date: str | datetime | None = None,
     frames: Collection[str] = (),
 ) -> int:
-    """Writes the attitudes of one body as an Attitude Ephemeris Message (CCSDS 504.0-B-2 or B-1); returns how many.
+    """Writes the attitudes of one body as an Attitude Ephemeris Message (CCSDS 504.0-B-2 or B-1); returns their number.
 
-    Frame A is that of space and frame B that of the body, so the file says how the body is turned from frame A. The
-    names of the frames are what they are called; nothing is computed from them. Quaternions keep the sign that they
-    have, so that they can be interpolated.
+    Frame A is the space frame and frame B the body frame, so the file describes the rotation from frame A to the body.
+    The frame names are labels; nothing is computed from them. Quaternions keep their sign, so that they can be
+    interpolated.
 
     Args:
         run: a `Path`, whose states have an `attitude`; a store .zarr or a file .npz of `simulate` or `midlie run`; or a
             state with arrays (n, 4), with `times`.
         file: the file; an existing one is replaced.
-        epoch: what the time 0 of the run is: an ISO date and time, or a `datetime`, which without a time zone is taken
-            as of `time_system`.
+        epoch: the epoch of time 0 of the run: an ISO date and time, or a `datetime`, which without a time zone is in
+            `time_system`.
         time_system: UTC, TAI, GPS, TT, TDB, TCB, TCG or UT1. In UTC leap seconds are counted.
         time_unit: the unit of time of the run: ns, us, ms, s, min, h, d, or a number of seconds.
-        object_name, object_id: those of the spacecraft; the id is its international designator, such as 2006-224A.
+        object_name, object_id: of the spacecraft; the id is its international designator, such as 2006-224A.
         originator: who made the file.
-        ref_frame_a, ref_frame_b: the frame of space, such as EME2000, and that of the body, such as SC_BODY_1.
-        center_name: the body at the origin of frame A, such as EARTH, if it is to be said.
-        form: "quaternion"; "euler", with `sequence`; or "spin": the direction of the body's z axis, the angle about it,
+        ref_frame_a, ref_frame_b: the space frame, such as EME2000, and the body frame, such as SC_BODY_1.
+        center_name: the body at the origin of frame A, such as EARTH; optional.
+        form: "quaternion"; "euler", with `sequence`; or "spin": the direction of the body z axis, the angle about it,
             and the rate about it, the z component of the angular velocity.
-        sequence: of Euler angles: the axes of the body in turn, as they are by then, such as "ZYX" or "321".
+        sequence: of Euler angles: the successive body axes, such as "ZYX" or "321".
         body: for "spin" of a `Path` or a state: the body of the run, for its angular velocity.
         index: which body of a store.
         times: (n,), for a state.
-        version: "2.0", or "1.0" for programs that read no other.
+        version: "2.0", or "1.0" for older programs.
         comments: texts to put before the data.
         creation_date: in UTC; None for now.
         frames: names of frames that are not in the registries of CCSDS and that both sides agreed upon.
 
     Raises:
-        ValueError: an argument is invalid or missing; the run failed, or holds no attitudes of one body; or times that
-            differ become the same epoch, which is written to nanoseconds.
+        ValueError: an argument is invalid or missing; the run failed, or holds no attitudes of one body; or different
+            times have the same epoch, which is written to nanoseconds.
         OSError: the file cannot be written.
 
     Examples:
@@ -103,9 +103,7 @@ def write(
     if version not in ("1.0", "2.0"):
         raise unknown("version", version, ("1.0", "2.0"))
     if (form == "euler") != (sequence is not None):
-        raise ValueError(
-            "sequence is the order of Euler angles, such as 'ZYX': give it with form='euler', and only then."
-        )
+        raise ValueError("sequence is the order of Euler angles, such as 'ZYX'; give it only with form='euler'.")
     try:
         letters = sequence_of(sequence) if sequence is not None else ""
     except ValueError as error:
@@ -120,8 +118,8 @@ def write(
     check_frame("ref_frame_b", ref_frame_b, frames)
     if is_of_body(ref_frame_a) and not is_of_body(ref_frame_b):
         raise ValueError(
-            f"ref_frame_a is the frame of space and ref_frame_b that of the body, got {ref_frame_a} and {ref_frame_b}; "
-            "exchange them."
+            f"ref_frame_a must be the space frame and ref_frame_b the body frame, got {ref_frame_a} "
+            f"and {ref_frame_b}; exchange them."
         )
     system, unit = check_system(time_system), _unit(time_unit)
     try:
@@ -132,7 +130,7 @@ def write(
     stamps = [Epoch(system, zero.seconds + Fraction(float(t)) * unit).text() for t in written.times]
     same = next((a for a, b in pairwise(stamps) if a >= b), None)
     if same is not None:
-        raise ValueError(f"times must ascend by more than a nanosecond; two of them are {same}. Is time_unit right?")
+        raise ValueError(f"times must ascend by more than a nanosecond; two of them are {same}; check time_unit.")
     rates = None if written.rates is None else np.rad2deg(written.rates) / float(unit)
     numbers = numbers_of(form, written.attitudes, letters, rates)
     kept = Epoch.of("UTC", creation_date or datetime.now(UTC)).text(0)
@@ -154,7 +152,7 @@ def write(
     lines += [f"COMMENT {comment}" for comment in comments]
     lines += [f"{name} = {value}" for name, value in metadata.items() if value is not None]
     lines += ["META_STOP", "", "DATA_START"]
-    # Sixteen digits, the most that the standard allows for.
+    # Sixteen digits, the maximum of the standard.
     lines += [" ".join([stamp, *(f"{x:.16g}" for x in row)]) for stamp, row in zip(stamps, numbers, strict=True)]
     File(file).write_text("\n".join([*lines, "DATA_STOP", ""]), encoding="utf-8")
     return len(stamps)
@@ -180,7 +178,6 @@ def _unit(unit: Any) -> Fraction:
 
 
 def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
-    """The times and attitudes of one body, checked."""
     if isinstance(run, (str, File)):
         if times is not None or body is not None:
             raise ValueError(f"{run} holds its times and its body; leave times and body out.")
@@ -191,8 +188,8 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
             raise ValueError("a path has its times; leave times out.")
         if not bool(np.all(np.asarray(run.ok))):
             raise ValueError(
-                f"the run failed: of its {np.shape(run.times)[-1]} states {np.min(np.asarray(run.first_bad))} can be "
-                "trusted; give these, as a state with times."
+                f"the run failed: of its {np.shape(run.times)[-1]} states "
+                f"{np.min(np.asarray(run.first_bad))} can be trusted; pass these as a state with times."
             )
         run, times = run.states, run.times
     elif times is None:
@@ -200,8 +197,8 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
     if not hasattr(run, "attitude") or np.ndim(run.attitude) != 2:
         what = f"attitudes of shape {np.shape(run.attitude)}" if hasattr(run, "attitude") else "none"
         raise ValueError(
-            f"run must hold the attitudes of one body, (n, 4), got a {type(run).__name__} with {what}; take one body "
-            "of a batch."
+            f"run must hold the attitudes of one body, (n, 4), got a {type(run).__name__} with "
+            f"{what}; select one body of a batch."
         )
     moments, attitudes = np.asarray(times, np.float64), np.asarray(run.attitude, np.float64)
     if moments.shape != attitudes.shape[:1] or not moments.size:
@@ -209,10 +206,10 @@ def _run(run: Any, times: Any, body: Any, index: int, spin: bool) -> Run:
     sizes = np.linalg.norm(attitudes, axis=1)
     good = np.isfinite(moments) & np.isfinite(sizes) & (np.abs(sizes - 1) < _UNIT)
     if not good.all():
-        raise ValueError(f"attitudes must be unit quaternions at finite times; that of row {np.argmin(good)} is not.")
+        raise ValueError(f"attitudes must be unit quaternions at finite times; row {np.argmin(good)} is not.")
     rates = None
     if spin:
         if body is None:
-            raise ValueError("form='spin' needs the body of the run for its angular velocity: give body=.")
+            raise ValueError("form='spin' needs the body of the run for its angular velocity; give body=.")
         rates = np.asarray(jax.vmap(body.velocity)(run.momentum), np.float64)[:, 2]
     return Run(moments, attitudes / sizes[:, None], rates)

@@ -3,8 +3,8 @@
     term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("LIEMID[EA]")
     solution = diffrax.diffeqsolve(term, solver, t0, t1, dt0, ml.RigidState(momentum, attitude))
 
-This is the only subpackage that imports diffrax, and only its public names. The same term also runs under diffrax's own
-solvers. They integrate the derivatives of the state's arrays, whereas `LieSolver` uses angular velocity and torque and
+Only this subpackage imports diffrax, and only its public names. The same term also runs under the solvers of diffrax.
+They integrate the derivatives of the arrays of the state, whereas `LieSolver` uses angular velocity and torque and
 moves on the group.
 
 Modules: `term` (body and torque), `solver` (the step), `estimate` (its error), `dense`, `interpolation` and

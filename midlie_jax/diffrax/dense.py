@@ -1,4 +1,4 @@
-"""`Dense`, the base class of both kinds of dense output: how diffrax asks for a state within a step."""
+"""`Dense`, the base class of both kinds of dense output, with the interface of diffrax for states within a step."""
 
 from abc import abstractmethod
 from typing import Any
@@ -21,12 +21,12 @@ class Dense(diffrax.AbstractLocalInterpolation):
         del left
         if t1 is not None:
             return jax.tree.map(jnp.subtract, self.evaluate(t1), self.evaluate(t0))
-        # A Python number would be a constant of the compiled program, which would then be compiled anew for each time.
+        # A Python number would be a constant of the compiled program, which would then be recompiled for each time.
         return self.state_at(t0 if eqx.is_array(t0) else jnp.asarray(t0, jnp.result_type(self.t0)))
 
     @abstractmethod
     def state_at(self, t: Array) -> Any:
-        """The state at the time t."""
+        pass
 
 
 def part_of_step(t0: Any, t1: Any, t: Any, dtype: Any) -> Array:

@@ -1,6 +1,6 @@
-"""The error estimate for adaptive controllers: the step minus its companion, a quadrature of rates already computed.
+"""The error estimate for adaptive controllers: the step minus its companion, a quadrature of known rates.
 
-The companion of a step from Pi0 to Pi1 is a second approximation of the end of the step. It turns by the fourth-order
+The companion of a step from Pi0 to Pi1 is a second approximation of the end of the step. It rotates by the fourth-order
 Magnus expansion of the angular velocities a0, a1 and angular accelerations b0, b1 at both ends,
 
     c = h/2 (a0 + a1) + h^2/12 (b0 - b1) + h^2/12 a0 x a1      (Iserles & Norsett, Phil. Trans. A 357 (1999) 983)
@@ -14,10 +14,10 @@ other quantities are taken at the two ends of the step. For any method, the loca
 in the attitude and h^4 in the momentum. The estimate for a method of order 1 or 2 is therefore asymptotically exact.
 For a method of order 4 or more, the estimate is the error of the companion, which is larger than the error of the step.
 
-On the first step, and after a jump, there is no previous step. The torque is then assumed to have been constant, which
-leaves an error of order h^2 in the momentum: the first step becomes smaller than necessary, never too large.
+On the first step, and after a jump, there is no previous step. A constant torque is then assumed, which leaves an error
+of order h^2 in the momentum: the first step becomes smaller than necessary, never too large.
 
-The expansion is useless for long turns, so a step of more than 2.4 radians has no companion.
+The expansion is useless for large rotations, so a step of more than 2.4 radians has no companion.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ REFERENCE_ORDER = 3  # order of the companion; its local error is of order h^(RE
 
 
 class History(NamedTuple):
-    """What a step stores for the error estimate of the next step.
+    """Data of a step for the error estimate of the next step.
 
     Attributes:
         slope: mean rate of change of the spatial torque over the step, in body components at the end of the step.
@@ -60,7 +60,7 @@ def _of_rates(
     fraction: Array,
     rate: Array,
 ) -> tuple[AnyMotion, History, Array]:
-    """The companion if the pose is more than an attitude: both formulas are applied to the rates of its components."""
+    """The companion if the pose is more than an attitude; both formulas are applied to the rates of its components."""
 
     def rates(motion: AnyMotion, torque: Any) -> tuple[Any, Any, Any]:
         """The rates of momentum and pose, and the second derivative of the pose."""
@@ -95,11 +95,11 @@ def companion(
         history: the history from the previous step.
 
     Returns:
-        The end of the companion, the history for the next step, and whether the companion is valid: the step turned by
+        The end of the companion, the history for the next step, and whether the companion is valid: the step rotates by
         at most 2.4 radians.
     """
     total = h + history.span
-    # The length of this step, divided by the sum of this and the previous step; 0 for a step of length zero.
+    # The length of this step divided by the sum of this and the previous step; 0 for a step of length zero.
     fraction = h / jnp.where(total == 0, jnp.ones_like(total), total)
     rate = 1 / jnp.where(h == 0, jnp.ones_like(h), h)
     if not system.kind.turns:

@@ -14,21 +14,22 @@ from ..model.states import RigidState
 from .dense import Dense, part_of_step
 from .term import ambient_rate, unchecked
 
-_HALVINGS = 2  # how often an angle is halved, so that the polynomials for sine and cosine are exact
+_HALVINGS = 2  # number of halvings of an angle, so that the polynomials for sine and cosine are exact
 LARGEST_TURN = 2**_HALVINGS * WIDEST_SQUARE**0.5  # radians, within a step
-_LEAST_COSINE = 0.5**0.5  # the least cosine of half the angle by which the turn of the step differs from W
+_LEAST_COSINE = 0.5**0.5  # the least cosine of half the angle between the rotation of the step and W
 
 
 class LieInterpolation(Dense):
     """Interpolation between the ends of a step, on the group, with a local error of fourth order if the ends are exact.
 
-    For a `RigidState` the attitude is R0 exp(s W) P(s), normalised, where W is h times the mean of both angular
-    velocities, and P the cubic quaternion, near one, that matches both attitudes and both angular velocities. It is a
+    For a `RigidState` the attitude is R0 exp(s W) P(s), normalised. W is h times the mean of both angular velocities,
+    and P the cubic quaternion, near one, that matches both attitudes and both angular velocities. The attitude is a
     unit quaternion to rounding, and exact for a steady spin. The spatial momentum is the cubic that matches momentum
-    and spatial torque at both ends, and is then rotated to the body frame, so that a free body's spatial momentum is
-    constant between steps as well. The result inside a step is NaN if |W| exceeds 8.8 radians, or if the turn of the
-    step differs from W by more than a quarter of a turn. For a state without attitude, each array is interpolated by a
-    cubic, and a direction is scaled back to unit length; so are linear momentum and position of a body that travels.
+    and spatial torque at both ends. It is then rotated to the body frame, so the spatial momentum of a free body is
+    also constant between steps. The result inside a step is NaN if |W| exceeds 8.8 radians, or if the rotation of the
+    step differs from W by more than pi/2. For a state without attitude, each array is interpolated by a cubic, and a
+    direction is rescaled to unit length. Linear momentum and position of a body that translates are also interpolated
+    by cubics.
 
     Args:
         t0, t1: times of the ends.
@@ -38,8 +39,6 @@ class LieInterpolation(Dense):
 
     Examples:
         >>> import diffrax
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> saved = diffrax.SaveAt(ts=jnp.array([0.123, 0.456]))  # between steps of 0.01
         >>> term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("JACOBI[EA]")
         >>> solution = diffrax.diffeqsolve(term, solver, 0.0, 1.0, 0.01, start, saveat=saved)
@@ -58,7 +57,6 @@ class LieInterpolation(Dense):
     h: Array
 
     def state_at(self, t: Array) -> Any:
-        """The state at the time t."""
         return _state_at(self, t)
 
 
@@ -79,7 +77,6 @@ def _state_at(dense: LieInterpolation, t: Any) -> Any:
 
 
 def _of_rotation(dense: LieInterpolation) -> LieInterpolation:
-    """The dense output of the rotation of a body that travels."""
     return LieInterpolation(
         t0=dense.t0,
         t1=dense.t1,
@@ -96,12 +93,11 @@ def _of_rotation(dense: LieInterpolation) -> LieInterpolation:
 def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
     """The state of a rigid body at the fraction s of the step.
 
-    It is written on components, with neither division nor root, so that it compiles to two loops, and its derivative
-    compiles quickly.
+    It uses components, without division or root, so it compiles to two loops, and its derivative compiles quickly.
     """
     vectors = dense.y0.momentum, dense.y1.momentum, dense.velocity0, dense.velocity1, dense.torque0, dense.torque1
     poses = dense.y0.attitude, dense.y1.attitude
-    # Without the barrier, XLA would compute what does not depend on s in advance, entry by entry, for all times in a
+    # Without the barrier, XLA would precompute all values that do not depend on s, entry by entry, for all times in a
     # step.
     vectors, poses, h, s = jax.lax.optimization_barrier((vectors, poses, dense.h, s))
     vectors, poses, h, s = begin((tuple(map(cp.vector, vectors)), tuple(map(cp.quaternion, poses)), h, s))
@@ -133,7 +129,7 @@ def _rigid_state_at(dense: LieInterpolation, s: Array) -> RigidState:
 
 
 def _rotated(q: cp.Quaternion, v: cp.Vector) -> cp.Vector:
-    """`cp.rotate` without the correction of the length of q, because no error adds up here."""
+    """`cp.rotate` without the correction of the length of q, because errors do not accumulate here."""
     return cp.add(v, cp.unit_rotation_change(q, v))
 
 
@@ -163,6 +159,6 @@ def _arrays_at(dense: LieInterpolation, s: Array) -> Any:
 
 
 def _weights(s: Array) -> tuple[Array, Array, Array]:
-    """A cubic's weights at s in [0, 1]: of its value at 1 and its slopes at 0 and 1 (of the value at 0: the rest)."""
+    """The weights of a cubic at s in [0, 1]: its value at 1 and its slopes at 0 and 1; its value at 0 has the rest."""
     rest = 1 - s
     return s * s * (3 - 2 * s), s * rest * rest, -s * s * rest

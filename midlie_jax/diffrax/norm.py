@@ -14,13 +14,13 @@ from ..model.state import State
 class RotationNorm(eqx.Module):
     """A norm for `diffrax.PIDController(norm=...)` that measures momentum and attitude separately.
 
-    The norm is the larger of two numbers: the length of the momentum's error in units of `momentum`, and the angle of
-    the rotation between the two attitudes in units of `angle`. For a body that travels it is the largest of four, with
+    The norm is the larger of two numbers: the length of the momentum error in units of `momentum`, and the angle of the
+    rotation between the two attitudes in units of `angle`. For a body that translates it is the largest of four, with
     the errors of linear momentum and position in units of `linear` and `position`. PIDController divides errors entry
     by entry by atol + rtol |y| before it calls the norm, and entries of a quaternion pass through zero. With rtol=0 the
     angle is therefore exact, and `atol` is the error allowed per step, in these units. With 0 < rtol <= atol the norm
-    is right within a factor of 2. Of what `BacksolveAdjoint` solves for together, the state, its adjoint and more, the
-    state alone is measured.
+    is accurate within a factor of 2. `BacksolveAdjoint` solves for the state, its adjoint and more together; only the
+    state is measured.
 
     Attributes:
         momentum: the unit of momentum error.
@@ -30,7 +30,7 @@ class RotationNorm(eqx.Module):
 
     Examples:
         >>> import diffrax
-        >>> norm = ml.RotationNorm(momentum=50.0)  # a momentum error of 50 counts as much as one radian
+        >>> norm = ml.RotationNorm(momentum=50.0)  # a momentum error of 50 has the weight of one radian
         >>> controller = diffrax.PIDController(rtol=0.0, atol=1e-6, norm=norm)
     """
 

@@ -1,7 +1,7 @@
-"""`ShorterStep`, dense output of the method's order: a state inside a step is the end of a shorter step.
+"""`ShorterStep`, dense output of the order of the method: a state inside a step is the end of a shorter step.
 
-A shorter step from the same start is a step of the same method. So its error is of order p + 1 in the length for a
-method of order p, while the cubic of `LieInterpolation` has an error of fourth order.
+A shorter step from the same start is a step of the same method. For a method of order p, its error is therefore of
+order p + 1 in the length, whereas the cubic of `LieInterpolation` has an error of fourth order.
 """
 
 from typing import Any
@@ -23,11 +23,11 @@ from .dense import Dense, part_of_step
 
 
 class Start(eqx.Module):
-    """What a step starts from, in arrays alone, because diffrax stacks these for many steps and cannot stack functions.
+    """The start of a step as arrays only, because diffrax stacks it over many steps and cannot stack functions.
 
     Attributes:
         arrays: the arrays of body, torque and state, the torque at the start, and one array of both times and the step.
-        rest: the structure of these, and the leaves that are not arrays.
+        rest: their structure, and the leaves that are not arrays.
     """
 
     arrays: list[Any]
@@ -38,8 +38,8 @@ class Start(eqx.Module):
         cls, method: Method, body: Body, torque: TorqueLike | None, y0: Any, force: Array | None, times: list[Array]
     ) -> "Start":
         """Args:
-        force: the torque at the start as one array if a step begins by using it, else None. times: the times of the
-        ends and the signed step, in the term's time.
+        force: the torque at the start as one array if a step begins by using it, else None.
+        times: the times of the ends and the signed step, in the term's time.
         """
         leaves, structure = jax.tree.flatten((method, body, torque, y0, force, jnp.stack(times)))
         marks = [isinstance(leaf, (Array, np.ndarray, np.generic)) for leaf in leaves]
@@ -48,18 +48,17 @@ class Start(eqx.Module):
         return cls([jnp.asarray(leaf) for leaf in arrays], (structure, tuple(marks), others))
 
     def parts(self) -> Any:
-        """The arguments of `of`, with the times as one array."""
         structure, marks, others = self.rest
         arrays = iter(self.arrays)
         return structure.unflatten([next(arrays) if m else x for m, x in zip(marks, others, strict=True)])
 
 
 class ShorterStep(Dense):
-    """States inside a step, each computed by a shorter step of the method; NaN where its solve failed.
+    """States inside a step, each computed by a shorter step of the method; NaN if its solve failed.
 
     Args:
         t0, t1: times of the ends.
-        start: what the step starts from.
+        start: the start of the step.
     """
 
     t0: Any
@@ -67,7 +66,6 @@ class ShorterStep(Dense):
     start: Start
 
     def state_at(self, t: Array) -> Any:
-        """The state at the time t."""
         return _state_at(self, t)
 
 

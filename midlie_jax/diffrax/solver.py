@@ -27,7 +27,7 @@ from .term import RigidBodyTerm, as_time, check, unchecked
 
 
 class Memory(NamedTuple):
-    """What a step stores for the next step: two arrays, because diffrax compiles a dozen operations for each.
+    """Data of a step for the next step: two arrays, because diffrax compiles a dozen operations for each array.
 
     Attributes:
         force: the torque at the end of the step; for particles the force.
@@ -39,32 +39,31 @@ class Memory(NamedTuple):
 
     @classmethod
     def of(cls, force: Any, history: History) -> "Memory":
-        """The memory of a torque as components, and of a history."""
         return cls(cp.flat(force), jnp.append(cp.flat(history.slope), history.span))
 
     def unpacked(self, like: Any) -> tuple[Any, History]:
-        """The torque as components, of the form of the momentum `like`, and the history."""
+        """The torque as components, in the form of the momentum `like`, and the history."""
         return cp.of_flat(self.force, like), History(cp.of_flat(self.history[:-1], like), self.history[-1])
 
 
 class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
     """A method of this package as a solver for diffrax. It needs a `RigidBodyTerm` and a midlie_jax state.
 
-    Order: the order of the method. Torque evaluations: those of the method. An adaptive controller and the dense output
-    `"cubic"` (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step.
-    Methods that begin with a kick (E2, EA, SRKN6b, SRKN11b and the compositions TJ4 to KL8, under a torque that does
-    not read the momentum), AKW, NMB, symplectic Euler and Verlet evaluate these torques anyway. For the other methods,
-    an adaptive controller costs one more evaluation per step, and dense output two.
+    Order and torque evaluations are the same as for the method. An adaptive controller and the dense output `"cubic"`
+    (`SaveAt(ts=...)`, an event) also need the torques at both ends of a step. Methods that begin with a kick (E2, EA,
+    SRKN6b, SRKN11b and the compositions TJ4 to KL8, under a torque that does not read the momentum), AKW, NMB,
+    symplectic Euler and Verlet already evaluate these torques. For the other methods, an adaptive controller needs one
+    more evaluation per step, and dense output two.
 
     Dense output, the states between the ends of a step, by `dense`:
 
-    - `"cubic"`: `LieInterpolation`, of third order whatever the method. Cheap: one evaluation is a few polynomials.
+    - `"cubic"`: `LieInterpolation`, of third order for every method. Fast: one evaluation is a few polynomials.
     - `"step"`: a shorter step of the method from the start of the step, of the order of the method. An event then has
-      the error of the method in its time and state. Each state costs a step of the method, as does each iteration of an
-      event's root finder, and the program holds a second copy of the step. `SaveAt(dense=True)` stores the arrays of
-      body and torque for every step, so they must be numbers, not random keys. This dense output is continuous, but its
-      rate of change has small jumps at the ends of steps. Use it with methods of order 4 and more, if the times of
-      events or the states between steps must be as exact as the steps.
+      the error of the method in its time and state. Each state, and each iteration of the root finder of an event,
+      takes a step of the method, and the program holds a second copy of the step. `SaveAt(dense=True)` stores the
+      arrays of body and torque for every step, so they must be numbers, not random keys. This dense output is
+      continuous, but its rate of change has small jumps at the ends of steps. Use it with methods of order 4 and more,
+      if the times of events or the states between steps must have the accuracy of the steps.
 
     Error estimate: the step minus its companion (module `estimate`). It depends on the order p of the method:
 
@@ -74,22 +73,22 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
       the step.
 
     `error_order` returns this exponent (4 for p >= 4). For the first step, the estimate is of order h^2 in the
-    momentum. Derivatives do not pass through the estimate. Prefer constant steps for long runs: a varying step loses
-    the good long-time energy behaviour of these methods (`benchmarks/diffrax_pipeline.py energy`).
+    momentum. Derivatives do not pass through the estimate. Prefer constant steps for long runs: a varying step destroys
+    the long-time energy behaviour of these methods (`benchmarks/diffrax_pipeline.py energy`).
 
-    A step has an infinite error if its solve failed, if it is not finite, or if it turned by more than 2.4 radians. An
+    A step has an infinite error if its solve failed, if it is not finite, or if it rotates by more than 2.4 radians. An
     adaptive controller then tries a shorter one. Without an adaptive controller, a failed solve or a step that is not
-    finite sets the solution's result to `diffrax.RESULTS.nonlinear_divergence`; so does a body with impossible moments
-    or an impossible mass, with any controller. A reverse-mode derivative is NaN if any
-    step that was tried, even one that was rejected, is not finite.
+    finite sets the result of the solution to `diffrax.RESULTS.nonlinear_divergence`. A body with impossible moments or
+    an impossible mass does the same with any controller. A reverse-mode derivative is NaN if any attempted step, even a
+    rejected one, is not finite.
 
     Adjoints: RecursiveCheckpointAdjoint, DirectAdjoint and ForwardMode differentiate the steps taken.
-    `BacksolveAdjoint(solver=diffrax.Tsit5())` differentiates the exact motion, so its result differs from theirs by the
-    error of the method. `ImplicitAdjoint` is for steady states, which a conservative motion does not reach.
+    `BacksolveAdjoint(solver=diffrax.Tsit5())` differentiates the exact motion, so its result differs by the error of
+    the method. `ImplicitAdjoint` is for steady states, which a conservative motion does not reach.
 
     Attributes:
-        method: a method from `midlie_jax.method`, or its name; by default JACOBI[EA], which moves rigid bodies.
-        dense: how the states between the ends of a step are computed, "cubic" or "step".
+        method: a method from `midlie_jax.method`, or its name; by default JACOBI[EA], for rigid bodies.
+        dense: the interpolation between the ends of a step, "cubic" or "step".
 
     Raises:
         ValueError: the method or `dense` is unknown; or, from `diffeqsolve`, the term, state, batch or dtype does not
@@ -97,8 +96,6 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     Examples:
         >>> import diffrax
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> term, solver = ml.RigidBodyTerm(body, torque), ml.LieSolver("JACOBI[EA]")
         >>> steps = diffrax.StepTo(ts=0.01 * jnp.arange(101.0))  # with dt0=None: steps of one size
         >>> run = {"stepsize_controller": steps, "saveat": diffrax.SaveAt(steps=True), "max_steps": 100}
@@ -118,7 +115,6 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
 
     @property
     def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The class of the dense output."""
         return ShorterStep if self.dense == "step" else LieInterpolation
 
     def order(self, terms: Any) -> int:
@@ -153,14 +149,14 @@ class LieSolver(diffrax.AbstractAdaptiveSolver[Any]):
         return y1, error, dense, memory, diffrax.RESULTS.where(ok, success, failure)
 
     def func(self, terms: Any, t0: Any, y0: Any, args: Any) -> Any:
-        """The derivative of the state's arrays, as a state of the same class."""
+        """The derivative of the arrays of the state, as a state of the same class."""
         self._system(terms, t0, y0, args)
         return terms.vf(t0, y0, args).ambient
 
     def _system(self, terms: Any, t: Any, y: Any, args: Any) -> tuple[System, Callable[[Any], Array], Method]:
         """The system, the clock, and the method fitted to the body.
 
-        The clock is the function from diffrax's time, which always increases, to the term's time.
+        The clock maps the time of diffrax, which always increases, to the time of the term.
         """
         term = _single_term(terms)
         torque = term.torque_at(args)
@@ -191,12 +187,11 @@ def _step(
     memory: Memory,
     made_jump: Any,
 ) -> Any:
-    """The step of `LieSolver.step`, in the term's time.
+    """The step of `LieSolver.step`, in the time of the term.
 
-    It is one jitted function, because diffrax differentiates the body of its loop over the steps several times, and JAX
-    then finds the derivative of the step already traced. Reverse mode recomputes the step, because diffrax's forward
-    and reverse passes are separate parts of its program, and code for each array passed between them is compiled entry
-    by entry.
+    It is one jitted function. diffrax differentiates the body of its loop over the steps several times, and JAX then
+    finds the derivative of the step already traced. Reverse mode recomputes the step. The forward and reverse passes of
+    diffrax are separate parts of its program, and code for each array passed between them is compiled entry by entry.
 
     Returns:
         The state at the end, its error, the data of the cubic dense output, the torque at the start as one array, the
@@ -213,11 +208,11 @@ def _step(
     (end, method_force, judged), _ = method.advance(
         system, (start_time, end_time), lambda clock: (*clock, None), h, progress
     )
-    # Controllers of diffrax handle NaN in y1, but not infinity.
+    # Controllers of diffrax support NaN in y1, but not infinity.
     y1 = jax.tree.map(lambda x: jnp.where(jnp.isinf(x), jnp.nan, x), system.state(end))
 
-    # The compiler removes what follows the split if nothing uses the results. What follows gets loops of its own, so a
-    # torque that the next step needs must not pass through the split.
+    # The compiler removes everything after the split if nothing uses the results. That part gets separate loops, so a
+    # torque for the next step must not pass through the split.
     next_force = method_force if keeps_force else system.force(end_time, end) if begins_with_force else None
     motion, end, stored_force, end_torque = split((motion, end, stored_force, next_force))
     end_torque = end_torque if begins_with_force else system.force(end_time, end)
@@ -243,7 +238,7 @@ def _step(
 def _varying_together(tree: Any) -> Any:
     """The tree unchanged, such that all of its arrays have tangents if one of them has.
 
-    diffrax differentiates its loop anew for each set of arrays that vary, and would trace the derivative of a step
+    diffrax differentiates its loop separately for each set of varying arrays, and would trace the derivative of a step
     three times.
     """
     return tree
@@ -251,8 +246,8 @@ def _varying_together(tree: Any) -> Any:
 
 @_varying_together.defjvp
 def _varying_together_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-    # Without the barrier JAX drops tangents that it knows to be zero. Each tangent has its own barrier: one for
-    # several, some of which do not depend on the input, has no transpose in jax 0.12.
+    # Without the barrier JAX drops symbolic zero tangents. Each tangent has its own barrier: a barrier for several,
+    # some of which do not depend on the input, has no transpose in jax 0.12.
     return primals[0], jax.tree.map(jax.lax.optimization_barrier, tangents[0])
 
 
@@ -264,14 +259,14 @@ def _new_memory(system: System, t: Array, motion: AnyMotion, begins_with_force: 
 
 
 def _single_term(terms: Any) -> RigidBodyTerm:
-    """The `RigidBodyTerm` in `terms`, without the wrapper that diffrax adds if time runs backwards."""
+    """The `RigidBodyTerm` in `terms`, without the wrapper of diffrax for backward time."""
     kinds = (RigidBodyTerm, diffrax.MultiTerm, diffrax.ODETerm, diffrax.ControlTerm)
     terms_found = [x for x in jax.tree.leaves(terms, is_leaf=lambda x: isinstance(x, kinds)) if isinstance(x, kinds)]
     term = terms_found[0] if len(terms_found) == 1 else None
     if not isinstance(term, RigidBodyTerm):
         raise ValueError(
             "LieSolver needs one midlie_jax.RigidBodyTerm(body, torque) as its terms, got "
-            f"{' and '.join(type(x).__name__ for x in terms_found) or described(terms)}; add torques with "
-            "midlie_jax.torques.Sum. diffrax's own solvers take the same term."
+            f"{' and '.join(type(x).__name__ for x in terms_found) or described(terms)}; add torques "
+            "with midlie_jax.torques.Sum."
         )
     return term

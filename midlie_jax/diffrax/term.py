@@ -1,4 +1,4 @@
-"""`RigidBodyTerm`, the body and torque as a diffrax term, for `LieSolver` and for every ODE solver of diffrax.
+"""`RigidBodyTerm`, body and torque as a diffrax term, for `LieSolver` and every ODE solver of diffrax.
 
 The functions below the class are helpers shared by the subpackage, to convert between states, arrays and components.
 """
@@ -28,22 +28,20 @@ class Rates(NamedTuple):
     """The rates of change of a state, in two forms.
 
     Other solvers use `ambient`; `LieSolver` moves on the group and uses velocity and torque. Recovering these from the
-    ambient derivative would cost a division by the attitude, but no measurable accuracy, not even in float32
+    ambient derivative would need a division by the attitude, without measurable loss of accuracy, even in float32
     (`benchmarks/diffrax_pipeline.py float32`).
 
     Attributes:
-        ambient: the derivative of the state's arrays, as a state of the same class.
-        velocity: body-frame angular velocity (3,); for particles the velocity; for a body that travels, both. It always
-            has the form of the momentum.
-        torque: body-frame torque (3,), and likewise.
+        ambient: the derivative of the arrays of the state, as a state of the same class.
+        velocity: body-frame angular velocity (3,); for particles the velocity; for a body that translates, both. It
+            always has the form of the momentum.
+        torque: body-frame torque (3,), in the same form.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> rates = ml.RigidBodyTerm(body, torque).vf(0.0, start, None)
-        >>> rates.velocity, rates.torque[0].round(4)  # as LieSolver uses them
+        >>> rates.velocity, rates.torque[0].round(4)  # for LieSolver
         (Array([ 0.,  0., 50.], dtype=float64), Array(5.9104, dtype=float64))
-        >>> type(rates.ambient).__name__  # as other solvers do: the derivative of each array
+        >>> type(rates.ambient).__name__  # for other solvers: the derivative of each array
         'RigidState'
     """
 
@@ -57,17 +55,15 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
 
     Attributes:
         body: a `RigidBody`, `TensorBody`, `FreeBody`, `Rotor` or `Particles`.
-        torque: any callable `torque(t, state) -> (3,)` in the body frame, or None; on a body that travels it can return
-            a `Wrench`.
-        torque_of_args: instead of `torque`, a function that returns the torque (a callable or None) for diffrax's
-            `args`, for example `lambda args: ml.torques.HeavyTop(args["weight"])`.
+        torque: any callable `torque(t, state) -> (3,)` in the body frame, or None; for a body that translates it can
+            return a `Wrench`.
+        torque_of_args: instead of `torque`, a function from the `args` of diffrax to the torque (a callable or None),
+            for example `lambda args: ml.torques.HeavyTop(args["weight"])`.
 
     Raises:
         ValueError: both `torque` and `torque_of_args` are given, one of them is not callable, or `body` is not a body.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
-        >>> start = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
         >>> term = ml.RigidBodyTerm(body, torque)
         >>> term.vf(0.0, start, None).velocity  # the angular velocity
         Array([ 0.,  0., 50.], dtype=float64)
@@ -105,12 +101,10 @@ class RigidBodyTerm(diffrax.AbstractTerm[Any, Any]):
         return Rates(ambient_rate(y, velocity, force), cp.packed(velocity), cp.packed(force))
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> Any:
-        """The step t1 - t0."""
         del kwargs
         return t1 - t0
 
     def prod(self, vf: Rates, control: Any) -> Any:
-        """The step `control` times the derivative of the state's arrays."""
         return jax.tree.map(lambda x: jnp.asarray(control, x.dtype) * x, vf.ambient)
 
 
@@ -121,7 +115,7 @@ def ambient_rate(y: Any, velocity: Any, force: Any) -> Any:
 
 
 def unchecked(kind: type[AnyState], momentum: Any, pose: Any) -> Any:
-    """`kind.join`, traced and so unchecked: the class would reject derivatives of quaternions for their length."""
+    """`kind.join`, traced and thus unchecked: the class would reject derivatives of quaternions for their length."""
     return _joined(kind)(momentum, pose)
 
 
@@ -131,7 +125,7 @@ def _joined(kind: type[AnyState]) -> Any:
 
 
 def as_time(t: Any, y: Any) -> Array:
-    """The time t in the dtype of the state y, in which everything is computed."""
+    """The time t in the dtype of the state y, used for all computations."""
     return jnp.asarray(t).astype(y.momentum.dtype)
 
 
@@ -139,16 +133,15 @@ def check(body: Any, torque: Any, y: Any, method: Method | None = None) -> None:
     """Raises a ValueError unless state, body, torque and method fit each other and hold a single body."""
     if not isinstance(y, State):
         raise ValueError(
-            f"the state must be one such as midlie_jax.RigidState, got {described(y)}; the "
-            "backward pass of BacksolveAdjoint needs a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
+            f"the state must be one such as midlie_jax.RigidState, got {described(y)}; for "
+            "BacksolveAdjoint use a solver of diffrax: BacksolveAdjoint(solver=diffrax.Tsit5())."
         )
     if y.compensated:
         raise ValueError(
-            "diffrax adds the steps of a state itself and would lose the low parts of a CompensatedState: give diffrax "
-            "a RigidState, or use midlie_jax.integrate."
+            "diffrax would lose the low parts of a CompensatedState; use a RigidState, or midlie_jax.integrate."
         )
     if isinstance(y, SpinState):
-        raise ValueError("spins run in midlie_jax.integrate, ensemble and simulate, not in diffrax.")
+        raise ValueError("diffrax does not support spins; use midlie_jax.integrate, ensemble or simulate.")
     check_body(body, y)
     if method is not None:
         check_moves(method, body, y)

@@ -23,7 +23,7 @@ def verlet_limit(frequency: Any) -> Any:
     """The largest stable step of kick and flight under a field, h = 2 / omega.
 
     A body that librates about an axis with moment I in a field of stiffness k is the oscillator I x'' = -k x with
-    omega^2 = k / I. A flight adds h p / I to x, a kick subtracts h k x from p, and the step K_{h/2} F_h K_{h/2} has the
+    omega^2 = k / I. A flight adds h p / I to x, a kick subtracts h k x from p. The step K_{h/2} F_h K_{h/2} has the
     determinant 1 and the trace 2 - (h omega)^2. Both eigenvalues have the modulus 1 as long as the trace is between -2
     and 2. At h omega = 2 they meet at -1, and beyond, one of them is larger than 1 in modulus. The frequency of the
     numerical motion is then pi / h: two steps per period.
@@ -102,8 +102,8 @@ def _first(x: np.ndarray, beyond: np.ndarray) -> float:
 def top_limit(gyration: Any, frequency: Any) -> Any:
     """The largest stable step of kick and flight for a hanging top that spins about its axis of symmetry.
 
-    With I1 = I2, the tilt z = x + i y of the axis obeys z'' = i a z' - omega^2 z, where a = Pi3 / I1 is the frequency
-    of the free nutation, `gyration`, and omega is the frequency of the top without spin, omega^2 = m g l / I1. A flight
+    With I1 = I2, the tilt z = x + i y of the axis obeys z'' = i a z' - omega^2 z. Here a = Pi3 / I1 is the frequency of
+    the free nutation, `gyration`, and omega^2 = m g l / I1 the squared frequency of the top without spin. A flight
     multiplies z' by e = exp(i a h) and adds (e - 1) / (i a) times z' to z. A kick subtracts h omega^2 z from z'. The
     step has the determinant e and the trace 1 + e + i (e - 1) h omega^2 / a. Its eigenvalues, divided by exp(i phi)
     with phi = a h / 2, have the product 1 and the sum
@@ -164,7 +164,7 @@ def resonance(frequency: Any, k: Any = 1) -> Any:
 def resonance_half_width(field: Any, k: Any = 1) -> Any:
     """The largest difference of omega from pi / (k h) within which the resonance captures it, field / k.
 
-    Near the resonance of the harmonic n = 2 k the angle y = n x - 2 pi t / h changes slowly, and the kicks act on it as
+    Near the resonance of the harmonic n = 2 k the angle y = n x - 2 pi t / h changes slowly. The kicks act on it like
     the steady force of a pendulum, y'' = -f^2 sin y. Here f is the frequency `field` of small oscillations in this
     harmonic alone: x'' = -(f^2 / n) sin(n x). The separatrix of the pendulum is at y' = 2 f, so x' = omega is captured
     within 2 f / n.

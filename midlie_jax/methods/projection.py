@@ -188,7 +188,6 @@ def _about_axis(system: System, t0: Array, h: Array, start: AnyMotion) -> _Invar
 
 
 def _square(system: System, h: Array, start: AnyMotion) -> _Invariant:
-    """Half the square of the momentum."""
     inertia: Inertia = system.inertia
 
     def change(motion: AnyMotion) -> Array:

@@ -2,9 +2,8 @@
 
 Each is a palindrome of 22 flights with 21 kicks between them, so it has 11 different flights and 11 different kicks;
 the last is the kick at mid-step. A palindrome must satisfy 18 of the conditions of order 8, those of odd order. They
-refer to the Lie algebra of flights and kicks in which brackets with two kicks more than flights vanish, as for any
-force from a potential (McLachlan & Quispel, Splitting methods, Acta Numerica 11 (2002) 341). 22 coefficients leave four
-free.
+refer to the Lie algebra of flights and kicks for a force from a potential, in which brackets with two kicks more than
+flights vanish (McLachlan & Quispel, Splitting methods, Acta Numerica 11 (2002) 341). 22 coefficients leave four free.
 
 The tables were found for this package and are not published elsewhere; Blanes, Casas & Escorihuela-Tomas (2022, arXiv
 2202.01541) have similar ones. The conditions, each divided by the size of the coefficients to its degree, were solved

@@ -28,7 +28,7 @@ from .system import AnyMotion, Motion, System
 from .verdict import of_all, verdict
 
 # The largest number of operations in a loop over the batch. XLA divides longer loops and repeats their work: with 4000
-# operations in one loop, a step takes 40 times longer than in two loops of half that length. On a GPU longer kernels
+# operations in one loop, a step takes 40 times the time of two loops of half that length. On a GPU longer kernels
 # are also divided.
 _LONGEST_LOOP, _LONGEST_KERNEL = 2800, 2000
 _LONG_EVALUATION = 150  # operations from which a stage of a tableau has its own loop
@@ -39,8 +39,8 @@ _EVALUATIONS_IN_KERNEL = 16  # number of evaluations of a simple torque that fit
 class RungeKutta(Method):
     """The Runge-Kutta method of a formula. At the end of each step, one Newton step rescales the pose to unit length.
 
-    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula, or if a projection cannot
-    restore the energy to rounding because the step is too long.
+    A step reports False in `ok` if h |Omega| at its start exceeds the reach of the formula. It also does so if the step
+    is too long for a projection to restore the energy to rounding.
 
     Attributes:
         formula: the change of momentum and pose in a step.

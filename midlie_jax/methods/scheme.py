@@ -205,6 +205,5 @@ class Scheme:
 
 
 def own_scheme(name: str, order: int, stages: tuple[tuple[str, float], ...], source: str, **options: Any) -> Scheme:
-    """A scheme of this package, whose name is reserved."""
     _names.add(name)
     return Scheme(name, order, stages, source, known=True, **options)

@@ -283,7 +283,6 @@ class _Stages(NamedTuple):
         return self.system.of_members([motion for motion, _ in flown]), ok
 
     def _fly_one(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        """The flight of one body, or of bodies side by side."""
         rotated, ok = self._turn(a, *system.rotating(motion))
         moved = system.travelled(a * self.h, motion, rotated)
         if system.kind.apart:  # otherwise the flight would be repeated in the loop that checks the success of all
@@ -291,7 +290,6 @@ class _Stages(NamedTuple):
         return moved, of_all(ok)
 
     def _turn(self, a: Any, system: System, motion: AnyMotion) -> tuple[AnyMotion, Array | bool]:
-        """The flight of the rotation; for particles, their flight."""
         known = self.known.pop() if self.known else None
         if isinstance(self.flight, ExactFlight) and system.kind.has_pose:
             arguments = system.inertia, a * self.h, motion, self.h == 0, known

@@ -154,26 +154,22 @@ class System(NamedTuple):
         return split(tree) if self.costly else tree
 
     def motion(self, state: AnyState) -> AnyMotion:
-        """The motion of a state, in principal components."""
         motion: AnyMotion = Motion(*self.kind.parts_of(state))
         if self.frame is None:
             return motion
         return Motion(self.kind.vector_in(self.frame, motion.momentum), self.kind.pose_in(self.frame, motion.pose))
 
     def state(self, motion: AnyMotion) -> AnyState:
-        """The inverse of `motion`."""
         user_motion = self.in_user_axes(motion)
         return self.kind.join(user_motion.momentum, user_motion.pose)
 
     def in_user_axes(self, motion: Motion[P, Q]) -> Motion[P, Q]:
-        """A motion in principal components, converted to the user's components."""
         if self.frame is None:
             return motion
         pose = self.kind.pose_in(_opposite(self.frame), motion.pose)
         return Motion(self.vector_in_user_axes(motion.momentum), pose)
 
     def vector_in_user_axes(self, vector: Any) -> Any:
-        """A vector in principal components, converted to the user's components."""
         return vector if self.frame is None else self.kind.vector_in(_opposite(self.frame), vector)
 
     def velocity(self, momentum: P) -> P:
@@ -194,7 +190,6 @@ class System(NamedTuple):
         return [(system(i, inertia), Motion(p, q)) for i, (inertia, p, q) in parts]
 
     def of_members(self, motions: "list[AnyMotion]") -> AnyMotion:
-        """The motion of all bodies, from the results of `members`."""
         if not isinstance(self.inertia, Inertias):
             return motions[0]
         return Motion(tuple(m.momentum for m in motions), tuple(m.pose for m in motions))
@@ -219,7 +214,6 @@ class System(NamedTuple):
         return Motion(*self.kind.rates(self.inertia, h, motion.momentum, motion.pose, force))
 
     def pushed(self, motion: Motion[P, Q], change: P) -> Motion[P, Q]:
-        """The motion after the momentum changes by `change`."""
         return Motion(*self.kind.push(motion.momentum, motion.pose, change))
 
     def turned(self, pose: Q, increment: Any, h: Array) -> Q:
@@ -301,11 +295,9 @@ class System(NamedTuple):
         return self._vector(jax.tree.map(jnp.asarray, value))  # a torque may return constants
 
     def _vector(self, vector: Any) -> Any:
-        """A vector in principal components, from the user's components."""
         return vector if self.frame is None else self.kind.vector_in(self.frame, vector)
 
     def number(self, function: Callable[[Any, Any], Any], t: Array, motion: AnyMotion) -> Array:
-        """The number `function(t, state)`, such as a potential energy."""
         motion = self._torque_boundary(motion)
         value, _ = self.evaluate(lambda t, state: jnp.reshape(function(t, state), 1), t, motion)
         return self._torque_boundary(value[0])
@@ -332,7 +324,6 @@ def added(momentum: P, h: Array, force: P) -> P:
 
 
 def _opposite(frame: Any) -> Any:
-    """The conjugate of a quaternion, or of each quaternion of a tuple."""
     return tuple(map(cp.conjugate, frame)) if isinstance(frame[0], tuple) else cp.conjugate(frame)
 
 

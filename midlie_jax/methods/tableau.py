@@ -48,8 +48,6 @@ _FEW = 4  # stages that fit one loop under any torque
 
 
 def _total(weights: dict[int, float], changes: list[AnyMotion]) -> AnyMotion:
-    """The sum of the changes with these weights."""
-
     def entry(*entries: Any) -> Any:
         first, *rest = (c * change for c, change in zip(weights.values(), entries, strict=True))
         return sum(rest, start=first)

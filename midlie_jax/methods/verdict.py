@@ -66,5 +66,4 @@ def at_start(body: Any, finite: Array | bool = True, counted: Array | bool = Tru
 
 
 def is_fine(verdict: Array | bool) -> Array:
-    """Whether the step can be trusted."""
     return as_verdict(verdict) == FINE

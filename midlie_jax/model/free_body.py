@@ -39,7 +39,6 @@ class FreeInertia(NamedTuple):
     per_mass: Array
 
     def velocity(self, momentum: Momenta) -> Momenta:
-        """The angular velocity, and p / m."""
         return Momenta(self.rotation.velocity(momentum.angular), cp.scale(self.per_mass, momentum.linear))
 
     def commutator(self, force: Momenta) -> Momenta:

@@ -112,7 +112,6 @@ def as_faces(value: Any, vertices: int) -> np.ndarray:
 
 
 def require_area(areas: np.ndarray) -> None:
-    """Raises a ValueError if a face has no area."""
     flat = np.flatnonzero(~(areas > 0))
     if len(flat):
         raise ValueError(f"faces must have an area, but {len(flat)} have none: {_named(flat.tolist())}; remove them.")
@@ -149,8 +148,6 @@ def sphere(least: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _divided(a: np.ndarray, b: np.ndarray, c: np.ndarray, k: int) -> list[list[np.ndarray]]:
-    """A triangle divided into k^2 triangles."""
-
     def at(i: int, j: int) -> np.ndarray:
         return a + (b - a) * (i / k) + (c - a) * (j / k)
 

@@ -23,7 +23,6 @@ class RotorInertia(NamedTuple):
     inverse: Array
 
     def velocity(self, momentum: cp.Vector) -> cp.Vector:
-        """The angular velocity pi / I1 of the axis."""
         return cp.scale(self.inverse, momentum)
 
     def commutator(self, force: cp.Vector) -> cp.Vector:
@@ -56,9 +55,8 @@ class Rotor(Body):
             shape.
 
     Examples:
-        >>> top = ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0])))
-        >>> start = ml.AxisState.of(top)
-        >>> path = ml.integrate("SYMMETRIC[EA]", ml.Rotor(5.0), ml.torques.HeavyTop(20.0), start, dt=0.01, steps=100)
+        >>> top = ml.AxisState.of(start)
+        >>> path = ml.integrate("SYMMETRIC[EA]", ml.Rotor(5.0), torque, top, dt=0.01, steps=100)
         >>> path.states.axis.shape
         (101, 3)
     """

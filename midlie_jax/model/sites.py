@@ -197,7 +197,6 @@ def _arms(state: AnyState, points: Any) -> tuple[list[cp.Vector], cp.Columns | N
 
 
 def _columns(q: cp.Quaternion) -> cp.Columns:
-    """The columns of the rotation matrix of a unit quaternion."""
     w, x, y, z = q
     return (
         (w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)),

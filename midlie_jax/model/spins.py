@@ -72,7 +72,6 @@ class Spins(Body):
         return self.gyromagnetic if self.damping is None else self.gyromagnetic / (1 + self.damping**2)
 
     def check_lattice(self, lattice: tuple[int, ...]) -> None:
-        """Raises unless damping and gyromagnetic ratio fit a lattice of this shape."""
         require_lattice("damping", self.damping, lattice)
         require_lattice("gyromagnetic", self.gyromagnetic, lattice)
 

@@ -111,7 +111,6 @@ class State(eqx.Module, Generic[P, Q]):
 
     @classmethod
     def each_frame(cls, frame: Any, state: Any) -> Any:
-        """The frame of the user in the form of this class."""
         del state
         return frame
 
@@ -295,7 +294,6 @@ class State(eqx.Module, Generic[P, Q]):
         return jnp.concatenate([self._flat(a - b) for a, b in pairs], axis=-1)
 
     def _flat(self, leaf: Array) -> Array:
-        """An array with the axes of one body flattened into one."""
         return leaf.reshape(*leaf.shape[: leaf.ndim - self.own_axes], -1)
 
     def sizes(self) -> tuple[Array, ...]:

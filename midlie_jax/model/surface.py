@@ -267,7 +267,6 @@ class Surface(eqx.Module):
         return self._of(joined("areas"), joined("normals"), joined("centroids"), both)
 
     def _in_axes(self, axes: Array) -> "Surface":
-        """The surface in the frame whose axes are the columns."""
         solid = self.solid
         if solid is not None:
             solid = Solid(solid.volume, solid.centre @ axes, axes.T @ solid.spread @ axes)

@@ -100,7 +100,6 @@ class _Shape(NamedTuple):
 
     @property
     def period(self) -> Array:
-        """The period of the momentum in the body, for |L| = 1."""
         return 4 * complete(self.m1, jnp.ones_like(self.m1)) / self.rate
 
 
@@ -113,7 +112,6 @@ def _at(moments: cp.Vector, u: Array, short: Array) -> _Shape:
 
 
 def _ratio(moments: cp.Vector, u: Array, short: Array) -> Array:
-    """The rotation period over the precession period."""
     shape = _at(moments, u, short)
     return shape.precession * shape.period / (2 * pi)
 
@@ -245,7 +243,6 @@ def tumble(body: Body, state: AnyState) -> Tumble:
 
 @eqx.filter_jit
 def _tumble_of(principal: RigidBody, frame: Any, momentum: Array, attitude: Any) -> Tumble:
-    """`tumble` of checked arguments."""
     if frame is not None:
         momentum = cp.pack(cp.rotate_back(frame, cp.vector(momentum)))
         attitude = None if attitude is None else cp.pack(cp.multiply(cp.quaternion(attitude), frame))
@@ -370,7 +367,6 @@ def _shape_with(moments: cp.Vector, wanted: Array, short: Array) -> _Shape:
 
 
 def _unit(vector: Array) -> tuple[Array, Array]:
-    """The direction and the length of a vector."""
     unit, per_unit = power_of_two(jnp.max(jnp.abs(vector), axis=-1))
     vector = vector * per_unit[..., None]
     length = jnp.linalg.norm(vector, axis=-1)

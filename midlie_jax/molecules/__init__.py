@@ -1,6 +1,6 @@
-"""Files of molecules: a start from what other programs write, and trajectories for OVITO and VMD.
+"""Molecule files: initial states from files of other programs, and trajectories for OVITO and VMD.
 
-`read` needs the extra `molecules` (ase), `write_xyz` nothing. Lengths are nm, times ps, masses amu.
+`read` needs the extra `molecules` (ase), `write_xyz` nothing. Lengths are in nm, times in ps, masses in amu.
 """
 
 from .read import Molecules as Molecules

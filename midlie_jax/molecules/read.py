@@ -14,17 +14,17 @@ from ..model.sites import from_points
 from ..model.states import CoupledState
 
 _NM_PER_ANGSTROM = 0.1
-_RIGID = 0.01  # by how much, in nm, the atoms of a molecule may differ from those of the first
+_RIGID = 0.01  # the largest difference in nm between the atoms of a molecule and of the first
 
 
 class Molecules(NamedTuple):
     """N equal rigid molecules.
 
     Attributes:
-        body: one body that serves all; moments in amu nm^2.
+        body: one body for all molecules; moments in amu nm^2.
         points: the atoms of a molecule in its principal frame, (a, 3), nm.
         start: positions in nm, momenta in amu nm/ps and amu nm^2/ps; at rest if the file has no velocities.
-        box: the edges of the box, (3,), nm; zero where it is not periodic.
+        box: the edges of the box, (3,), nm; zero along axes that are not periodic.
         symbols: the chemical symbols of the atoms of a molecule.
 
     Examples:
@@ -43,15 +43,15 @@ class Molecules(NamedTuple):
 
 
 def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options: Any) -> Molecules:
-    """Reads molecules of `atoms` atoms each, which follow one another in the file.
+    """Reads molecules of `atoms` consecutive atoms each.
 
-    The shape of all molecules is that of the first. A molecule that crosses the border of a periodic box is put
-    together at its first atom. What its velocities say beyond a rigid motion is left out.
+    All molecules have the shape of the first. A molecule that crosses the border of a periodic box is joined at its
+    first atom. Only the rigid part of the velocities is used.
 
     Args:
-        file: in any format that ase reads, with positions in the units that ase takes them to have.
+        file: in any format of ase, with positions in the units that ase assumes.
         atoms: of a molecule, at least 3 and not on one line.
-        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements. Needed for LAMMPS data
+        masses: of the atoms of a molecule, (atoms,), amu; by default those of their elements. Required for LAMMPS data
             without a section Masses, where they also determine the elements.
         options: for `ase.io.read`, such as format="lammps-data", units="real".
 
@@ -60,8 +60,8 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
 
     Raises:
         ImportError: ase is not installed: pip install 'midlie_jax[molecules]'.
-        ValueError: the number of atoms is no multiple of `atoms`, the box is not rectangular, the molecules differ in
-            shape or elements, the atoms are on a line, or the file has neither elements nor masses.
+        ValueError: the number of atoms is not a multiple of `atoms`, the box is not rectangular, the molecules differ
+            in shape or elements, the atoms are on a line, or the file has neither elements nor masses.
 
     Examples:
         >>> from ase.build import molecule
@@ -77,20 +77,18 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     size = as_count("atoms", atoms)
     found: Any = io.read(str(file), **options)
     if len(found) % size or not len(found):
-        raise ValueError(f"{file} has {len(found)} atoms, which is no multiple of atoms ({size}).")
+        raise ValueError(f"{file} has {len(found)} atoms, which is not a multiple of atoms ({size}).")
     if _elements_unknown(found, options):
         if masses is None:
             raise ValueError(
-                f"{file} has no masses, so that ase takes the numbers of its types for elements "
-                f"({found[:size].symbols}); pass masses, add a section Masses, or pass Z_of_type={{1: 6, 2: 1}} with "
-                "the atomic number of each type."
+                f"{file} has no masses, so ase uses its type numbers as elements "
+                f"({found[:size].symbols}); pass masses, add a section Masses, or pass Z_of_type={{1: 6, "
+                f"2: 1}}."
             )
         found.numbers = _nearest_elements(np.resize(np.asarray(masses, float), len(found)))
     symbols = found.get_chemical_symbols()
     if symbols != symbols[:size] * (len(found) // size):
-        raise ValueError(
-            f"the molecules must be equal and follow one another, but the elements of {file} do not repeat."
-        )
+        raise ValueError(f"the molecules must be equal and consecutive, but the elements of {file} do not repeat.")
     box = _box(found)
     weights = np.asarray(found.get_masses()[:size] if masses is None else masses, float)
     places = np.asarray(found.get_positions()).reshape(-1, size, 3) * _NM_PER_ANGSTROM
@@ -99,8 +97,8 @@ def read(file: str | PathLike[str], atoms: int, *, masses: Any = None, **options
     body, points = from_points(weights, places[0])
     if not isinstance(body.body, RigidBody):
         raise ValueError(
-            "the atoms of a molecule are on a line, which read does not support; take the body from "
-            "midlie_jax.from_points, and make a midlie_jax.CoupledFreeAxisState of axes and positions."
+            "the atoms of a molecule are on a line, which read does not support; use "
+            "midlie_jax.from_points and a midlie_jax.CoupledFreeAxisState of axes and positions."
         )
     return Molecules(body, points, _start(weights, np.asarray(points), places, velocities), box, symbols[:size])
 
@@ -126,13 +124,13 @@ def _box(atoms: Any) -> np.ndarray:
 
 
 def _nearest(way: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Ways between nearest images."""
+    """Vectors between nearest images."""
     edges = np.where(box > 0, box, 1)
     return way - np.where(box > 0, edges * np.round(way / edges), 0)
 
 
 def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocities: np.ndarray) -> CoupledState:
-    """The rigid motion nearest to that of the atoms: attitudes by Kabsch's method, momenta by sums."""
+    """The rigid motion nearest to the motion of the atoms: attitudes by Kabsch's method, momenta by sums."""
     weights = masses[:, None] / masses.sum()
     position, velocity = np.sum(weights * places, axis=1), np.sum(weights * velocities, axis=1)
     arms = places - position[:, None]
@@ -143,7 +141,7 @@ def _start(masses: np.ndarray, points: np.ndarray, places: np.ndarray, velocitie
     missed = np.abs(np.einsum("nij,aj->nai", frames, points) - arms).max()
     if missed > _RIGID:
         raise ValueError(
-            f"the molecules differ in shape by {missed:.3g} nm, and rigid ones do not; give a file of rigid ones."
+            f"the molecules differ in shape by {missed:.3g} nm, but must be rigid; give a file of rigid molecules."
         )
     spin = np.einsum("a,nai->ni", masses, np.cross(arms, velocities - velocity[:, None]))
     momentum = np.einsum("nij,ni->nj", frames, spin)

@@ -23,21 +23,21 @@ def write_xyz(
 ) -> None:
     """Writes a frame for each saved state.
 
-    Without points a particle is a body, with its orientation as a quaternion (x, y, z, w), in the column by which OVITO
-    draws shapes. With points a particle is a site of a body, as molecular viewers draw it, and the column
-    `molecule` has the number of its body.
+    Without points a particle is a body, with its orientation as a quaternion (x, y, z, w), in the column that OVITO
+    uses for shapes. With points a particle is a site of a body, for molecular viewers, and the column `molecule` has
+    the number of its body.
 
     Args:
-        file: where to write; a file of this name is replaced.
-        path: of a run of a `CoupledState` (one replica): states with arrays (n, N, 3).
+        file: the file; an existing one is replaced.
+        path: from a run of a `CoupledState` (one replica): states with arrays (n, N, 3).
         points: the sites of each body in its frame, (a, 3), or None.
-        symbols: the chemical symbols of the sites, or one of all particles.
+        symbols: the chemical symbols of the sites, or one for all particles.
         box: the edges of a periodic box, (3,) or (), in the unit of length of the states; or None.
-        scale: Angstroms, in which viewers measure, per unit of length of the states: 10 for nm.
+        scale: Angstroms, the unit of viewers, per unit of length of the states: 10 for nm.
 
     Raises:
-        ValueError: the states are not those of coupled bodies that travel, or have more leading axes than the times; a
-            number of symbols that is not that of the points.
+        ValueError: the states are not coupled bodies that translate, or have more leading axes than the times; or the
+            number of symbols differs from the number of points.
 
     Examples:
         >>> from ase.build import molecule
@@ -48,7 +48,7 @@ def write_xyz(
     """
     states, times = path.states, np.asarray(path.times)
     if not getattr(states, "several", False) or not hasattr(states, "position") or states.position.ndim != 3:
-        raise ValueError("path must be that of one run of a CoupledState, with positions (n, N, 3).")
+        raise ValueError("path must come from one run of a CoupledState, with positions (n, N, 3).")
     if points is None and not hasattr(states, "attitude"):
         raise ValueError(f"a {type(states).__name__} has no attitude; give points on its axis.")
     per_body = 1 if points is None else len(points)
@@ -69,7 +69,6 @@ def write_xyz(
 
 
 def _rows(states: Any, frame: int, points: Any, scale: float) -> list[str]:
-    """The lines of the particles of a frame, without their symbols."""
     here = jax.tree.map(lambda x: x[frame], states)
     if points is None:
         w, *vector = np.asarray(here.attitude).T

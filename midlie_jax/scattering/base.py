@@ -1,4 +1,4 @@
-"""What every distribution is, and the checks of the arguments of distributions."""
+"""The interface of distributions, and the checks of their arguments."""
 
 from abc import abstractmethod
 from typing import Any
@@ -10,16 +10,16 @@ from jax import Array
 from .._checks.arguments import described, require, require_finite, shown
 from .._math.components import is_traced
 
-_ROUNDED = 1e-6  # how far correlations may be off, because numbers may have been rounded to float32
+_ROUNDED = 1e-6  # allowed error of correlations, because numbers may have been rounded to float32
 
 
 class Distribution(eqx.Module):
-    """How one quantity is scattered over the bodies.
+    """The distribution of one quantity over the bodies.
 
     Its arrays are the parameters. `midlie_jax.scatter` casts them to the dtype of the result before it draws.
 
     Examples:
-        >>> moments = ml.distributions.LogNormal([5.0, 5.0, 1.0], 0.1)  # one of the distributions
+        >>> moments = ml.distributions.LogNormal([5.0, 5.0, 1.0], 0.1)  # a distribution
         >>> ml.scatter(jax.random.key(0), 100, moments=moments)["moments"].shape
         (100, 3)
     """
@@ -29,7 +29,7 @@ class Distribution(eqx.Module):
         """The value of one body: an array, or a tree of arrays, without the axis of bodies.
 
         This method is mapped over blocks of bodies and compiled. XLA may round a long computation in one loop
-        differently on another number of threads; `RotationNear` shows how to divide the loop.
+        differently for another number of threads; `RotationNear` shows how to divide the loop.
 
         Args:
             key: the typed key of this quantity and body.
@@ -38,15 +38,15 @@ class Distribution(eqx.Module):
         """
 
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
-        """Raises a ValueError if one of these bodies has no value; `name` is that of the quantity."""
+        """Raises a ValueError if one of these bodies has no value; `name` is the name of the quantity."""
         del name, indices
 
 
 def as_numbers(name: str, value: Any) -> np.ndarray:
-    """`value` as a finite float64 array of NumPy, so that no digit depends on whether JAX's x64 is on.
+    """`value` as a finite float64 NumPy array, so that no digit depends on JAX's x64 setting.
 
     Raises:
-        ValueError: it is no array of finite numbers, or it is traced.
+        ValueError: it is not an array of finite numbers, or it is traced.
     """
     if is_traced(value):
         raise ValueError(f"{name} is traced; make distributions outside jit, vmap and grad.")
@@ -62,7 +62,6 @@ def as_numbers(name: str, value: Any) -> np.ndarray:
 
 
 def as_spread(name: str, value: Any) -> np.ndarray:
-    """A deviation: finite numbers of at least 0."""
     numbers = as_numbers(name, value)
     require(name, numbers, lambda x: x >= 0, "must not be negative", "pass the standard deviation, not its negative.")
     return numbers
@@ -70,12 +69,12 @@ def as_spread(name: str, value: Any) -> np.ndarray:
 
 def as_positive(name: str, value: Any) -> np.ndarray:
     numbers = as_numbers(name, value)
-    require(name, numbers, lambda x: x > 0, "must be positive", "take Normal for numbers of either sign.")
+    require(name, numbers, lambda x: x > 0, "must be positive", "use Normal for numbers of either sign.")
     return numbers
 
 
 def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The arrays, each repeated to their common shape.
+    """The arrays, each broadcast to their common shape.
 
     Raises:
         ValueError: there is no common shape.
@@ -85,17 +84,17 @@ def broadcast(**arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     except ValueError as error:
         shapes = " and ".join(f"{name} {x.shape}" for name, x in arrays.items())
         raise ValueError(
-            f"{shapes} do not fit together; give both one shape, or one of them a single number."
+            f"{shapes} do not fit together; give both one shape, or one of them as a single number."
         ) from error
 
 
 def covariance_root(covariance: Any, size: int, of: str) -> np.ndarray:
     """A matrix S with S S^T = covariance, which must be (size, size): deviations times a root of the correlations.
 
-    The covariance itself is not decomposed: rounding errors would be relative to its largest entry, and destroy the
+    The covariance itself is not decomposed, because rounding errors relative to its largest entry would destroy the
     small entries if the quantities differ much in size. The root of the correlations is the symmetric positive
-    semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root made of
-    eigenvectors alone has signs that depend on the program that finds them.
+    semi-definite one, which is unique. Cholesky's method fails for a semi-definite matrix, and a root from eigenvectors
+    alone has program-dependent signs.
 
     Raises:
         ValueError: the covariance has another shape, is not symmetric, or has a negative variance, a correlation beyond
@@ -134,8 +133,7 @@ def _deviations_and_correlations(covariance: np.ndarray) -> tuple[np.ndarray, np
     varies = (deviations > 0)[:, None] & (deviations > 0)
     for i, k in np.argwhere(~varies & (covariance != 0)):
         raise ValueError(
-            f"covariance[{i}, {k}] is {covariance[i, k]:.3g}, but a variance is zero there, and what does not vary "
-            "has no correlations; pass 0."
+            f"covariance[{i}, {k}] is {covariance[i, k]:.3g}, but a variance is zero there, so it must be 0; pass 0."
         )
     if np.any(np.abs(correlations - correlations.T) > _ROUNDED):
         raise ValueError(
@@ -143,7 +141,7 @@ def _deviations_and_correlations(covariance: np.ndarray) -> tuple[np.ndarray, np
         )
     for i, k in np.argwhere(np.abs(correlations) > 1 + _ROUNDED):
         raise ValueError(
-            f"covariance[{i}, {k}] is {covariance[i, k]:.3g}, a correlation of {correlations[i, k]:.3g}; it must not "
-            "exceed the product of its two deviations."
+            f"covariance[{i}, {k}] is {covariance[i, k]:.3g}, a correlation of "
+            f"{correlations[i, k]:.3g}; it must not exceed the product of the two deviations."
         )
     return deviations, (correlations + correlations.T) / 2

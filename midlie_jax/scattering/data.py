@@ -1,4 +1,4 @@
-"""Distributions made of data: a row of an array at random, or the row that belongs to the body; and of keys."""
+"""Distributions from data: a random row of an array, or the row of the body; and random keys."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ def _as_table(values: Any) -> np.ndarray:
 class Rows(Distribution):
     """A row of measured data, drawn with replacement and with equal probabilities: the bootstrap.
 
-    Quantities that belong together must be columns of one array; otherwise their rows are drawn independently.
+    Correlated quantities must be columns of one array; otherwise their rows are drawn independently.
 
     Args:
         values: (m, ...), m rows of any shape.
@@ -29,7 +29,7 @@ class Rows(Distribution):
         ValueError: the values have no rows, or are not finite numbers.
 
     Examples:
-        >>> measured = np.array([[1.0, 0.1], [2.0, 0.3], [3.0, 0.2]])  # columns that belong together
+        >>> measured = np.array([[1.0, 0.1], [2.0, 0.3], [3.0, 0.2]])  # correlated columns
         >>> ml.scatter(jax.random.key(0), 1000, sizes=ml.distributions.Rows(measured))["sizes"].shape
         (1000, 2)
     """
@@ -45,7 +45,7 @@ class Rows(Distribution):
 
 
 class Each(Distribution):
-    """Row k for body k; nothing is drawn. Use it for values that are known, or that another program has drawn.
+    """Row k for body k; nothing is drawn. Use it for given values, or for values drawn by another program.
 
     Args:
         values: (m, ...), one row for each body.
@@ -69,8 +69,8 @@ class Each(Distribution):
     def check_bodies(self, name: str, indices: np.ndarray) -> None:
         if indices.size and indices.max() >= len(self.values):
             raise ValueError(
-                f"{name} has {len(self.values)} rows, but there is a body {indices.max()} (bodies count from 0); give "
-                "Each one row for every body, or take Rows to draw rows at random."
+                f"{name} has {len(self.values)} rows, but there is a body {indices.max()} (counted from "
+                "0); give Each one row per body, or use Rows to draw rows at random."
             )
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
@@ -83,7 +83,7 @@ class Key(Distribution):
 
     Examples:
         >>> drawn = ml.scatter(jax.random.key(0), 100, bath=ml.distributions.Key())
-        >>> drawn["bath"].shape  # for the `key` of a heat bath, another for each body
+        >>> drawn["bath"].shape  # for the `key` of a heat bath, one for each body
         (100,)
     """
 

@@ -1,7 +1,7 @@
-"""The distributions of `midlie_jax.scatter`, all in one place: `midlie_jax.distributions`.
+"""`midlie_jax.distributions`: the distributions for `midlie_jax.scatter`.
 
-Each is checked when it is made, and has no randomness of its own: the key of `scatter` decides all draws. A subclass of
-`Distribution` with a method `draw(key, body, dtype)` is a distribution, too.
+Each is checked on construction and holds no random state: the key of `scatter` determines all draws. A subclass of
+`Distribution` with a method `draw(key, body, dtype)` is also a distribution.
 """
 
 from .base import Distribution as Distribution

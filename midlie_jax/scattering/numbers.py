@@ -1,4 +1,4 @@
-"""Distributions of numbers and vectors: normal, log-normal, uniform, and several quantities that are correlated."""
+"""Distributions of numbers and vectors: normal, log-normal, uniform, and correlated quantities."""
 
 from collections.abc import Mapping
 from math import prod
@@ -14,10 +14,10 @@ from .base import Distribution, as_numbers, as_positive, as_spread, broadcast, c
 
 
 class Normal(Distribution):
-    """Normal numbers, independent with a `deviation` each, or one vector with a covariance matrix.
+    """Normal numbers, either independent with a `deviation` each, or one vector with a covariance matrix.
 
     Attributes:
-        mean: numbers of any shape, which is the shape of a draw.
+        mean: numbers of any shape, the shape of a draw.
         deviation: standard deviations, of the shape of `mean`; None with a covariance.
         root: a matrix S with S S^T = covariance, (d, d); None with deviations.
 
@@ -50,8 +50,8 @@ class Normal(Distribution):
             return
         if self.mean.ndim != 1:
             raise ValueError(
-                f"mean must be a vector (d,) where a covariance is given, got shape {self.mean.shape}; for several "
-                "quantities take Joint."
+                f"mean must be a vector (d,) with a covariance, got shape {self.mean.shape}; for several "
+                "quantities use Joint."
             )
         self.root = covariance_root(covariance, self.mean.size, "the mean")
 
@@ -61,7 +61,7 @@ class Normal(Distribution):
         if self.deviation is not None:
             return jnp.asarray(self.mean) + self.deviation * standard
         assert self.root is not None
-        # Summed column by column, because in a matrix product the sequence of additions depends on the number of rows.
+        # Summed column by column, because a matrix product adds in an order that depends on the number of rows.
         total = jnp.asarray(self.mean)
         for column in range(self.mean.size):
             total = total + self.root[:, column] * standard[column]
@@ -72,7 +72,7 @@ class LogNormal(Distribution):
     """Positive numbers whose logarithms are normal: masses, moments, coefficients.
 
     Attributes:
-        median: numbers of any shape, which is the shape of a draw.
+        median: numbers of any shape, the shape of a draw.
         log_deviation: standard deviations of the natural logarithm.
 
     Args:
@@ -106,7 +106,7 @@ class Uniform(Distribution):
     """Numbers between two bounds, independent and each uniform.
 
     Attributes:
-        low, width: the lower bounds and how far the upper ones are above them, of the shape of a draw.
+        low, width: the lower bounds, and the upper bounds minus the lower ones, in the shape of a draw.
 
     Args:
         low, high: numbers of any shape, low <= high; a single number holds for all. By rounding, `high` itself can be
@@ -136,20 +136,20 @@ class Uniform(Distribution):
 
 
 class Joint(Distribution):
-    """Several quantities that are normal together, with the correlations of one covariance matrix.
+    """Several jointly normal quantities, with the correlations of one covariance matrix.
 
     A draw is a dictionary with the names and shapes of the mean.
 
     Attributes:
         normal: the distribution of all numbers, in the order of `mean`, arrays row by row.
-        names, shapes: those of the quantities.
+        names, shapes: of the quantities.
 
     Args:
         mean: a dictionary of names and means, each of any shape.
         covariance: (d, d), symmetric positive semi-definite, of all d numbers in the order of `mean`.
 
     Raises:
-        ValueError: the mean is no dictionary or is empty, or as for `Normal`.
+        ValueError: the mean is not a dictionary or is empty, or as for `Normal`.
 
     Examples:
         >>> both = ml.distributions.Joint({"mass": 3.0, "drag": 1.2}, covariance=[[0.04, 0.01], [0.01, 0.09]])

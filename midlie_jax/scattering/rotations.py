@@ -19,7 +19,7 @@ def _direction(key: Array, size: int, dtype: Any) -> Array:
     """A uniform point of the unit sphere in `size` dimensions: normal numbers have no preferred direction."""
     normal = jax.random.normal(key, (size,), dtype)
     square = normal[0] * normal[0]
-    for n in range(1, size):  # one by one, because the compiler chooses the sequence of a sum over an axis
+    for n in range(1, size):  # in sequence, because the compiler chooses the order of a sum over an axis
         square = square + normal[n] * normal[n]
     return normal / jnp.sqrt(square).reshape(1)
 
@@ -67,10 +67,10 @@ class Rotation(Distribution):
 
 
 class RotationNear(Distribution):
-    """An attitude (4,) near a mean one: mean * exp(error) with a normal rotation vector `error` in the body frame.
+    """An attitude (4,) near a mean attitude: mean * exp(error) with a normal rotation vector `error` in the body frame.
 
-    This is the model of errors of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond
-    pi wrap around, so it is meant for deviations well below one radian.
+    This is the error model of attitude filters (F. L. Markley, J. Guid. Control Dyn. 26 (2003) 311). Errors beyond pi
+    wrap around, so use deviations well below one radian.
 
     Attributes:
         attitude: the mean, a unit quaternion (4,).
@@ -82,7 +82,7 @@ class RotationNear(Distribution):
         covariance: (3, 3) of the rotation vector, in place of the deviation.
 
     Raises:
-        ValueError: the attitude is no unit quaternion (4,), or as for `Normal`.
+        ValueError: the attitude is not a unit quaternion (4,), or as for `Normal`.
 
     Examples:
         >>> near = ml.distributions.RotationNear([1.0, 0.0, 0.0, 0.0], deviation=0.01)  # radians
@@ -104,7 +104,7 @@ class RotationNear(Distribution):
             raise ValueError(f"deviation must be one number or (3,), got shape {self.error.mean.shape}.")
 
     def draw(self, key: Array, body: Array, dtype: Any) -> Array:
-        # In one loop XLA would draw the vector anew for each component of the quaternion.
+        # In one loop XLA would draw the vector again for each component of the quaternion.
         error = split(cp.vector(self.error.draw(key, body, dtype)))
         turn = split(cp.quaternion(so3.exp(cp.pack(error))))
         return cp.pack(cp.multiply(cp.quaternion(jnp.asarray(self.attitude)), turn))

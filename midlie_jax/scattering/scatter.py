@@ -1,9 +1,9 @@
-"""`scatter`: random inputs of an ensemble; a body's draw does not depend on where or with which others it is made.
+"""`scatter`: random inputs of an ensemble; the draw of a body does not depend on the other bodies or the order.
 
-The key of a draw is made of the user's key, a hash of the quantity's name and the index of the body, so that no draw
-depends on the sequence of draws. Random bits are integers, which every program computes alike. But the functions that
-make normal numbers of them round, and XLA rounds differently in programs for other numbers of rows. So all bodies go
-through one compiled program, in blocks of one size; a block that is not full is padded.
+The key of a draw combines the user's key, a hash of the name of the quantity and the index of the body. No draw depends
+on the sequence of draws. Random bits are integers, the same in every program. However, the functions that make normal
+numbers from them round, and XLA rounds differently in programs for other numbers of rows. All bodies therefore go
+through one compiled program, in blocks of one size; an incomplete block is padded.
 """
 
 from collections.abc import Iterator
@@ -28,11 +28,11 @@ _MOST = 2**32  # the most bodies: indices have 32 bits
 def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> dict[str, Any]:
     """Draws random inputs for the bodies of an ensemble.
 
-    The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype. So body k
-    is the same whatever other bodies and quantities are drawn, and a process or group that holds the bodies from i to
-    j - 1 draws just these: `scatter(key, range(i, j), ...)` are those rows of `scatter(key, n, ...)`, bit for bit. This
-    holds for one kind of processor and one version of JAX; others may round some draws differently. If Monte Carlo runs
-    should not share draws, give each run its own key (`jax.random.split`).
+    The draw of body k depends only on the key, the name of the quantity, k, the distribution and the dtype, and not on
+    other bodies and quantities. A process or group that holds the bodies i to j - 1 draws only these: `scatter(key,
+    range(i, j), ...)` equals these rows of `scatter(key, n, ...)`, bit for bit. This holds for one kind of processor
+    and one version of JAX; others may round some draws differently. For independent Monte Carlo runs, give each run its
+    own key (`jax.random.split`).
 
     Args:
         key: a typed key, `jax.random.key(seed)`, of JAX's default generator threefry.
@@ -63,8 +63,9 @@ def scatter(key: Any, bodies: Any, *, dtype: Any = None, **quantities: Any) -> d
     for name, distribution in quantities.items():
         if not isinstance(distribution, Distribution):
             raise ValueError(
-                f"{name} must be a distribution of midlie_jax.distributions, got {described(distribution)}; take Each "
-                "for one given value a body, and leave out what all bodies share."
+                f"{name} must be a distribution of midlie_jax.distributions, got "
+                f"{described(distribution)}; use Each for one given value per body, and leave out values "
+                "shared by all bodies."
             )
         distribution.check_bodies(name, indices)
         drawn[name] = _drawn(name, distribution, key, indices, name_of_dtype)
@@ -84,7 +85,6 @@ def _drawn(name: str, distribution: Distribution, key: Array, indices: np.ndarra
 
 @partial(jax.jit, static_argnames="dtype")
 def _block(distribution: Distribution, key: Array, indices: Array, dtype: str) -> Any:
-    """The draws of one block of bodies."""
     return jax.vmap(lambda body: distribution.draw(jax.random.fold_in(key, body), body, dtype))(indices)
 
 
@@ -112,20 +112,19 @@ def _key_of(key: Array, name: str) -> Array:
 
 def _check_key(key: Any) -> None:
     if is_traced(key):
-        raise ValueError("key is traced; call scatter outside jit, vmap and grad, and pass what it returns.")
+        raise ValueError("key is traced; call scatter outside jit, vmap and grad, and pass its result.")
     if not is_key(key) or key.shape != ():
         raise ValueError(f"key must be one typed key, got {described(key)}; make it with jax.random.key(0).")
     if "threefry" not in str(jax.random.key_impl(key)):
         raise ValueError(
-            f"key must be of the generator threefry2x32, got {jax.random.key_impl(key)}: other generators give a batch "
-            "of bodies other numbers than each body by itself; make it with jax.random.key(0, impl='threefry2x32')."
+            f"key must be of the generator threefry2x32, got {jax.random.key_impl(key)}, whose "
+            "numbers depend on the batch; make it with jax.random.key(0, impl='threefry2x32')."
         )
 
 
 def _indices(bodies: Any) -> np.ndarray:
-    """The indices of the bodies as int64."""
     if is_traced(bodies):
-        raise ValueError("bodies is traced; call scatter outside jit, vmap and grad, and pass what it returns.")
+        raise ValueError("bodies is traced; call scatter outside jit, vmap and grad, and pass its result.")
     wanted = "bodies must be a positive number of bodies, or their indices as a range or integers (n,)"
     try:
         count = None if isinstance(bodies, (bool, np.bool_, Array)) else index(bodies)
@@ -133,7 +132,7 @@ def _indices(bodies: Any) -> np.ndarray:
         count = None
     if count is not None:
         if not 1 <= count <= _MOST:
-            raise ValueError(f"{wanted}, got {count}; at least 1 and at most 2^32 bodies are possible.")
+            raise ValueError(f"{wanted}, got {count}; give 1 to 2^32 bodies.")
         return np.arange(count)
     indices = np.asarray(bodies)
     if isinstance(bodies, bool) or indices.ndim != 1 or (indices.size and indices.dtype.kind not in "iu"):

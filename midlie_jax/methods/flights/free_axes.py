@@ -60,7 +60,6 @@ class Labels(NamedTuple):
 
 
 def _rolled(forward: Array, backward: Array, v: cp.Vector) -> cp.Vector:
-    """The components counted from the next or from the previous one."""
     x, y, z = v
     return (
         jnp.where(forward, y, jnp.where(backward, z, x)),

@@ -172,7 +172,6 @@ class Orbit(NamedTuple):
 
 
 def _doubled(constants: tuple[Modulus, Array, Array], carry: tuple[Point, Complex | None]) -> Any:
-    """The elliptic functions and half the angle at twice the time."""
     (modulus, n, root), (point, half_angle) = constants, carry
     twice = modulus.doubled(point)
     if half_angle is None:

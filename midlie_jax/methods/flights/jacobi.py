@@ -1,7 +1,7 @@
 """The exact flight of any body in closed form: Jacobi's solution by addition theorems.
 
 The components of the momentum are elliptic functions of time. By their addition theorems, the components after a step
-are rational in the components before the step and in functions of the step alone, so no inverse elliptic function is
+are rational in the components before the step and in functions of the step alone. No inverse elliptic function is
 needed. The angle about the spatial momentum is an elliptic integral of the third kind. Its addition theorem leaves a
 function of the step and the argument of a complex number that is rational as well. The formulas need no sorting of the
 moments and have no special case at the separatrix or for equal moments. They use only three short sums in the
@@ -20,8 +20,8 @@ roots e_l satisfy a_m a_n Pi_l(t)^2 = wp(t - t0) - e_l:
     M = D |Pi|^2 + Pi . N,    |Z|^2 = V M^2
 
 The rotation of the body is the shortest rotation between the two momenta, combined with a rotation about Pi by the
-angle above. Because |F Z| = V M contains no square root, the sine and cosine of half the angle contain none either,
-except in a common factor that the normalisation of the quaternion removes.
+angle above. Because |F Z| = V M contains no square root, the sine and cosine of half the angle contain one only in a
+common factor. The normalisation of the quaternion removes it.
 
 C. G. J. Jacobi, J. reine angew. Math. 39 (1850) 293; R. van Zon, J. Schofield, J. Comput. Phys. 225 (2007) 145;
 E. Celledoni, F. Fasso, N. Safstrom, A. Zanna, SIAM J. Sci. Comput. 30 (2008) 2084. These papers evaluate the

@@ -40,8 +40,6 @@ class LieMidpoint(JudgedFlight):
     the start exceeds 12 radians.
 
     Examples:
-        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
-        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
         >>> turn, change, ok = ml.flights.LieMidpoint()(inertia, jnp.array(0.1), momentum)
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
@@ -94,7 +92,6 @@ def _root_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
 
 
 def _solve(quadruple: cp.Vector, y: cp.Vector) -> tuple[cp.Vector, Array]:
-    """The root u, and whether the solve converged."""
     u = cp.scale(0.5, free_start(cp.scale(0.5, quadruple), y))
     first, more = STEPS[str(y[0].dtype)]
     u, converged = _improve(quadruple, y, u, _plain_columns(quadruple, y, u), first, exact=False)

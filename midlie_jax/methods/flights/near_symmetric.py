@@ -43,7 +43,6 @@ class NearSymmetric(JudgedFlight):
     reach: ClassVar[float] = WIDEST_TURN
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
-        """The larger rate of the two rotations of the symmetric flight."""
         return larger_rate(inertia.inverses[1], inertia.inverses[2], momentum)
 
     def judged(self, inertia: Inertia, h: Array, momentum: cp.Vector) -> tuple[cp.Quaternion, cp.Vector, Array]:

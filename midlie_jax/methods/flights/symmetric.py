@@ -97,7 +97,6 @@ class Symmetric(ExactFlight):
     def tangent(
         self, inertia: Inertia, h: Array, momentum: cp.Vector, flown: Flown, changes: Changes
     ) -> tuple[cp.Vector, cp.Vector, Functions]:
-        """The tangent, with first derivatives that allow the moments to become unequal."""
         inertia = _first_derivatives_only(inertia)
         numbering = _Numbering.of(inertia.inverses, self.axis)
         spin, gap = numbering.renumbered(inertia.spins)[0], numbering.renumbered(inertia.gaps)[0]
@@ -111,7 +110,6 @@ class Symmetric(ExactFlight):
         return numbering.restored(change), numbering.restored(chi), functions
 
     def turn_rate(self, inertia: Inertia, momentum: cp.Vector) -> Array:
-        """The larger rate of the two rotations."""
         numbering = _Numbering.of(inertia.inverses, self.axis)
         inverses = numbering.renumbered(inertia.inverses)
         return larger_rate(inverses[0], inverses[2], numbering.renumbered(momentum))
@@ -141,11 +139,9 @@ class _Numbering(NamedTuple):
         return cls(~third & first, ~third & ~first & _equal(c, a))
 
     def renumbered(self, v: cp.Vector) -> cp.Vector:
-        """The components of v with the new numbers of the axes."""
         return self._select((v[1], v[2], v[0]), (v[2], v[0], v[1]), v)
 
     def restored(self, v: cp.Vector) -> cp.Vector:
-        """The inverse of `renumbered`."""
         return self._select((v[2], v[0], v[1]), (v[1], v[2], v[0]), v)
 
     def _select(self, first: cp.Vector, second: cp.Vector, third: cp.Vector) -> cp.Vector:
@@ -181,7 +177,6 @@ def symmetric_turn(
 
 
 def larger_rate(a: Array, c: Array, momentum: cp.Vector) -> Array:
-    """The larger of the rates of the two rotations of `symmetric_turn`."""
     return jnp.maximum(a * cp.norm(momentum), abs((c - a) * momentum[2]))
 
 

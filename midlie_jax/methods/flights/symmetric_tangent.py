@@ -122,7 +122,6 @@ class Turning(NamedTuple):
         return chi, self.functions.tangent(self.angle / 2, square, angle / 2, 2 * growth)
 
     def _turned(self, vector: cp.Vector) -> cp.Vector:
-        """The vector, turned by -b."""
         return cp.rotate_back_about(2, self.functions.cosine, self.angle / 2 * self.functions.sinc, vector)
 
     def _whole_angle(self) -> tuple[Array, Array, Array]:
@@ -132,7 +131,6 @@ class Turning(NamedTuple):
         return cosine * sinc, 0.5 * sinc * sinc, three
 
     def _gradient(self) -> cp.Vector:
-        """The gradient of K with respect to the momentum."""
         x, y, _ = self.scaled
         sinc, two, three = self._whole_angle()
         u, v, _ = self._turned(self.scaled)  # z exp(-i b)
@@ -141,6 +139,5 @@ class Turning(NamedTuple):
 
 
 def _third_axis(q: cp.Quaternion) -> cp.Vector:
-    """The axis e3 turned by q: the last column of its matrix."""
     w, x, y, z = q
     return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)

@@ -49,8 +49,6 @@ class SymplecticMidpoint(_Generated):
     at the start exceeds 12 radians.
 
     Examples:
-        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
-        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
         >>> turn, change, ok = ml.flights.SymplecticMidpoint()(inertia, jnp.array(0.1), momentum)
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)
@@ -72,8 +70,6 @@ class SymplecticMidpoint4(_Generated):
     slender bodies.
 
     Examples:
-        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
-        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
         >>> turn, change, ok = ml.flights.SymplecticMidpoint4()(inertia, jnp.array(0.1), momentum)
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)

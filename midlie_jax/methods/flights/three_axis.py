@@ -25,8 +25,6 @@ class ThreeAxis(JudgedFlight):
     The flight reports False in `ok` if it rotates by more than 2.4 radians about one axis.
 
     Examples:
-        >>> momentum = ml.flights.components.vector(jnp.array([1.0, 0.8, -1.3]))  # a tuple of scalars
-        >>> inertia = ml.RigidBody([1.0, 2.0, 2.5]).inertia()
         >>> turn, change, ok = ml.flights.ThreeAxis()(inertia, jnp.array(0.1), momentum)
         >>> jnp.stack(turn).round(4), bool(ok)
         (Array([ 0.9982,  0.0502,  0.019 , -0.0264], dtype=float64), True)

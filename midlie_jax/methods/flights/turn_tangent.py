@@ -63,12 +63,10 @@ class Changes(NamedTuple):
 
 
 def is_zero(tangent: Any) -> bool:
-    """Whether a tangent is a symbolic zero."""
     return isinstance(tangent, SymbolicZero)
 
 
 def with_zeros(tangents: Any, primals: Any) -> Any:
-    """The tangents, with arrays of zeros in place of symbolic zeros."""
     return jax.tree.map(lambda t, p: jnp.zeros_like(p) if is_zero(t) else t, tangents, primals, is_leaf=is_zero)
 
 

@@ -65,12 +65,10 @@ class CheckeredState(SpinState):
 
 @lru_cache(maxsize=256)
 def checkered_kind(lattice: tuple[int, ...]) -> type[CheckeredState]:
-    """The kind of state for a lattice of this shape."""
     return type("CheckeredState", (CheckeredState,), {"lattice": lattice, "__module__": __name__})
 
 
 def _row(lattice: tuple[int, ...]) -> tuple[int, ...]:
-    """The shape of a row before flattening."""
     return *lattice[:-1], lattice[-1] // 2
 
 
@@ -131,7 +129,6 @@ class Checkered(eqx.Module):
             return x, y, z
 
         def moved(axis: int, step: int) -> cp.Vector:
-            """The entries one site further along an axis of the row."""
             stride = prod(row[axis + 1 :])
             if axis == 0:
                 return at(step * stride)
@@ -152,7 +149,6 @@ class Checkered(eqx.Module):
         return near
 
     def field(self, system: System, number: int, t: Array, rows: tuple[cp.Vector, cp.Vector]) -> cp.Vector:
-        """The field on a row."""
         own, other = rows[number], rows[1 - number]
         axes, total = len(self.lattice), cp.scale(0, own)
         near = cache(partial(self.near, number=number, other=other, t=t))  # fields with the same edges share it

@@ -131,7 +131,6 @@ def _iterated(function: Any, x: Any) -> tuple[Any, Array]:
 
 
 def _apart(x: Any, y: Any) -> Array:
-    """The largest difference over the largest number of y."""
     difference = [jnp.max(jnp.abs(a - b)) for a, b in zip(jax.tree.leaves(x), jax.tree.leaves(y), strict=True)]
     size = [jnp.max(jnp.abs(b)) for b in jax.tree.leaves(y)]
     largest, scale = difference[0], size[0]

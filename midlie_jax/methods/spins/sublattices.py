@@ -307,12 +307,10 @@ def _count(body: Any, terms: list[Any], lattice: tuple[int, ...]) -> int:
 
 
 def _labels(body: Any, lattice: tuple[int, ...]) -> Any:
-    """The sublattice of each spin, (*lattice)."""
     return checkerboard(lattice).astype(np.int8) if body.sublattices is None else body.sublattices
 
 
 def _check_neighbours(term: NeighbourField, body: Spins, lattice: tuple[int, ...]) -> None:
-    """Raises if neighbours along an axis belong to one sublattice."""
     if cp.is_traced(body.sublattices):
         return
     for axis, size in enumerate(lattice):
@@ -327,7 +325,6 @@ def _check_neighbours(term: NeighbourField, body: Spins, lattice: tuple[int, ...
 
 
 def _have_same(labels: np.ndarray, axis: int, closes: bool) -> bool:
-    """Whether there are neighbours along an axis with the same label."""
     same = labels == np.roll(labels, -1, axis)
     return bool(np.any(same if closes else np.delete(same, -1, axis)))
 

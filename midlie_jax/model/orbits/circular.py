@@ -66,7 +66,6 @@ class CircularOrbit(Orbit):
         self.rate = jnp.sqrt(units.of_mu * mu / square[..., 0] ** 1.5) * units.per_time
 
     def known(self) -> tuple[Array, Array]:
-        """Position and velocity at t = 0."""
         return self.position, self.across * self.rate[..., None]
 
     def __call__(self, t: Any) -> Float[Array, "*batch 3"]:
@@ -81,7 +80,6 @@ def _scaled(vector: Array) -> Array:
 
 
 def _require_across(direction: Array, across: Array) -> None:
-    """Raises if the direction has no part across the position beyond rounding."""
     if cp.is_traced(across):
         return
     least = 16 * jnp.finfo(across.dtype).eps * jnp.linalg.norm(direction, axis=-1)

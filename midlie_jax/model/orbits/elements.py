@@ -69,7 +69,6 @@ def of_elements(
 
 
 def _is_inclination(angle: np.ndarray) -> Any:
-    """Whether an angle is between 0 and pi, up to rounding."""
     return (angle >= -_ROUNDED) & (angle <= np.pi + _ROUNDED)
 
 

@@ -27,9 +27,9 @@ class KeplerOrbit(Orbit):
     and no branches (R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), section 4.5).
     The result is the exact orbit of inputs (position, velocity, mu, time) perturbed by a few eps, so the relative error
     is a few eps times the sensitivity of the orbit. From the periapsis, where `from_elements` starts, the error is a
-    few eps out to 1e4 times the distance of the periapsis, and some eps per revolution on an ellipse. The first three
-    derivatives with respect to time, and the derivatives with respect to the inputs, are equally accurate, including on
-    a circle and on a parabola.
+    few eps out to 1e4 times its distance. On an ellipse it is some eps per revolution. The first three derivatives with
+    respect to time, and the derivatives with respect to the inputs, are equally accurate, including on a circle and on
+    a parabola.
 
     Attributes:
         position: the position at the epoch, (3,), length.
@@ -159,7 +159,6 @@ class _Orbit(NamedTuple):
 
     @classmethod
     def of(cls, position: cp.Vector, velocity: cp.Vector, mu: Array) -> "_Orbit":
-        """The orbit with this position and velocity at its epoch."""
         stop = jax.lax.stop_gradient
         units = Units.of(position, mu)
         position, velocity = cp.scale(units.per_length, position), cp.scale(units.per_speed, velocity)
@@ -200,7 +199,6 @@ class _Orbit(NamedTuple):
         return cls(here, place, speed, since, per_r, rate, q, eccentricity, stop(alpha))
 
     def at(self, t: Array) -> cp.Vector:
-        """The position at a time since the epoch."""
         stop = jax.lax.stop_gradient
         time = self._within_a_turn(self.rate * t + self.since)
         place, known, constant = self.place, stop(self.place), stop(time)

@@ -29,7 +29,6 @@ class Units(NamedTuple):
 
     @classmethod
     def of(cls, position: cp.Vector, mu: Array) -> "Units":
-        """The units for a position and a mu of one dtype."""
         n, of_mu = exponent(cp.largest(position)), exponent(mu)
         time = (3 * n - of_mu) // 2
         powers: Any = (n, -n, -time, time - n, 2 * time - 3 * n)

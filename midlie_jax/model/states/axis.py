@@ -42,7 +42,6 @@ class Swing(NamedTuple):
 
     @classmethod
     def of(cls, vector: cp.Vector, square: Array, cosine: Array, sinc: Array) -> "Swing":
-        """The rotation, from |u|^2, cos |u| and sin |u| / |u|."""
         double = sinc + sinc
         return cls(vector, square, double * cosine, double * sinc)
 
@@ -61,10 +60,10 @@ class AxisState(State[cp.Vector, cp.Vector]):
         ValueError: wrong shapes or dtypes, different leading axes, or an axis whose length is not 1 to 1e-3.
 
     Examples:
-        >>> start = ml.AxisState.of(ml.RigidState([0.0, 0.0, 50.0], ml.so3.exp(jnp.array([0.3, 0.0, 0.0]))))
-        >>> start.momentum.round(4), start.axis.round(4)  # both in space
+        >>> top = ml.AxisState.of(start)
+        >>> top.momentum.round(4), top.axis.round(4)  # both in space
         (Array([  0.    , -14.776 ,  47.7668], dtype=float64), Array([ 0.    , -0.2955,  0.9553], dtype=float64))
-        >>> ml.kinetic_energy(ml.Rotor(5.0), start).round(4)  # without the constant of the spin
+        >>> ml.kinetic_energy(ml.Rotor(5.0), top).round(4)  # without the constant of the spin
         Array(250., dtype=float64)
     """
 
@@ -141,7 +140,6 @@ class AxisState(State[cp.Vector, cp.Vector]):
         return vector
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A ValueError: the components along the body axes need the whole attitude."""
         raise needs_attitude(self)
 
     def in_one_frame(self, of_body: Any, of_space: cp.Vector | None = None) -> tuple[Any, Any]:

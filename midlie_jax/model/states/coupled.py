@@ -114,26 +114,18 @@ def _acts_on_one() -> ValueError:
 
 
 class MembersFree(Members):
-    """`CoupledState`, unrolled into scalars."""
-
     member: ClassVar[Any] = FreeState
 
 
 class MembersRigid(Members):
-    """`CoupledRigidState`, unrolled into scalars."""
-
     member: ClassVar[Any] = RigidState
 
 
 class MembersAxis(Members):
-    """`CoupledAxisState`, unrolled into scalars."""
-
     member: ClassVar[Any] = AxisState
 
 
 class MembersFreeAxis(Members):
-    """`CoupledFreeAxisState`, unrolled into scalars."""
-
     member: ClassVar[Any] = FreeAxisState
 
 

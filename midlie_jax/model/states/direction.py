@@ -26,7 +26,6 @@ class DirectionState(BodyState[cp.Vector]):
         ValueError: wrong shapes or dtypes, different leading axes, or a direction whose length is not 1 to 1e-3.
 
     Examples:
-        >>> body, torque = ml.RigidBody([5.0, 5.0, 1.0]), ml.torques.HeavyTop(20.0)
         >>> start = ml.DirectionState([0.0, 0.0, 50.0], [0.0, np.sin(0.3), np.cos(0.3)])  # upward vertical, body frame
         >>> ml.energy(body, torque, start).round(4)
         Array(1269.1067, dtype=float64)

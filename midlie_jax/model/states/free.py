@@ -39,7 +39,6 @@ class TravellingState(State[Momenta, Place]):
 
     @classmethod
     def made(cls, turning: Any, linear: Any, position: Any) -> Any:
-        """The state with this rotational state."""
         made: Any = cls
         return made(turning.momentum, getattr(turning, cls.oriented), linear, position)
 
@@ -135,7 +134,6 @@ class TravellingState(State[Momenta, Place]):
         return self.turning.to_space(vector)
 
     def spatial_momentum(self) -> Array:
-        """x cross p plus the angular momentum about the centre of mass."""
         return jnp.cross(self.position, self.linear) + self.turning.spatial_momentum()
 
     def normalised(self) -> Any:

@@ -138,7 +138,6 @@ class Members(State[Any, Any]):
 
 
 def _map(function: Callable[..., Any], *vectors: Any) -> Any:
-    """The function applied to the parts of each body."""
     return tuple(function(*each) for each in zip(*vectors, strict=True))
 
 

@@ -78,11 +78,9 @@ class RigidState(BodyState[cp.Quaternion]):
         return cp.rotate(pose, exposure.change(root, cp.rotate_back(pose, vector), noise))
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """The body components of a vector in the space frame, R^T vector."""
         return cp.rotate_back(cp.quaternion(self.attitude), vector)
 
     def vertical(self) -> cp.Vector:
-        """The space z axis in body components: the last row of R."""
         w, x, y, z = cp.quaternion(self.attitude)
         return 2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z
 

@@ -99,7 +99,6 @@ class SpinState(WithoutPose, State[cp.Vector, tuple[()]]):
         return -jax.grad(lambda spin: potential(cls.unchecked(spin=spin)))(state.spin)
 
     def seen_from_body(self, vector: cp.Vector) -> cp.Vector:
-        """A ValueError: spins have no body frame."""
         raise ValueError(
             "a SpinState has no body frame for a torque; give a field, such as midlie_jax.torques.AppliedField."
         )

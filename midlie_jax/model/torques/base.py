@@ -96,7 +96,6 @@ class Torque(eqx.Module):
 
 
 def no_potential(torque: Torque) -> ValueError:
-    """The error for a torque without a potential."""
     return ValueError(f"{type(torque).__name__} has no potential energy; use midlie_jax.kinetic_energy instead.")
 
 

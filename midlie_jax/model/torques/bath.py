@@ -24,8 +24,8 @@ class Langevin(ReadsBody):
     """A heat bath: dPi = -G Omega dt + sqrt(2 kT G) dW in the body frame; likewise for p if the body translates.
 
     A term of a sum of torques, for methods whose scheme has a bath stage, such as "JACOBI[BAOAB]". The stage solves
-    these equations exactly, so a free body keeps the Maxwell distribution, <Pi_i^2> = kT I_i and <p_i^2> = kT m, at any
-    step that the flight supports. docs/heat.md describes the effect of a torque.
+    these equations exactly. A free body therefore keeps the Maxwell distribution, <Pi_i^2> = kT I_i and <p_i^2> = kT m,
+    at any step that the flight supports. docs/heat.md describes the effect of a torque.
 
     With a torque, averages have an error of second order in the step: the weak order of a scheme with a bath is 2. In a
     harmonic well of frequency omega, let s = (h omega)^2/4. BAOAB and ABOBA have the exact variance of the position,
@@ -78,7 +78,6 @@ class Langevin(ReadsBody):
         self.linear_friction = None if linear_friction is None else _friction("linear_friction", linear_friction)
 
     def at(self, t: Time, state: AnyState, body: Any) -> Array:
-        """Zero: the bath acts in its own stage."""
         self.check_on(state, body)
         return jnp.zeros_like(state.momentum)
 
@@ -118,7 +117,6 @@ class Langevin(ReadsBody):
         return root_of(jnp.asarray(temperature).astype(t.dtype))
 
     def check_numbers(self) -> None:
-        """Raises unless there is one temperature and one key."""
         if not callable(self.kT) and self.kT.shape:
             raise ValueError(f"kT must be one number for one body, got shape {self.kT.shape}.")
         if self.key.shape:
@@ -161,7 +159,6 @@ class Langevin(ReadsBody):
 
 
 def as_temperature(kT: Any) -> Any:
-    """A function of time unchanged; any other value as a nonnegative temperature."""
     if callable(kT):
         return kT
     kT = as_floats("kT", kT)

@@ -109,8 +109,6 @@ class Held(ByStep):
         return jax.tree.map(lambda x, y, z: x + before * (y - x) + after * (z - x), here, earlier, later)
 
     def _value(self, number: Array) -> Any:
-        """The value in the interval with this number; zero outside."""
-
         def of(values: Array) -> Array:
             values = _vectors("values", values, 2)
             within = (number >= 0) & (number < len(values))
@@ -181,8 +179,6 @@ class Pulses(ByStep):
         return self.starts
 
     def _weighted(self, weights: Array) -> Any:
-        """The sum over pulses of weight times torque."""
-
         def of(torque: Array) -> Array:
             torque = _vectors("torque", torque, 1)
             if torque.ndim < 2:

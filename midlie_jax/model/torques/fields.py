@@ -115,7 +115,6 @@ class DipoleInField(Torque):
         state.in_one_frame(cp.vector(self.moment))
 
     def _together(self, t: Time, state: AnyState) -> tuple[cp.Vector, cp.Vector]:
-        """Moment and field in the frame of the momentum."""
         field = self.field
         if callable(field):
             require_all_directions(state)
@@ -128,7 +127,6 @@ class DipoleInField(Torque):
         return -cp.dot(*self._together(t, state))
 
     def fixed_axis(self, state: AnyState) -> cp.Vector | None:
-        """The direction of a constant field."""
         return None if callable(self.field) else state.in_one_frame(cp.vector(self.moment), cp.vector(self.field))[1]
 
 

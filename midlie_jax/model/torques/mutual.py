@@ -242,7 +242,6 @@ class _Body(NamedTuple):
 
 
 def _contracted(moments: Array, u: cp.Vector) -> Array:
-    """The moments with u in place of their last axis."""
     return moments[..., 0] * u[0] + moments[..., 1] * u[1] + moments[..., 2] * u[2]
 
 

@@ -116,7 +116,6 @@ class FreeMolecularDrag(ReadsBody):
         return Wrench(cp.pack(torque), cp.pack(state.to_space(force)))
 
     def _load(self, t: Time, velocity: cp.Vector) -> tuple[cp.Vector, cp.Vector]:
-        """Torque and force in the body frame."""
         surface = self.surface
         accommodation = of_facets("accommodation", self.accommodation, surface)
         normals, centroids = cp.vector(surface.normals), cp.vector(surface.centroids)

@@ -61,7 +61,6 @@ class SpinField(Torque):
         return cp.pack(tuple(jnp.broadcast_to(b, x.shape) for b, x in zip(self.field(t, spin), spin, strict=True)))
 
     def potential(self, t: Time, state: Any) -> Array:
-        """The energy H, ()."""
         self.check(state)
         return jnp.sum(self.energy(t, components_of(self, state)))
 
@@ -83,7 +82,6 @@ def lattice_of(torque: Torque, state: Any) -> tuple[int, ...]:
 
 
 def in_dtype_of(spin: cp.Vector, axis: Any) -> cp.Vector:
-    """The components of an axis in the dtype of the spins."""
     x, y, z = (jnp.asarray(a, spin[0].dtype) for a in axis)
     return x, y, z
 

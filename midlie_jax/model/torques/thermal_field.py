@@ -61,7 +61,6 @@ class ThermalField(Langevin):
             raise ValueError("ThermalField needs a damping, which sets its strength; use Spins(damping=...).")
 
     def on_spins(self, body: Spins, kind: Any, start: Any) -> "BathOfSpins":
-        """The bath of a run whose state has this kind."""
         assert body.damping is not None
         shape = start.spin.shape[:-1]
         places = jnp.arange(int(np.prod(shape)), dtype=jnp.int32).reshape(*shape, 1)

@@ -40,7 +40,6 @@ def travelling(torque: Any, state: AnyState, body: Any) -> tuple[Any, Any]:
 
 
 def acts_on_one(torque: Any) -> ValueError:
-    """The error for a one-body torque with a state of coupled bodies."""
     kind = type(torque).__name__
     return ValueError(
         f"{kind} acts on one body; for several coupled bodies use midlie_jax.torques.OnEach({kind}(...))."
@@ -106,7 +105,6 @@ class _Place:
         self.here = self.seen(self.space)
 
     def seen(self, vector: cp.Vector) -> cp.Vector:
-        """A space vector in the frame of the momentum."""
         return self.state.in_one_frame(_E3, vector)[1]
 
     def inertia_times(self, v: cp.Vector) -> cp.Vector:
@@ -263,8 +261,8 @@ class Oblateness(_Gravity):
 class Magnus(ReadsBody):
     """The lift of a spinning body in air, strength * Omega x v, with Omega and v in space.
 
-    For a ball of radius a and cross section A in air of density rho it is 1/2 rho A a C_L, where C_L is the lift
-    coefficient per ratio a |Omega| / |v| of surface speed to flight speed.
+    For a ball of radius a and cross section A in air of density rho it is 1/2 rho A a C_L. C_L is the lift coefficient
+    per ratio a |Omega| / |v| of surface speed to flight speed.
 
     Attributes:
         strength: force per angular velocity and velocity, (), mass.
@@ -301,7 +299,6 @@ class Magnus(ReadsBody):
 
 
 def through_air(t: Time, state: Any, body: FreeBody, wind: Array | Callable[[Any], Array] | None) -> cp.Vector:
-    """The velocity of a body relative to the air, space frame."""
     velocity = cp.vector(state.linear / body.mass)
     if wind is None:
         return velocity
